@@ -1,0 +1,2 @@
+//! gpugi command
+fn main() {}

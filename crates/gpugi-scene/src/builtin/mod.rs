@@ -1,0 +1,1 @@
+//! Built-in scenes: procedural, each a few lines to read.

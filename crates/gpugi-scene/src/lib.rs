@@ -1,0 +1,25 @@
+//! What exists in a gpugi scene, and how it gets there. No GPU code.
+//!
+//! A [`Scene`] holds meshes, instances, materials, images, lights, cameras and an environment in world space:
+//! right-handed, +Y up, metres, linear Rec. 709. It comes from a file ([`import`]) or from a procedure
+//! ([`builtin`]). Importers take bytes and a [`Resolver`], so that they work where there is no file system.
+
+pub mod animation;
+pub mod builtin;
+pub mod camera;
+pub mod error;
+pub mod image;
+pub mod import;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod scene;
+
+pub use camera::{Camera, Projection};
+pub use error::ImportError;
+pub use image::{Image, Pixels};
+pub use import::{FileResolver, Limits, Resolver, import, import_environment, import_file};
+pub use light::{Light, LightKind};
+pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
+pub use mesh::Mesh;
+pub use scene::{Bounds, Environment, Instance, Scene, Statistics};

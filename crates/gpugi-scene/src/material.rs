@@ -1,0 +1,204 @@
+//! Materials: glTF 2.0 metallic-roughness with extensions, and the tutorial's own models.
+
+use glam::{Affine2, Vec3, Vec4};
+
+/// What happens at the border of a texture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// Tile the image.
+    #[default]
+    Repeat,
+    /// Tile the image, every other copy mirrored.
+    MirroredRepeat,
+    /// Extend the border texels.
+    ClampToEdge,
+}
+
+/// An image with the way to sample it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Texture {
+    /// Index into [`crate::Scene::images`].
+    pub image: usize,
+    /// Wrapping along u and v.
+    pub wrap: [Wrap; 2],
+    /// Magnify without interpolation.
+    pub nearest: bool,
+}
+
+/// How a material reads a texture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TextureRef {
+    /// Index into [`crate::Scene::textures`].
+    pub texture: usize,
+    /// UV set: 0 or 1.
+    pub uv_set: u32,
+    /// KHR_texture_transform: texture coordinates from mesh coordinates.
+    pub uv_from_mesh: Affine2,
+}
+
+impl TextureRef {
+    /// `texture` read with the first UV set as it is.
+    pub fn new(texture: usize) -> Self {
+        Self {
+            texture,
+            uv_set: 0,
+            uv_from_mesh: Affine2::IDENTITY,
+        }
+    }
+}
+
+/// How alpha is used.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    #[default]
+    Opaque,
+    /// Below the cutoff the surface does not exist.
+    Mask {
+        /// Smallest alpha that exists.
+        cutoff: f32,
+    },
+    /// Alpha is coverage: captures decide stochastically.
+    Blend,
+}
+
+/// The inside of a closed surface (KHR_materials_volume).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Volume {
+    /// Distance [m] after which `attenuation_color` of the light is left; infinite means no absorption.
+    pub attenuation_distance: f32,
+    /// Linear Rec. 709 transmittance at `attenuation_distance`.
+    pub attenuation_color: Vec3,
+}
+
+/// Which reflection model a material uses.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum MaterialModel {
+    /// Lambert + GGX as glTF 2.0 defines it.
+    #[default]
+    MetallicRoughness,
+    /// The tutorial's diffuse + Phong with albedos: f = kd/pi + ks (n+2)/(2 pi) max(0, cos psi)^n, kd + ks <= 1.
+    /// `base_color` and its texture multiply kd.
+    Phong {
+        /// Diffuse albedo.
+        kd: Vec3,
+        /// Specular albedo.
+        ks: Vec3,
+        /// Exponent n.
+        shininess: f32,
+    },
+    /// A metal given by its complex refractive index per channel; `roughness` applies.
+    Conductor {
+        /// Real part of the refractive index.
+        n: Vec3,
+        /// Extinction coefficient.
+        k: Vec3,
+    },
+}
+
+/// A surface's reflection and emission. Colours are linear Rec. 709.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Name for reports.
+    pub name: String,
+    /// Reflection model.
+    pub model: MaterialModel,
+    /// Base colour and alpha.
+    pub base_color: Vec4,
+    /// Multiplies `base_color` (sRGB image).
+    pub base_color_texture: Option<TextureRef>,
+    /// 0 dielectric, 1 metal.
+    pub metallic: f32,
+    /// Perceptual roughness; GGX alpha is its square.
+    pub roughness: f32,
+    /// G multiplies roughness, B multiplies metallic (linear image).
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Tangent-space normals (linear image).
+    pub normal_texture: Option<TextureRef>,
+    /// Scale of the normal map's x and y.
+    pub normal_scale: f32,
+    /// Emitted radiance [glTF emissive units: W/sr/m^2], strength included.
+    pub emissive: Vec3,
+    /// Multiplies `emissive` (sRGB image).
+    pub emissive_texture: Option<TextureRef>,
+    /// Index of refraction (KHR_materials_ior); 0 means a normal reflectance of 1, as that extension defines.
+    pub ior: f32,
+    /// Strength of the dielectric reflection (KHR_materials_specular); 0 makes a pure Lambert surface.
+    pub specular: f32,
+    /// A multiplies `specular` (linear image).
+    pub specular_texture: Option<TextureRef>,
+    /// Tint of the dielectric reflection at normal incidence.
+    pub specular_color: Vec3,
+    /// Multiplies `specular_color` (sRGB image).
+    pub specular_color_texture: Option<TextureRef>,
+    /// Fraction of light that enters (KHR_materials_transmission).
+    pub transmission: f32,
+    /// R multiplies `transmission` (linear image).
+    pub transmission_texture: Option<TextureRef>,
+    /// Present: the surface bounds a solid. Absent: with transmission it is a thin wall.
+    pub volume: Option<Volume>,
+    /// How alpha is used.
+    pub alpha_mode: AlphaMode,
+    /// Both sides exist; otherwise back faces are culled.
+    pub double_sided: bool,
+}
+
+impl Default for Material {
+    /// glTF's default material, except that a material made in code is a dielectric: metallic 0.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            model: MaterialModel::MetallicRoughness,
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 0.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_texture: None,
+            normal_scale: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            ior: 1.5,
+            specular: 1.0,
+            specular_texture: None,
+            specular_color: Vec3::ONE,
+            specular_color_texture: None,
+            transmission: 0.0,
+            transmission_texture: None,
+            volume: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+        }
+    }
+}
+
+impl Material {
+    /// A pure Lambert surface with the given albedo.
+    pub fn matt(name: &str, albedo: Vec3) -> Self {
+        Self {
+            name: name.to_owned(),
+            base_color: albedo.extend(1.0),
+            specular: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// A metal with the given normal reflectance and perceptual roughness; roughness 0 is an ideal mirror.
+    pub fn metal(name: &str, reflectance: Vec3, roughness: f32) -> Self {
+        Self {
+            name: name.to_owned(),
+            base_color: reflectance.extend(1.0),
+            metallic: 1.0,
+            roughness,
+            ..Self::default()
+        }
+    }
+
+    /// A black Lambert surface that emits `radiance` [W/sr/m^2] from its front.
+    pub fn emitter(name: &str, radiance: Vec3) -> Self {
+        Self {
+            emissive: radiance,
+            ..Self::matt(name, Vec3::ZERO)
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! The scene: everything a technique may light.
+
+use glam::{Mat4, Vec3};
+
+use crate::animation::Rig;
+use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
+
+/// One placed mesh. Two instances may share a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instance {
+    /// Name for reports.
+    pub name: String,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+    /// World space [m] from mesh space; affine, may mirror.
+    pub world_from_mesh: Mat4,
+    /// Node of the animation hierarchy that carries it, if any.
+    pub node: Option<usize>,
+}
+
+/// Light from infinitely far: an equirectangular image, +Y up, the centre looks toward -Z, u grows toward +X.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
+    /// Linear radiance.
+    pub image: Image,
+    /// Rotation about +Y [rad].
+    pub rotation: f32,
+    /// Factor on the radiance.
+    pub intensity: f32,
+}
+
+/// An axis-aligned box in world space [m]. Empty when `min` exceeds `max`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Smallest corner.
+    pub min: Vec3,
+    /// Largest corner.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// The box around nothing.
+    pub const EMPTY: Self = Self {
+        min: Vec3::INFINITY,
+        max: Vec3::NEG_INFINITY,
+    };
+
+    /// The smallest box around `points`.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, |bounds, point| Self {
+            min: bounds.min.min(point),
+            max: bounds.max.max(point),
+        })
+    }
+
+    /// Whether nothing is inside.
+    pub fn is_empty(&self) -> bool {
+        self.min.cmpgt(self.max).any()
+    }
+
+    /// The box around both.
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+
+    /// Middle of the box; the origin when empty.
+    pub fn center(&self) -> Vec3 {
+        if self.is_empty() {
+            Vec3::ZERO
+        } else {
+            (self.min + self.max) / 2.0
+        }
+    }
+
+    /// Length of the diagonal; 0 when empty.
+    pub fn diagonal(&self) -> f32 {
+        if self.is_empty() {
+            0.0
+        } else {
+            (self.max - self.min).length()
+        }
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|i| {
+            Vec3::new(
+                if i & 1 == 0 { self.min.x } else { self.max.x },
+                if i & 2 == 0 { self.min.y } else { self.max.y },
+                if i & 4 == 0 { self.min.z } else { self.max.z },
+            )
+        })
+    }
+
+    /// The box around this box transformed by `matrix`.
+    pub fn transformed(&self, matrix: &Mat4) -> Self {
+        if self.is_empty() {
+            return *self;
+        }
+        Self::of(self.corners().map(|corner| matrix.transform_point3(corner)))
+    }
+}
+
+/// What exists, in world space.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Scene {
+    /// File or built-in name.
+    pub name: String,
+    /// Triangle meshes in their own space.
+    pub meshes: Vec<Mesh>,
+    /// Placed meshes.
+    pub instances: Vec<Instance>,
+    /// Materials.
+    pub materials: Vec<Material>,
+    /// Images with sampling modes.
+    pub textures: Vec<Texture>,
+    /// Decoded images.
+    pub images: Vec<Image>,
+    /// Punctual lights.
+    pub lights: Vec<Light>,
+    /// Cameras, the default one first.
+    pub cameras: Vec<Camera>,
+    /// Light from infinitely far.
+    pub environment: Option<Environment>,
+    /// What moves: see [`Scene::pose`].
+    pub rig: Option<Rig>,
+    /// What the file asked for and did not get.
+    pub warnings: Vec<String>,
+}
+
+/// What a scene holds, for `gpugi info`.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Statistics {
+    /// Distinct meshes.
+    pub meshes: usize,
+    /// Placed meshes.
+    pub instances: usize,
+    /// Triangles after instancing.
+    pub triangles: u64,
+    /// Materials.
+    pub materials: usize,
+    /// Materials that discard or blend by alpha.
+    pub alpha_materials: usize,
+    /// Images.
+    pub images: usize,
+    /// Point lights.
+    pub point_lights: usize,
+    /// Spot lights.
+    pub spot_lights: usize,
+    /// Directional lights.
+    pub directional_lights: usize,
+    /// Emissive triangles after instancing.
+    pub emissive_triangles: u64,
+    /// Cameras.
+    pub cameras: usize,
+    /// Whether there is an environment.
+    pub environment: bool,
+    /// Whether something moves.
+    pub animated: bool,
+    /// Bytes of meshes in memory.
+    pub mesh_bytes: u64,
+    /// Bytes of images in memory.
+    pub image_bytes: u64,
+    /// Smallest corner of the scene [m].
+    pub bounds_min: [f32; 3],
+    /// Largest corner of the scene [m].
+    pub bounds_max: [f32; 3],
+}
+
+impl Scene {
+    /// An empty scene.
+    pub fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds a mesh; returns its index.
+    pub fn add_mesh(&mut self, mesh: Mesh) -> usize {
+        self.meshes.push(mesh);
+        self.meshes.len() - 1
+    }
+
+    /// Adds a material; returns its index.
+    pub fn add_material(&mut self, material: Material) -> usize {
+        self.materials.push(material);
+        self.materials.len() - 1
+    }
+
+    /// Places a mesh; returns the instance's index.
+    pub fn add_instance(
+        &mut self,
+        name: &str,
+        mesh: usize,
+        material: usize,
+        world_from_mesh: Mat4,
+    ) -> usize {
+        self.instances.push(Instance {
+            name: name.to_owned(),
+            mesh,
+            material,
+            world_from_mesh,
+            node: None,
+        });
+        self.instances.len() - 1
+    }
+
+    /// The box around every instance.
+    pub fn bounds(&self) -> Bounds {
+        let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(Mesh::bounds).collect();
+        self.instances.iter().fold(Bounds::EMPTY, |all, instance| {
+            all.union(mesh_bounds[instance.mesh].transformed(&instance.world_from_mesh))
+        })
+    }
+
+    /// Whether anything in the scene gives light.
+    pub fn has_light(&self) -> bool {
+        !self.lights.is_empty()
+            || self.environment.is_some()
+            || self
+                .instances
+                .iter()
+                .any(|instance| self.materials[instance.material].emissive != Vec3::ZERO)
+    }
+
+    /// What the scene holds.
+    pub fn statistics(&self) -> Statistics {
+        let triangles = |instance: &Instance| self.meshes[instance.mesh].indices.len() as u64 / 3;
+        let count = |test: fn(&LightKind) -> bool| {
+            self.lights.iter().filter(|light| test(&light.kind)).count()
+        };
+        let bounds = self.bounds();
+        let (bounds_min, bounds_max) = if bounds.is_empty() {
+            ([0.0; 3], [0.0; 3])
+        } else {
+            (bounds.min.into(), bounds.max.into())
+        };
+        Statistics {
+            meshes: self.meshes.len(),
+            instances: self.instances.len(),
+            triangles: self.instances.iter().map(triangles).sum(),
+            materials: self.materials.len(),
+            alpha_materials: self
+                .materials
+                .iter()
+                .filter(|material| material.alpha_mode != AlphaMode::Opaque)
+                .count(),
+            images: self.images.len(),
+            point_lights: count(|kind| matches!(kind, LightKind::Point)),
+            spot_lights: count(|kind| matches!(kind, LightKind::Spot { .. })),
+            directional_lights: count(|kind| matches!(kind, LightKind::Directional)),
+            emissive_triangles: self
+                .instances
+                .iter()
+                .filter(|instance| self.materials[instance.material].emissive != Vec3::ZERO)
+                .map(triangles)
+                .sum(),
+            cameras: self.cameras.len(),
+            environment: self.environment.is_some(),
+            animated: self.rig.is_some(),
+            mesh_bytes: self.meshes.iter().map(|mesh| mesh.byte_size() as u64).sum(),
+            image_bytes: self
+                .images
+                .iter()
+                .map(|image| image.byte_size() as u64)
+                .sum(),
+            bounds_min,
+            bounds_max,
+        }
+    }
+}
