@@ -1,4 +1,11 @@
-//! Decoded images.
+//! Images in memory, and image files in and out.
+
+mod decode;
+mod encode;
+mod ktx2;
+
+pub use decode::{decode_color, decode_radiance, load_radiance};
+pub use encode::{replace_file, save_exr, save_hdr, save_png};
 
 /// Texels, row by row from the top, four channels each.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,13 +37,4 @@ impl Image {
             Pixels::Rgba32Float(data) => data.len() * 4,
         }
     }
-}
-
-/// Decodes an image that holds radiance (HDR, EXR, KTX2; sRGB files are linearised) to [`Pixels::Rgba32Float`].
-pub fn decode_radiance(
-    name: &str,
-    _bytes: &[u8],
-    _limits: &crate::Limits,
-) -> Result<Image, crate::ImportError> {
-    Err(crate::ImportError::new(name, "header", "not yet"))
 }

@@ -1,0 +1,214 @@
+//! Image files to texels. Sizes are checked against [`Limits`] before anything of that size is allocated.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
+
+use super::ktx2;
+use crate::{Image, ImportError, Limits, Pixels};
+
+/// Bytes a texel of [`Pixels::Rgba8`].
+const COLOR_TEXEL: u64 = 4;
+/// Bytes a texel of [`Pixels::Rgba32Float`].
+const RADIANCE_TEXEL: u64 = 16;
+
+/// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16 bits are rounded to 8.
+///
+/// Files that hold radiance (HDR, EXR, KTX2 with floats) are refused: eight bits cannot hold what they say.
+pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
+    let format = recognise(name, bytes)?;
+    let decoded = match format {
+        Format::Ktx2 => return ktx2::decode_color(name, bytes, limits),
+        Format::Other(ImageFormat::Hdr | ImageFormat::OpenExr) => {
+            return Err(ImportError::new(
+                name,
+                "header",
+                "this file holds radiance; a material texture is a PNG, a JPEG or an 8-bit KTX2",
+            ));
+        }
+        Format::Other(format) => decode(name, bytes, format, limits, COLOR_TEXEL)?,
+    };
+    let texels = decoded.into_rgba8();
+    Ok(Image {
+        name: name.to_owned(),
+        width: texels.width(),
+        height: texels.height(),
+        pixels: Pixels::Rgba8(texels.into_raw()),
+    })
+}
+
+/// Decodes an image that holds radiance (HDR, EXR, KTX2; PNG and JPEG are linearised from sRGB) to
+/// [`Pixels::Rgba32Float`] with alpha 1. A texel that is negative or not finite is an error.
+pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
+    let image = match recognise(name, bytes)? {
+        Format::Ktx2 => ktx2::decode_radiance(name, bytes, limits)?,
+        Format::Other(format) => {
+            let decoded = decode(name, bytes, format, limits, RADIANCE_TEXEL)?;
+            let encoded_as_srgb = matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
+            let mut texels = decoded.into_rgba32f();
+            for texel in texels.pixels_mut() {
+                if encoded_as_srgb {
+                    texel.0 = texel.0.map(linear_from_srgb);
+                }
+                texel.0[3] = 1.0;
+            }
+            Image {
+                name: name.to_owned(),
+                width: texels.width(),
+                height: texels.height(),
+                pixels: Pixels::Rgba32Float(texels.into_raw()),
+            }
+        }
+    };
+    check_radiance(&image)?;
+    Ok(image)
+}
+
+/// Reads the file at `path` as [`decode_radiance`] does.
+pub fn load_radiance(path: &Path, limits: &Limits) -> Result<Image, ImportError> {
+    let name = path.display().to_string();
+    let bytes = crate::import::read_limited(path, limits.file_bytes)
+        .map_err(|reason| ImportError::new(&name, "open", reason))?;
+    decode_radiance(&name, &bytes, limits)
+}
+
+/// A file format that gpugi reads.
+enum Format {
+    Ktx2,
+    Other(ImageFormat),
+}
+
+/// Tells the format by the first bytes: names and media types are often wrong.
+fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
+    if bytes.is_empty() {
+        return Err(ImportError::new(name, "header", "the file is empty"));
+    }
+    if bytes.starts_with(&::ktx2::MAGIC) {
+        return Ok(Format::Ktx2);
+    }
+    match image::guess_format(bytes) {
+        Ok(
+            format @ (ImageFormat::Png
+            | ImageFormat::Jpeg
+            | ImageFormat::Hdr
+            | ImageFormat::OpenExr),
+        ) => Ok(Format::Other(format)),
+        Ok(format) => Err(ImportError::new(
+            name,
+            "header",
+            format!("{format:?} is not supported; gpugi reads PNG, JPEG, HDR, EXR and KTX2"),
+        )),
+        Err(_) => Err(ImportError::new(
+            name,
+            "header",
+            "this is no image that gpugi knows (PNG, JPEG, HDR, EXR, KTX2)",
+        )),
+    }
+}
+
+/// Refuses an image of the given size when it exceeds the limits. `texel`: bytes a texel once decoded.
+pub(super) fn check_size(
+    name: &str,
+    (width, height): (u32, u32),
+    texel: u64,
+    limits: &Limits,
+) -> Result<(), ImportError> {
+    let error = |reason: String| Err(ImportError::new(name, "header", reason));
+    if width == 0 || height == 0 {
+        return error(format!("{width} x {height} texels are no image"));
+    }
+    let side = limits.image_side;
+    if width > side || height > side {
+        return error(format!(
+            "{width} x {height} texels exceed the limit of {side} a side"
+        ));
+    }
+    let size = u64::from(width) * u64::from(height) * texel;
+    if size > limits.image_bytes {
+        return error(format!(
+            "{width} x {height} texels need {size} bytes of the {} that are left for images",
+            limits.image_bytes
+        ));
+    }
+    Ok(())
+}
+
+fn decode(
+    name: &str,
+    bytes: &[u8],
+    format: ImageFormat,
+    limits: &Limits,
+    texel: u64,
+) -> Result<DynamicImage, ImportError> {
+    let reader = Cursor::new(bytes);
+    let header = |error| ImportError::new(name, "header", error);
+    match format {
+        ImageFormat::Png => {
+            let decoder = codecs::png::PngDecoder::with_limits(reader, decoder_limits(limits));
+            finish(name, decoder.map_err(header)?, limits, texel)
+        }
+        ImageFormat::Jpeg => {
+            let decoder = codecs::jpeg::JpegDecoder::new(reader);
+            finish(name, decoder.map_err(header)?, limits, texel)
+        }
+        ImageFormat::Hdr => {
+            let decoder = codecs::hdr::HdrDecoder::new(reader);
+            finish(name, decoder.map_err(header)?, limits, texel)
+        }
+        _ => {
+            let decoder = codecs::openexr::OpenExrDecoder::new(reader);
+            finish(name, decoder.map_err(header)?, limits, texel)
+        }
+    }
+}
+
+fn decoder_limits(limits: &Limits) -> image::Limits {
+    let mut decoder_limits = image::Limits::no_limits();
+    decoder_limits.max_image_width = Some(limits.image_side);
+    decoder_limits.max_image_height = Some(limits.image_side);
+    decoder_limits.max_alloc = Some(limits.image_bytes);
+    decoder_limits
+}
+
+fn finish(
+    name: &str,
+    mut decoder: impl ImageDecoder,
+    limits: &Limits,
+    texel: u64,
+) -> Result<DynamicImage, ImportError> {
+    check_size(name, decoder.dimensions(), texel, limits)?;
+    decoder
+        .set_limits(decoder_limits(limits))
+        .and_then(|()| DynamicImage::from_decoder(decoder))
+        .map_err(|error| ImportError::new(name, "texels", error))
+}
+
+/// The sRGB transfer function, IEC 61966-2-1: 0..1 to 0..1.
+pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.04045 {
+        encoded / 12.92
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+fn check_radiance(image: &Image) -> Result<(), ImportError> {
+    let Pixels::Rgba32Float(values) = &image.pixels else {
+        return Ok(());
+    };
+    let is_wrong = |value: &f32| !value.is_finite() || *value < 0.0;
+    let Some(at) = values
+        .chunks_exact(4)
+        .position(|texel| texel.iter().any(is_wrong))
+    else {
+        return Ok(());
+    };
+    let texel = &values[at * 4..at * 4 + 3];
+    let (column, row) = (at % image.width as usize, at / image.width as usize);
+    Err(ImportError::new(
+        &image.name,
+        format!("texel ({column}, {row})"),
+        format!("{texel:?} is no radiance: it must be finite and not negative"),
+    ))
+}

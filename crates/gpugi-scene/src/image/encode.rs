@@ -1,0 +1,93 @@
+//! Texels to image files. A file appears complete or not at all.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use image::codecs::{hdr::HdrEncoder, openexr::OpenExrEncoder, png::PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, Rgb};
+
+/// Writes an 8-bit PNG with alpha. `rgba`: width x height x 4 sRGB values, row by row from the top.
+pub fn save_png(path: &Path, width: u32, height: u32, rgba: &[u8]) -> io::Result<()> {
+    check_length(width, height, 4, rgba.len())?;
+    replace_file(path, |file| {
+        PngEncoder::new(file)
+            .write_image(rgba, width, height, ExtendedColorType::Rgba8)
+            .map_err(io::Error::other)
+    })
+}
+
+/// Writes an OpenEXR file of 32-bit floats. `rgb`: width x height x 3 linear values, row by row from the top.
+pub fn save_exr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
+    check_length(width, height, 3, rgb.len())?;
+    replace_file(path, |file| {
+        OpenExrEncoder::new(file)
+            .write_image(
+                bytemuck::cast_slice(rgb),
+                width,
+                height,
+                ExtendedColorType::Rgb32F,
+            )
+            .map_err(io::Error::other)
+    })
+}
+
+/// Writes a Radiance HDR file: three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].
+pub fn save_hdr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
+    check_length(width, height, 3, rgb.len())?;
+    let (texels, _) = rgb.as_chunks::<3>();
+    let texels: Vec<_> = texels.iter().copied().map(Rgb).collect();
+    replace_file(path, |file| {
+        HdrEncoder::new(file)
+            .encode(&texels, width as usize, height as usize)
+            .map_err(io::Error::other)
+    })
+}
+
+/// Writes a file through `write` to a temporary neighbour and renames that to `path`, so that what was at `path`
+/// survives a failure. Errors name `path`.
+pub fn replace_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
+    // Two threads or two processes that write the same file must not share the temporary one.
+    static COUNTER: AtomicU32 = AtomicU32::new(0);
+    let named = |error: io::Error| {
+        io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+    };
+    let Some(name) = path.file_name() else {
+        return Err(named(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "this is no file name",
+        )));
+    };
+    let temporary = path.with_file_name(format!(
+        ".{}.{}-{}.tmp",
+        name.to_string_lossy(),
+        std::process::id(),
+        COUNTER.fetch_add(1, Ordering::Relaxed)
+    ));
+    let written = File::create_new(&temporary).and_then(|file| {
+        let mut file = BufWriter::new(file);
+        write(&mut file)?;
+        file.flush()?;
+        drop(file);
+        std::fs::rename(&temporary, path)
+    });
+    written.map_err(|error| {
+        let _ = std::fs::remove_file(&temporary);
+        named(error)
+    })
+}
+
+fn check_length(width: u32, height: u32, channels: u64, length: usize) -> io::Result<()> {
+    if width == 0 || height == 0 || u64::from(width) * u64::from(height) * channels != length as u64
+    {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("{length} values are no {width} x {height} image of {channels} channels"),
+        ));
+    }
+    Ok(())
+}
