@@ -13,6 +13,7 @@ pub mod import;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod provoking;
 pub mod scene;
 
 pub use camera::{Camera, Projection};
@@ -22,4 +23,5 @@ pub use import::{FileResolver, Limits, Resolver, import, import_environment, imp
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
 pub use mesh::Mesh;
+pub use provoking::{ProvokingMesh, provoking_order};
 pub use scene::{Bounds, Environment, Instance, Scene, Statistics};

@@ -1,5 +1,7 @@
 //! Indexed triangle meshes.
 
+use std::collections::{HashMap, HashSet};
+
 use glam::{Vec2, Vec3, Vec4};
 
 use crate::scene::Bounds;
@@ -84,5 +86,40 @@ impl Mesh {
             return Err(format!("normal of vertex {at} is not finite"));
         }
         Ok(())
+    }
+
+    /// For each vertex, a number that it shares with exactly the vertices at the same position (bitwise, except that -0 is
+    /// 0): the mesh without the seams that normals and texture coordinates need.
+    pub fn weld_positions(&self) -> Vec<u32> {
+        let mut number_at = HashMap::with_capacity(self.positions.len());
+        self.positions
+            .iter()
+            .map(|position| {
+                let next = number_at.len() as u32;
+                // Adding zero turns -0 into 0.
+                let key = (*position + Vec3::ZERO).to_array().map(f32::to_bits);
+                *number_at.entry(key).or_insert(next)
+            })
+            .collect()
+    }
+
+    /// Whether the mesh bounds a solid: it has triangles, and once equal positions are welded and triangles that are
+    /// degenerate then are dropped, each edge joins exactly two triangles that run along it in opposite directions.
+    /// Second-depth shadow maps need that. Indices must be in range.
+    pub fn is_closed(&self) -> bool {
+        let welded = self.weld_positions();
+        let mut edges = HashSet::with_capacity(self.indices.len());
+        for triangle in self.indices.as_chunks::<3>().0 {
+            let [a, b, c] = triangle.map(|index| welded[index as usize]);
+            if a == b || b == c || c == a {
+                continue;
+            }
+            for edge in [(a, b), (b, c), (c, a)] {
+                if !edges.insert(edge) {
+                    return false;
+                }
+            }
+        }
+        !edges.is_empty() && edges.iter().all(|&(a, b)| edges.contains(&(b, a)))
     }
 }

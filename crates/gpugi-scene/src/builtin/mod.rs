@@ -1,1 +1,44 @@
 //! Built-in scenes: procedural, each a few lines to read.
+
+pub mod shapes;
+
+mod cornell;
+mod room;
+
+use crate::Scene;
+
+/// A scene that comes with gpugi.
+#[derive(Debug, Clone, Copy)]
+pub struct BuiltinScene {
+    /// The bare name that stands for it.
+    pub name: &'static str,
+    /// What it shows, in one line.
+    pub summary: &'static str,
+    build: fn(u32) -> Scene,
+}
+
+/// All built-in scenes.
+pub const SCENES: &[BuiltinScene] = &[
+    BuiltinScene {
+        name: "cornell",
+        summary: "Cornell University's measured box: matt walls, two blocks, one area light",
+        build: cornell::build,
+    },
+    BuiltinScene {
+        name: "room",
+        summary: "coloured room with a box and a mirror sphere, lit by a spot and a point light",
+        build: room::build,
+    },
+];
+
+/// The largest useful `detail`: a larger one counts as this.
+pub const DETAIL_MAX: u32 = 64;
+
+/// The built-in scene called `name`. The number of triangles of curved and lit surfaces grows about with the square of
+/// `detail`, which counts as at least 1 and at most [`DETAIL_MAX`].
+pub fn builtin(name: &str, detail: u32) -> Option<Scene> {
+    SCENES
+        .iter()
+        .find(|scene| scene.name == name)
+        .map(|scene| (scene.build)(detail.clamp(1, DETAIL_MAX)))
+}
