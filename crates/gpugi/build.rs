@@ -1,1 +1,80 @@
-fn main() {}
+//! Links every WESL module that has an entry point, and the shared bindings, to one plain WGSL file each.
+//!
+//! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`; `shaders.rs` in `OUT_DIR`
+//! lists them all, so that a test can validate every one.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+fn main() {
+    let source = Path::new("src");
+    let out = PathBuf::from(std::env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
+    let mut modules = Vec::new();
+    collect(source, &mut modules);
+    modules.sort();
+    let mut table = String::from("&[\n");
+    for path in modules {
+        let text = std::fs::read_to_string(&path).expect("a shader is readable");
+        let has_entry_point = ["@compute", "@vertex", "@fragment"]
+            .iter()
+            .any(|stage| text.contains(stage));
+        if !has_entry_point && !path.ends_with("scene/bindings.wesl") {
+            continue;
+        }
+        let relative = path
+            .strip_prefix(source)
+            .expect("below src")
+            .with_extension("");
+        let parts: Vec<_> = relative
+            .components()
+            .map(|part| part.as_os_str().to_string_lossy().into_owned())
+            .collect();
+        let name = parts.join(".");
+        std::fs::write(
+            out.join(format!("{name}.wgsl")),
+            link(source, &parts.join("::")),
+        )
+        .expect("OUT_DIR is writable");
+        writeln!(
+            table,
+            "    ({name:?}, include_str!(concat!(env!(\"OUT_DIR\"), \"/{name}.wgsl\"))),"
+        )
+        .expect("a string grows");
+    }
+    table.push(']');
+    std::fs::write(out.join("shaders.rs"), table).expect("OUT_DIR is writable");
+    println!("cargo:rerun-if-changed=src");
+}
+
+fn link(source: &Path, module: &str) -> String {
+    let mut wesl = wesl::Wesl::new(source);
+    wesl.set_options(wesl::CompileOptions {
+        keep_root: true,
+        ..Default::default()
+    });
+    let root = format!("package::{module}").parse().expect("a module path");
+    match wesl.compile(&root) {
+        Ok(linked) => linked.to_string(),
+        Err(error) => {
+            eprintln!("{error}");
+            std::process::exit(1);
+        }
+    }
+}
+
+fn collect(folder: &Path, modules: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder)
+        .expect("src is readable")
+        .flatten()
+    {
+        let path = entry.path();
+        if path.is_dir() {
+            collect(&path, modules);
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "wesl")
+        {
+            modules.push(path);
+        }
+    }
+}

@@ -1,1 +1,3 @@
-//! gpugi
+//! Global illumination on any GPU: generate illumination into maps, then gather it at surface points.
+
+pub mod gpu;

@@ -1,0 +1,136 @@
+//! Which GPU: listing and choosing adapters.
+
+use super::GpuError;
+
+/// Which adapter to open.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum AdapterChoice {
+    /// The fastest: discrete, then integrated, then anything, software last.
+    #[default]
+    Best,
+    /// A software rasterizer: slow, the same everywhere.
+    Software,
+    /// A discrete GPU and nothing else.
+    Discrete,
+    /// The first whose name contains this text, whatever the case.
+    Named(String),
+}
+
+impl std::str::FromStr for AdapterChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "best" => Self::Best,
+            "software" => Self::Software,
+            "discrete" => Self::Discrete,
+            name => Self::Named(name.to_owned()),
+        })
+    }
+}
+
+/// What an adapter says of itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AdapterSummary {
+    /// Device name.
+    pub name: String,
+    /// Discrete, integrated, virtual, software.
+    pub device_type: wgpu::DeviceType,
+    /// Vulkan, Metal, DX12, browser.
+    pub backend: wgpu::Backend,
+    /// Driver name and version.
+    pub driver: String,
+    /// Its limits.
+    pub limits: wgpu::Limits,
+    /// Its optional features.
+    pub features: wgpu::Features,
+}
+
+impl AdapterSummary {
+    pub(super) fn of(adapter: &wgpu::Adapter) -> Self {
+        let info = adapter.get_info();
+        Self {
+            name: info.name,
+            device_type: info.device_type,
+            backend: info.backend,
+            driver: format!("{} {}", info.driver, info.driver_info)
+                .trim()
+                .to_owned(),
+            limits: adapter.limits(),
+            features: adapter.features(),
+        }
+    }
+
+    /// What gpugi needs and this adapter lacks: one line each; empty when it can be used.
+    pub fn missing(&self) -> Vec<String> {
+        let mut missing = Vec::new();
+        wgpu::Limits::default().check_limits_with_fail_fn(
+            &self.limits,
+            false,
+            |name, needed, has| {
+                missing.push(format!(
+                    "{name}: gpugi needs {needed}, the adapter has {has}"
+                ));
+            },
+        );
+        missing
+    }
+}
+
+fn instance() -> wgpu::Instance {
+    wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::PRIMARY,
+        ..wgpu::InstanceDescriptor::new_without_display_handle_from_env()
+    })
+}
+
+/// Every adapter of this machine, best first.
+pub fn list_adapters() -> Vec<AdapterSummary> {
+    pollster::block_on(sorted_adapters())
+        .iter()
+        .map(AdapterSummary::of)
+        .collect()
+}
+
+async fn sorted_adapters() -> Vec<wgpu::Adapter> {
+    let mut adapters = instance().enumerate_adapters(wgpu::Backends::PRIMARY).await;
+    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    });
+    adapters
+}
+
+pub(super) async fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, GpuError> {
+    let adapters = sorted_adapters().await;
+    let names: Vec<String> = adapters
+        .iter()
+        .map(|adapter| adapter.get_info().name)
+        .collect();
+    let fits = |info: &wgpu::AdapterInfo| match choice {
+        AdapterChoice::Best => true,
+        AdapterChoice::Software => info.device_type == wgpu::DeviceType::Cpu,
+        AdapterChoice::Discrete => info.device_type == wgpu::DeviceType::DiscreteGpu,
+        AdapterChoice::Named(name) => info.name.to_lowercase().contains(&name.to_lowercase()),
+    };
+    adapters
+        .into_iter()
+        .find(|adapter| fits(&adapter.get_info()))
+        .ok_or_else(|| GpuError::NoAdapter {
+            wanted: match choice {
+                AdapterChoice::Best => "is installed".to_owned(),
+                AdapterChoice::Software => "renders in software".to_owned(),
+                AdapterChoice::Discrete => "is a discrete GPU".to_owned(),
+                AdapterChoice::Named(name) => format!("is named {name:?}"),
+            },
+            found: if names.is_empty() {
+                "There is none at all.".to_owned()
+            } else {
+                format!("There is: {}.", names.join(", "))
+            },
+            advice: "`gpugi doctor` says what is missing and how to get it.".to_owned(),
+        })
+}

@@ -1,0 +1,112 @@
+//! Read-back.
+
+use super::{Gpu, GpuError};
+
+/// Copies a buffer's first `size` bytes to the host, after all work submitted so far.
+///
+/// # Errors
+/// [`GpuError::Lost`] or [`GpuError::OutOfMemory`].
+pub fn read_buffer<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    buffer: &wgpu::Buffer,
+    size: u64,
+) -> Result<Vec<T>, GpuError> {
+    pollster::block_on(read(gpu, size, |encoder, staging| {
+        encoder.copy_buffer_to_buffer(buffer, 0, staging, 0, Some(size));
+    }))
+    .map(|bytes| bytemuck::pod_collect_to_vec(&bytes))
+}
+
+/// Copies one layer of a texture's finest level to the host, rows tightly packed.
+///
+/// # Errors
+/// As [`read_buffer`].
+pub fn read_texture<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    texture: &wgpu::Texture,
+    aspect: wgpu::TextureAspect,
+    layer: u32,
+) -> Result<Vec<T>, GpuError> {
+    let texel = texture.format().block_copy_size(Some(aspect)).unwrap_or(4);
+    let row = texture.width() * texel;
+    let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let size = u64::from(padded) * u64::from(texture.height());
+    let bytes = pollster::block_on(read(gpu, size, |encoder, staging| {
+        encoder.copy_texture_to_buffer(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d {
+                    z: layer,
+                    ..Default::default()
+                },
+                aspect,
+            },
+            wgpu::TexelCopyBufferInfo {
+                buffer: staging,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(padded),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::Extent3d {
+                width: texture.width(),
+                height: texture.height(),
+                depth_or_array_layers: 1,
+            },
+        );
+    }))?;
+    let packed: Vec<u8> = bytes
+        .chunks(padded as usize)
+        .flat_map(|chunk| &chunk[..row as usize])
+        .copied()
+        .collect();
+    Ok(bytemuck::pod_collect_to_vec(&packed))
+}
+
+/// Runs `copy` into a staging buffer and waits for its bytes. Works where blocking is impossible, too.
+async fn read(
+    gpu: &Gpu,
+    size: u64,
+    copy: impl FnOnce(&mut wgpu::CommandEncoder, &wgpu::Buffer),
+) -> Result<Vec<u8>, GpuError> {
+    let size = size.next_multiple_of(4);
+    let staging = gpu.scoped("read-back", || {
+        let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("read-back"),
+            size,
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        copy(&mut encoder, &staging);
+        gpu.queue.submit([encoder.finish()]);
+        Ok(staging)
+    })?;
+    let mapped = std::sync::Arc::new(std::sync::Mutex::new(None));
+    let done = mapped.clone();
+    staging
+        .slice(..)
+        .map_async(wgpu::MapMode::Read, move |result| {
+            if let Ok(mut done) = done.lock() {
+                *done = Some(result);
+            }
+        });
+    let lost = |reason: String| GpuError::Lost { reason };
+    gpu.device
+        .poll(wgpu::PollType::wait_indefinitely())
+        .map_err(|error| lost(error.to_string()))?;
+    gpu.check_lost()?;
+    mapped
+        .lock()
+        .map_err(|error| lost(error.to_string()))?
+        .take()
+        .ok_or_else(|| lost("the read-back never finished".into()))?
+        .map_err(|error| lost(error.to_string()))?;
+    let view = staging
+        .slice(..)
+        .get_mapped_range()
+        .map_err(|error| lost(error.to_string()))?;
+    Ok(view.to_vec())
+}

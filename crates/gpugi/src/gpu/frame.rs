@@ -1,0 +1,170 @@
+//! One frame's commands: named passes, timed where the adapter can.
+
+use super::{Gpu, GpuError, read_buffer};
+
+/// Time that one pass took on the GPU.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Timing {
+    /// The pass, such as `shadow-map.gather`.
+    pub pass: String,
+    /// GPU milliseconds.
+    pub milliseconds: f64,
+}
+
+/// Most passes that are timed in one frame.
+const TIMED_PASSES: u32 = 1024;
+
+/// The commands of one frame, recorded pass by pass, submitted together.
+#[derive(Debug)]
+pub struct Frame<'a> {
+    /// The device they run on.
+    pub gpu: &'a Gpu,
+    encoder: wgpu::CommandEncoder,
+    queries: Option<wgpu::QuerySet>,
+    passes: Vec<String>,
+}
+
+impl<'a> Frame<'a> {
+    /// An empty frame. `timed` asks for timestamps, which some adapters lack.
+    pub fn new(gpu: &'a Gpu, timed: bool) -> Self {
+        let queries = (timed && gpu.has_timestamps).then(|| {
+            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("pass timings"),
+                ty: wgpu::QueryType::Timestamp,
+                count: TIMED_PASSES * 2,
+            })
+        });
+        Self {
+            gpu,
+            encoder: gpu
+                .device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                    label: Some("frame"),
+                }),
+            queries,
+            passes: Vec::new(),
+        }
+    }
+
+    /// The two query indices of the next pass, if it is timed.
+    fn next_queries(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32)> {
+        let at = self.passes.len() as u32;
+        let queries = self.queries.clone().filter(|_| at < TIMED_PASSES)?;
+        self.passes.push(name.to_owned());
+        Some((queries, at * 2))
+    }
+
+    /// Records a compute pass.
+    pub fn compute<T>(
+        &mut self,
+        name: &str,
+        record: impl FnOnce(&mut wgpu::ComputePass<'_>) -> T,
+    ) -> T {
+        let queries = self.next_queries(name);
+        let mut pass = self
+            .encoder
+            .begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(name),
+                timestamp_writes: queries.as_ref().map(|(query_set, at)| {
+                    wgpu::ComputePassTimestampWrites {
+                        query_set,
+                        beginning_of_pass_write_index: Some(*at),
+                        end_of_pass_write_index: Some(at + 1),
+                    }
+                }),
+            });
+        record(&mut pass)
+    }
+
+    /// Records a render pass that clears its targets: colours to all ones, depth to 0 (infinitely far).
+    pub fn render<T>(
+        &mut self,
+        name: &str,
+        colors: &[&wgpu::TextureView],
+        depth: &wgpu::TextureView,
+        record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
+    ) -> T {
+        let queries = self.next_queries(name);
+        let attachments: Vec<_> = colors
+            .iter()
+            .map(|view| {
+                Some(wgpu::RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        // Of an unsigned integer target: the largest number, which stands for "no hit".
+                        load: wgpu::LoadOp::Clear(wgpu::Color {
+                            r: f64::from(u32::MAX),
+                            g: f64::from(u32::MAX),
+                            b: 0.0,
+                            a: 0.0,
+                        }),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })
+            })
+            .collect();
+        let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(name),
+            color_attachments: &attachments,
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Store,
+                }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: queries.as_ref().map(|(query_set, at)| {
+                wgpu::RenderPassTimestampWrites {
+                    query_set,
+                    beginning_of_pass_write_index: Some(*at),
+                    end_of_pass_write_index: Some(at + 1),
+                }
+            }),
+            ..Default::default()
+        });
+        record(&mut pass)
+    }
+
+    /// Fills a buffer with zeros.
+    pub fn clear(&mut self, buffer: &wgpu::Buffer) {
+        self.encoder.clear_buffer(buffer, 0, None);
+    }
+
+    /// Hands the frame to the GPU. Returns the passes' times when the frame was timed (and then waits for them).
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when a pass is invalid (the message names it), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
+    pub fn submit(mut self) -> Result<Vec<Timing>, GpuError> {
+        let gpu = self.gpu;
+        let count = self.passes.len() as u32;
+        let Some(queries) = self.queries.filter(|_| count > 0) else {
+            gpu.scoped("frame", || {
+                gpu.queue.submit([self.encoder.finish()]);
+                Ok(())
+            })?;
+            return Ok(Vec::new());
+        };
+        let size = u64::from(count) * 16;
+        let resolved = gpu.buffer("pass timings", size, wgpu::BufferUsages::QUERY_RESOLVE)?;
+        self.encoder
+            .resolve_query_set(&queries, 0..count * 2, &resolved, 0);
+        gpu.scoped("frame", || {
+            gpu.queue.submit([self.encoder.finish()]);
+            Ok(())
+        })?;
+        let ticks: Vec<u64> = read_buffer(gpu, &resolved, size)?;
+        let period = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
+        Ok(self
+            .passes
+            .into_iter()
+            .zip(ticks.chunks(2))
+            .map(|(pass, ticks)| Timing {
+                pass,
+                milliseconds: ticks[1].saturating_sub(ticks[0]) as f64 * period,
+            })
+            .collect())
+    }
+}

@@ -1,0 +1,343 @@
+//! Pipelines whose bind-group layouts come from shader reflection, so that a pass is a few lines of host code.
+
+use super::shader::{Declared, Shader};
+use super::{Gpu, GpuError};
+
+/// What every pipeline shares: the resources that a module declares, as bind-group layouts.
+#[derive(Debug, Clone)]
+struct Interface {
+    name: String,
+    declared: Vec<Declared>,
+    /// Layout of each group; group 0 is the scene's when the pipeline has one.
+    layouts: Vec<Option<wgpu::BindGroupLayout>>,
+    pipeline_layout: wgpu::PipelineLayout,
+    module: wgpu::ShaderModule,
+}
+
+impl Interface {
+    fn new(
+        gpu: &Gpu,
+        shader: &Shader,
+        visibility: wgpu::ShaderStages,
+        scene: Option<&wgpu::BindGroupLayout>,
+    ) -> Result<(Self, naga::Module), GpuError> {
+        let reflection = shader.parse()?;
+        let declared = shader.declared(&reflection)?;
+        let groups = declared.iter().map(|one| one.group + 1).max().unwrap_or(0);
+        let layouts: Vec<Option<wgpu::BindGroupLayout>> = (0..groups)
+            .map(|group| {
+                if group == 0
+                    && let Some(scene) = scene
+                {
+                    return Some(scene.clone());
+                }
+                let entries: Vec<_> = declared
+                    .iter()
+                    .filter(|one| one.group == group)
+                    .map(|one| wgpu::BindGroupLayoutEntry {
+                        binding: one.binding,
+                        visibility,
+                        ty: one.kind.layout_type(&one.name),
+                        count: None,
+                    })
+                    .collect();
+                (!entries.is_empty()).then(|| {
+                    gpu.device
+                        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                            label: Some(shader.name),
+                            entries: &entries,
+                        })
+                })
+            })
+            .collect();
+        let references: Vec<_> = layouts.iter().map(Option::as_ref).collect();
+        let pipeline_layout = gpu
+            .device
+            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(shader.name),
+                bind_group_layouts: &references,
+                immediate_size: 0,
+            });
+        let module = gpu
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(shader.name),
+                source: wgpu::ShaderSource::Wgsl(shader.source.into()),
+            });
+        let interface = Self {
+            name: shader.name.to_owned(),
+            declared,
+            layouts,
+            pipeline_layout,
+            module,
+        };
+        Ok((interface, reflection))
+    }
+
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        group: u32,
+        resources: &[(&str, wgpu::BindingResource<'_>)],
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        let fail = |reason: String| GpuError::Pass {
+            pass: self.name.clone(),
+            reason,
+        };
+        let layout = self
+            .layouts
+            .get(group as usize)
+            .and_then(Option::as_ref)
+            .ok_or_else(|| fail(format!("the shader has no bind group {group}")))?;
+        let entries = self
+            .declared
+            .iter()
+            .filter(|one| one.group == group)
+            .map(|one| {
+                let resource = resources
+                    .iter()
+                    .find(|(name, _)| *name == one.name)
+                    .ok_or_else(|| fail(format!("nothing is bound to {:?}", one.name)))?;
+                Ok(wgpu::BindGroupEntry {
+                    binding: one.binding,
+                    resource: resource.1.clone(),
+                })
+            })
+            .collect::<Result<Vec<_>, GpuError>>()?;
+        if entries.len() != resources.len() {
+            return Err(fail(format!(
+                "{} resources for the {} bindings of group {group}",
+                resources.len(),
+                entries.len()
+            )));
+        }
+        gpu.scoped(&self.name, || {
+            Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(&self.name),
+                layout,
+                entries: &entries,
+            }))
+        })
+    }
+}
+
+/// A compute pipeline.
+#[derive(Debug, Clone)]
+pub struct Kernel {
+    interface: Interface,
+    pipeline: wgpu::ComputePipeline,
+    workgroup_size: [u32; 3],
+}
+
+impl Kernel {
+    /// Compiles `entry` of `shader`. `scene` is the layout of bind group 0 where the shader reads the scene.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader does not compile.
+    pub fn new(
+        gpu: &Gpu,
+        shader: &Shader,
+        entry: &str,
+        scene: Option<&wgpu::BindGroupLayout>,
+    ) -> Result<Self, GpuError> {
+        let label = format!("{}.{entry}", shader.name);
+        gpu.scoped(&label, || {
+            let (interface, reflection) =
+                Interface::new(gpu, shader, wgpu::ShaderStages::COMPUTE, scene)?;
+            let workgroup_size = reflection
+                .entry_points
+                .iter()
+                .find(|point| point.name == entry)
+                .ok_or_else(|| GpuError::Pass {
+                    pass: label.clone(),
+                    reason: "there is no such entry point".into(),
+                })?
+                .workgroup_size;
+            let pipeline = gpu
+                .device
+                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(&label),
+                    layout: Some(&interface.pipeline_layout),
+                    module: &interface.module,
+                    entry_point: Some(entry),
+                    compilation_options: Default::default(),
+                    cache: None,
+                });
+            Ok(Self {
+                interface,
+                pipeline,
+                workgroup_size,
+            })
+        })
+    }
+
+    /// Binds resources to the names that the shader gives them in `group`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when a name is missing or a resource does not fit.
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        group: u32,
+        resources: &[(&str, wgpu::BindingResource<'_>)],
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        self.interface.bind(gpu, group, resources)
+    }
+
+    /// Runs at least `invocations` invocations along each axis. A one-dimensional kernel with more workgroups than the
+    /// limit of 65,535 along x is folded into y: such shaders compute their index with `num_workgroups`.
+    pub fn dispatch(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        groups: &[(u32, &wgpu::BindGroup)],
+        invocations: [u32; 3],
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        for (index, group) in groups {
+            pass.set_bind_group(*index, *group, &[]);
+        }
+        let [mut x, mut y, z] = std::array::from_fn(|axis| {
+            invocations[axis].div_ceil(self.workgroup_size[axis]).max(1)
+        });
+        if x > 65_535 && y == 1 {
+            y = x.div_ceil(65_535);
+            x = x.div_ceil(y);
+        }
+        pass.dispatch_workgroups(x, y, z);
+    }
+}
+
+/// Fixed-function state of a [`RasterKernel`].
+#[derive(Debug, Clone, Copy)]
+pub struct RasterState<'a> {
+    /// Colour targets, written without blending.
+    pub colors: &'a [wgpu::TextureFormat],
+    /// Which faces are dropped.
+    pub cull: Option<wgpu::Face>,
+    /// Winding of front faces.
+    pub front_face: wgpu::FrontFace,
+    /// Slope-scaled bias away from the viewer, in depth steps per slope; 0 is none.
+    pub slope_bias: f32,
+    /// Whether a fragment shader runs.
+    pub has_fragment: bool,
+}
+
+/// A render pipeline over the merged world-space triangles, depth 32-bit float, nearer is greater (reverse z).
+#[derive(Debug, Clone)]
+pub struct RasterKernel {
+    interface: Interface,
+    pipeline: wgpu::RenderPipeline,
+}
+
+impl RasterKernel {
+    /// Bytes of a merged vertex: world position (3 x f32) and instance index (u32).
+    pub const VERTEX_STRIDE: u64 = 16;
+
+    /// Compiles the entry points `vertex` and `fragment` of `shader`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader does not compile.
+    pub fn new(
+        gpu: &Gpu,
+        shader: &Shader,
+        scene: Option<&wgpu::BindGroupLayout>,
+        state: &RasterState<'_>,
+    ) -> Result<Self, GpuError> {
+        gpu.scoped(shader.name, || {
+            let (interface, _) =
+                Interface::new(gpu, shader, wgpu::ShaderStages::VERTEX_FRAGMENT, scene)?;
+            let targets: Vec<_> = state
+                .colors
+                .iter()
+                .map(|&format| Some(format.into()))
+                .collect();
+            let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
+            let pipeline = gpu
+                .device
+                .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                    label: Some(shader.name),
+                    layout: Some(&interface.pipeline_layout),
+                    vertex: wgpu::VertexState {
+                        module: &interface.module,
+                        entry_point: Some("vertex"),
+                        compilation_options: Default::default(),
+                        buffers: &[Some(wgpu::VertexBufferLayout {
+                            array_stride: Self::VERTEX_STRIDE,
+                            step_mode: wgpu::VertexStepMode::Vertex,
+                            attributes: &attributes,
+                        })],
+                    },
+                    primitive: wgpu::PrimitiveState {
+                        cull_mode: state.cull,
+                        front_face: state.front_face,
+                        ..Default::default()
+                    },
+                    depth_stencil: Some(wgpu::DepthStencilState {
+                        format: wgpu::TextureFormat::Depth32Float,
+                        depth_write_enabled: Some(true),
+                        depth_compare: Some(wgpu::CompareFunction::Greater),
+                        stencil: Default::default(),
+                        bias: wgpu::DepthBiasState {
+                            constant: 0,
+                            slope_scale: -state.slope_bias,
+                            clamp: 0.0,
+                        },
+                    }),
+                    multisample: Default::default(),
+                    fragment: state.has_fragment.then(|| wgpu::FragmentState {
+                        module: &interface.module,
+                        entry_point: Some("fragment"),
+                        compilation_options: Default::default(),
+                        targets: &targets,
+                    }),
+                    multiview_mask: None,
+                    cache: None,
+                });
+            Ok(Self {
+                interface,
+                pipeline,
+            })
+        })
+    }
+
+    /// Binds resources to the names that the shader gives them in `group`.
+    ///
+    /// # Errors
+    /// As [`Kernel::bind`].
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        group: u32,
+        resources: &[(&str, wgpu::BindingResource<'_>)],
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        self.interface.bind(gpu, group, resources)
+    }
+
+    /// Makes this the pipeline of `pass`.
+    pub fn set(&self, pass: &mut wgpu::RenderPass<'_>) {
+        pass.set_pipeline(&self.pipeline);
+    }
+}
+
+/// The bind-group layout of every resource that `shader` declares in group 0, for all stages.
+pub(crate) fn scene_layout(gpu: &Gpu, shader: &Shader) -> Result<wgpu::BindGroupLayout, GpuError> {
+    let declared = shader.declared(&shader.parse()?)?;
+    let entries: Vec<_> = declared
+        .iter()
+        .map(|one| wgpu::BindGroupLayoutEntry {
+            binding: one.binding,
+            visibility: wgpu::ShaderStages::all() & wgpu::ShaderStages::VERTEX_FRAGMENT
+                | wgpu::ShaderStages::COMPUTE,
+            ty: one.kind.layout_type(&one.name),
+            count: None,
+        })
+        .collect();
+    gpu.scoped(shader.name, || {
+        Ok(gpu
+            .device
+            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some("scene"),
+                entries: &entries,
+            }))
+    })
+}

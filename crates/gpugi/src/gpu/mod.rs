@@ -1,0 +1,232 @@
+//! The GPU: adapters, device, shaders, passes, buffers, read-back and timing. The only folder with raw wgpu plumbing.
+
+mod adapter;
+mod buffer;
+mod error;
+mod frame;
+mod kernel;
+mod shader;
+
+pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
+pub use buffer::{read_buffer, read_texture};
+pub use error::GpuError;
+pub use frame::{Frame, Timing};
+pub use kernel::{Kernel, RasterKernel, RasterState};
+pub use shader::{BindingKind, Shader, all_shaders};
+
+use std::sync::{Arc, Mutex};
+
+/// One device and its queue, within WebGPU's default limits except for buffer sizes.
+#[derive(Debug, Clone)]
+pub struct Gpu {
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// What the adapter says of itself.
+    pub adapter: AdapterSummary,
+    /// Whether passes can be timed.
+    pub has_timestamps: bool,
+    lost: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the chosen adapter.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] when none fits, with what there is and what to do; [`GpuError::Device`] when it refuses.
+    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        pollster::block_on(Self::open_async(choice))
+    }
+
+    /// [`Gpu::open`] where blocking is not possible.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub async fn open_async(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let adapter = adapter::choose(choice).await?;
+        let summary = AdapterSummary::of(&adapter);
+        let available = adapter.limits();
+        // WebGPU's defaults, but let buffers be as large as the adapter allows: scenes decide what they need.
+        let required_limits = wgpu::Limits {
+            max_buffer_size: available.max_buffer_size,
+            max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
+            ..wgpu::Limits::default()
+        };
+        let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let (device, queue) = adapter
+            .request_device(&wgpu::DeviceDescriptor {
+                label: Some("gpugi"),
+                required_features: if has_timestamps {
+                    wgpu::Features::TIMESTAMP_QUERY
+                } else {
+                    wgpu::Features::empty()
+                },
+                required_limits,
+                ..Default::default()
+            })
+            .await
+            .map_err(|error| GpuError::Device {
+                adapter: summary.name.clone(),
+                reason: error.to_string(),
+            })?;
+        let lost = Arc::new(Mutex::new(None));
+        let record = lost.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed
+                && let Ok(mut lost) = record.lock()
+            {
+                *lost = Some(format!("{reason:?}: {message}"));
+            }
+        });
+        Ok(Self {
+            device,
+            queue,
+            adapter: summary,
+            has_timestamps,
+            lost,
+        })
+    }
+
+    /// Runs `work` inside error scopes; an error that the GPU API reports for it becomes one that names `pass`.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`], or what `work` returns.
+    pub fn scoped<T>(
+        &self,
+        pass: &str,
+        work: impl FnOnce() -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        self.check_lost()?;
+        let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
+        let result = work();
+        let errors = [internal.pop(), memory.pop(), validation.pop()].map(pollster::block_on);
+        self.check_lost()?;
+        match errors.into_iter().flatten().next() {
+            Some(error) => Err(GpuError::in_pass(pass, &error)),
+            None => result,
+        }
+    }
+
+    /// Whether the device still works.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`] when it does not.
+    pub fn check_lost(&self) -> Result<(), GpuError> {
+        match self.lost.lock().ok().and_then(|lost| lost.clone()) {
+            Some(reason) => Err(GpuError::Lost { reason }),
+            None => Ok(()),
+        }
+    }
+
+    /// A buffer of `size` bytes (at least 16), zero-filled. `usage` is completed with COPY_DST and COPY_SRC.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] with the numbers when it exceeds the device's limits, [`GpuError::OutOfMemory`].
+    pub fn buffer(
+        &self,
+        label: &str,
+        size: u64,
+        usage: wgpu::BufferUsages,
+    ) -> Result<wgpu::Buffer, GpuError> {
+        let limits = self.device.limits();
+        let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
+            limits
+                .max_buffer_size
+                .min(limits.max_storage_buffer_binding_size)
+        } else {
+            limits.max_buffer_size
+        };
+        let size = size.max(16).next_multiple_of(16);
+        if size > limit {
+            return Err(GpuError::TooLarge {
+                what: label.to_owned(),
+                needed: size,
+                limit,
+                adapter: self.adapter.name.clone(),
+            });
+        }
+        self.scoped(label, || {
+            Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: usage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }))
+        })
+    }
+
+    /// A buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn buffer_with<T: bytemuck::NoUninit>(
+        &self,
+        label: &str,
+        data: &[T],
+        usage: wgpu::BufferUsages,
+    ) -> Result<wgpu::Buffer, GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let buffer = self.buffer(label, bytes.len() as u64, usage)?;
+        self.queue.write_buffer(&buffer, 0, bytes);
+        Ok(buffer)
+    }
+
+    /// A storage buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn storage<T: bytemuck::NoUninit>(
+        &self,
+        label: &str,
+        data: &[T],
+    ) -> Result<wgpu::Buffer, GpuError> {
+        self.buffer_with(label, data, wgpu::BufferUsages::STORAGE)
+    }
+
+    /// A uniform buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn uniform<T: bytemuck::NoUninit>(
+        &self,
+        label: &str,
+        data: &T,
+    ) -> Result<wgpu::Buffer, GpuError> {
+        self.buffer_with(
+            label,
+            std::slice::from_ref(data),
+            wgpu::BufferUsages::UNIFORM,
+        )
+    }
+
+    /// A texture, its size checked against the device's limits first.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn texture(
+        &self,
+        descriptor: &wgpu::TextureDescriptor<'_>,
+    ) -> Result<wgpu::Texture, GpuError> {
+        let limits = self.device.limits();
+        let side = descriptor.size.width.max(descriptor.size.height);
+        let layers = descriptor.size.depth_or_array_layers;
+        let label = descriptor.label.unwrap_or("texture");
+        for (needed, limit, what) in [
+            (side, limits.max_texture_dimension_2d, "texels a side"),
+            (layers, limits.max_texture_array_layers, "layers"),
+        ] {
+            if needed > limit {
+                return Err(GpuError::TooLarge {
+                    what: format!("{label}, {what}"),
+                    needed: needed.into(),
+                    limit: limit.into(),
+                    adapter: self.adapter.name.clone(),
+                });
+            }
+        }
+        self.scoped(label, || Ok(self.device.create_texture(descriptor)))
+    }
+}

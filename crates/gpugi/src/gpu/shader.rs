@@ -1,0 +1,164 @@
+//! Linked shaders and what naga's reflection says of them.
+
+use super::GpuError;
+
+/// A linked WGSL module. Made by [`shader!`](crate::shader).
+#[derive(Debug, Clone, Copy)]
+pub struct Shader {
+    /// Dotted module path below `src`, such as `techniques.shadow_map.gather`.
+    pub name: &'static str,
+    /// Linked WGSL.
+    pub source: &'static str,
+}
+
+/// The linked shader of a module: `shader!("techniques.shadow_map.gather")`.
+#[macro_export]
+macro_rules! shader {
+    ($name:literal) => {
+        $crate::gpu::Shader {
+            name: $name,
+            source: include_str!(concat!(env!("OUT_DIR"), "/", $name, ".wgsl")),
+        }
+    };
+}
+
+/// Every linked shader: name and WGSL.
+pub fn all_shaders() -> &'static [(&'static str, &'static str)] {
+    include!(concat!(env!("OUT_DIR"), "/shaders.rs"))
+}
+
+/// One resource that a shader declares.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Declared {
+    pub name: String,
+    pub group: u32,
+    pub binding: u32,
+    pub kind: BindingKind,
+}
+
+/// The type of a declared resource.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BindingKind {
+    /// Uniform buffer.
+    Uniform,
+    /// Storage buffer that shaders only read.
+    ReadOnlyStorage,
+    /// Storage buffer that shaders write.
+    Storage,
+    /// Sampled texture: dimension, sample type.
+    Texture(wgpu::TextureViewDimension, wgpu::TextureSampleType),
+    /// Filtering sampler.
+    Sampler,
+    /// Comparison sampler.
+    ComparisonSampler,
+}
+
+impl Shader {
+    /// Parses and validates.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] with the compiler's message.
+    pub fn parse(&self) -> Result<naga::Module, GpuError> {
+        naga::front::wgsl::parse_str(self.source).map_err(|error| GpuError::Pass {
+            pass: self.name.to_owned(),
+            reason: error.emit_to_string(self.source),
+        })
+    }
+
+    /// Every global resource in the module, in order of group and binding.
+    pub(super) fn declared(&self, module: &naga::Module) -> Result<Vec<Declared>, GpuError> {
+        let mut declared = Vec::new();
+        for (_, variable) in module.global_variables.iter() {
+            let Some(at) = variable.binding else { continue };
+            let kind = binding_kind(module, variable).ok_or_else(|| GpuError::Pass {
+                pass: self.name.to_owned(),
+                reason: format!(
+                    "binding {:?} has a type that gpugi does not bind",
+                    variable.name
+                ),
+            })?;
+            declared.push(Declared {
+                name: variable.name.clone().unwrap_or_default(),
+                group: at.group,
+                binding: at.binding,
+                kind,
+            });
+        }
+        declared.sort_by_key(|one| (one.group, one.binding));
+        Ok(declared)
+    }
+}
+
+fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Option<BindingKind> {
+    Some(match variable.space {
+        naga::AddressSpace::Uniform => BindingKind::Uniform,
+        naga::AddressSpace::Storage { access } => {
+            if access.contains(naga::StorageAccess::STORE) {
+                BindingKind::Storage
+            } else {
+                BindingKind::ReadOnlyStorage
+            }
+        }
+        naga::AddressSpace::Handle => match module.types[variable.ty].inner {
+            naga::TypeInner::Sampler { comparison: false } => BindingKind::Sampler,
+            naga::TypeInner::Sampler { comparison: true } => BindingKind::ComparisonSampler,
+            naga::TypeInner::Image {
+                dim,
+                arrayed,
+                class,
+            } => {
+                let dimension = match (dim, arrayed) {
+                    (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
+                    (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
+                    (naga::ImageDimension::Cube, false) => wgpu::TextureViewDimension::Cube,
+                    (naga::ImageDimension::D3, _) => wgpu::TextureViewDimension::D3,
+                    _ => return None,
+                };
+                let sample_type = match class {
+                    naga::ImageClass::Depth { multi: false } => wgpu::TextureSampleType::Depth,
+                    naga::ImageClass::Sampled {
+                        kind: naga::ScalarKind::Float,
+                        multi: false,
+                    } => wgpu::TextureSampleType::Float { filterable: true },
+                    naga::ImageClass::Sampled {
+                        kind: naga::ScalarKind::Uint,
+                        multi: false,
+                    } => wgpu::TextureSampleType::Uint,
+                    _ => return None,
+                };
+                BindingKind::Texture(dimension, sample_type)
+            }
+            _ => return None,
+        },
+        _ => return None,
+    })
+}
+
+impl BindingKind {
+    /// The layout entry of this kind. A name that ends in `_unfilterable` is loaded, never filtered.
+    pub(super) fn layout_type(self, name: &str) -> wgpu::BindingType {
+        let buffer = |ty| wgpu::BindingType::Buffer {
+            ty,
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        match self {
+            Self::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+            Self::ReadOnlyStorage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+            Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
+            Self::Texture(view_dimension, sample_type) => wgpu::BindingType::Texture {
+                sample_type: if name.ends_with("_unfilterable") {
+                    wgpu::TextureSampleType::Float { filterable: false }
+                } else {
+                    sample_type
+                },
+                view_dimension,
+                multisampled: false,
+            },
+            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            Self::ComparisonSampler => {
+                wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)
+            }
+        }
+    }
+}
