@@ -1,5 +1,439 @@
 //! Animation: a node hierarchy, skins and morph targets, posed by time.
+//!
+//! [`Scene::pose`] evaluates everything for one moment: channels move nodes, nodes move instances, lights and cameras,
+//! and meshes that bend (skin, morph targets) are written anew in world or mesh space. No technique knows of it: it
+//! sees a scene that has changed.
+
+use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
+
+use crate::{Mesh, Scene};
 
 /// What moves in a scene.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Rig {}
+pub struct Rig {
+    /// The hierarchy; instances, lights and cameras name a node by its index.
+    pub nodes: Vec<Node>,
+    /// Every node once, parents before their children.
+    pub order: Vec<usize>,
+    /// Skeletons that bend meshes.
+    pub skins: Vec<Skin>,
+    /// Meshes that bend.
+    pub deformers: Vec<Deformer>,
+    /// All play at the same time, each in a loop of its own.
+    pub animations: Vec<Animation>,
+}
+
+/// One joint of the hierarchy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Node {
+    /// Index of the node that carries this one.
+    pub parent: Option<usize>,
+    /// Placement relative to the parent where no channel says otherwise.
+    pub rest: Transform,
+    /// Weights of the morph targets of the node's mesh where no channel says otherwise.
+    pub weights: Vec<f32>,
+}
+
+/// Placement of a node relative to its parent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Transform {
+    /// Any affine matrix.
+    Matrix(Mat4),
+    /// Scale first, then rotation, then translation.
+    Parts {
+        /// Translation [m].
+        translation: Vec3,
+        /// Unit rotation.
+        rotation: Quat,
+        /// Scale along each axis.
+        scale: Vec3,
+    },
+}
+
+impl Transform {
+    /// Parent space from node space.
+    pub fn matrix(&self) -> Mat4 {
+        match *self {
+            Self::Matrix(matrix) => matrix,
+            Self::Parts {
+                translation,
+                rotation,
+                scale,
+            } => Mat4::from_scale_rotation_translation(scale, rotation, translation),
+        }
+    }
+
+    fn set(&mut self, property: Property, value: &[f32]) {
+        // A channel changes one part, so a matrix is taken apart first.
+        let (mut scale, mut rotation, mut translation) = match *self {
+            Self::Matrix(matrix) => matrix.to_scale_rotation_translation(),
+            Self::Parts {
+                translation,
+                rotation,
+                scale,
+            } => (scale, rotation, translation),
+        };
+        match (property, value) {
+            (Property::Translation, &[x, y, z]) => translation = Vec3::new(x, y, z),
+            (Property::Scale, &[x, y, z]) => scale = Vec3::new(x, y, z),
+            (Property::Rotation, &[x, y, z, w]) => rotation = unit_rotation([x, y, z, w]),
+            _ => {}
+        }
+        *self = Self::Parts {
+            translation,
+            rotation,
+            scale,
+        };
+    }
+}
+
+/// The rotation along `xyzw`; none if that has no length.
+pub fn unit_rotation(xyzw: [f32; 4]) -> Quat {
+    let length_squared = Vec4::from(xyzw).length_squared();
+    if length_squared > 0.0 && length_squared.is_finite() {
+        Quat::from_array(xyzw).normalize()
+    } else {
+        Quat::IDENTITY
+    }
+}
+
+/// A skeleton.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Skin {
+    /// Nodes.
+    pub joints: Vec<usize>,
+    /// Joint space from mesh space at rest, one matrix a joint.
+    pub joint_from_mesh: Vec<Mat4>,
+}
+
+impl Skin {
+    /// World space from mesh space, one matrix a joint.
+    fn matrices(&self, pose: &Pose) -> Vec<Mat4> {
+        let joints = self.joints.iter().zip(&self.joint_from_mesh);
+        joints
+            .map(|(&joint, joint_from_mesh)| pose.world_from_node[joint] * *joint_from_mesh)
+            .collect()
+    }
+}
+
+/// A mesh that bends: the mesh at rest, and what bends it. Its instance alone uses the mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Deformer {
+    /// Index into [`Scene::instances`].
+    pub instance: usize,
+    /// Node that carries the instance and the weights of the morph targets.
+    pub node: usize,
+    /// Positions at rest, mesh space.
+    pub positions: Vec<Vec3>,
+    /// Normals at rest, mesh space.
+    pub normals: Vec<Vec3>,
+    /// Tangents at rest, mesh space; may be empty.
+    pub tangents: Vec<Vec4>,
+    /// Normals follow from the bent triangles: each has three vertices of its own, in order.
+    pub flat: bool,
+    /// Displacements by the node's weights, one after the other.
+    pub targets: Vec<MorphTarget>,
+    /// Index into [`Rig::skins`] and what each vertex follows. The instance is then in world space.
+    pub skin: Option<(usize, Influences)>,
+}
+
+/// Displacements of every vertex, mesh space; a list that does not move is empty.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MorphTarget {
+    /// Added to positions [m].
+    pub positions: Vec<Vec3>,
+    /// Added to normals.
+    pub normals: Vec<Vec3>,
+    /// Added to tangents.
+    pub tangents: Vec<Vec3>,
+}
+
+/// Which joints move each vertex.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Influences {
+    /// Influences a vertex.
+    pub per_vertex: usize,
+    /// Joint of the skin and weight, `per_vertex` in a row; a vertex's weights sum to 1.
+    pub joints: Vec<(u32, f32)>,
+}
+
+/// Channels that play together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Animation {
+    /// Name for reports.
+    pub name: String,
+    /// Time of the last key [s]; then it starts again.
+    pub duration: f32,
+    /// What moves.
+    pub channels: Vec<Channel>,
+}
+
+/// One property of one node over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Index into [`Rig::nodes`].
+    pub node: usize,
+    /// What it sets.
+    pub property: Property,
+    /// Between keys.
+    pub interpolation: Interpolation,
+    /// Times of the keys [s], increasing, at least one.
+    pub times: Vec<f32>,
+    /// The same number of values each key; cubic splines have in-tangent, value and out-tangent.
+    pub values: Vec<f32>,
+}
+
+/// What a channel sets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Property {
+    /// Three values.
+    Translation,
+    /// Four values: a quaternion x, y, z, w.
+    Rotation,
+    /// Three values.
+    Scale,
+    /// A value each morph target.
+    Weights,
+}
+
+/// How a channel passes between keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// A key holds until the next.
+    Step,
+    /// A straight line; rotations take the shortest arc.
+    Linear,
+    /// Cubic Hermite splines with tangents from the file.
+    CubicSpline,
+}
+
+impl Channel {
+    /// The values at `time` [s]; before the first and after the last key, theirs.
+    pub fn sample(&self, time: f32) -> Vec<f32> {
+        let cubic = self.interpolation == Interpolation::CubicSpline;
+        let key_width = self.values.len() / self.times.len().max(1);
+        let width = if cubic { key_width / 3 } else { key_width };
+        let part = |key: usize, part: usize| {
+            let start = key * key_width + part * width;
+            self.values.get(start..start + width).unwrap_or(&[])
+        };
+        let value = |key: usize| part(key, usize::from(cubic));
+        let next = self.times.partition_point(|&key| key <= time);
+        if next == 0 || next == self.times.len() {
+            return value(next.saturating_sub(1)).to_vec();
+        }
+        let last = next - 1;
+        let span = self.times[next] - self.times[last];
+        let s = (time - self.times[last]) / span;
+        match self.interpolation {
+            Interpolation::Step => value(last).to_vec(),
+            Interpolation::Linear if self.property == Property::Rotation => {
+                match (value(last), value(next)) {
+                    (&[ax, ay, az, aw], &[bx, by, bz, bw]) => unit_rotation([ax, ay, az, aw])
+                        .slerp(unit_rotation([bx, by, bz, bw]), s)
+                        .to_array()
+                        .to_vec(),
+                    _ => Vec::new(),
+                }
+            }
+            Interpolation::Linear => {
+                let pairs = value(last).iter().zip(value(next));
+                pairs.map(|(a, b)| a + (b - a) * s).collect()
+            }
+            Interpolation::CubicSpline => {
+                // glTF 2.0, appendix C.5: v = (2s^3-3s^2+1) v_k + td (s^3-2s^2+s) b_k + (-2s^3+3s^2) v_k+1 + td (s^3-s^2) a_k+1
+                let (s2, s3) = (s * s, s * s * s);
+                let (leaving, arriving) = (part(last, 2), part(next, 0));
+                (0..width)
+                    .map(|i| {
+                        (2.0 * s3 - 3.0 * s2 + 1.0) * value(last)[i]
+                            + span * (s3 - 2.0 * s2 + s) * leaving[i]
+                            + (3.0 * s2 - 2.0 * s3) * value(next)[i]
+                            + span * (s3 - s2) * arriving[i]
+                    })
+                    .collect()
+            }
+        }
+    }
+}
+
+/// The hierarchy at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pose {
+    /// World space from each node's space.
+    pub world_from_node: Vec<Mat4>,
+    /// Weights of each node's morph targets.
+    pub weights: Vec<Vec<f32>>,
+}
+
+impl Rig {
+    /// Whether anything can change from one moment to another, or bends at all.
+    pub fn moves(&self) -> bool {
+        !self.deformers.is_empty()
+            || self
+                .animations
+                .iter()
+                .any(|animation| !animation.channels.is_empty())
+    }
+
+    /// The longest loop [s].
+    pub fn duration(&self) -> f32 {
+        self.animations
+            .iter()
+            .map(|animation| animation.duration)
+            .fold(0.0, f32::max)
+    }
+
+    /// Where all nodes are at `time_seconds`.
+    pub fn pose(&self, time_seconds: f32) -> Pose {
+        let mut transforms: Vec<Transform> = self.nodes.iter().map(|node| node.rest).collect();
+        let mut weights: Vec<Vec<f32>> =
+            self.nodes.iter().map(|node| node.weights.clone()).collect();
+        for animation in &self.animations {
+            // An animation without duration is a pose; without a finite time there is only the first one.
+            let looped = time_seconds.rem_euclid(animation.duration);
+            let time = if looped.is_finite() { looped } else { 0.0 };
+            for channel in &animation.channels {
+                let value = channel.sample(time);
+                match channel.property {
+                    Property::Weights => weights[channel.node] = value,
+                    property => transforms[channel.node].set(property, &value),
+                }
+            }
+        }
+        let mut world_from_node = vec![Mat4::IDENTITY; self.nodes.len()];
+        for &node in &self.order {
+            let parent_from_node = transforms[node].matrix();
+            world_from_node[node] = match self.nodes[node].parent {
+                Some(parent) => world_from_node[parent] * parent_from_node,
+                None => parent_from_node,
+            };
+        }
+        Pose {
+            world_from_node,
+            weights,
+        }
+    }
+}
+
+impl Scene {
+    /// Moves everything to `time_seconds`: instances, lights, cameras, and the meshes that bend. Animations loop.
+    /// Does nothing without a rig. What overflows floats stays where it was.
+    pub fn pose(&mut self, time_seconds: f32) {
+        let Some(rig) = &self.rig else {
+            return;
+        };
+        let pose = rig.pose(time_seconds);
+        let place = |target: &mut Mat4, node: Option<usize>, convert: fn(Mat4) -> Mat4| {
+            if let Some(world) = node.and_then(|node| pose.world_from_node.get(node))
+                && world.is_finite()
+            {
+                *target = convert(*world);
+            }
+        };
+        for instance in &mut self.instances {
+            place(&mut instance.world_from_mesh, instance.node, |world| world);
+        }
+        for light in &mut self.lights {
+            place(&mut light.world_from_light, light.node, rigid);
+        }
+        for camera in &mut self.cameras {
+            place(&mut camera.world_from_view, camera.node, rigid);
+        }
+        let skins: Vec<Vec<Mat4>> = rig.skins.iter().map(|skin| skin.matrices(&pose)).collect();
+        for deformer in &rig.deformers {
+            let instance = &mut self.instances[deformer.instance];
+            let mesh = &mut self.meshes[instance.mesh];
+            deformer.morph(&pose.weights[deformer.node], mesh);
+            if let Some((skin, influences)) = &deformer.skin {
+                bend(&skins[*skin], influences, mesh);
+                instance.world_from_mesh = Mat4::IDENTITY;
+            }
+        }
+    }
+}
+
+impl Deformer {
+    /// Writes the mesh at rest plus the weighted displacements.
+    fn morph(&self, weights: &[f32], mesh: &mut Mesh) {
+        mesh.positions.clone_from(&self.positions);
+        mesh.normals.clone_from(&self.normals);
+        mesh.tangents.clone_from(&self.tangents);
+        for (target, &weight) in self.targets.iter().zip(weights) {
+            if weight == 0.0 {
+                continue;
+            }
+            for (position, offset) in mesh.positions.iter_mut().zip(&target.positions) {
+                *position = finite_or(*position + weight * *offset, *position);
+            }
+            for (normal, offset) in mesh.normals.iter_mut().zip(&target.normals) {
+                *normal = finite_or(*normal + weight * *offset, *normal);
+            }
+            for (tangent, offset) in mesh.tangents.iter_mut().zip(&target.tangents) {
+                let moved = tangent.truncate() + weight * *offset;
+                *tangent = finite_or(moved, tangent.truncate()).extend(tangent.w);
+            }
+        }
+        if self.flat {
+            crate::tangents::flatten_normals(mesh);
+        }
+        for (normal, rest) in mesh.normals.iter_mut().zip(&self.normals) {
+            *normal = normal.normalize_or(*rest);
+        }
+        for (tangent, rest) in mesh.tangents.iter_mut().zip(&self.tangents) {
+            let direction = tangent.truncate().normalize_or(rest.truncate());
+            *tangent = direction.extend(tangent.w);
+        }
+    }
+}
+
+/// Linear blend skinning: each vertex by the weighted sum of its joints' matrices, to world space.
+/// `matrices`: world space from mesh space by joint.
+fn bend(matrices: &[Mat4], influences: &Influences, mesh: &mut Mesh) {
+    let vertices = influences.joints.chunks_exact(influences.per_vertex.max(1));
+    for (index, joints) in vertices.enumerate() {
+        let world_from_mesh = joints.iter().fold(Mat4::ZERO, |sum, &(joint, weight)| {
+            sum + matrices[joint as usize] * weight
+        });
+        if !world_from_mesh.is_finite() {
+            continue;
+        }
+        let linear = Mat3::from_mat4(world_from_mesh);
+        let position = &mut mesh.positions[index];
+        *position = finite_or(world_from_mesh.transform_point3(*position), *position);
+        // The inverse transpose is the cofactor matrix over the determinant, whose sign alone matters here. Unlike the
+        // inverse, it exists for joints that are scaled to nothing.
+        let sign = 1.0_f32.copysign(linear.determinant());
+        let cofactors = Mat3::from_cols(
+            linear.y_axis.cross(linear.z_axis),
+            linear.z_axis.cross(linear.x_axis),
+            linear.x_axis.cross(linear.y_axis),
+        );
+        let normal = &mut mesh.normals[index];
+        *normal = (cofactors * *normal * sign).normalize_or(*normal);
+        if let Some(tangent) = mesh.tangents.get_mut(index) {
+            let direction = (linear * tangent.truncate()).normalize_or(tangent.truncate());
+            *tangent = direction.extend(tangent.w * sign);
+        }
+    }
+}
+
+fn finite_or(value: Vec3, otherwise: Vec3) -> Vec3 {
+    if value.is_finite() { value } else { otherwise }
+}
+
+/// Rotation and translation of an affine matrix, without scale, shear and mirroring: -Z keeps its direction, and +Y
+/// stays in its plane.
+pub fn rigid(matrix: Mat4) -> Mat4 {
+    let back = matrix.z_axis.truncate().normalize_or(Vec3::Z);
+    let up = matrix.y_axis.truncate();
+    let up = (up - back * up.dot(back))
+        .try_normalize()
+        .unwrap_or_else(|| back.any_orthonormal_vector());
+    Mat4::from_cols(
+        up.cross(back).extend(0.0),
+        up.extend(0.0),
+        back.extend(0.0),
+        matrix.w_axis,
+    )
+}

@@ -15,6 +15,7 @@ pub mod material;
 pub mod mesh;
 pub mod provoking;
 pub mod scene;
+pub mod tangents;
 
 pub use camera::{Camera, Projection};
 pub use error::ImportError;

@@ -39,9 +39,10 @@ pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, 
 }
 
 /// Decodes an image that holds radiance (HDR, EXR, KTX2; PNG and JPEG are linearised from sRGB) to
-/// [`Pixels::Rgba32Float`] with alpha 1. A texel that is negative or not finite is an error.
+/// [`Pixels::Rgba32Float`] with alpha 1. A texel that is not finite is an error; negative radiance becomes 0, with a
+/// warning in the log.
 pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
-    let image = match recognise(name, bytes)? {
+    let mut image = match recognise(name, bytes)? {
         Format::Ktx2 => ktx2::decode_radiance(name, bytes, limits)?,
         Format::Other(format) => {
             let decoded = decode(name, bytes, format, limits, RADIANCE_TEXEL)?;
@@ -61,7 +62,7 @@ pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Imag
             }
         }
     };
-    check_radiance(&image)?;
+    check_radiance(&mut image)?;
     Ok(image)
 }
 
@@ -193,22 +194,36 @@ pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
     }
 }
 
-fn check_radiance(image: &Image) -> Result<(), ImportError> {
-    let Pixels::Rgba32Float(values) = &image.pixels else {
+/// Refuses texels that are not finite. Negative ones become 0, with a warning: most measured environments that were
+/// resized with a sharp filter have some around their brightest lights, and no light is what they mean.
+fn check_radiance(image: &mut Image) -> Result<(), ImportError> {
+    let Pixels::Rgba32Float(values) = &mut image.pixels else {
         return Ok(());
     };
-    let is_wrong = |value: &f32| !value.is_finite() || *value < 0.0;
-    let Some(at) = values
-        .chunks_exact(4)
-        .position(|texel| texel.iter().any(is_wrong))
-    else {
-        return Ok(());
-    };
-    let texel = &values[at * 4..at * 4 + 3];
-    let (column, row) = (at % image.width as usize, at / image.width as usize);
-    Err(ImportError::new(
-        &image.name,
-        format!("texel ({column}, {row})"),
-        format!("{texel:?} is no radiance: it must be finite and not negative"),
-    ))
+    let width = image.width as usize;
+    let place = |at: usize| format!("texel ({}, {})", at % width, at / width);
+    let mut negative = None;
+    for (at, texel) in values.chunks_exact_mut(4).enumerate() {
+        if texel.iter().any(|value| !value.is_finite()) {
+            return Err(ImportError::new(
+                &image.name,
+                place(at),
+                format!("{:?} is no radiance: it is not finite", &texel[..3]),
+            ));
+        }
+        for value in texel {
+            if *value < 0.0 {
+                negative.get_or_insert((at, *value));
+                *value = 0.0;
+            }
+        }
+    }
+    if let Some((at, value)) = negative {
+        tracing::warn!(
+            "{}: {}: negative radiance ({value}, the first of its kind) is taken as 0",
+            image.name,
+            place(at)
+        );
+    }
+    Ok(())
 }

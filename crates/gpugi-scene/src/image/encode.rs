@@ -53,9 +53,8 @@ pub fn replace_file(
 ) -> io::Result<()> {
     // Two threads or two processes that write the same file must not share the temporary one.
     static COUNTER: AtomicU32 = AtomicU32::new(0);
-    let named = |error: io::Error| {
-        io::Error::new(error.kind(), format!("{}: {error}", path.display()))
-    };
+    let named =
+        |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
     let Some(name) = path.file_name() else {
         return Err(named(io::Error::new(
             io::ErrorKind::InvalidInput,

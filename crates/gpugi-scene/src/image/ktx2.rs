@@ -156,10 +156,7 @@ fn decode(
         return Err(ImportError::new(
             name,
             "level 0",
-            format!(
-                "{} bytes of texels where {wanted} are needed",
-                texels.len()
-            ),
+            format!("{} bytes of texels where {wanted} are needed", texels.len()),
         ));
     }
     let pixels = convert(&header, &texels[..wanted as usize])?;

@@ -1,0 +1,354 @@
+//! Numbers from accessors: every component type, normalised, strided and sparse. Nothing is allocated before its
+//! count is checked against the bytes that are there, or against the limits.
+
+use super::document::{Document, range};
+use super::schema::Accessor;
+use crate::ImportError;
+
+/// A component type by glTF's number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn new(number: u32) -> Option<Self> {
+        Some(match number {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    /// Reads a component as a float. glTF: c / (2^n - 1) unsigned, max(c / (2^(n-1) - 1), -1) signed.
+    fn reader(self, normalized: bool) -> fn(&[u8]) -> f32 {
+        match (self, normalized) {
+            (Self::I8, false) => |bytes| f32::from(i8::from_le_bytes(first(bytes))),
+            (Self::U8, false) => |bytes| f32::from(u8::from_le_bytes(first(bytes))),
+            (Self::I16, false) => |bytes| f32::from(i16::from_le_bytes(first(bytes))),
+            (Self::U16, false) => |bytes| f32::from(u16::from_le_bytes(first(bytes))),
+            (Self::I8, true) => {
+                |bytes| (f32::from(i8::from_le_bytes(first(bytes))) / 127.0).max(-1.0)
+            }
+            (Self::U8, true) => |bytes| f32::from(u8::from_le_bytes(first(bytes))) / 255.0,
+            (Self::I16, true) => {
+                |bytes| (f32::from(i16::from_le_bytes(first(bytes))) / 32767.0).max(-1.0)
+            }
+            (Self::U16, true) => |bytes| f32::from(u16::from_le_bytes(first(bytes))) / 65535.0,
+            (Self::U32, false) => |bytes| u32::from_le_bytes(first(bytes)) as f32,
+            (Self::U32, true) => {
+                |bytes| (f64::from(u32::from_le_bytes(first(bytes))) / f64::from(u32::MAX)) as f32
+            }
+            (Self::F32, _) => |bytes| f32::from_le_bytes(first(bytes)),
+        }
+    }
+}
+
+/// The first `N` bytes; whoever calls has sliced `N` or more.
+fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    bytes.first_chunk().copied().unwrap_or([0; N])
+}
+
+/// How an element lies in memory: its columns start at multiples of 4 bytes if it is a matrix.
+struct Layout {
+    component: Component,
+    rows: usize,
+    columns: usize,
+}
+
+impl Layout {
+    fn column_stride(&self) -> usize {
+        let size = self.rows * self.component.size();
+        if self.columns > 1 {
+            size.next_multiple_of(4)
+        } else {
+            size
+        }
+    }
+
+    /// Bytes from an element's first to its last component.
+    fn size(&self) -> usize {
+        self.column_stride() * (self.columns - 1) + self.rows * self.component.size()
+    }
+
+    /// Bytes from an element to the next, when they are packed.
+    fn packed_stride(&self) -> usize {
+        self.column_stride() * self.columns
+    }
+
+    fn read<const N: usize, T: Copy + Default>(
+        &self,
+        bytes: &[u8],
+        read: impl Fn(&[u8]) -> T,
+    ) -> [T; N] {
+        let mut element = [T::default(); N];
+        for (index, value) in element.iter_mut().enumerate() {
+            let (column, row) = (index / self.rows, index % self.rows);
+            *value = read(&bytes[column * self.column_stride() + row * self.component.size()..]);
+        }
+        element
+    }
+}
+
+impl Document<'_> {
+    /// Number of components an element of accessor `index`, for attributes that come in several widths.
+    pub fn width(&self, index: usize, place: &str) -> Result<usize, ImportError> {
+        let (_, layout) = self.layout(index, place)?;
+        Ok(layout.rows * layout.columns)
+    }
+
+    /// Number of elements of accessor `index`.
+    pub fn count(&self, index: usize, place: &str) -> Result<u64, ImportError> {
+        Ok(self
+            .get(&self.root.accessors, "accessor", index, place)?
+            .count)
+    }
+
+    /// All elements of accessor `index` as floats, normalised where the accessor says so; all finite.
+    pub fn floats<const N: usize>(
+        &self,
+        index: usize,
+        place: &str,
+    ) -> Result<Vec<[f32; N]>, ImportError> {
+        let (accessor, layout) = self.layout(index, place)?;
+        let read = layout.component.reader(accessor.normalized);
+        let elements = self.elements(index, place, read)?;
+        let is_finite = |element: &[f32; N]| element.iter().all(|value| value.is_finite());
+        if let Some(at) = elements.iter().position(|element| !is_finite(element)) {
+            return Err(self.error(
+                place,
+                format!(
+                    "element {at} of accessors[{index}] is {:?}, which is not finite",
+                    elements[at]
+                ),
+            ));
+        }
+        Ok(elements)
+    }
+
+    /// All elements of accessor `index` as unsigned integers.
+    pub fn integers<const N: usize>(
+        &self,
+        index: usize,
+        place: &str,
+    ) -> Result<Vec<[u32; N]>, ImportError> {
+        let (_, layout) = self.layout(index, place)?;
+        let read = integer_reader(layout.component).ok_or_else(|| {
+            self.error(
+                place,
+                format!("accessors[{index}] does not hold unsigned integers"),
+            )
+        })?;
+        self.elements(index, place, read)
+    }
+
+    fn layout(&self, index: usize, place: &str) -> Result<(&Accessor, Layout), ImportError> {
+        let accessor = self.get(&self.root.accessors, "accessor", index, place)?;
+        let component = Component::new(accessor.component_type).ok_or_else(|| {
+            self.error(
+                format!("accessors[{index}].componentType"),
+                format!("{} is no component type", accessor.component_type),
+            )
+        })?;
+        let (rows, columns) = match accessor.kind.as_str() {
+            "SCALAR" => (1, 1),
+            "VEC2" => (2, 1),
+            "VEC3" => (3, 1),
+            "VEC4" => (4, 1),
+            "MAT2" => (2, 2),
+            "MAT3" => (3, 3),
+            "MAT4" => (4, 4),
+            other => {
+                return Err(self.error(
+                    format!("accessors[{index}].type"),
+                    format!("{other:?} is no accessor type"),
+                ));
+            }
+        };
+        Ok((
+            accessor,
+            Layout {
+                component,
+                rows,
+                columns,
+            },
+        ))
+    }
+
+    fn elements<const N: usize, T: Copy + Default>(
+        &self,
+        index: usize,
+        place: &str,
+        read: impl Fn(&[u8]) -> T + Copy,
+    ) -> Result<Vec<[T; N]>, ImportError> {
+        let (accessor, layout) = self.layout(index, place)?;
+        if layout.rows * layout.columns != N {
+            return Err(self.error(
+                place,
+                format!(
+                    "accessors[{index}] is {}, not of {N} components",
+                    accessor.kind
+                ),
+            ));
+        }
+        // Also bounds an accessor without a buffer view, all of whose elements are zero.
+        if accessor.count > self.limits.elements {
+            return Err(self.error(
+                place,
+                format!(
+                    "{} elements of accessors[{index}] exceed the limit of {}",
+                    accessor.count, self.limits.elements
+                ),
+            ));
+        }
+        let count = accessor.count as usize;
+        let accessor_place = format!("accessors[{index}]");
+        let mut elements = match accessor.buffer_view {
+            Some(view) => {
+                let (bytes, stride) = self.view(view, &accessor_place)?;
+                let stride = stride.unwrap_or(layout.packed_stride() as u64);
+                let bytes = self.strided(
+                    bytes,
+                    accessor.byte_offset,
+                    count,
+                    stride,
+                    &layout,
+                    &accessor_place,
+                )?;
+                let stride = stride as usize;
+                (0..count)
+                    .map(|at| layout.read(&bytes[at * stride..], read))
+                    .collect()
+            }
+            None => vec![[T::default(); N]; count],
+        };
+        if let Some(sparse) = &accessor.sparse {
+            let place = format!("{accessor_place}.sparse");
+            // A sparse accessor replaces elements that exist, each at most once.
+            if sparse.count > accessor.count {
+                return Err(self.error(
+                    place,
+                    format!("replaces {} of {count} elements", sparse.count),
+                ));
+            }
+            let replaced = sparse.count as usize;
+            let values = &sparse.values;
+            let (bytes, _) = self.view(values.buffer_view, &format!("{place}.values"))?;
+            let stride = layout.packed_stride();
+            let bytes = self.strided(
+                bytes,
+                values.byte_offset,
+                replaced,
+                stride as u64,
+                &layout,
+                &format!("{place}.values"),
+            )?;
+            for (at, target) in self
+                .sparse_indices(accessor, &format!("{place}.indices"))?
+                .into_iter()
+                .enumerate()
+            {
+                let element = elements.get_mut(target as usize).ok_or_else(|| {
+                    self.error(
+                        format!("{place}.indices"),
+                        format!("element {target} is out of range: there are {count}"),
+                    )
+                })?;
+                *element = layout.read(&bytes[at * stride..], read);
+            }
+        }
+        Ok(elements)
+    }
+
+    fn sparse_indices(&self, accessor: &Accessor, place: &str) -> Result<Vec<u32>, ImportError> {
+        let Some(sparse) = &accessor.sparse else {
+            return Ok(Vec::new());
+        };
+        let part = &sparse.indices;
+        let component = part.component_type.and_then(Component::new);
+        let (component, read) = component
+            .and_then(|component| Some((component, integer_reader(component)?)))
+            .ok_or_else(|| self.error(place, "componentType is no unsigned integer"))?;
+        let layout = Layout {
+            component,
+            rows: 1,
+            columns: 1,
+        };
+        let (bytes, _) = self.view(part.buffer_view, place)?;
+        let (count, stride) = (sparse.count as usize, component.size());
+        let bytes = self.strided(
+            bytes,
+            part.byte_offset,
+            count,
+            stride as u64,
+            &layout,
+            place,
+        )?;
+        Ok(bytes.chunks_exact(stride).take(count).map(read).collect())
+    }
+
+    /// The bytes from `offset` on, after a check that `count` elements `stride` apart lie within.
+    fn strided<'b>(
+        &self,
+        bytes: &'b [u8],
+        offset: u64,
+        count: usize,
+        stride: u64,
+        layout: &Layout,
+        place: &str,
+    ) -> Result<&'b [u8], ImportError> {
+        if count == 0 {
+            return Ok(&[]);
+        }
+        // Elements may overlap in memory, but each needs bytes of its own for `count` to be bounded by them.
+        if stride < layout.size() as u64 {
+            return Err(self.error(
+                place,
+                format!(
+                    "elements of {} bytes lie {stride} bytes apart",
+                    layout.size()
+                ),
+            ));
+        }
+        let needed = (count as u64 - 1)
+            .checked_mul(stride)
+            .and_then(|bytes| bytes.checked_add(layout.size() as u64));
+        needed
+            .and_then(|needed| range(bytes, offset, needed))
+            .ok_or_else(|| {
+                self.error(
+                    place,
+                    format!(
+                        "{count} elements {stride} bytes apart at {offset} exceed the {} bytes of the buffer view",
+                        bytes.len()
+                    ),
+                )
+            })
+    }
+}
+
+fn integer_reader(component: Component) -> Option<fn(&[u8]) -> u32> {
+    match component {
+        Component::U8 => Some(|bytes| u32::from(u8::from_le_bytes(first(bytes)))),
+        Component::U16 => Some(|bytes| u32::from(u16::from_le_bytes(first(bytes)))),
+        Component::U32 => Some(|bytes| u32::from_le_bytes(first(bytes))),
+        _ => None,
+    }
+}

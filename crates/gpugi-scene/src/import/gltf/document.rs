@@ -1,0 +1,339 @@
+//! The file as a whole: its JSON, its buffers and buffer views, its extensions, and what it has used of the limits.
+
+use std::borrow::Cow;
+use std::cell::{Cell, RefCell};
+
+use super::{schema, uri};
+use crate::{ImportError, Limits, Resolver};
+
+/// What gpugi reads. `EXT_meshopt_compression` joins them with the cargo feature `meshopt`.
+const SUPPORTED: [&str; 9] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
+const MESHOPT: &str = "EXT_meshopt_compression";
+
+/// A parsed file with its buffers.
+pub struct Document<'a> {
+    pub root: schema::Root,
+    pub limits: Limits,
+    name: &'a str,
+    buffers: Vec<Option<Cow<'a, [u8]>>>,
+    /// Content of the compressed buffer views.
+    decoded_views: Vec<Option<Vec<u8>>>,
+    elements: Cell<u64>,
+    warnings: RefCell<Vec<String>>,
+}
+
+impl<'a> Document<'a> {
+    /// Parses `bytes` and reads the buffers that they name.
+    pub fn read(
+        name: &'a str,
+        bytes: &'a [u8],
+        resolver: &dyn Resolver,
+        limits: &Limits,
+    ) -> Result<Self, ImportError> {
+        let (json, binary) = split(name, bytes)?;
+        let root: schema::Root =
+            serde_json::from_slice(json).map_err(|error| ImportError::new(name, "JSON", error))?;
+        let mut document = Self {
+            root,
+            limits: *limits,
+            name,
+            buffers: Vec::new(),
+            decoded_views: Vec::new(),
+            elements: Cell::new(0),
+            warnings: RefCell::default(),
+        };
+        document.check_version()?;
+        document.check_extensions()?;
+        document.read_buffers(binary, resolver)?;
+        document.decode_views()?;
+        Ok(document)
+    }
+
+    /// An error at a place of this file.
+    pub fn error(&self, place: impl Into<String>, reason: impl std::fmt::Display) -> ImportError {
+        ImportError::new(self.name, place, reason)
+    }
+
+    /// Notes what the file asks for and does not get.
+    pub fn warn(&self, place: &str, what: impl std::fmt::Display) {
+        self.warnings.borrow_mut().push(format!("{place}: {what}"));
+    }
+
+    /// The warnings so far.
+    pub fn into_warnings(self) -> Vec<String> {
+        self.warnings.into_inner()
+    }
+
+    /// The member of `list` that `place` names by `index`.
+    pub fn get<'t, T>(
+        &self,
+        list: &'t [T],
+        what: &str,
+        index: usize,
+        place: &str,
+    ) -> Result<&'t T, ImportError> {
+        list.get(index).ok_or_else(|| {
+            self.error(
+                place,
+                format!("{what} {index} is out of range: there are {}", list.len()),
+            )
+        })
+    }
+
+    /// Takes `count` vertices, indices or the like from the limit before they are allocated.
+    pub fn charge(&self, count: u64, place: &str) -> Result<(), ImportError> {
+        let total = self.elements.get().saturating_add(count);
+        if total > self.limits.elements {
+            return Err(self.error(
+                place,
+                format!(
+                    "{count} more elements exceed the limit of {} a scene",
+                    self.limits.elements
+                ),
+            ));
+        }
+        self.elements.set(total);
+        Ok(())
+    }
+
+    /// The bytes of a buffer view and its stride, if it has one.
+    pub fn view(&self, index: usize, place: &str) -> Result<(&[u8], Option<u64>), ImportError> {
+        let view = self.get(&self.root.buffer_views, "bufferView", index, place)?;
+        let bytes = match self.decoded_views.get(index) {
+            Some(Some(decoded)) => decoded.as_slice(),
+            _ => self.slice(
+                view.buffer,
+                view.byte_offset,
+                view.byte_length,
+                &format!("bufferViews[{index}]"),
+            )?,
+        };
+        Ok((bytes, view.byte_stride))
+    }
+
+    /// A range of a buffer.
+    pub fn slice(
+        &self,
+        buffer: usize,
+        offset: u64,
+        length: u64,
+        place: &str,
+    ) -> Result<&[u8], ImportError> {
+        let bytes = self.get(&self.buffers, "buffer", buffer, place)?;
+        let bytes = bytes
+            .as_deref()
+            .ok_or_else(|| self.error(place, format!("buffers[{buffer}] has no content")))?;
+        range(bytes, offset, length).ok_or_else(|| {
+            self.error(
+                place,
+                format!(
+                    "{length} bytes at {offset} exceed the {} bytes of buffers[{buffer}]",
+                    bytes.len()
+                ),
+            )
+        })
+    }
+
+    fn check_version(&self) -> Result<(), ImportError> {
+        let asset = &self.root.asset;
+        let version = asset.min_version.as_ref().unwrap_or(&asset.version);
+        let is_read = match asset.min_version {
+            Some(_) => version == "2.0",
+            None => version.starts_with("2."),
+        };
+        if is_read {
+            return Ok(());
+        }
+        Err(self.error(
+            "asset.version",
+            format!("gpugi reads glTF 2.0, not {version:?}"),
+        ))
+    }
+
+    fn check_extensions(&self) -> Result<(), ImportError> {
+        let is_supported = |extension: &str| {
+            SUPPORTED.contains(&extension) || (cfg!(feature = "meshopt") && extension == MESHOPT)
+        };
+        let required = &self.root.extensions_required;
+        if let Some((index, extension)) = required
+            .iter()
+            .enumerate()
+            .find(|(_, extension)| !is_supported(extension))
+        {
+            let hint = if extension == MESHOPT {
+                " (build it with the cargo feature meshopt)"
+            } else {
+                ""
+            };
+            return Err(self.error(
+                format!("extensionsRequired[{index}]"),
+                format!("the file needs {extension}, which gpugi does not support{hint}"),
+            ));
+        }
+        for extension in &self.root.extensions_used {
+            if !is_supported(extension) {
+                self.warn(
+                    "extensionsUsed",
+                    format!("{extension} is not supported; the picture may lack what it describes"),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn read_buffers(
+        &mut self,
+        binary: Option<&'a [u8]>,
+        resolver: &dyn Resolver,
+    ) -> Result<(), ImportError> {
+        let mut total = 0_u64;
+        let mut buffers = Vec::with_capacity(self.root.buffers.len());
+        for (index, buffer) in self.root.buffers.iter().enumerate() {
+            let place = format!("buffers[{index}]");
+            let bytes = match (&buffer.uri, binary) {
+                // Compressed buffer views never look at it.
+                _ if cfg!(feature = "meshopt") && buffer.extensions.meshopt.fallback => None,
+                (Some(uri), _) => {
+                    Some(Cow::from(uri::read(uri, resolver).map_err(|reason| {
+                        self.error(format!("{place}.uri"), reason)
+                    })?))
+                }
+                (None, Some(binary)) if index == 0 => Some(Cow::from(binary)),
+                (None, _) => None,
+            };
+            if let Some(bytes) = &bytes {
+                if (bytes.len() as u64) < buffer.byte_length {
+                    return Err(self.error(
+                        place,
+                        format!(
+                            "{} bytes where byteLength says {}",
+                            bytes.len(),
+                            buffer.byte_length
+                        ),
+                    ));
+                }
+                total += bytes.len() as u64;
+                self.check_bytes(total, &place)?;
+            }
+            buffers.push(bytes);
+        }
+        self.buffers = buffers;
+        Ok(())
+    }
+
+    #[cfg(feature = "meshopt")]
+    fn decode_views(&mut self) -> Result<(), ImportError> {
+        let mut total = 0_u64;
+        let mut decoded = Vec::with_capacity(self.root.buffer_views.len());
+        for (index, view) in self.root.buffer_views.iter().enumerate() {
+            let Some(compressed) = &view.extensions.meshopt else {
+                decoded.push(None);
+                continue;
+            };
+            let place = format!("bufferViews[{index}].extensions.{MESHOPT}");
+            let bytes = self.slice(
+                compressed.buffer,
+                compressed.byte_offset,
+                compressed.byte_length,
+                &place,
+            )?;
+            total = total.saturating_add(compressed.count.saturating_mul(compressed.byte_stride));
+            self.check_bytes(total, &place)?;
+            let view = super::meshopt::decode(compressed, bytes)
+                .map_err(|reason| self.error(place, reason))?;
+            decoded.push(Some(view));
+        }
+        self.decoded_views = decoded;
+        Ok(())
+    }
+
+    #[cfg(not(feature = "meshopt"))]
+    fn decode_views(&mut self) -> Result<(), ImportError> {
+        Ok(())
+    }
+
+    fn check_bytes(&self, total: u64, place: &str) -> Result<(), ImportError> {
+        if total > self.limits.file_bytes {
+            return Err(self.error(
+                place,
+                format!(
+                    "the buffers together exceed the limit of {} bytes",
+                    self.limits.file_bytes
+                ),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// `length` bytes at `offset`, if there are as many.
+pub fn range(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {
+    let end = usize::try_from(offset.checked_add(length)?).ok()?;
+    bytes.get(usize::try_from(offset).ok()?..end)
+}
+
+/// The JSON and, of a binary file, the BIN chunk.
+fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), ImportError> {
+    let error = |place: &str, reason: String| ImportError::new(name, place, reason);
+    if bytes.is_empty() {
+        return Err(error("header", "the file is empty".to_owned()));
+    }
+    let Some(rest) = bytes.strip_prefix(b"glTF") else {
+        return Ok((bytes, None));
+    };
+    let truncated = || error("header", "the file ends inside its header".to_owned());
+    let (version, rest) = take_u32(rest).ok_or_else(truncated)?;
+    let (length, rest) = take_u32(rest).ok_or_else(truncated)?;
+    if version != 2 {
+        return Err(error(
+            "header",
+            format!("gpugi reads version 2 of binary glTF, not {version}"),
+        ));
+    }
+    if u64::from(length) > bytes.len() as u64 {
+        return Err(error(
+            "header",
+            format!(
+                "the file is truncated: {} of {length} bytes are left",
+                bytes.len()
+            ),
+        ));
+    }
+    let (json, rest) = chunk(rest, *b"JSON").map_err(|reason| error("JSON chunk", reason))?;
+    if rest.len() < 8 {
+        return Ok((json, None));
+    }
+    let (binary, _) = chunk(rest, *b"BIN\0").map_err(|reason| error("BIN chunk", reason))?;
+    Ok((json, Some(binary)))
+}
+
+/// The first chunk of `bytes`, and what follows it.
+fn chunk(bytes: &[u8], kind: [u8; 4]) -> Result<(&[u8], &[u8]), String> {
+    let truncated = "the file ends inside the chunk's header";
+    let (length, rest) = take_u32(bytes).ok_or(truncated)?;
+    let (found, rest) = rest.split_first_chunk::<4>().ok_or(truncated)?;
+    if *found != kind {
+        return Err(format!("a chunk of type {found:?} stands in its place"));
+    }
+    rest.split_at_checked(length as usize).ok_or_else(|| {
+        format!(
+            "the file is truncated: {} of {length} bytes are left",
+            rest.len()
+        )
+    })
+}
+
+fn take_u32(bytes: &[u8]) -> Option<(u32, &[u8])> {
+    let (number, rest) = bytes.split_first_chunk::<4>()?;
+    Some((u32::from_le_bytes(*number), rest))
+}

@@ -1,0 +1,87 @@
+//! `extras.gpugi`: what gpugi's own scenes say beyond glTF.
+
+use glam::Vec3;
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::document::Document;
+use crate::{ImportError, MaterialModel};
+
+#[derive(Deserialize)]
+struct MaterialExtras {
+    phong: Option<Phong>,
+    conductor: Option<Conductor>,
+}
+
+#[derive(Deserialize)]
+struct Phong {
+    kd: Vec3,
+    ks: Vec3,
+    shininess: f32,
+}
+
+#[derive(Deserialize)]
+struct Conductor {
+    n: Vec3,
+    k: Vec3,
+}
+
+#[derive(Deserialize)]
+struct LightExtras {
+    #[serde(default)]
+    radius: f32,
+}
+
+/// The reflection model that a material's extras choose.
+pub fn material_model(
+    document: &Document,
+    extras: &Value,
+    place: &str,
+) -> Result<MaterialModel, ImportError> {
+    let Some(value) = extras.get("gpugi") else {
+        return Ok(MaterialModel::MetallicRoughness);
+    };
+    let place = format!("{place}.extras.gpugi");
+    let extras =
+        MaterialExtras::deserialize(value).map_err(|error| document.error(&place, error))?;
+    let wrong = |reason: &str| Err(document.error(&place, reason));
+    match (extras.phong, extras.conductor) {
+        (None, None) => Ok(MaterialModel::MetallicRoughness),
+        (Some(_), Some(_)) => wrong("a material is either phong or conductor"),
+        (Some(Phong { kd, ks, shininess }), None) => {
+            // A rounding error is no gain of energy.
+            let keeps_energy = (kd + ks).cmple(Vec3::splat(1.0 + 1e-4)).all();
+            let is_positive = kd.cmpge(Vec3::ZERO).all() && ks.cmpge(Vec3::ZERO).all();
+            if !keeps_energy || !is_positive {
+                return wrong("kd and ks must not be negative, and kd + ks at most 1");
+            }
+            if !shininess.is_finite() || shininess < 0.0 {
+                return wrong("shininess must be finite and not negative");
+            }
+            Ok(MaterialModel::Phong { kd, ks, shininess })
+        }
+        (None, Some(Conductor { n, k })) => {
+            let is_metal = n.is_finite()
+                && k.is_finite()
+                && n.cmpgt(Vec3::ZERO).all()
+                && k.cmpge(Vec3::ZERO).all();
+            if !is_metal {
+                return wrong("n must be positive, k not negative, both finite");
+            }
+            Ok(MaterialModel::Conductor { n, k })
+        }
+    }
+}
+
+/// The emitter's radius that a light's extras give: [m], or [rad] for a directional light. 0 without one.
+pub fn light_radius(document: &Document, extras: &Value, place: &str) -> Result<f32, ImportError> {
+    let Some(value) = extras.get("gpugi") else {
+        return Ok(0.0);
+    };
+    let place = format!("{place}.extras.gpugi");
+    let extras = LightExtras::deserialize(value).map_err(|error| document.error(&place, error))?;
+    if !extras.radius.is_finite() || extras.radius < 0.0 {
+        return Err(document.error(place, "radius must be finite and not negative"));
+    }
+    Ok(extras.radius)
+}

@@ -1,0 +1,345 @@
+//! Primitives to meshes.
+
+use std::collections::BTreeMap;
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::document::Document;
+use super::schema::Primitive;
+use crate::animation::{Influences, MorphTarget};
+use crate::tangents::{self, unit_or};
+use crate::{ImportError, Mesh};
+
+/// A primitive with what may bend it.
+pub struct Geometry {
+    pub mesh: Mesh,
+    /// Normals were missing, so triangles are flat and share no vertices.
+    pub flat: bool,
+    pub influences: Option<Influences>,
+    pub targets: Vec<MorphTarget>,
+}
+
+/// Reads a primitive. None, with a warning, if it holds no triangles. `normal_uv_set`: the set that the material's
+/// normal map is read with.
+pub fn read(
+    document: &Document,
+    primitive: &Primitive,
+    name: String,
+    place: &str,
+    normal_uv_set: Option<usize>,
+) -> Result<Option<Geometry>, ImportError> {
+    if primitive.mode < 4 {
+        document.warn(
+            place,
+            "points and lines are left out; gpugi draws triangles",
+        );
+        return Ok(None);
+    }
+    let reader = Reader {
+        document,
+        place,
+        attributes_place: &format!("{place}.attributes"),
+        count: vertex_count(document, primitive, place)?,
+    };
+    let indices = reader.indices(primitive)?;
+    if indices.is_empty() {
+        document.warn(place, "the primitive has no triangles and is left out");
+        return Ok(None);
+    }
+    let mut geometry = reader.vertices(primitive, name, indices)?;
+    if geometry.mesh.normals.is_empty() {
+        // glTF 2.0, 3.7.2.1: flat normals, and tangents of the file are ignored.
+        document.charge(geometry.mesh.indices.len() as u64, place)?;
+        geometry.mesh.tangents.clear();
+        geometry.flat = true;
+        let sources = tangents::make_flat(&mut geometry.mesh);
+        geometry.follow(&sources);
+    }
+    if let Some(uv_set) = normal_uv_set
+        && geometry.mesh.tangents.is_empty()
+    {
+        document.charge(geometry.mesh.indices.len() as u64, place)?;
+        match tangents::generate(&mut geometry.mesh, uv_set) {
+            Some(sources) => geometry.follow(&sources),
+            None => document.warn(
+                place,
+                format!("there is no TEXCOORD_{uv_set} for the material's normal map"),
+            ),
+        }
+    }
+    Ok(Some(geometry))
+}
+
+impl Geometry {
+    /// Lets skin and morph targets follow vertices that were split.
+    fn follow(&mut self, sources: &[u32]) {
+        for target in &mut self.targets {
+            tangents::select(&mut target.positions, sources);
+            tangents::select(&mut target.normals, sources);
+            tangents::select(&mut target.tangents, sources);
+        }
+        if let Some(influences) = &mut self.influences {
+            influences.joints = sources
+                .iter()
+                .flat_map(|&source| {
+                    let start = source as usize * influences.per_vertex;
+                    influences.joints[start..start + influences.per_vertex].to_vec()
+                })
+                .collect();
+        }
+    }
+}
+
+fn vertex_count(
+    document: &Document,
+    primitive: &Primitive,
+    place: &str,
+) -> Result<u64, ImportError> {
+    let place = format!("{place}.attributes.POSITION");
+    let positions = primitive
+        .attributes
+        .get("POSITION")
+        .ok_or_else(|| document.error(&place, "the primitive has no positions"))?;
+    let count = document.count(*positions, &place)?;
+    document.charge(count, &place)?;
+    Ok(count)
+}
+
+struct Reader<'a> {
+    document: &'a Document<'a>,
+    place: &'a str,
+    attributes_place: &'a str,
+    /// Number of vertices, which every attribute must have.
+    count: u64,
+}
+
+impl Reader<'_> {
+    /// Three indices a triangle, all in range.
+    fn indices(&self, primitive: &Primitive) -> Result<Vec<u32>, ImportError> {
+        let Self {
+            document, count, ..
+        } = self;
+        let place = format!("{}.indices", self.place);
+        let corners: Vec<u32> = match primitive.indices {
+            Some(accessor) => {
+                document.charge(document.count(accessor, &place)?, &place)?;
+                let indices = document.integers::<1>(accessor, &place)?;
+                indices.into_iter().map(|[index]| index).collect()
+            }
+            None => {
+                document.charge(*count, &place)?;
+                let count = u32::try_from(*count)
+                    .map_err(|_| document.error(&place, "more vertices than 32 bits count"))?;
+                (0..count).collect()
+            }
+        };
+        if let Some(at) = corners.iter().position(|&index| u64::from(index) >= *count) {
+            return Err(document.error(
+                place,
+                format!(
+                    "index {} at position {at} is out of range: there are {count} vertices",
+                    corners[at]
+                ),
+            ));
+        }
+        let triangles = corners.windows(3);
+        match primitive.mode {
+            4 => {
+                if !corners.len().is_multiple_of(3) {
+                    document.warn(
+                        self.place,
+                        format!("the last of {} indices make no triangle", corners.len()),
+                    );
+                }
+                let whole = corners.len() / 3 * 3;
+                Ok(corners[..whole].to_vec())
+            }
+            5 => {
+                document.charge(corners.len() as u64 * 3, &place)?;
+                // Every other triangle of a strip turns the other way.
+                let turned = triangles.enumerate().map(|(at, corners)| match at % 2 {
+                    0 => [corners[0], corners[1], corners[2]],
+                    _ => [corners[0], corners[2], corners[1]],
+                });
+                Ok(turned.flatten().collect())
+            }
+            6 => {
+                document.charge(corners.len() as u64 * 3, &place)?;
+                let around = corners.get(1..).unwrap_or_default().windows(2);
+                Ok(around
+                    .flat_map(|edge| [edge[0], edge[1], corners[0]])
+                    .collect())
+            }
+            other => Err(document.error(
+                format!("{}.mode", self.place),
+                format!("{other} is no primitive mode"),
+            )),
+        }
+    }
+
+    fn vertices(
+        &self,
+        primitive: &Primitive,
+        name: String,
+        indices: Vec<u32>,
+    ) -> Result<Geometry, ImportError> {
+        let attributes = &primitive.attributes;
+        let positions = self.floats::<3>(attributes, "POSITION")?;
+        let normals = self.floats::<3>(attributes, "NORMAL")?;
+        let tangents = self.floats::<4>(attributes, "TANGENT")?;
+        let uvs = |set: &str| -> Result<Vec<Vec2>, ImportError> {
+            let uvs = self.floats::<2>(attributes, set)?;
+            Ok(uvs.into_iter().map(Vec2::from).collect())
+        };
+        let mesh = Mesh {
+            name,
+            positions: positions.into_iter().map(Vec3::from).collect(),
+            normals: normals
+                .into_iter()
+                .map(|normal| unit_or(Vec3::Y, normal.into()))
+                .collect(),
+            tangents: tangents
+                .into_iter()
+                .map(|[x, y, z, w]| {
+                    unit_or(Vec3::X, Vec3::new(x, y, z)).extend(1.0_f32.copysign(w))
+                })
+                .collect(),
+            uvs: [uvs("TEXCOORD_0")?, uvs("TEXCOORD_1")?],
+            colors: self.colors(attributes)?,
+            indices,
+        };
+        let targets = primitive.targets.iter().enumerate();
+        Ok(Geometry {
+            mesh,
+            flat: false,
+            influences: self.influences(attributes)?,
+            targets: targets
+                .map(|(index, target)| self.target(target, index))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn colors(&self, attributes: &BTreeMap<String, usize>) -> Result<Vec<Vec4>, ImportError> {
+        let Some(&accessor) = attributes.get("COLOR_0") else {
+            return Ok(Vec::new());
+        };
+        let place = format!("{}.COLOR_0", self.attributes_place);
+        if self.document.width(accessor, &place)? == 3 {
+            let colors = self.floats::<3>(attributes, "COLOR_0")?;
+            let opaque = colors
+                .into_iter()
+                .map(|color| Vec3::from(color).extend(1.0));
+            return Ok(opaque.collect());
+        }
+        let colors = self.floats::<4>(attributes, "COLOR_0")?;
+        Ok(colors.into_iter().map(Vec4::from).collect())
+    }
+
+    /// Joints and weights of all sets, the weights of each vertex scaled to sum to 1.
+    fn influences(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+    ) -> Result<Option<Influences>, ImportError> {
+        let sets = (0..)
+            .take_while(|set| attributes.contains_key(&format!("JOINTS_{set}")))
+            .count();
+        if sets == 0 {
+            return Ok(None);
+        }
+        self.document
+            .charge(self.count.saturating_mul(sets as u64), self.place)?;
+        let per_vertex = sets * 4;
+        let mut joints = vec![(0, 0.0); self.count as usize * per_vertex];
+        for set in 0..sets {
+            let name = format!("JOINTS_{set}");
+            let place = format!("{}.{name}", self.attributes_place);
+            let accessor = attributes[&name];
+            self.check_count(accessor, &place)?;
+            let numbers = self.document.integers::<4>(accessor, &place)?;
+            let name = format!("WEIGHTS_{set}");
+            let weights = self.floats::<4>(attributes, &name)?;
+            if weights.is_empty() {
+                return Err(self
+                    .document
+                    .error(self.attributes_place, format!("{name} is missing")));
+            }
+            for (vertex, (numbers, weights)) in numbers.into_iter().zip(weights).enumerate() {
+                for (lane, (number, weight)) in numbers.into_iter().zip(weights).enumerate() {
+                    // A negative weight has no meaning; a joint without weight may be any number.
+                    let weight = weight.max(0.0);
+                    joints[vertex * per_vertex + set * 4 + lane] = if weight > 0.0 {
+                        (number, weight)
+                    } else {
+                        (0, 0.0)
+                    };
+                }
+            }
+        }
+        for vertex in joints.chunks_exact_mut(per_vertex) {
+            let sum: f32 = vertex.iter().map(|(_, weight)| weight).sum();
+            if sum > 0.0 && sum.is_finite() {
+                vertex.iter_mut().for_each(|(_, weight)| *weight /= sum);
+            } else {
+                // A vertex that follows nobody would fall to the origin.
+                vertex[0].1 = 1.0;
+            }
+        }
+        Ok(Some(Influences { per_vertex, joints }))
+    }
+
+    fn target(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+        index: usize,
+    ) -> Result<MorphTarget, ImportError> {
+        let place = format!("{}.targets[{index}]", self.place);
+        let reader = Reader {
+            place: &place,
+            attributes_place: &place,
+            ..*self
+        };
+        let known = ["POSITION", "NORMAL", "TANGENT"];
+        if let Some(other) = attributes
+            .keys()
+            .find(|name| !known.contains(&name.as_str()))
+        {
+            self.document
+                .warn(reader.place, format!("{other} does not morph"));
+        }
+        self.document.charge(self.count, reader.place)?;
+        let offsets = |name: &str| -> Result<Vec<Vec3>, ImportError> {
+            let offsets = reader.floats::<3>(attributes, name)?;
+            Ok(offsets.into_iter().map(Vec3::from).collect())
+        };
+        Ok(MorphTarget {
+            positions: offsets("POSITION")?,
+            normals: offsets("NORMAL")?,
+            tangents: offsets("TANGENT")?,
+        })
+    }
+
+    /// An attribute of every vertex; empty if the primitive has none of that name.
+    fn floats<const N: usize>(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+        name: &str,
+    ) -> Result<Vec<[f32; N]>, ImportError> {
+        let Some(&accessor) = attributes.get(name) else {
+            return Ok(Vec::new());
+        };
+        let place = format!("{}.{name}", self.attributes_place);
+        self.check_count(accessor, &place)?;
+        self.document.floats(accessor, &place)
+    }
+
+    fn check_count(&self, accessor: usize, place: &str) -> Result<(), ImportError> {
+        let count = self.document.count(accessor, place)?;
+        if count != self.count {
+            return Err(self.document.error(
+                place,
+                format!("{count} elements for {} positions", self.count),
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,281 @@
+//! Materials: metallic-roughness with its extensions, and specular-glossiness turned into it.
+
+use glam::{Vec3, Vec4};
+
+use super::document::Document;
+use super::texture::Textures;
+use super::{extras, schema};
+use crate::{AlphaMode, ImportError, Material, Resolver, Scene, Volume};
+
+/// Which scene material a primitive gets.
+#[derive(Default)]
+pub struct Materials {
+    default: Option<usize>,
+}
+
+impl Materials {
+    /// The scene's material for glTF's `index`, or glTF's default material without one.
+    pub fn index(
+        &mut self,
+        document: &Document,
+        index: Option<usize>,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<usize, ImportError> {
+        match index {
+            Some(index) => {
+                document.get(&document.root.materials, "material", index, place)?;
+                Ok(index)
+            }
+            None => Ok(*self.default.get_or_insert_with(|| {
+                scene.add_material(Material {
+                    name: "default".to_owned(),
+                    metallic: 1.0,
+                    ..Material::default()
+                })
+            })),
+        }
+    }
+}
+
+/// Adds every material of the file to `scene`, in the file's order, with the images that they use.
+pub fn read_all(
+    document: &Document,
+    resolver: &dyn Resolver,
+    scene: &mut Scene,
+) -> Result<Materials, ImportError> {
+    let mut textures = Textures::new(document, resolver);
+    for (index, source) in document.root.materials.iter().enumerate() {
+        let reader = Reader {
+            document,
+            source,
+            place: format!("materials[{index}]"),
+        };
+        let material = reader.read(index, &mut textures, scene)?;
+        scene.add_material(material);
+    }
+    Ok(Materials::default())
+}
+
+struct Reader<'a> {
+    document: &'a Document<'a>,
+    source: &'a schema::Material,
+    place: String,
+}
+
+impl Reader<'_> {
+    fn read(
+        &self,
+        index: usize,
+        textures: &mut Textures,
+        scene: &mut Scene,
+    ) -> Result<Material, ImportError> {
+        let Self {
+            document,
+            source,
+            place,
+        } = self;
+        let mut material = Material {
+            name: source
+                .name
+                .clone()
+                .unwrap_or_else(|| format!("material {index}")),
+            model: extras::material_model(document, &source.extras, place)?,
+            alpha_mode: self.alpha_mode()?,
+            double_sided: source.double_sided,
+            ..Material::default()
+        };
+        match &source.extensions.specular_glossiness {
+            Some(model) => self.specular_glossiness(model, &mut material, textures, scene)?,
+            None => {
+                self.metallic_roughness(&mut material, textures, scene)?;
+                self.dielectric(&mut material, textures, scene)?;
+            }
+        }
+        if let Some(info) = &source.normal_texture {
+            material.normal_texture =
+                textures.read(Some(info), &format!("{place}.normalTexture"), scene)?;
+            material.normal_scale = info.scale;
+        }
+        let strength = source
+            .extensions
+            .emissive_strength
+            .as_ref()
+            .map_or(1.0, |extension| extension.emissive_strength);
+        material.emissive = Vec3::from(source.emissive_factor) * strength;
+        if !material.emissive.is_finite() || material.emissive.cmplt(Vec3::ZERO).any() {
+            return Err(document.error(
+                format!("{place}.emissiveFactor"),
+                format!("{} is no radiance", material.emissive),
+            ));
+        }
+        material.emissive_texture = textures.read(
+            source.emissive_texture.as_ref(),
+            &format!("{place}.emissiveTexture"),
+            scene,
+        )?;
+        Ok(material)
+    }
+
+    fn metallic_roughness(
+        &self,
+        material: &mut Material,
+        textures: &mut Textures,
+        scene: &mut Scene,
+    ) -> Result<(), ImportError> {
+        let source = &self.source.pbr_metallic_roughness;
+        let place = format!("{}.pbrMetallicRoughness", self.place);
+        material.base_color = self.color("baseColorFactor", source.base_color_factor);
+        material.base_color_texture = textures.read(
+            source.base_color_texture.as_ref(),
+            &format!("{place}.baseColorTexture"),
+            scene,
+        )?;
+        material.metallic = self.fraction("metallicFactor", source.metallic_factor);
+        material.roughness = self.fraction("roughnessFactor", source.roughness_factor);
+        material.metallic_roughness_texture = textures.read(
+            source.metallic_roughness_texture.as_ref(),
+            &format!("{place}.metallicRoughnessTexture"),
+            scene,
+        )?;
+        Ok(())
+    }
+
+    /// KHR_materials_ior, _specular, _transmission and _volume.
+    fn dielectric(
+        &self,
+        material: &mut Material,
+        textures: &mut Textures,
+        scene: &mut Scene,
+    ) -> Result<(), ImportError> {
+        let extensions = &self.source.extensions;
+        let place = |extension: &str| format!("{}.extensions.{extension}", self.place);
+        if let Some(extension) = &extensions.ior {
+            material.ior = extension.ior;
+            if material.ior != 0.0 && material.ior < 1.0 {
+                return Err(self.document.error(
+                    place("KHR_materials_ior.ior"),
+                    format!("{} is neither 0 nor at least 1", material.ior),
+                ));
+            }
+        }
+        if let Some(extension) = &extensions.specular {
+            let place = place("KHR_materials_specular");
+            material.specular = self.fraction("specularFactor", extension.specular_factor);
+            material.specular_texture = textures.read(
+                extension.specular_texture.as_ref(),
+                &format!("{place}.specularTexture"),
+                scene,
+            )?;
+            // It may exceed 1: the reflectance, not the tint, is clamped.
+            material.specular_color = Vec3::from(extension.specular_color_factor).max(Vec3::ZERO);
+            material.specular_color_texture = textures.read(
+                extension.specular_color_texture.as_ref(),
+                &format!("{place}.specularColorTexture"),
+                scene,
+            )?;
+        }
+        if let Some(extension) = &extensions.transmission {
+            let place = place("KHR_materials_transmission");
+            material.transmission =
+                self.fraction("transmissionFactor", extension.transmission_factor);
+            material.transmission_texture = textures.read(
+                extension.transmission_texture.as_ref(),
+                &format!("{place}.transmissionTexture"),
+                scene,
+            )?;
+        }
+        // Thickness 0 is a thin wall. How thick the solid is, rays find out.
+        if let Some(extension) = &extensions.volume
+            && extension.thickness_factor > 0.0
+        {
+            let attenuation_distance = extension.attenuation_distance.unwrap_or(f32::INFINITY);
+            if attenuation_distance <= 0.0 {
+                return Err(self.document.error(
+                    place("KHR_materials_volume.attenuationDistance"),
+                    format!("{attenuation_distance} is not positive"),
+                ));
+            }
+            let color = extension.attenuation_color;
+            material.volume = Some(Volume {
+                attenuation_distance,
+                attenuation_color: color
+                    .map(|channel| self.fraction("attenuationColor", channel))
+                    .into(),
+            });
+        }
+        Ok(())
+    }
+
+    /// KHR_materials_pbrSpecularGlossiness: a dielectric (diffuse under a mirror-like coat) whose normal reflectance
+    /// is the specular colour. Index of refraction 0 means a reflectance of 1, which that colour then tints.
+    fn specular_glossiness(
+        &self,
+        model: &schema::SpecularGlossiness,
+        material: &mut Material,
+        textures: &mut Textures,
+        scene: &mut Scene,
+    ) -> Result<(), ImportError> {
+        let place = format!(
+            "{}.extensions.KHR_materials_pbrSpecularGlossiness",
+            self.place
+        );
+        let glossiness = self.fraction("glossinessFactor", model.glossiness_factor);
+        material.base_color = self.color("diffuseFactor", model.diffuse_factor);
+        material.base_color_texture = textures.read(
+            model.diffuse_texture.as_ref(),
+            &format!("{place}.diffuseTexture"),
+            scene,
+        )?;
+        material.metallic = 0.0;
+        material.roughness = 1.0 - glossiness;
+        material.ior = 0.0;
+        material.specular_color = model
+            .specular_factor
+            .map(|channel| self.fraction("specularFactor", channel))
+            .into();
+        if let Some(info) = &model.specular_glossiness_texture
+            && let Some(texture) = textures.read(
+                Some(info),
+                &format!("{place}.specularGlossinessTexture"),
+                scene,
+            )?
+        {
+            material.specular_color_texture = Some(texture);
+            material.metallic_roughness_texture =
+                Some(textures.roughness(info, texture, glossiness, scene)?);
+            material.roughness = 1.0;
+        }
+        Ok(())
+    }
+
+    fn alpha_mode(&self) -> Result<AlphaMode, ImportError> {
+        match self.source.alpha_mode.as_deref() {
+            None | Some("OPAQUE") => Ok(AlphaMode::Opaque),
+            Some("MASK") => Ok(AlphaMode::Mask {
+                cutoff: self.source.alpha_cutoff.unwrap_or(0.5),
+            }),
+            Some("BLEND") => Ok(AlphaMode::Blend),
+            Some(other) => Err(self.document.error(
+                format!("{}.alphaMode", self.place),
+                format!("{other:?} is no alpha mode"),
+            )),
+        }
+    }
+
+    fn color(&self, what: &str, factor: [f32; 4]) -> Vec4 {
+        factor.map(|channel| self.fraction(what, channel)).into()
+    }
+
+    /// `value` within 0..1, where glTF wants it; a warning if it was not.
+    fn fraction(&self, what: &str, value: f32) -> f32 {
+        let fraction = value.clamp(0.0, 1.0);
+        if fraction != value {
+            self.document.warn(
+                &self.place,
+                format!("{what} {value} is outside 0..1; {fraction} is used"),
+            );
+        }
+        fraction
+    }
+}

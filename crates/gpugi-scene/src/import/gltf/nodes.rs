@@ -1,0 +1,436 @@
+//! The default scene: what stands where.
+
+use std::collections::HashMap;
+
+use glam::{Mat4, Quat, Vec3};
+
+use super::document::Document;
+use super::geometry::{self, Geometry};
+use super::material::Materials;
+use super::{extras, rig, schema};
+use crate::animation::{Deformer, Node, Rig, Transform, rigid, unit_rotation};
+use crate::{Camera, ImportError, Instance, Light, LightKind, Projection, Scene};
+
+/// What an instance costs of [`crate::Limits::elements`]: it takes about the memory of as many vertices, and two short
+/// lists of a hostile file multiply to very many.
+const INSTANCE_ELEMENTS: u64 = 8;
+
+/// Adds instances, lights and cameras to `scene`, and a rig if anything moves.
+pub fn read_all(
+    document: &Document,
+    materials: &mut Materials,
+    scene: &mut Scene,
+) -> Result<(), ImportError> {
+    let mut placer = Placer {
+        document,
+        materials,
+        rig: hierarchy(document)?,
+        geometries: HashMap::new(),
+    };
+    rig::read_skins(document, &mut placer.rig)?;
+    rig::read_animations(document, &mut placer.rig)?;
+    let pose = placer.rig.pose(0.0);
+    for node in nodes_of_scene(document, &placer.rig)? {
+        let world_from_node = pose.world_from_node[node];
+        let place = format!("nodes[{node}]");
+        if !world_from_node.is_finite() {
+            return Err(document.error(place, "the node's world matrix is not finite"));
+        }
+        placer.place(node, world_from_node, &place, scene)?;
+    }
+    if placer.rig.moves() {
+        scene.rig = Some(placer.rig);
+        scene.pose(0.0);
+    } else {
+        let (instances, lights) = (scene.instances.iter_mut(), scene.lights.iter_mut());
+        instances.for_each(|instance| instance.node = None);
+        lights.for_each(|light| light.node = None);
+        scene
+            .cameras
+            .iter_mut()
+            .for_each(|camera| camera.node = None);
+    }
+    Ok(())
+}
+
+/// The nodes with their parents; an error unless they form trees.
+fn hierarchy(document: &Document) -> Result<Rig, ImportError> {
+    let sources = &document.root.nodes;
+    let meshes = document.root.meshes.iter();
+    let targets: Vec<usize> = meshes
+        .map(|mesh| {
+            let targets = mesh
+                .primitives
+                .iter()
+                .map(|primitive| primitive.targets.len());
+            targets.max().unwrap_or(0)
+        })
+        .collect();
+    let mut nodes = Vec::with_capacity(sources.len());
+    for (index, source) in sources.iter().enumerate() {
+        nodes.push(Node {
+            parent: None,
+            rest: transform(source),
+            weights: weights(document, source, &targets, &format!("nodes[{index}]"))?,
+        });
+    }
+    for (index, source) in sources.iter().enumerate() {
+        let place = format!("nodes[{index}].children");
+        for &child in &source.children {
+            document.get(sources, "node", child, &place)?;
+            if let Some(other) = nodes[child].parent.replace(index) {
+                return Err(document.error(
+                    place,
+                    format!("nodes[{child}] is already a child of nodes[{other}]"),
+                ));
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..nodes.len())
+        .filter(|&node| nodes[node].parent.is_none())
+        .collect();
+    let mut next = 0;
+    while let Some(&node) = order.get(next) {
+        order.extend(&sources[node].children);
+        next += 1;
+    }
+    if order.len() < nodes.len() {
+        let mut reached = vec![false; nodes.len()];
+        order.iter().for_each(|&node| reached[node] = true);
+        let lost = reached.iter().position(|reached| !reached).unwrap_or(0);
+        return Err(document.error(
+            format!("nodes[{lost}]"),
+            "the node hierarchy is cyclic: this node descends from itself",
+        ));
+    }
+    Ok(Rig {
+        nodes,
+        order,
+        ..Rig::default()
+    })
+}
+
+fn transform(node: &schema::Node) -> Transform {
+    if let Some(matrix) = &node.matrix {
+        return Transform::Matrix(Mat4::from_cols_array(matrix));
+    }
+    Transform::Parts {
+        translation: node.translation.map_or(Vec3::ZERO, Vec3::from),
+        rotation: node.rotation.map_or(Quat::IDENTITY, unit_rotation),
+        scale: node.scale.map_or(Vec3::ONE, Vec3::from),
+    }
+}
+
+/// The weights of the morph targets of the node's mesh: the node's, or else the mesh's, or else none. `targets`: how
+/// many each mesh has.
+fn weights(
+    document: &Document,
+    node: &schema::Node,
+    targets: &[usize],
+    place: &str,
+) -> Result<Vec<f32>, ImportError> {
+    let Some(mesh) = node.mesh else {
+        return Ok(Vec::new());
+    };
+    let mesh_place = format!("{place}.mesh");
+    let source = document.get(&document.root.meshes, "mesh", mesh, &mesh_place)?;
+    let (weights, place) = match (&node.weights, &source.weights) {
+        (Some(weights), _) => (weights, place.to_owned()),
+        (None, Some(weights)) => (weights, format!("meshes[{mesh}]")),
+        (None, None) => {
+            document.charge(targets[mesh] as u64, place)?;
+            return Ok(vec![0.0; targets[mesh]]);
+        }
+    };
+    if weights.len() != targets[mesh] {
+        return Err(document.error(
+            format!("{place}.weights"),
+            format!(
+                "{} weights for {} morph targets",
+                weights.len(),
+                targets[mesh]
+            ),
+        ));
+    }
+    document.charge(weights.len() as u64, &place)?;
+    Ok(weights.clone())
+}
+
+/// The nodes of the default scene, parents first. The first scene, or everything, where no scene is the default.
+fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportError> {
+    let root = &document.root;
+    let scene = match root.scene {
+        Some(scene) => Some(document.get(&root.scenes, "scene", scene, "scene")?),
+        None => root.scenes.first(),
+    };
+    let Some(scene) = scene else {
+        return Ok(rig.order.clone());
+    };
+    let place = format!("scenes[{}].nodes", root.scene.unwrap_or(0));
+    let mut is_in_scene = vec![false; rig.nodes.len()];
+    for &node in &scene.nodes {
+        document.get(&root.nodes, "node", node, &place)?;
+        is_in_scene[node] = true;
+    }
+    for &node in &rig.order {
+        if let Some(parent) = rig.nodes[node].parent {
+            is_in_scene[node] |= is_in_scene[parent];
+        }
+    }
+    let in_scene = rig.order.iter().copied();
+    Ok(in_scene.filter(|&node| is_in_scene[node]).collect())
+}
+
+/// A primitive that has been read.
+struct Loaded {
+    geometry: Geometry,
+    material: usize,
+    /// The scene's mesh that all instances share that do not bend.
+    shared: Option<usize>,
+}
+
+struct Placer<'a> {
+    document: &'a Document<'a>,
+    materials: &'a mut Materials,
+    rig: Rig,
+    /// Primitives by glTF mesh.
+    geometries: HashMap<usize, Vec<Loaded>>,
+}
+
+impl Placer<'_> {
+    fn place(
+        &mut self,
+        index: usize,
+        world_from_node: Mat4,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<(), ImportError> {
+        let document = self.document;
+        let root = &document.root;
+        let node = &root.nodes[index];
+        if let Some(mesh) = node.mesh {
+            self.instances(index, mesh, world_from_node, place, scene)?;
+        }
+        if let Some(camera) = node.camera {
+            let place = format!("{place}.camera");
+            let source = document.get(&root.cameras, "camera", camera, &place)?;
+            let name = node.name.clone().or_else(|| source.name.clone());
+            scene.cameras.push(Camera {
+                name: name.unwrap_or_else(|| format!("camera {}", scene.cameras.len())),
+                world_from_view: rigid(world_from_node),
+                projection: projection(document, source, camera)?,
+                node: Some(index),
+            });
+        }
+        if let Some(reference) = &node.extensions.light {
+            let place = format!("{place}.extensions.KHR_lights_punctual");
+            let lights = &root.extensions.lights.lights;
+            let source = document.get(lights, "light", reference.light, &place)?;
+            let light = light(document, source, reference.light)?;
+            let name = node.name.clone().or_else(|| source.name.clone());
+            scene.lights.push(Light {
+                name: name.unwrap_or_else(|| format!("light {}", scene.lights.len())),
+                world_from_light: rigid(world_from_node),
+                node: Some(index),
+                ..light
+            });
+        }
+        Ok(())
+    }
+
+    fn instances(
+        &mut self,
+        node: usize,
+        mesh: usize,
+        world_from_mesh: Mat4,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<(), ImportError> {
+        let document = self.document;
+        let source = &document.root.nodes[node];
+        if world_from_mesh.determinant().abs() < f32::MIN_POSITIVE {
+            document.warn(place, "the node's matrix flattens its mesh");
+        }
+        self.load(mesh, scene)?;
+        let Some(loaded) = self.geometries.get_mut(&mesh) else {
+            return Ok(());
+        };
+        let name = match (&source.name, &document.root.meshes[mesh].name) {
+            (Some(name), _) | (None, Some(name)) => name.clone(),
+            (None, None) => format!("node {node}"),
+        };
+        document.charge(INSTANCE_ELEMENTS * loaded.len() as u64, place)?;
+        for primitive in loaded {
+            let geometry = &mut primitive.geometry;
+            let skin = match (source.skin, &geometry.influences) {
+                (Some(skin), Some(influences)) => {
+                    let place = format!("{place}.skin");
+                    let joints = &document.get(&self.rig.skins, "skin", skin, &place)?.joints;
+                    let used = influences.joints.iter();
+                    if let Some((joint, _)) = used
+                        .copied()
+                        .find(|(joint, _)| *joint as usize >= joints.len())
+                    {
+                        return Err(document.error(
+                            place,
+                            format!(
+                                "a vertex of {:?} follows joint {joint} of {}",
+                                geometry.mesh.name,
+                                joints.len()
+                            ),
+                        ));
+                    }
+                    Some((skin, influences.clone()))
+                }
+                _ => None,
+            };
+            let bends = skin.is_some() || !geometry.targets.is_empty();
+            let mesh = match primitive.shared {
+                Some(shared) if !bends => shared,
+                _ => {
+                    let copies = if bends { 2 + geometry.targets.len() } else { 1 };
+                    document.charge((geometry.mesh.positions.len() * copies) as u64, place)?;
+                    scene.add_mesh(geometry.mesh.clone())
+                }
+            };
+            if bends {
+                self.rig.deformers.push(Deformer {
+                    instance: scene.instances.len(),
+                    node,
+                    positions: geometry.mesh.positions.clone(),
+                    normals: geometry.mesh.normals.clone(),
+                    tangents: geometry.mesh.tangents.clone(),
+                    flat: geometry.flat,
+                    targets: geometry.targets.clone(),
+                    skin,
+                });
+            } else {
+                primitive.shared = Some(mesh);
+            }
+            scene.instances.push(Instance {
+                name: name.clone(),
+                mesh,
+                material: primitive.material,
+                world_from_mesh,
+                node: Some(node),
+            });
+        }
+        Ok(())
+    }
+
+    /// Reads the primitives of a mesh, once.
+    fn load(&mut self, index: usize, scene: &mut Scene) -> Result<(), ImportError> {
+        if self.geometries.contains_key(&index) {
+            return Ok(());
+        }
+        let document = self.document;
+        let source = document.get(&document.root.meshes, "mesh", index, "nodes")?;
+        let mesh_name = source
+            .name
+            .clone()
+            .unwrap_or_else(|| format!("mesh {index}"));
+        let mut loaded = Vec::with_capacity(source.primitives.len());
+        for (at, primitive) in source.primitives.iter().enumerate() {
+            let place = format!("meshes[{index}].primitives[{at}]");
+            let name = if source.primitives.len() > 1 {
+                format!("{mesh_name} {at}")
+            } else {
+                mesh_name.clone()
+            };
+            let material = self.materials.index(
+                document,
+                primitive.material,
+                &format!("{place}.material"),
+                scene,
+            )?;
+            let normal_uv_set = scene.materials[material]
+                .normal_texture
+                .map(|texture| texture.uv_set as usize);
+            if let Some(geometry) =
+                geometry::read(document, primitive, name, &place, normal_uv_set)?
+            {
+                loaded.push(Loaded {
+                    geometry,
+                    material,
+                    shared: None,
+                });
+            }
+        }
+        self.geometries.insert(index, loaded);
+        Ok(())
+    }
+}
+
+fn projection(
+    document: &Document,
+    camera: &schema::Camera,
+    index: usize,
+) -> Result<Projection, ImportError> {
+    let place = format!("cameras[{index}]");
+    match (&camera.perspective, &camera.orthographic) {
+        (Some(perspective), None) => {
+            let vertical_fov = perspective.yfov;
+            if vertical_fov <= 0.0 || vertical_fov >= std::f32::consts::PI {
+                return Err(document.error(
+                    format!("{place}.perspective.yfov"),
+                    format!("{vertical_fov} is not between 0 and pi"),
+                ));
+            }
+            Ok(Projection::Perspective { vertical_fov })
+        }
+        (None, Some(orthographic)) => {
+            let height = 2.0 * orthographic.ymag;
+            if height <= 0.0 || !height.is_finite() {
+                return Err(document.error(
+                    format!("{place}.orthographic.ymag"),
+                    format!("{} is not positive", orthographic.ymag),
+                ));
+            }
+            Ok(Projection::Orthographic { height })
+        }
+        _ => Err(document.error(place, "a camera is either perspective or orthographic")),
+    }
+}
+
+fn light(document: &Document, light: &schema::Light, index: usize) -> Result<Light, ImportError> {
+    let place = format!("extensions.KHR_lights_punctual.lights[{index}]");
+    let kind = match light.kind.as_str() {
+        "point" => LightKind::Point,
+        "directional" => LightKind::Directional,
+        "spot" => {
+            let outer = light.spot.outer_cone_angle;
+            let inner = light.spot.inner_cone_angle;
+            if inner < 0.0 || inner >= outer || outer > std::f32::consts::FRAC_PI_2 + 1e-4 {
+                return Err(document.error(
+                    format!("{place}.spot"),
+                    format!("cone angles {inner} and {outer} break 0 <= inner < outer <= pi/2"),
+                ));
+            }
+            LightKind::Spot {
+                inner_cone_angle: inner,
+                outer_cone_angle: outer.min(std::f32::consts::FRAC_PI_2),
+            }
+        }
+        other => {
+            return Err(document.error(
+                format!("{place}.type"),
+                format!("{other:?} is no kind of light"),
+            ));
+        }
+    };
+    let intensity = Vec3::from(light.color) * light.intensity;
+    if !intensity.is_finite() || intensity.cmplt(Vec3::ZERO).any() {
+        return Err(document.error(
+            format!("{place}.intensity"),
+            format!("{intensity} is no intensity"),
+        ));
+    }
+    if light.range.is_some_and(|range| range <= 0.0) {
+        return Err(document.error(format!("{place}.range"), "the range is not positive"));
+    }
+    Ok(Light {
+        range: light.range,
+        radius: extras::light_radius(document, &light.extras, &place)?,
+        ..Light::new("", kind, intensity)
+    })
+}

@@ -1,0 +1,531 @@
+//! The parts of the glTF 2.0 JSON that gpugi reads.
+//!
+//! These are our own structs rather than those of the `gltf` crate, because its validation indexes lists with
+//! unchecked numbers from the file, it rejects `EXT_meshopt_compression`, and it reads no unknown extension in place.
+//! Here a number is only a number: whoever follows an index checks it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Deserializer, de};
+use serde_json::{Map, Value};
+
+/// Extensions and extras that gpugi does not read in a typed way.
+pub type Others = Map<String, Value>;
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Root {
+    pub asset: Asset,
+    pub extensions_used: Vec<String>,
+    pub extensions_required: Vec<String>,
+    pub extensions: RootExtensions,
+    pub scene: Option<usize>,
+    pub scenes: Vec<SceneNodes>,
+    pub nodes: Vec<Node>,
+    pub meshes: Vec<Mesh>,
+    pub accessors: Vec<Accessor>,
+    pub buffer_views: Vec<BufferView>,
+    pub buffers: Vec<Buffer>,
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub images: Vec<Image>,
+    pub samplers: Vec<Sampler>,
+    pub cameras: Vec<Camera>,
+    pub skins: Vec<Skin>,
+    pub animations: Vec<Animation>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Asset {
+    pub version: String,
+    pub min_version: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct RootExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    pub lights: Lights,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Lights {
+    pub lights: Vec<Light>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Light {
+    pub name: Option<String>,
+    #[serde(rename = "type")]
+    pub kind: String,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub color: [f32; 3],
+    #[serde(default = "one", deserialize_with = "finite")]
+    pub intensity: f32,
+    #[serde(default, deserialize_with = "finite")]
+    pub range: Option<f32>,
+    #[serde(default)]
+    pub spot: Spot,
+    #[serde(default)]
+    pub extras: Value,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Spot {
+    #[serde(deserialize_with = "finite")]
+    pub inner_cone_angle: f32,
+    #[serde(deserialize_with = "finite")]
+    pub outer_cone_angle: f32,
+}
+
+impl Default for Spot {
+    fn default() -> Self {
+        Self {
+            inner_cone_angle: 0.0,
+            outer_cone_angle: std::f32::consts::FRAC_PI_4,
+        }
+    }
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct SceneNodes {
+    pub nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Node {
+    pub name: Option<String>,
+    pub children: Vec<usize>,
+    pub mesh: Option<usize>,
+    pub camera: Option<usize>,
+    pub skin: Option<usize>,
+    #[serde(deserialize_with = "finite")]
+    pub matrix: Option<[f32; 16]>,
+    #[serde(deserialize_with = "finite")]
+    pub translation: Option<[f32; 3]>,
+    #[serde(deserialize_with = "finite")]
+    pub rotation: Option<[f32; 4]>,
+    #[serde(deserialize_with = "finite")]
+    pub scale: Option<[f32; 3]>,
+    #[serde(deserialize_with = "finite")]
+    pub weights: Option<Vec<f32>>,
+    pub extensions: NodeExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct NodeExtensions {
+    #[serde(rename = "KHR_lights_punctual")]
+    pub light: Option<NodeLight>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct NodeLight {
+    pub light: usize,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Mesh {
+    pub name: Option<String>,
+    pub primitives: Vec<Primitive>,
+    #[serde(default, deserialize_with = "finite")]
+    pub weights: Option<Vec<f32>>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Primitive {
+    pub attributes: BTreeMap<String, usize>,
+    pub indices: Option<usize>,
+    pub material: Option<usize>,
+    #[serde(default = "triangles")]
+    pub mode: u32,
+    #[serde(default)]
+    pub targets: Vec<BTreeMap<String, usize>>,
+}
+
+fn triangles() -> u32 {
+    4
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: u64,
+    #[serde(rename = "type")]
+    pub kind: String,
+    pub sparse: Option<Box<Sparse>>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Sparse {
+    pub count: u64,
+    pub indices: SparsePart,
+    pub values: SparsePart,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct SparsePart {
+    pub buffer_view: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    /// Present for indices only.
+    pub component_type: Option<u32>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct BufferView {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: Option<u64>,
+    #[serde(default)]
+    pub extensions: BufferViewExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct BufferViewExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    pub meshopt: Option<Box<Meshopt>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+#[cfg_attr(not(feature = "meshopt"), expect(dead_code))]
+pub struct Meshopt {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: u64,
+    pub byte_length: u64,
+    pub byte_stride: u64,
+    pub count: u64,
+    pub mode: String,
+    #[serde(default = "no_filter")]
+    pub filter: String,
+}
+
+fn no_filter() -> String {
+    "NONE".to_owned()
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Buffer {
+    pub byte_length: u64,
+    pub uri: Option<String>,
+    #[serde(default)]
+    pub extensions: BufferExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct BufferExtensions {
+    #[serde(rename = "EXT_meshopt_compression")]
+    pub meshopt: MeshoptBuffer,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct MeshoptBuffer {
+    /// The buffer only gives room to what compressed buffer views decode to.
+    pub fallback: bool,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Texture {
+    pub sampler: Option<usize>,
+    pub source: Option<usize>,
+    /// Images in formats that gpugi does not decode.
+    pub extensions: Others,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Image {
+    pub uri: Option<String>,
+    pub buffer_view: Option<usize>,
+    pub name: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Sampler {
+    pub mag_filter: Option<u32>,
+    pub wrap_s: Option<u32>,
+    pub wrap_t: Option<u32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct Camera {
+    pub name: Option<String>,
+    pub perspective: Option<Perspective>,
+    pub orthographic: Option<Orthographic>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Perspective {
+    /// Vertical field of view [rad].
+    #[serde(deserialize_with = "finite")]
+    pub yfov: f32,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Orthographic {
+    /// Half the height of the visible volume.
+    #[serde(deserialize_with = "finite")]
+    pub ymag: f32,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Skin {
+    pub inverse_bind_matrices: Option<usize>,
+    pub joints: Vec<usize>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Animation {
+    pub name: Option<String>,
+    pub channels: Vec<Channel>,
+    pub samplers: Vec<AnimationSampler>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Channel {
+    pub sampler: usize,
+    pub target: Target,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Target {
+    pub node: Option<usize>,
+    pub path: String,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct AnimationSampler {
+    pub input: usize,
+    pub output: usize,
+    #[serde(default = "linear")]
+    pub interpolation: String,
+}
+
+fn linear() -> String {
+    "LINEAR".to_owned()
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct Material {
+    pub name: Option<String>,
+    pub pbr_metallic_roughness: MetallicRoughness,
+    pub normal_texture: Option<TextureInfo>,
+    #[serde(deserialize_with = "finite")]
+    pub emissive_factor: [f32; 3],
+    pub emissive_texture: Option<TextureInfo>,
+    pub alpha_mode: Option<String>,
+    #[serde(deserialize_with = "finite")]
+    pub alpha_cutoff: Option<f32>,
+    pub double_sided: bool,
+    pub extensions: Box<MaterialExtensions>,
+    pub extras: Value,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct MetallicRoughness {
+    #[serde(deserialize_with = "finite")]
+    pub base_color_factor: [f32; 4],
+    pub base_color_texture: Option<TextureInfo>,
+    #[serde(deserialize_with = "finite")]
+    pub metallic_factor: f32,
+    #[serde(deserialize_with = "finite")]
+    pub roughness_factor: f32,
+    pub metallic_roughness_texture: Option<TextureInfo>,
+}
+
+impl Default for MetallicRoughness {
+    fn default() -> Self {
+        Self {
+            base_color_factor: [1.0; 4],
+            base_color_texture: None,
+            metallic_factor: 1.0,
+            roughness_factor: 1.0,
+            metallic_roughness_texture: None,
+        }
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct TextureInfo {
+    pub index: usize,
+    #[serde(default)]
+    pub tex_coord: u32,
+    /// Of normal textures only.
+    #[serde(default = "one", deserialize_with = "finite")]
+    pub scale: f32,
+    #[serde(default)]
+    pub extensions: TextureInfoExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct TextureInfoExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub transform: Option<TextureTransform>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct TextureTransform {
+    #[serde(default, deserialize_with = "finite")]
+    pub offset: [f32; 2],
+    #[serde(default, deserialize_with = "finite")]
+    pub rotation: f32,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub scale: [f32; 2],
+    pub tex_coord: Option<u32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_emissive_strength")]
+    pub emissive_strength: Option<EmissiveStrength>,
+    #[serde(rename = "KHR_materials_ior")]
+    pub ior: Option<Ior>,
+    #[serde(rename = "KHR_materials_specular")]
+    pub specular: Option<Specular>,
+    #[serde(rename = "KHR_materials_transmission")]
+    pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_volume")]
+    pub volume: Option<Volume>,
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub specular_glossiness: Option<SpecularGlossiness>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct EmissiveStrength {
+    #[serde(default = "one", deserialize_with = "finite")]
+    pub emissive_strength: f32,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Ior {
+    #[serde(default = "glass", deserialize_with = "finite")]
+    pub ior: f32,
+}
+
+fn glass() -> f32 {
+    1.5
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Specular {
+    #[serde(default = "one", deserialize_with = "finite")]
+    pub specular_factor: f32,
+    pub specular_texture: Option<TextureInfo>,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub specular_color_factor: [f32; 3],
+    pub specular_color_texture: Option<TextureInfo>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Transmission {
+    #[serde(default, deserialize_with = "finite")]
+    pub transmission_factor: f32,
+    pub transmission_texture: Option<TextureInfo>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Volume {
+    #[serde(default, deserialize_with = "finite")]
+    pub thickness_factor: f32,
+    #[serde(default, deserialize_with = "finite")]
+    pub attenuation_distance: Option<f32>,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub attenuation_color: [f32; 3],
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct SpecularGlossiness {
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub diffuse_factor: [f32; 4],
+    pub diffuse_texture: Option<TextureInfo>,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub specular_factor: [f32; 3],
+    #[serde(default = "one", deserialize_with = "finite")]
+    pub glossiness_factor: f32,
+    pub specular_glossiness_texture: Option<TextureInfo>,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn ones<const N: usize>() -> [f32; N] {
+    [1.0; N]
+}
+
+/// Reads floats and refuses what 32 bits turn into infinity: JSON can say 1e99.
+fn finite<'de, D: Deserializer<'de>, T: Deserialize<'de> + Finite>(
+    deserializer: D,
+) -> Result<T, D::Error> {
+    let value = T::deserialize(deserializer)?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(de::Error::custom("a number exceeds 32-bit floats"))
+    }
+}
+
+trait Finite {
+    fn is_finite(&self) -> bool;
+}
+
+impl Finite for f32 {
+    fn is_finite(&self) -> bool {
+        f32::is_finite(*self)
+    }
+}
+
+impl<const N: usize> Finite for [f32; N] {
+    fn is_finite(&self) -> bool {
+        self.iter().all(Finite::is_finite)
+    }
+}
+
+impl Finite for Vec<f32> {
+    fn is_finite(&self) -> bool {
+        self.iter().all(Finite::is_finite)
+    }
+}
+
+impl<T: Finite> Finite for Option<T> {
+    fn is_finite(&self) -> bool {
+        self.as_ref().is_none_or(Finite::is_finite)
+    }
+}

@@ -1,0 +1,218 @@
+//! Textures and images. An image is decoded when the first material asks for it.
+
+use std::collections::HashMap;
+
+use glam::{Affine2, Vec2};
+
+use super::document::Document;
+use super::schema::TextureInfo;
+use super::uri;
+use crate::image::decode_color;
+use crate::{Image, ImportError, Limits, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
+
+/// Decoded images and textures by glTF index.
+pub struct Textures<'a> {
+    document: &'a Document<'a>,
+    resolver: &'a dyn Resolver,
+    textures: HashMap<usize, usize>,
+    images: HashMap<usize, usize>,
+    /// Roughness textures made of glossiness, by glTF texture and the bits of the glossiness factor.
+    roughness: HashMap<(usize, u32), usize>,
+    bytes_left: u64,
+}
+
+impl<'a> Textures<'a> {
+    pub fn new(document: &'a Document<'a>, resolver: &'a dyn Resolver) -> Self {
+        Self {
+            document,
+            resolver,
+            textures: HashMap::new(),
+            images: HashMap::new(),
+            roughness: HashMap::new(),
+            bytes_left: document.limits.image_bytes,
+        }
+    }
+
+    /// The texture that a material's `info` at `place` names. None, with a warning, if it reads a third UV set.
+    pub fn read(
+        &mut self,
+        info: Option<&TextureInfo>,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<Option<TextureRef>, ImportError> {
+        let Some(info) = info else {
+            return Ok(None);
+        };
+        let transform = info.extensions.transform.as_ref();
+        let uv_set = transform
+            .and_then(|transform| transform.tex_coord)
+            .unwrap_or(info.tex_coord);
+        if uv_set > 1 {
+            self.document.warn(
+                place,
+                format!(
+                    "TEXCOORD_{uv_set} is not supported (0 and 1 are), so the texture is left out"
+                ),
+            );
+            return Ok(None);
+        }
+        let uv_from_mesh = transform.map_or(Affine2::IDENTITY, |transform| {
+            // Counter-clockwise for a v axis that points down is clockwise in glam's terms.
+            Affine2::from_scale_angle_translation(
+                Vec2::from(transform.scale),
+                -transform.rotation,
+                Vec2::from(transform.offset),
+            )
+        });
+        Ok(Some(TextureRef {
+            texture: self.texture(info.index, place, scene)?,
+            uv_set,
+            uv_from_mesh,
+        }))
+    }
+
+    /// A texture whose G is roughness: 1 - `glossiness` times the alpha of a specular-glossiness texture.
+    pub fn roughness(
+        &mut self,
+        info: &TextureInfo,
+        like: TextureRef,
+        glossiness: f32,
+        scene: &mut Scene,
+    ) -> Result<TextureRef, ImportError> {
+        let key = (info.index, glossiness.to_bits());
+        if let Some(&texture) = self.roughness.get(&key) {
+            return Ok(TextureRef { texture, ..like });
+        }
+        let source = &scene.images[scene.textures[like.texture].image];
+        let Pixels::Rgba8(texels) = &source.pixels else {
+            return Ok(like);
+        };
+        self.bytes_left = self
+            .bytes_left
+            .checked_sub(texels.len() as u64)
+            .ok_or_else(|| {
+                self.document.error(
+                    format!("textures[{}]", info.index),
+                    "no image bytes are left for the roughness that its glossiness becomes",
+                )
+            })?;
+        let (texels, _) = texels.as_chunks::<4>();
+        let pixels = texels.iter().flat_map(|&[.., alpha]| {
+            let roughness = 255.0 - glossiness * f32::from(alpha);
+            [255, roughness.round() as u8, 255, 255]
+        });
+        let image = Image {
+            name: format!("{} (roughness)", source.name),
+            width: source.width,
+            height: source.height,
+            pixels: Pixels::Rgba8(pixels.collect()),
+        };
+        let texture = Texture {
+            image: scene.images.len(),
+            ..scene.textures[like.texture]
+        };
+        scene.images.push(image);
+        scene.textures.push(texture);
+        let texture = scene.textures.len() - 1;
+        self.roughness.insert(key, texture);
+        Ok(TextureRef { texture, ..like })
+    }
+
+    fn texture(
+        &mut self,
+        index: usize,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<usize, ImportError> {
+        if let Some(&known) = self.textures.get(&index) {
+            return Ok(known);
+        }
+        let document = self.document;
+        let root = &document.root;
+        let texture = document.get(&root.textures, "texture", index, place)?;
+        let place = format!("textures[{index}]");
+        let Some(source) = texture.source else {
+            let formats: Vec<&str> = texture.extensions.keys().map(String::as_str).collect();
+            return Err(document.error(
+                place,
+                if formats.is_empty() {
+                    "the texture names no image".to_owned()
+                } else {
+                    format!(
+                        "the texture has no PNG or JPEG to fall back on, and gpugi does not decode {}",
+                        formats.join(", ")
+                    )
+                },
+            ));
+        };
+        let sampler = match texture.sampler {
+            Some(sampler) => Some(document.get(&root.samplers, "sampler", sampler, &place)?),
+            None => None,
+        };
+        let wrap = |mode: Option<u32>| match mode {
+            None | Some(10_497) => Ok(Wrap::Repeat),
+            Some(33_648) => Ok(Wrap::MirroredRepeat),
+            Some(33_071) => Ok(Wrap::ClampToEdge),
+            Some(other) => Err(document.error(
+                format!("{place}.sampler"),
+                format!("{other} is no wrapping mode"),
+            )),
+        };
+        let texture = Texture {
+            wrap: [
+                wrap(sampler.and_then(|sampler| sampler.wrap_s))?,
+                wrap(sampler.and_then(|sampler| sampler.wrap_t))?,
+            ],
+            nearest: sampler.is_some_and(|sampler| sampler.mag_filter == Some(9728)),
+            image: self.image(source, &place, scene)?,
+        };
+        scene.textures.push(texture);
+        self.textures.insert(index, scene.textures.len() - 1);
+        Ok(scene.textures.len() - 1)
+    }
+
+    fn image(
+        &mut self,
+        index: usize,
+        place: &str,
+        scene: &mut Scene,
+    ) -> Result<usize, ImportError> {
+        if let Some(&known) = self.images.get(&index) {
+            return Ok(known);
+        }
+        let document = self.document;
+        let image = document.get(&document.root.images, "image", index, place)?;
+        let place = format!("images[{index}]");
+        let read;
+        let bytes = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => {
+                read = uri::read(uri, self.resolver)
+                    .map_err(|reason| document.error(format!("{place}.uri"), reason))?;
+                &read
+            }
+            (None, Some(view)) => document.view(view, &format!("{place}.bufferView"))?.0,
+            (None, None) => {
+                return Err(document.error(place, "the image has neither uri nor bufferView"));
+            }
+        };
+        let label = match (&image.name, &image.uri) {
+            (Some(name), _) => name.clone(),
+            (None, Some(uri)) if !uri.starts_with("data:") => uri.clone(),
+            _ => format!("image {index}"),
+        };
+        let limits = Limits {
+            image_bytes: self.bytes_left,
+            ..document.limits
+        };
+        let decoded = decode_color(&label, bytes, &limits).map_err(|error| {
+            document.error(
+                &place,
+                format!("{label:?}: {}: {}", error.place, error.reason),
+            )
+        })?;
+        self.bytes_left = self.bytes_left.saturating_sub(decoded.byte_size() as u64);
+        scene.images.push(decoded);
+        self.images.insert(index, scene.images.len() - 1);
+        Ok(scene.images.len() - 1)
+    }
+}
