@@ -13,6 +13,8 @@ pub mod import;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod normals;
+pub mod polygon;
 pub mod provoking;
 pub mod scene;
 pub mod tangents;

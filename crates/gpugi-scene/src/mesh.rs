@@ -88,6 +88,26 @@ impl Mesh {
         Ok(())
     }
 
+    /// A mesh of the given vertices of this one, in that order and as often as they occur, with new `indices` into them.
+    pub fn with_vertices(&self, vertices: &[u32], indices: Vec<u32>) -> Self {
+        fn pick<T: Copy>(from: &[T], vertices: &[u32]) -> Vec<T> {
+            if from.is_empty() {
+                return Vec::new();
+            }
+            let item = |&vertex: &u32| from[vertex as usize];
+            vertices.iter().map(item).collect()
+        }
+        Self {
+            name: self.name.clone(),
+            positions: pick(&self.positions, vertices),
+            normals: pick(&self.normals, vertices),
+            tangents: pick(&self.tangents, vertices),
+            uvs: [pick(&self.uvs[0], vertices), pick(&self.uvs[1], vertices)],
+            colors: pick(&self.colors, vertices),
+            indices,
+        }
+    }
+
     /// For each vertex, a number that it shares with exactly the vertices at the same position (bitwise, except that -0 is
     /// 0): the mesh without the seams that normals and texture coordinates need.
     pub fn weld_positions(&self) -> Vec<u32> {

@@ -1,20 +1,13 @@
-//! Meshes: closedness and provoking-vertex order.
+//! Meshes: closedness, provoking-vertex order, smooth normals, polygons.
+
+mod random;
 
 use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes;
+use gpugi_scene::normals::{CREASE_ANGLE, smooth_normals};
+use gpugi_scene::polygon::triangulate;
 use gpugi_scene::{Mesh, provoking_order};
-
-/// Marsaglia's 64-bit xorshift: the same numbers everywhere.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self, bound: u32) -> u32 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        ((self.0 >> 33) % u64::from(bound)) as u32
-    }
-}
+use random::Random;
 
 /// Checks every property of a provoking order; returns the number of new vertices.
 fn check_order(indices: &[u32], vertex_count: usize) -> usize {
@@ -46,12 +39,12 @@ fn check_order(indices: &[u32], vertex_count: usize) -> usize {
 fn provoking_order_holds_for_random_triangles() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     for _ in 0..300 {
-        let vertex_count = 1 + random.next(60);
-        let triangles = random.next(100);
+        let vertex_count = 1 + random.below(60);
+        let triangles = random.below(100);
         let indices: Vec<u32> = (0..triangles * 3)
-            .map(|_| random.next(vertex_count))
+            .map(|_| random.below(vertex_count) as u32)
             .collect();
-        check_order(&indices, vertex_count as usize);
+        check_order(&indices, vertex_count);
     }
     assert_eq!(check_order(&[], 0), 0);
     assert_eq!(check_order(&[], 4), 4);
@@ -113,4 +106,129 @@ fn closedness_ignores_seams() {
     assert!(mesh(&soup, &indices).is_closed());
     soup[0].x = 1e-7;
     assert!(!mesh(&soup, &indices).is_closed());
+}
+
+#[test]
+fn creases_stay_sharp_and_curves_become_smooth() {
+    let mut cube = shapes::cuboid(Vec3::NEG_ONE, Vec3::ONE, 3);
+    let flat = cube.normals.clone();
+    cube.normals.clear();
+    smooth_normals(&mut cube, CREASE_ANGLE);
+    assert!(cube.check().is_ok() && cube.is_closed());
+    for (normal, position) in cube.normals.iter().zip(&cube.positions) {
+        assert!(
+            normal.abs().max_element() > 0.9999,
+            "{normal} at {position}"
+        );
+    }
+    assert_eq!(cube.normals.len(), flat.len());
+
+    let mut sphere = shapes::sphere(2.0, 24);
+    smooth_normals(&mut sphere, CREASE_ANGLE);
+    for (normal, position) in sphere.normals.iter().zip(&sphere.positions) {
+        assert!(
+            normal.dot(*position) / 2.0 > 0.999,
+            "{normal} at {position}"
+        );
+    }
+    // A whole turn smooths even a cube's corners: by symmetry along the diagonal, however its faces are cut.
+    let mut cube = shapes::cuboid(Vec3::NEG_ONE, Vec3::ONE, 1);
+    smooth_normals(&mut cube, 6.0_f32.min(std::f32::consts::PI));
+    for (normal, position) in cube.normals.iter().zip(&cube.positions) {
+        assert!(
+            normal.dot(position.normalize()) > 0.9999,
+            "{normal} at {position}"
+        );
+    }
+}
+
+#[test]
+fn smooth_normals_are_always_unit() {
+    let mut random = Random(0x1234_5678_9ABC_DEF1);
+    let scales = [1e-38, 1e-20, 1.0, 1e19, 3e38];
+    for case in 0..300 {
+        let count = 1 + random.below(20);
+        let scale = scales[case % scales.len()];
+        let mut coordinate = || (random.below(5) as f32 / 2.0 - 1.0) * scale;
+        let positions: Vec<Vec3> = (0..count)
+            .map(|_| vec3(coordinate(), coordinate(), coordinate()))
+            .collect();
+        let indices: Vec<u32> = (0..90).map(|_| random.below(count) as u32).collect();
+        let mut mesh = mesh(&positions, &indices);
+        smooth_normals(&mut mesh, CREASE_ANGLE);
+        assert!(mesh.check().is_ok());
+        assert_eq!(mesh.indices.len(), indices.len());
+        for (new, old) in mesh.indices.iter().zip(&indices) {
+            assert_eq!(mesh.positions[*new as usize], positions[*old as usize]);
+        }
+        assert!(
+            mesh.normals
+                .iter()
+                .all(|normal| (normal.length() - 1.0).abs() < 1e-5)
+        );
+    }
+}
+
+#[test]
+fn many_triangles_at_one_vertex_stay_fast() {
+    let count = 100_000;
+    let rim = (0..count).map(|i| {
+        let angle = i as f32 / count as f32 * std::f32::consts::TAU;
+        vec3(angle.sin(), 0.0, angle.cos())
+    });
+    let positions: Vec<Vec3> = std::iter::once(Vec3::Y).chain(rim).collect();
+    let indices: Vec<u32> = (0..count)
+        .flat_map(|i| [0, 1 + i, 1 + (i + 1) % count])
+        .collect();
+    let mut cone = mesh(&positions, &indices);
+    smooth_normals(&mut cone, CREASE_ANGLE);
+    assert!(cone.normals[0].y > 0.999);
+}
+
+/// Checks that a polygon in the plane z = 0 is cut into triangles that face +Z and cover its area.
+fn check_polygon(corners: &[Vec3], area: f32) {
+    let triangles = triangulate(corners);
+    assert_eq!(triangles.len(), corners.len() - 2);
+    let areas = triangles.iter().map(|triangle| {
+        let [a, b, c] = triangle.map(|corner| corners[corner as usize]);
+        (b - a).cross(c - a).z / 2.0
+    });
+    let mut sum = 0.0;
+    for part in areas {
+        assert!(part > 0.0, "a triangle is turned over");
+        sum += part;
+    }
+    assert!((sum - area).abs() < 1e-4, "{sum} is not {area}");
+}
+
+#[test]
+fn polygons_are_covered() {
+    let square = [Vec3::ZERO, Vec3::X, vec3(1.0, 1.0, 0.0), Vec3::Y];
+    check_polygon(&square, 1.0);
+    // An arrow head, whose fan from the first corner would turn a triangle over; at each starting corner.
+    let mut arrow = [
+        vec3(0.0, 0.0, 0.0),
+        vec3(2.0, -1.0, 0.0),
+        vec3(0.0, 2.0, 0.0),
+        vec3(-2.0, -1.0, 0.0),
+    ];
+    for _ in 0..4 {
+        check_polygon(&arrow, 4.0);
+        arrow.rotate_left(1);
+    }
+    let star: Vec<Vec3> = (0..40)
+        .map(|i| {
+            let radius = if i % 2 == 0 { 1.0 } else { 0.3 };
+            let angle = i as f32 / 40.0 * std::f32::consts::TAU;
+            vec3(angle.cos(), angle.sin(), 0.0) * radius
+        })
+        .collect();
+    check_polygon(
+        &star,
+        40.0 * 0.5 * 0.3 * (std::f32::consts::TAU / 40.0).sin(),
+    );
+    for few in 0..3 {
+        assert!(triangulate(&square[..few]).is_empty());
+    }
+    assert_eq!(triangulate(&[Vec3::ONE; 7]).len(), 5, "no area at all");
 }

@@ -1,8 +1,278 @@
-//! PLY, binary and ASCII.
+//! PLY: one mesh, ASCII or binary of either byte order.
+//!
+//! The parser is our own: a file's counts must never be believed before the file has proved long enough for them, errors
+//! name their place, and hundreds of thousands of vertices must not each become a map of named properties.
 
-use crate::{ImportError, Limits, Scene};
+mod header;
+mod values;
 
-/// Reads a PLY mesh.
-pub fn import(name: &str, _bytes: &[u8], _limits: &Limits) -> Result<Scene, ImportError> {
-    Err(ImportError::new(name, "header", "not yet"))
+use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
+
+use self::header::{Element, Header, Kind, Property};
+use self::values::Values;
+use crate::normals::{CREASE_ANGLE, smooth_normals};
+use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
+
+/// Reads a PLY mesh. Positions and faces are required; normals (made smooth when missing), texture coordinates and vertex
+/// colours are optional; other elements and properties are skipped.
+pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, ImportError> {
+    let header = Header::parse(bytes)
+        .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
+    let mut values = Values::new(&bytes[header.size..], header.format);
+    let mesh = read(&header, &mut values, limits).map_err(|error| match error {
+        Failure::Place(place, reason) => ImportError::new(name, place, reason),
+        Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
+    })?;
+
+    let mut scene = Scene::new(name);
+    let stem = std::path::Path::new(name).file_stem();
+    let stem = stem.map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
+    let material = scene.add_material(Material {
+        name: "default".into(),
+        base_color: vec4(0.6, 0.6, 0.6, 1.0),
+        roughness: 0.5,
+        ..Material::default()
+    });
+    let mesh = scene.add_mesh(Mesh {
+        name: stem.clone(),
+        ..mesh
+    });
+    scene.add_instance(&stem, mesh, material, Mat4::IDENTITY);
+    Ok(scene)
+}
+
+/// Why a file is refused: at a place with a name, or where the reader stands.
+enum Failure {
+    Place(String, String),
+    Here(String),
+}
+
+impl From<String> for Failure {
+    fn from(reason: String) -> Self {
+        Self::Here(reason)
+    }
+}
+
+fn read(header: &Header, values: &mut Values, limits: &Limits) -> Result<Mesh, Failure> {
+    let mut mesh = Mesh::default();
+    let mut has_faces = false;
+    for element in &header.elements {
+        let place = format!("element {}", element.name);
+        if element.count > limits.elements {
+            let reason = format!(
+                "{} entries are more than the limit of {}",
+                element.count, limits.elements
+            );
+            return Err(Failure::Place(place, reason));
+        }
+        values
+            .expect(element)
+            .map_err(|reason| Failure::Place(place.clone(), reason))?;
+        match element.name.as_str() {
+            "vertex" => read_vertices(element, values, &mut mesh)?,
+            "face" => {
+                has_faces = true;
+                read_faces(element, values, &mut mesh, limits)?;
+            }
+            "tristrips" => {
+                let reason = "triangle strips are not supported: convert them to faces";
+                return Err(Failure::Place(place, reason.into()));
+            }
+            _ => skip(element, values)?,
+        }
+    }
+    if mesh.positions.is_empty() || !has_faces {
+        let reason = "there is no mesh: it takes an element vertex and an element face";
+        return Err(Failure::Place("header".into(), reason.into()));
+    }
+    if mesh.indices.is_empty() {
+        let reason = "there are no triangles";
+        return Err(Failure::Place("element face".into(), reason.into()));
+    }
+    if mesh.normals.is_empty() {
+        smooth_normals(&mut mesh, CREASE_ANGLE);
+    }
+    Ok(mesh)
+}
+
+/// What a vertex property is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Role {
+    Position(usize),
+    Normal(usize),
+    Uv(usize),
+    Color(usize),
+    Other,
+}
+
+impl Role {
+    fn of(property: &Property) -> Self {
+        match property.name.as_str() {
+            "x" => Self::Position(0),
+            "y" => Self::Position(1),
+            "z" => Self::Position(2),
+            "nx" => Self::Normal(0),
+            "ny" => Self::Normal(1),
+            "nz" => Self::Normal(2),
+            "u" | "s" | "texture_u" => Self::Uv(0),
+            "v" | "t" | "texture_v" => Self::Uv(1),
+            "red" | "r" | "diffuse_red" => Self::Color(0),
+            "green" | "g" | "diffuse_green" => Self::Color(1),
+            "blue" | "b" | "diffuse_blue" => Self::Color(2),
+            "alpha" | "a" => Self::Color(3),
+            _ => Self::Other,
+        }
+    }
+}
+
+fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result<(), Failure> {
+    let roles: Vec<Role> = element.properties.iter().map(Role::of).collect();
+    let has = |role: fn(usize) -> Role, count: usize| (0..count).all(|i| roles.contains(&role(i)));
+    if !has(Role::Position, 3) {
+        let reason = "the properties x, y and z are required";
+        return Err(Failure::Place("element vertex".into(), reason.into()));
+    }
+    let has_normals = has(Role::Normal, 3);
+    let has_uvs = has(Role::Uv, 2);
+    let has_colors = has(Role::Color, 3);
+
+    for _ in 0..element.count {
+        let (mut position, mut normal, mut uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
+        let mut color = Vec4::ONE;
+        for (property, role) in element.properties.iter().zip(&roles) {
+            if property.list_count.is_some() {
+                skip_property(property, values)?;
+                continue;
+            }
+            let value = values.number(property.kind)?;
+            match *role {
+                Role::Other => continue,
+                Role::Position(axis) => position[axis] = value as f32,
+                Role::Normal(axis) => normal[axis] = value as f32,
+                Role::Uv(axis) => uv[axis] = value as f32,
+                Role::Color(channel) => {
+                    color[channel] = linear_color(value, property.kind, channel == 3);
+                }
+            }
+            if !(value as f32).is_finite() {
+                return Err(format!("property {} is not finite", property.name).into());
+            }
+        }
+        mesh.positions.push(position);
+        if has_normals {
+            // A zero normal says that there is none; some direction must stand in.
+            mesh.normals.push(normal.normalize_or(Vec3::Y));
+        }
+        if has_uvs {
+            // PLY counts v upward.
+            mesh.uvs[0].push(Vec2::new(uv.x, 1.0 - uv.y));
+        }
+        if has_colors {
+            mesh.colors.push(color);
+        }
+    }
+    Ok(())
+}
+
+/// Integers are sRGB in the range of their type, floats are linear; alpha is linear in both.
+fn linear_color(value: f64, kind: Kind, is_alpha: bool) -> f32 {
+    let Some(largest) = kind.largest() else {
+        return value as f32;
+    };
+    let encoded = (value / largest).clamp(0.0, 1.0);
+    if is_alpha {
+        encoded as f32
+    } else if encoded <= 0.04045 {
+        (encoded / 12.92) as f32
+    } else {
+        ((encoded + 0.055) / 1.055).powf(2.4) as f32
+    }
+}
+
+fn read_faces(
+    element: &Element,
+    values: &mut Values,
+    mesh: &mut Mesh,
+    limits: &Limits,
+) -> Result<(), Failure> {
+    let is_corner_list = |property: &Property| {
+        property.list_count.is_some()
+            && matches!(property.name.as_str(), "vertex_indices" | "vertex_index")
+    };
+    if !element.properties.iter().any(is_corner_list) {
+        let reason = "a list property vertex_indices or vertex_index is required";
+        return Err(Failure::Place("element face".into(), reason.into()));
+    }
+    if mesh.positions.is_empty() && element.count > 0 {
+        let reason = "faces come before the vertices, or there are none";
+        return Err(Failure::Place("element face".into(), reason.into()));
+    }
+    let mut corners = Vec::new();
+    for _ in 0..element.count {
+        for property in &element.properties {
+            if !is_corner_list(property) {
+                skip_property(property, values)?;
+                continue;
+            }
+            let count = values.list_count(property)?;
+            corners.clear();
+            for _ in 0..count {
+                let index = values.number(property.kind)?;
+                if !(index >= 0.0 && index < mesh.positions.len() as f64 && index.fract() == 0.0) {
+                    let reason = format!(
+                        "vertex index {index} is out of range: there are {} vertices",
+                        mesh.positions.len()
+                    );
+                    return Err(reason.into());
+                }
+                corners.push(index as u32);
+            }
+            add_polygon(mesh, &corners);
+            if mesh.indices.len() as u64 > limits.elements {
+                return Err(format!("more than {} indices", limits.elements).into());
+            }
+        }
+    }
+    Ok(())
+}
+
+fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
+    if let [a, b, c] = *corners {
+        mesh.indices.extend([a, b, c]);
+        return;
+    }
+    let positions: Vec<Vec3> = corners
+        .iter()
+        .map(|&corner| mesh.positions[corner as usize])
+        .collect();
+    for triangle in polygon::triangulate(&positions) {
+        let vertices = triangle.map(|corner| corners[corner as usize]);
+        mesh.indices.extend(vertices);
+    }
+}
+
+fn skip(element: &Element, values: &mut Values) -> Result<(), Failure> {
+    // Without properties there is nothing to read, however many entries the header promises.
+    let count = if element.properties.is_empty() {
+        0
+    } else {
+        element.count
+    };
+    for _ in 0..count {
+        for property in &element.properties {
+            skip_property(property, values)?;
+        }
+    }
+    Ok(())
+}
+
+fn skip_property(property: &Property, values: &mut Values) -> Result<(), Failure> {
+    let count = match property.list_count {
+        None => 1,
+        Some(_) => values.list_count(property)?,
+    };
+    for _ in 0..count {
+        values.number(property.kind)?;
+    }
+    Ok(())
 }

@@ -1,0 +1,129 @@
+//! Normals for meshes that come without.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use crate::Mesh;
+
+/// The crease angle that importers use [rad]: 40 degrees.
+pub const CREASE_ANGLE: f32 = 40.0 * std::f32::consts::PI / 180.0;
+
+/// With more corners than this at one position, all are smoothed together: comparing each with each would take too long.
+const CORNERS_COMPARED: usize = 512;
+
+/// Replaces the normals of `mesh` by smooth ones. A corner's normal is the mean of the face normals around its position,
+/// weighted by area and by the angle at that corner, over the faces that bend away from its own by at most `crease_angle`
+/// [rad]. Equal positions count as one; a vertex whose corners get different normals is split.
+///
+/// Always unit and finite: triangles without area take the mean of their neighbours, and +Y when there are none. Indices
+/// must be in range and positions finite.
+pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
+    let triangles = mesh.indices.as_chunks::<3>().0;
+    // In double precision neither huge nor tiny triangles overflow or vanish.
+    let position = |vertex: u32| mesh.positions[vertex as usize].as_dvec3();
+    let faces: Vec<Face> = triangles
+        .iter()
+        .map(|triangle| Face::new(triangle.map(position)))
+        .collect();
+    let welded = mesh.weld_positions();
+    let corners = CornersByPosition::new(&mesh.indices, &welded);
+
+    let crease_cosine = f64::from(crease_angle).cos() - 1e-9;
+    let mut splits = HashMap::with_capacity(mesh.positions.len());
+    let mut vertices = Vec::with_capacity(mesh.positions.len());
+    let mut normals = Vec::with_capacity(mesh.positions.len());
+    let mut indices = Vec::with_capacity(mesh.indices.len());
+    let mut crowded = HashMap::new();
+    for (corner, &vertex) in mesh.indices.iter().enumerate() {
+        let around = corners.at(welded[vertex as usize]);
+        let own = faces[corner / 3].normal;
+        let sum_where = |smooth: &dyn Fn(&Face) -> bool| -> DVec3 {
+            around
+                .iter()
+                .map(|&other| (&faces[other as usize / 3], other as usize % 3))
+                .filter(|(face, _)| smooth(face))
+                .map(|(face, at)| face.normal * face.weights[at])
+                .sum()
+        };
+        let sum = if around.len() > CORNERS_COMPARED {
+            *crowded
+                .entry(welded[vertex as usize])
+                .or_insert_with(|| sum_where(&|_| true))
+        } else if own == DVec3::ZERO {
+            sum_where(&|_| true)
+        } else {
+            sum_where(&|face| own.dot(face.normal) >= crease_cosine)
+        };
+        let fallback = if own == DVec3::ZERO { DVec3::Y } else { own };
+        let normal = sum.normalize_or(fallback).as_vec3();
+        let key = (vertex, normal.to_array().map(f32::to_bits));
+        let new_vertex = *splits.entry(key).or_insert_with(|| {
+            vertices.push(vertex);
+            normals.push(normal);
+            vertices.len() as u32 - 1
+        });
+        indices.push(new_vertex);
+    }
+    *mesh = mesh.with_vertices(&vertices, indices);
+    mesh.normals = normals;
+}
+
+struct Face {
+    /// Unit, or zero without area.
+    normal: DVec3,
+    /// Area times the angle at each corner.
+    weights: [f64; 3],
+}
+
+impl Face {
+    fn new([a, b, c]: [DVec3; 3]) -> Self {
+        let cross = (b - a).cross(c - a);
+        let angle = |from: DVec3, to: DVec3| {
+            let (from, to) = (from.normalize_or_zero(), to.normalize_or_zero());
+            from.dot(to).clamp(-1.0, 1.0).acos()
+        };
+        let angles = [
+            angle(b - a, c - a),
+            angle(c - b, a - b),
+            angle(a - c, b - c),
+        ];
+        Self {
+            normal: cross.normalize_or_zero(),
+            weights: angles.map(|angle| angle * cross.length()),
+        }
+    }
+}
+
+/// The corners (positions in the index list) that lie at each welded position.
+struct CornersByPosition {
+    /// Start of each position's corners in `corners`, and the end of the last.
+    starts: Vec<u32>,
+    corners: Vec<u32>,
+}
+
+impl CornersByPosition {
+    fn new(indices: &[u32], welded: &[u32]) -> Self {
+        let count = welded.iter().max().map_or(0, |&last| last as usize + 1);
+        let mut starts = vec![0; count + 1];
+        for &vertex in indices {
+            starts[welded[vertex as usize] as usize + 1] += 1;
+        }
+        for position in 0..count {
+            starts[position + 1] += starts[position];
+        }
+        let mut next = starts.clone();
+        let mut corners = vec![0; indices.len()];
+        for (corner, &vertex) in indices.iter().enumerate() {
+            let slot = &mut next[welded[vertex as usize] as usize];
+            corners[*slot as usize] = corner as u32;
+            *slot += 1;
+        }
+        Self { starts, corners }
+    }
+
+    fn at(&self, position: u32) -> &[u32] {
+        let range = self.starts[position as usize]..self.starts[position as usize + 1];
+        &self.corners[range.start as usize..range.end as usize]
+    }
+}

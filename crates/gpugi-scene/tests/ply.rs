@@ -1,0 +1,259 @@
+//! PLY import.
+
+mod random;
+
+use glam::{Vec2, Vec3, vec3};
+use gpugi_scene::{ImportError, Limits, Mesh, Resolver, Scene, import};
+use random::Random;
+
+struct NoFiles;
+
+impl Resolver for NoFiles {
+    fn read(&self, _: &str) -> Result<Vec<u8>, String> {
+        Err("PLY files name no other files".into())
+    }
+}
+
+fn read(bytes: &[u8]) -> Result<Scene, ImportError> {
+    import("test.ply", bytes, &NoFiles, &Limits::default())
+}
+
+fn mesh(bytes: &[u8]) -> Mesh {
+    read(bytes).unwrap().meshes.remove(0)
+}
+
+fn error(bytes: &[u8]) -> String {
+    read(bytes).unwrap_err().to_string()
+}
+
+const PYRAMID: &str = "ply
+format ascii 1.0
+comment a pyramid with a square base
+element vertex 5
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+element face 5
+property uchar flags
+property list uchar int vertex_indices
+end_header
+-1 0 1 255 0 0
+1 0 1 255 0 0
+1 0 -1 0 188 0
+-1 0 -1 0 0 0
+0 1.5 0 255 255 255
+0 4 3 2 1 0
+0 3 0 1 4
+0 3 1 2 4
+0 3 2 3 4
+0 3 3 0 4
+";
+
+/// The pyramid in binary; `order` swaps a number's little-endian bytes or not.
+fn binary_pyramid(format: &str, order: fn(&mut [u8])) -> Vec<u8> {
+    let (header, body) = PYRAMID.split_once("end_header\n").unwrap();
+    let mut bytes = header.replace("ascii", format).into_bytes();
+    bytes.extend(b"end_header\n");
+    let mut push = |number: &mut [u8]| {
+        order(number);
+        bytes.extend(&*number);
+    };
+    for (row, line) in body.lines().enumerate() {
+        let words: Vec<&str> = line.split(' ').collect();
+        for (column, word) in words.iter().enumerate() {
+            match (row < 5, column) {
+                (true, 0..3) => push(&mut word.parse::<f32>().unwrap().to_le_bytes()),
+                (true, _) | (false, 0..2) => push(&mut [word.parse::<u8>().unwrap()]),
+                (false, _) => push(&mut word.parse::<i32>().unwrap().to_le_bytes()),
+            }
+        }
+    }
+    bytes
+}
+
+#[test]
+fn ascii_and_both_byte_orders_agree() {
+    let ascii = mesh(PYRAMID.as_bytes());
+    assert_eq!(ascii.indices.len(), 6 * 3);
+    assert!(ascii.is_closed());
+    assert_eq!(ascii.name, "test");
+    // Every edge is sharper than the crease angle, so that each of the five faces has its own corners.
+    assert_eq!(ascii.positions.len(), 4 + 4 * 3);
+    let little = mesh(&binary_pyramid("binary_little_endian", |_| {}));
+    let big = mesh(&binary_pyramid("binary_big_endian", |bytes| {
+        bytes.reverse()
+    }));
+    assert_eq!(ascii, little);
+    assert_eq!(ascii, big);
+}
+
+#[test]
+fn colours_are_linearised() {
+    let mesh = mesh(PYRAMID.as_bytes());
+    let at = |position: Vec3| {
+        let vertex = mesh.positions.iter().position(|&p| p == position).unwrap();
+        mesh.colors[vertex]
+    };
+    assert_eq!(at(vec3(-1.0, 0.0, 1.0)).to_array(), [1.0, 0.0, 0.0, 1.0]);
+    assert!((at(vec3(1.0, 0.0, -1.0)).y - 0.5029).abs() < 1e-3);
+}
+
+#[test]
+fn normals_and_texture_coordinates_are_kept() {
+    let file = "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n\
+        property float nx\nproperty float ny\nproperty float nz\nproperty float s\nproperty float t\n\
+        property float red\nproperty float green\nproperty float blue\nproperty float alpha\n\
+        element face 1\nproperty list uint uint vertex_index\nend_header\n\
+        0 0 0 0 0 2 0 0 .5 .25 2 .5\n1 0 0 0 0 1 1 0 .5 .25 2 .5\n0 1 0 0 0 0 0 1 .5 .25 2 .5\n3 0 1 2\n";
+    let mesh = mesh(file.as_bytes());
+    assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::Y]);
+    assert_eq!(mesh.uvs[0], [Vec2::Y, Vec2::ONE, Vec2::ZERO]);
+    assert_eq!(mesh.colors[0].to_array(), [0.5, 0.25, 2.0, 0.5]);
+}
+
+#[test]
+fn errors_name_the_place() {
+    let with = |from: &str, to: &str| error(PYRAMID.replacen(from, to, 1).as_bytes());
+    for (message, wanted) in [
+        (error(b""), "the file ends before the header"),
+        (error(b"ply\n"), "the file ends before the header"),
+        (
+            error(b"solid cube\n"),
+            "test.ply: line 1: a PLY file starts with",
+        ),
+        (with("format ascii 1.0\n", ""), "without a format line"),
+        (
+            with("ascii", "binary_middle_endian"),
+            "line 2: unknown format",
+        ),
+        (
+            with("vertex 5", "vertex 18446744073709551615"),
+            "element vertex: 18446744073709551615 entries",
+        ),
+        (
+            with("vertex 5", "vertex 100000000"),
+            "element vertex: 100000000 entries take at least",
+        ),
+        (with("vertex 5", "vertex -5"), "line 4: \"-5\" is no count"),
+        (
+            with("float x", "quad x"),
+            "line 5: \"property quad x\" is no property",
+        ),
+        (with("property float z\n", ""), "x, y and z are required"),
+        (
+            with("vertex_indices", "corners"),
+            "vertex_indices or vertex_index is required",
+        ),
+        (
+            with("element face", "element tristrips"),
+            "triangle strips are not supported",
+        ),
+        (with("1.5", "nan"), "line 19: property y is not finite"),
+        (with("1.5", "1e99"), "line 19: property y is not finite"),
+        (with("1.5", "high"), "line 19: \"high\" is no number"),
+        (
+            with("3 3 0 4", "3 3 0 5"),
+            "line 24: vertex index 5 is out of range: there are 5",
+        ),
+        (
+            with("3 3 0 4", "3 3 0 -1"),
+            "vertex index -1 is out of range",
+        ),
+        (with("3 3 0 4", "3 3 0"), "the file ends too early"),
+        (
+            with("3 3 0 4", "4000000000 3 0 4"),
+            "a list of 4000000000 values",
+        ),
+        (with("face 5", "face 0"), "there are no triangles"),
+    ] {
+        assert!(message.contains(wanted), "{message:?} lacks {wanted:?}");
+    }
+    let mut binary = binary_pyramid("binary_little_endian", |_| {});
+    binary.truncate(binary.len() - 1);
+    assert!(error(&binary).contains("the file ends too early"));
+    let small = Limits {
+        elements: 4,
+        ..Limits::default()
+    };
+    let refused = import("test.ply", PYRAMID.as_bytes(), &NoFiles, &small).unwrap_err();
+    assert!(refused.reason.contains("more than the limit of 4"));
+}
+
+#[test]
+fn empty_entries_cost_nothing() {
+    let file = PYRAMID.replace(
+        "element vertex",
+        "element nothing 199999999\nelement vertex",
+    );
+    assert_eq!(mesh(file.as_bytes()).indices.len(), 18);
+}
+
+#[test]
+fn zero_area_triangles_survive() {
+    let file = PYRAMID
+        .replace("0 1.5 0", "0 0 0")
+        .replace("3 0 1 4", "3 0 0 0");
+    let mesh = mesh(file.as_bytes());
+    assert!(
+        mesh.normals
+            .iter()
+            .all(|normal| (normal.length() - 1.0).abs() < 1e-5)
+    );
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let sources = [
+        PYRAMID.as_bytes().to_vec(),
+        binary_pyramid("binary_little_endian", |_| {}),
+        binary_pyramid("binary_big_endian", |bytes| bytes.reverse()),
+    ];
+    let mut random = Random(0x2545_F491_4F6C_DD1D);
+    let mut read_well = 0;
+    for case in 0..900 {
+        if let Ok(scene) = read(&random.damage(&sources[case % 3])) {
+            read_well += 1;
+            assert!(scene.meshes[0].check().is_ok());
+        }
+    }
+    println!("{read_well} of 900 damaged files still made a mesh");
+    for source in &sources {
+        for length in 0..source.len() {
+            let _ = read(&source[..length]);
+        }
+    }
+}
+
+#[test]
+fn well_known_meshes() {
+    let Some(folder) = std::env::var_os("GPUGI_ASSETS") else {
+        println!("skipped: GPUGI_ASSETS does not name a folder with meshes/*.ply");
+        return;
+    };
+    let folder = std::path::PathBuf::from(folder).join("meshes");
+    for (file, triangles) in [
+        ("bunny.ply", 69_451),
+        ("dragon-48k.ply", 47_794),
+        ("dragon-202k.ply", 202_520),
+        ("teapot.ply", 2_256),
+    ] {
+        let start = std::time::Instant::now();
+        let scene = gpugi_scene::import_file(&folder.join(file), &Limits::default()).unwrap();
+        let seconds = start.elapsed().as_secs_f32();
+        let mesh = &scene.meshes[0];
+        println!(
+            "{file}: {seconds:.2} s, {} vertices, closed {}",
+            mesh.positions.len(),
+            mesh.is_closed()
+        );
+        assert_eq!(mesh.indices.len() / 3, triangles, "{file}");
+        assert!(
+            mesh.normals
+                .iter()
+                .all(|normal| (normal.length() - 1.0).abs() < 1e-5)
+        );
+    }
+}
