@@ -164,10 +164,9 @@ fn decode(
     }
 }
 
+/// Bounds what decoders allocate; [`check_size`] has a better message for the sides.
 fn decoder_limits(limits: &Limits) -> image::Limits {
     let mut decoder_limits = image::Limits::no_limits();
-    decoder_limits.max_image_width = Some(limits.image_side);
-    decoder_limits.max_image_height = Some(limits.image_side);
     decoder_limits.max_alloc = Some(limits.image_bytes);
     decoder_limits
 }

@@ -30,8 +30,7 @@ pub(super) fn decode_color(
     bytes: &[u8],
     limits: &Limits,
 ) -> Result<Image, ImportError> {
-    decode(name, bytes, |header, texels| {
-        check_size(name, header.size, 4, limits)?;
+    decode(name, bytes, limits, 4, |header, texels| {
         if !matches!(header.channel, Channel::Byte { .. }) {
             return Err(ImportError::new(
                 name,
@@ -52,8 +51,7 @@ pub(super) fn decode_radiance(
     bytes: &[u8],
     limits: &Limits,
 ) -> Result<Image, ImportError> {
-    decode(name, bytes, |header, texels| {
-        check_size(name, header.size, 16, limits)?;
+    decode(name, bytes, limits, 16, |header, texels| {
         let value = |bytes: &[u8]| match header.channel {
             Channel::Byte { srgb: true } => linear_from_srgb(f32::from(bytes[0]) / 255.0),
             Channel::Byte { srgb: false } => f32::from(bytes[0]) / 255.0,
@@ -92,9 +90,12 @@ struct Header {
     channel: Channel,
 }
 
+/// `texel`: bytes a texel once decoded.
 fn decode(
     name: &str,
     bytes: &[u8],
+    limits: &Limits,
+    texel: u64,
     convert: impl Fn(&Header, &[u8]) -> Result<Pixels, ImportError>,
 ) -> Result<Image, ImportError> {
     let error = |reason: String| ImportError::new(name, "header", reason);
@@ -144,6 +145,7 @@ fn decode(
         channels,
         channel,
     };
+    check_size(name, header.size, texel, limits)?;
     let wanted = u64::from(header.size.0)
         * u64::from(header.size.1)
         * (header.channels * header.channel.size()) as u64;

@@ -1,0 +1,12 @@
+//! glTF import, one test a feature. The files are built here, byte by byte.
+
+mod animation;
+mod builder;
+mod container;
+mod geometry;
+mod hostile;
+mod images;
+mod materials;
+#[cfg(feature = "meshopt")]
+mod meshopt;
+mod nodes;

@@ -1,0 +1,248 @@
+//! The hierarchy, instances, lights and cameras.
+
+use glam::{Mat4, Quat, Vec3};
+use gpugi_scene::{LightKind, Projection};
+use serde_json::{Value, json};
+
+use crate::builder::File;
+
+/// A file with one light on one node.
+fn lit(light: Value) -> File {
+    let mut file = File::empty();
+    file.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    file.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [light] } });
+    file.push(
+        "nodes",
+        json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } } }),
+    );
+    file
+}
+
+#[test]
+fn transforms_multiply_from_the_root() {
+    let mut file = File::triangle();
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    // A quarter turn about +Z, then a step along +X.
+    file.json["nodes"][0]["translation"] = json!([0.0, 1.0, 0.0]);
+    file.push(
+        "nodes",
+        json!({ "children": [0], "rotation": [0.0, 0.0, half, half], "translation": [10.0, 0.0, 0.0], "scale": [2.0, 2.0, 2.0] }),
+    );
+    let world_from_mesh = file.import().instances[0].world_from_mesh;
+    let point = world_from_mesh.transform_point3(Vec3::X);
+    assert!(point.abs_diff_eq(Vec3::new(8.0, 2.0, 0.0), 1e-5), "{point}");
+}
+
+#[test]
+fn matrices_are_column_major() {
+    let mut file = File::triangle();
+    let matrix = Mat4::from_translation(Vec3::new(1.0, 2.0, 3.0));
+    file.json["nodes"][0]["matrix"] = json!(matrix.to_cols_array());
+    assert_eq!(file.import().instances[0].world_from_mesh, matrix);
+}
+
+#[test]
+fn instances_share_a_mesh() {
+    let mut file = File::triangle();
+    file.push(
+        "nodes",
+        json!({ "mesh": 0, "name": "second", "translation": [1.0, 0.0, 0.0] }),
+    );
+    let scene = file.import();
+    assert_eq!(scene.meshes.len(), 1);
+    assert_eq!(scene.instances.len(), 2);
+    assert_eq!((scene.instances[0].mesh, scene.instances[1].mesh), (0, 0));
+    assert_eq!(scene.instances[1].name, "second");
+    assert!(scene.rig.is_none());
+    assert_eq!(scene.instances[0].node, None);
+}
+
+#[test]
+fn each_primitive_is_an_instance() {
+    let mut file = File::triangle();
+    file.push("materials", json!({ "name": "red" }));
+    let mut second = file.primitive().clone();
+    second["material"] = json!(0);
+    file.json["meshes"][0]["primitives"]
+        .as_array_mut()
+        .unwrap()
+        .push(second);
+    let scene = file.import();
+    assert_eq!((scene.meshes.len(), scene.instances.len()), (2, 2));
+    assert_eq!(scene.materials[scene.instances[1].material].name, "red");
+    assert_eq!(scene.materials[scene.instances[0].material].name, "default");
+}
+
+#[test]
+fn only_the_default_scene_is_read() {
+    let mut file = File::triangle();
+    file.push("nodes", json!({ "name": "parent", "children": [2] }));
+    file.push("nodes", json!({ "name": "child", "mesh": 0 }));
+    file.push("scenes", json!({ "nodes": [0] }));
+    file.push("scenes", json!({ "nodes": [1] }));
+    file.json["scene"] = json!(1);
+    let scene = file.import();
+    assert_eq!(scene.instances.len(), 1);
+    assert_eq!(scene.instances[0].name, "child");
+    file.json["scene"] = json!(2);
+    file.assert_error("scene", "out of range");
+}
+
+#[test]
+fn cycles_and_second_parents_are_errors() {
+    let mut file = File::triangle();
+    file.push("nodes", json!({ "children": [2] }));
+    file.push("nodes", json!({ "children": [1] }));
+    file.assert_error("nodes[1]", "cyclic");
+    let mut file = File::triangle();
+    file.json["nodes"][0]["children"] = json!([0]);
+    file.assert_error("nodes[0]", "cyclic");
+    let mut file = File::triangle();
+    file.push("nodes", json!({ "children": [0] }));
+    file.push("nodes", json!({ "children": [0] }));
+    file.assert_error("nodes[2].children", "already a child of nodes[1]");
+    let mut file = File::triangle();
+    file.json["nodes"][0]["children"] = json!([7]);
+    file.assert_error("nodes[0].children", "node 7 is out of range");
+}
+
+#[test]
+fn deep_hierarchies_do_not_overflow_the_stack() {
+    let mut file = File::triangle();
+    for parent in 0..100_000 {
+        file.push("nodes", json!({ "children": [parent] }));
+    }
+    assert_eq!(file.import().instances.len(), 1);
+}
+
+#[test]
+fn degenerate_matrices_are_kept_with_a_warning() {
+    let mut file = File::triangle();
+    file.json["nodes"][0]["scale"] = json!([1.0, 0.0, 1.0]);
+    let scene = file.import();
+    assert_eq!(scene.instances.len(), 1);
+    assert!(
+        scene.warnings[0].contains("flattens"),
+        "{:?}",
+        scene.warnings
+    );
+}
+
+#[test]
+fn infinite_matrices_are_errors() {
+    let mut file = File::triangle();
+    file.json["nodes"][0]["scale"] = json!([1e30, 1e30, 1e30]);
+    file.push(
+        "nodes",
+        json!({ "children": [0], "scale": [1e30, 1e30, 1e30] }),
+    );
+    file.assert_error("nodes[0]", "not finite");
+}
+
+#[test]
+fn point_lights() {
+    let mut file = lit(json!({
+        "type": "point", "name": "lamp", "color": [1.0, 0.5, 0.25], "intensity": 8.0, "range": 20.0,
+        "extras": { "gpugi": { "radius": 0.25 } },
+    }));
+    file.json["nodes"][0]["translation"] = json!([1.0, 2.0, 3.0]);
+    let light = &file.import().lights[0];
+    assert_eq!(light.name, "lamp");
+    assert_eq!(light.kind, LightKind::Point);
+    assert_eq!(light.intensity, Vec3::new(8.0, 4.0, 2.0));
+    assert_eq!((light.range, light.radius), (Some(20.0), 0.25));
+    assert_eq!(light.position(), Vec3::new(1.0, 2.0, 3.0));
+}
+
+#[test]
+fn spot_and_directional_lights() {
+    let light = |source| lit(source).import().lights.remove(0);
+    let spot =
+        light(json!({ "type": "spot", "spot": { "innerConeAngle": 0.25, "outerConeAngle": 0.5 } }));
+    let cone = LightKind::Spot {
+        inner_cone_angle: 0.25,
+        outer_cone_angle: 0.5,
+    };
+    assert_eq!((spot.kind, spot.range, spot.radius), (cone, None, 0.0));
+    let default = LightKind::Spot {
+        inner_cone_angle: 0.0,
+        outer_cone_angle: std::f32::consts::FRAC_PI_4,
+    };
+    assert_eq!(light(json!({ "type": "spot" })).kind, default);
+    assert_eq!(
+        light(json!({ "type": "directional" })).kind,
+        LightKind::Directional
+    );
+}
+
+#[test]
+fn wrong_lights_are_named() {
+    let place = |rest: &str| format!("extensions.KHR_lights_punctual.lights[0]{rest}");
+    lit(json!({ "type": "laser" })).assert_error(&place(".type"), "laser");
+    lit(json!({ "type": "point", "intensity": -1.0 })).assert_error(&place(".intensity"), "-1");
+    let inverted =
+        json!({ "type": "spot", "spot": { "innerConeAngle": 0.5, "outerConeAngle": 0.25 } });
+    lit(inverted).assert_error(&place(".spot"), "0.5");
+    let radius = json!({ "type": "point", "extras": { "gpugi": { "radius": -1.0 } } });
+    lit(radius).assert_error(&place(".extras.gpugi"), "radius");
+    let mut file = lit(json!({ "type": "point" }));
+    file.json["nodes"][0]["extensions"]["KHR_lights_punctual"]["light"] = json!(1);
+    file.assert_error("nodes[0].extensions.KHR_lights_punctual", "light 1");
+}
+
+#[test]
+fn scale_does_not_reach_lights_and_cameras() {
+    let mut file = lit(json!({ "type": "directional" }));
+    let turn = Quat::from_rotation_y(1.0);
+    file.json["nodes"][0]["rotation"] = json!(turn.to_array());
+    file.json["nodes"][0]["scale"] = json!([2.0, 3.0, -4.0]);
+    file.json["nodes"][0]["camera"] = json!(0);
+    file.push(
+        "cameras",
+        json!({ "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } }),
+    );
+    let scene = file.import();
+    for matrix in [
+        scene.lights[0].world_from_light,
+        scene.cameras[0].world_from_view,
+    ] {
+        assert!((matrix.determinant() - 1.0).abs() < 1e-5, "{matrix}");
+        assert!(matrix.x_axis.truncate().is_normalized());
+        // The negative scale turns the light around, but must not mirror it.
+        assert!(matrix.z_axis.truncate().abs_diff_eq(turn * -Vec3::Z, 1e-5));
+    }
+}
+
+#[test]
+fn cameras() {
+    let mut file = File::empty();
+    let camera = json!({ "type": "perspective", "perspective": { "yfov": 0.75, "znear": 0.1 } });
+    file.push("cameras", camera);
+    let camera = json!({ "type": "orthographic", "name": "plan",
+        "orthographic": { "xmag": 1.0, "ymag": 2.5, "znear": 0.1, "zfar": 9.0 } });
+    file.push("cameras", camera);
+    file.push(
+        "nodes",
+        json!({ "camera": 0, "name": "eye", "translation": [0.0, 0.0, 5.0] }),
+    );
+    file.push("nodes", json!({ "camera": 1 }));
+    let cameras = file.import().cameras;
+    assert_eq!(cameras[0].name, "eye");
+    assert_eq!(
+        cameras[0].projection,
+        Projection::Perspective { vertical_fov: 0.75 }
+    );
+    assert_eq!(
+        cameras[0].world_from_view,
+        Mat4::from_translation(Vec3::Z * 5.0)
+    );
+    assert_eq!(cameras[1].name, "plan");
+    assert_eq!(
+        cameras[1].projection,
+        Projection::Orthographic { height: 5.0 }
+    );
+    file.json["cameras"][0]["perspective"]["yfov"] = json!(4.0);
+    file.assert_error("cameras[0].perspective.yfov", "pi");
+    file.json["cameras"][0] = json!({ "type": "perspective" });
+    file.assert_error("cameras[0]", "either");
+}
