@@ -1,13 +1,93 @@
 //! OBJ + MTL.
+//!
+//! The parsers are our own: errors name their line, which crates for OBJ do not tell, and nothing in a damaged file makes
+//! them panic or allocate more than the file's own size suggests.
 
-use crate::{ImportError, Limits, Resolver, Scene};
+mod geometry;
+mod material;
+mod texture;
 
-/// Reads an OBJ scene.
+use std::collections::HashMap;
+
+use glam::{Mat4, vec4};
+
+use self::geometry::Geometry;
+use self::material::Library;
+use crate::normals::{CREASE_ANGLE, smooth_normals};
+use crate::{ImportError, Limits, Material, Resolver, Scene, tangents};
+
+/// Reads an OBJ scene: one instance for each group (or object) and material. Normals are made smooth where a part lacks
+/// them. What is missing outside the OBJ file itself (material libraries, images) is a warning.
 pub fn import(
     name: &str,
-    _bytes: &[u8],
-    _resolver: &dyn Resolver,
-    _limits: &Limits,
+    bytes: &[u8],
+    resolver: &dyn Resolver,
+    limits: &Limits,
 ) -> Result<Scene, ImportError> {
-    Err(ImportError::new(name, "header", "not yet"))
+    let text = String::from_utf8_lossy(bytes);
+    let geometry = Geometry::parse(name, &text, limits)?;
+    let mut scene = Scene::new(name);
+    scene.warnings = geometry.warnings;
+    let mut library = Library::new(resolver, limits);
+    for names in &geometry.libraries {
+        library.load(names, &mut scene)?;
+    }
+
+    let mut default_material = None;
+    let mut missing = HashMap::new();
+    for part in geometry.parts {
+        let found = part.material.as_deref().and_then(|name| library.find(name));
+        let material = found.unwrap_or_else(|| {
+            if let Some(name) = &part.material {
+                missing.entry(name.clone()).or_insert_with(|| {
+                    let warning = format!("material \"{name}\" is in no library: it becomes grey");
+                    scene.warnings.push(warning);
+                });
+            }
+            *default_material.get_or_insert_with(|| scene.add_material(grey()))
+        });
+
+        let mut mesh = part.mesh;
+        if mesh.normals.is_empty() {
+            smooth_normals(&mut mesh, CREASE_ANGLE);
+        }
+        if scene.materials[material].normal_texture.is_some() {
+            tangents::generate(&mut mesh, 0);
+        }
+        let name = mesh.name.clone();
+        let mesh = scene.add_mesh(mesh);
+        scene.add_instance(&name, mesh, material, Mat4::IDENTITY);
+    }
+    Ok(scene)
+}
+
+/// What a surface without a material looks like.
+fn grey() -> Material {
+    Material {
+        name: "default".into(),
+        base_color: vec4(0.6, 0.6, 0.6, 1.0),
+        roughness: 0.5,
+        ..Material::default()
+    }
+}
+
+/// The numbers in `words`, all finite; the reason if not.
+fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
+    if words.len() < COUNT {
+        return Err(format!("{} numbers where {COUNT} belong", words.len()));
+    }
+    let mut values = [0.0; COUNT];
+    for (value, word) in values.iter_mut().zip(words) {
+        *value = word
+            .parse()
+            .ok()
+            .filter(|number: &f32| number.is_finite())
+            .ok_or_else(|| format!("\"{}\" is no finite number", shortened(word)))?;
+    }
+    Ok(values)
+}
+
+/// The start of a word, for messages.
+fn shortened(word: &str) -> String {
+    word.chars().take(40).collect()
 }

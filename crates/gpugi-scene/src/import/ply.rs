@@ -11,6 +11,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
 use crate::normals::{CREASE_ANGLE, smooth_normals};
+use crate::tangents::unit_or;
 use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
 
 /// Reads a PLY mesh. Positions and faces are required; normals (made smooth when missing), texture coordinates and vertex
@@ -161,7 +162,7 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
         mesh.positions.push(position);
         if has_normals {
             // A zero normal says that there is none; some direction must stand in.
-            mesh.normals.push(normal.normalize_or(Vec3::Y));
+            mesh.normals.push(unit_or(Vec3::Y, normal));
         }
         if has_uvs {
             // PLY counts v upward.

@@ -1,0 +1,266 @@
+//! The OBJ file itself: vertices, faces, and which material they have.
+
+use std::borrow::Cow;
+use std::collections::{BTreeSet, HashMap};
+
+use glam::{Vec2, Vec3};
+
+use super::{numbers, shortened};
+use crate::tangents::unit_or;
+use crate::{ImportError, Limits, Mesh, polygon};
+
+/// The faces of one group (or object) that share a material.
+pub struct Part {
+    /// Named after the group; without normals when a corner lacks one.
+    pub mesh: Mesh,
+    /// The material's name, if any.
+    pub material: Option<String>,
+    /// New vertices by position, texture coordinate and normal.
+    vertices: HashMap<Corner, u32>,
+    lacks_normals: bool,
+    has_uvs: bool,
+}
+
+/// Numbers of a position, a texture coordinate and a normal.
+type Corner = (u32, Option<u32>, Option<u32>);
+
+/// What an OBJ file holds.
+pub struct Geometry {
+    /// In the order of the file.
+    pub parts: Vec<Part>,
+    /// The rest of each `mtllib` line.
+    pub libraries: Vec<String>,
+    /// What the file asks for and does not get.
+    pub warnings: Vec<String>,
+}
+
+impl Geometry {
+    /// Reads `text`; errors name `file` and the line.
+    pub fn parse(file: &str, text: &str, limits: &Limits) -> Result<Self, ImportError> {
+        let mut parser = Parser {
+            elements_left: limits.elements,
+            ..Parser::default()
+        };
+        for (number, line) in joined_lines(text) {
+            parser
+                .line(&line)
+                .map_err(|reason| ImportError::new(file, format!("line {number}"), reason))?;
+        }
+        let mut parts = parser.parts;
+        parts.retain(|part| !part.mesh.indices.is_empty());
+        if parts.is_empty() {
+            let reason = "there are no faces";
+            return Err(ImportError::new(file, "whole file", reason));
+        }
+        for part in &mut parts {
+            if part.lacks_normals {
+                part.mesh.normals.clear();
+            }
+            if !part.has_uvs {
+                part.mesh.uvs[0].clear();
+            }
+        }
+        let ignored = parser.ignored.iter();
+        Ok(Self {
+            parts,
+            libraries: parser.libraries,
+            warnings: ignored
+                .map(|keyword| format!("OBJ statement \"{keyword}\" is not supported"))
+                .collect(),
+        })
+    }
+}
+
+/// Lines with the number of their first one; a backslash at the end continues a line.
+fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut lines = text.lines().enumerate();
+    std::iter::from_fn(move || {
+        let (index, line) = lines.next()?;
+        let mut joined = Cow::Borrowed(line);
+        while let Some(start) = joined.trim_end().strip_suffix('\\') {
+            let next = lines.next().map_or("", |(_, line)| line);
+            joined = Cow::Owned(format!("{start} {next}"));
+        }
+        Some((index + 1, joined))
+    })
+}
+
+#[derive(Default)]
+struct Parser {
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    parts: Vec<Part>,
+    part_by_key: HashMap<(String, Option<String>), usize>,
+    /// The part that faces go to; none after a change of group or material.
+    current: Option<usize>,
+    group: String,
+    material: Option<String>,
+    libraries: Vec<String>,
+    ignored: BTreeSet<String>,
+    corners: Vec<Corner>,
+    elements_left: u64,
+}
+
+impl Parser {
+    fn line(&mut self, line: &str) -> Result<(), String> {
+        let line = line.trim();
+        let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let rest = rest.trim();
+        // Names may hold a #, numbers end there.
+        let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
+        let words = || values.split_whitespace().take(4).collect::<Vec<&str>>();
+        match keyword {
+            "" | "s" => {}
+            _ if keyword.starts_with('#') => {}
+            "v" => {
+                self.count(1)?;
+                self.positions.push(numbers(&words())?.into());
+            }
+            "vn" => self.normals.push(numbers(&words())?.into()),
+            "vt" => {
+                // v is optional and counts upward.
+                let words = words();
+                let [u] = numbers(&words)?;
+                let [v] = words.get(1..2).map_or(Ok([0.0]), numbers)?;
+                self.uvs.push(Vec2::new(u, 1.0 - v));
+            }
+            "f" => self.face(values)?,
+            "o" | "g" => {
+                self.group = rest.to_owned();
+                self.current = None;
+            }
+            "usemtl" => {
+                self.material = Some(rest.to_owned());
+                self.current = None;
+            }
+            "mtllib" => self.libraries.push(rest.to_owned()),
+            // A damaged file could hold any number of unknown words.
+            _ if self.ignored.len() < 20 => {
+                self.ignored.insert(shortened(keyword));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, values: &str) -> Result<(), String> {
+        let mut corners = std::mem::take(&mut self.corners);
+        corners.clear();
+        for word in values.split_whitespace() {
+            corners.push(self.corner(word)?);
+        }
+        if corners.len() < 3 {
+            return Err(format!("a face with {} corners", corners.len()));
+        }
+        self.count(3 * (corners.len() as u64 - 2))?;
+        let positions: Vec<Vec3> = corners
+            .iter()
+            .map(|&(position, ..)| self.positions[position as usize])
+            .collect();
+        let triangles = polygon::triangulate(&positions);
+        let current = self.current_part();
+        let part = &mut self.parts[current];
+        let vertices: Vec<u32> = corners
+            .iter()
+            .map(|&corner| part.vertex(corner, &self.positions, &self.uvs, &self.normals))
+            .collect();
+        for triangle in triangles {
+            let triangle = triangle.map(|corner| vertices[corner as usize]);
+            part.mesh.indices.extend(triangle);
+        }
+        self.corners = corners;
+        Ok(())
+    }
+
+    /// `position`, `position/uv`, `position//normal` or `position/uv/normal`; from 1, or backward from -1.
+    fn corner(&self, word: &str) -> Result<Corner, String> {
+        let mut fields = word.split('/');
+        let mut next = |what: &str, count: usize| {
+            let field = fields.next().unwrap_or_default();
+            if field.is_empty() {
+                return Ok(None);
+            }
+            let number: i64 = field
+                .parse()
+                .map_err(|_| format!("\"{}\" is no face corner", shortened(word)))?;
+            let index = if number < 0 {
+                number.saturating_add(count as i64)
+            } else {
+                number - 1
+            };
+            if !(0..count as i64).contains(&index) {
+                return Err(format!(
+                    "{what} {number} does not exist: there are {count} so far"
+                ));
+            }
+            Ok(Some(index as u32))
+        };
+        let position = next("vertex", self.positions.len())?;
+        let uv = next("texture coordinate", self.uvs.len())?;
+        let normal = next("normal", self.normals.len())?;
+        let position =
+            position.ok_or_else(|| format!("\"{}\" names no vertex", shortened(word)))?;
+        Ok((position, uv, normal))
+    }
+
+    fn current_part(&mut self) -> usize {
+        if let Some(current) = self.current {
+            return current;
+        }
+        let key = (self.group.clone(), self.material.clone());
+        let current = *self.part_by_key.entry(key).or_insert_with(|| {
+            let material = self.material.as_deref().unwrap_or("default");
+            let name = match self.group.as_str() {
+                "" => material.to_owned(),
+                group => format!("{group} ({material})"),
+            };
+            self.parts.push(Part {
+                mesh: Mesh {
+                    name,
+                    ..Mesh::default()
+                },
+                material: self.material.clone(),
+                vertices: HashMap::new(),
+                lacks_normals: false,
+                has_uvs: false,
+            });
+            self.parts.len() - 1
+        });
+        self.current = Some(current);
+        current
+    }
+
+    fn count(&mut self, elements: u64) -> Result<(), String> {
+        self.elements_left = self
+            .elements_left
+            .checked_sub(elements)
+            .ok_or("more vertices and indices than the limit")?;
+        Ok(())
+    }
+}
+
+impl Part {
+    fn vertex(
+        &mut self,
+        corner: Corner,
+        positions: &[Vec3],
+        uvs: &[Vec2],
+        normals: &[Vec3],
+    ) -> u32 {
+        let (position, uv, normal) = corner;
+        let mesh = &mut self.mesh;
+        *self.vertices.entry(corner).or_insert_with(|| {
+            mesh.positions.push(positions[position as usize]);
+            let uv = uv.map(|uv| uvs[uv as usize]);
+            self.has_uvs |= uv.is_some();
+            mesh.uvs[0].push(uv.unwrap_or_default());
+            let normal = normal.map(|normal| normals[normal as usize]);
+            // A zero normal is as good as none.
+            let normal = normal.map_or(Vec3::ZERO, |normal| unit_or(Vec3::ZERO, normal));
+            self.lacks_normals |= normal == Vec3::ZERO;
+            mesh.normals.push(normal);
+            mesh.positions.len() as u32 - 1
+        })
+    }
+}

@@ -1,0 +1,213 @@
+//! MTL: materials.
+
+use std::collections::{BTreeSet, HashMap};
+
+use glam::Vec3;
+
+use super::texture::{Map, Textures};
+use super::{numbers, shortened};
+use crate::{AlphaMode, ImportError, Limits, Material, MaterialModel, Resolver, Scene};
+
+/// The materials of all libraries that a file names.
+pub struct Library<'a> {
+    resolver: &'a dyn Resolver,
+    textures: Textures<'a>,
+    by_name: HashMap<String, usize>,
+}
+
+/// A material as MTL describes it.
+#[derive(Default)]
+struct Entry {
+    name: String,
+    kd: Option<Vec3>,
+    ks: Vec3,
+    ke: Option<Vec3>,
+    shininess: Option<f32>,
+    alpha: Option<f32>,
+    /// 1 - alpha; some exporters write it instead.
+    transparency: Option<f32>,
+    roughness: Option<f32>,
+    metallic: Option<f32>,
+    ior: Option<f32>,
+    illumination: Option<f32>,
+    maps: HashMap<&'static str, Map>,
+}
+
+/// Maps that are used, by their keyword.
+const MAPS: [&str; 4] = ["map_Kd", "map_Ke", "map_d", "norm"];
+
+impl<'a> Library<'a> {
+    pub fn new(resolver: &'a dyn Resolver, limits: &Limits) -> Self {
+        Self {
+            resolver,
+            textures: Textures::new(resolver, limits),
+            by_name: HashMap::new(),
+        }
+    }
+
+    /// The material called `name`, an index into the scene's.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.by_name.get(name).copied()
+    }
+
+    /// Adds the libraries of a `mtllib` line to the scene: one name that may hold blanks, or several.
+    pub fn load(&mut self, names: &str, scene: &mut Scene) -> Result<(), ImportError> {
+        let whole = names.replace('\\', "/");
+        let mut files = vec![whole.as_str()];
+        if self.resolver.read(&whole).is_err() {
+            files = whole.split_whitespace().collect();
+        }
+        for file in files {
+            match self.resolver.read(file) {
+                Ok(bytes) => self.read(file, &String::from_utf8_lossy(&bytes), scene)?,
+                Err(reason) => scene
+                    .warnings
+                    .push(format!("material library {file}: {reason}")),
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, file: &str, text: &str, scene: &mut Scene) -> Result<(), ImportError> {
+        let mut entries: Vec<Entry> = Vec::new();
+        let mut ignored = BTreeSet::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.trim();
+            let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+            let rest = rest.trim();
+            if keyword == "newmtl" {
+                entries.push(Entry {
+                    name: rest.to_owned(),
+                    ..Entry::default()
+                });
+            } else if let Some(entry) = entries.last_mut() {
+                let known = entry.statement(keyword, rest).map_err(|reason| {
+                    ImportError::new(file, format!("line {}", index + 1), reason)
+                })?;
+                if !known && ignored.len() < 20 {
+                    ignored.insert(shortened(keyword));
+                }
+            }
+        }
+        for keyword in ignored {
+            let warning = format!("{file}: MTL statement \"{keyword}\" is not supported");
+            scene.warnings.push(warning);
+        }
+        for entry in entries {
+            let name = entry.name.clone();
+            let material = entry.material(&mut self.textures, scene);
+            let material = scene.add_material(material);
+            self.by_name.insert(name, material);
+        }
+        Ok(())
+    }
+}
+
+impl Entry {
+    /// Takes in one line; false if it is not supported.
+    fn statement(&mut self, keyword: &str, rest: &str) -> Result<bool, String> {
+        // Names may hold a #, numbers end there.
+        let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
+        let words: Vec<&str> = values.split_whitespace().take(4).collect();
+        let one = || numbers::<1>(&words).map(|[value]| Some(value));
+        match keyword {
+            // The ambient colour belongs to no light that exists.
+            "" | "Ka" => {}
+            _ if keyword.starts_with('#') => {}
+            "Kd" => self.kd = Some(color(&words)?),
+            "Ks" => self.ks = color(&words)?,
+            "Ke" => self.ke = Some(color(&words)?),
+            "Ns" => self.shininess = one()?,
+            "d" => self.alpha = one()?,
+            "Tr" => self.transparency = one()?,
+            "Pr" => self.roughness = one()?,
+            "Pm" => self.metallic = one()?,
+            "Ni" => self.ior = one()?,
+            "illum" => self.illumination = one()?,
+            _ => {
+                let Some(map) = MAPS.iter().find(|map| **map == keyword) else {
+                    return Ok(false);
+                };
+                self.maps.insert(map, Map::parse(rest));
+            }
+        }
+        Ok(true)
+    }
+
+    fn material(&self, textures: &mut Textures, scene: &mut Scene) -> Material {
+        let map = |name: &str| self.maps.get(name);
+        let alpha = self
+            .alpha
+            .or(self.transparency.map(|transparency| 1.0 - transparency))
+            .unwrap_or(1.0)
+            .clamp(0.0, 1.0);
+        // A map without a factor counts in full.
+        let without = if map("map_Kd").is_some() { 1.0 } else { 0.6 };
+        let kd = self.kd.unwrap_or(Vec3::splat(without));
+        let kd = kd.clamp(Vec3::ZERO, Vec3::ONE);
+
+        let mut material = self.reflection(kd, scene);
+        material.name = self.name.clone();
+        material.base_color.w = alpha;
+        material.base_color_texture = match map("map_d") {
+            Some(coverage) => textures.with_alpha(map("map_Kd"), coverage, scene),
+            None => map("map_Kd").and_then(|map| textures.texture(map, scene)),
+        };
+        if alpha < 1.0 || (map("map_d").is_some() && material.base_color_texture.is_some()) {
+            material.alpha_mode = AlphaMode::Blend;
+        }
+        let without = if map("map_Ke").is_some() { 1.0 } else { 0.0 };
+        material.emissive = self.ke.unwrap_or(Vec3::splat(without)).max(Vec3::ZERO);
+        material.emissive_texture = map("map_Ke").and_then(|map| textures.texture(map, scene));
+        if let Some(map) = map("norm") {
+            material.normal_texture = textures.texture(map, scene);
+            material.normal_scale = map.strength;
+        }
+        material
+    }
+
+    /// Metallic-roughness if the physically based extension is there, Phong if something is specular, else matt.
+    fn reflection(&self, kd: Vec3, scene: &mut Scene) -> Material {
+        if self.roughness.is_some() || self.metallic.is_some() {
+            return Material {
+                base_color: kd.extend(1.0),
+                roughness: self.roughness.unwrap_or(1.0).clamp(0.0, 1.0),
+                metallic: self.metallic.unwrap_or(0.0).clamp(0.0, 1.0),
+                ior: self.ior.filter(|ior| *ior >= 1.0).unwrap_or(1.5),
+                ..Material::default()
+            };
+        }
+        let ks = self.ks.max(Vec3::ZERO);
+        // Illumination models 0 and 1 have no specular term.
+        let is_specular = ks != Vec3::ZERO && self.illumination.is_none_or(|model| model >= 2.0);
+        if !is_specular {
+            return Material::matt("", kd);
+        }
+        let largest = (kd + ks).max_element();
+        if largest > 1.0 {
+            let name = &self.name;
+            let warning = format!(
+                "material \"{name}\": Kd + Ks is {largest}, which would make light; both are scaled to 1"
+            );
+            scene.warnings.push(warning);
+        }
+        let scale = 1.0 / largest.max(1.0);
+        Material {
+            model: MaterialModel::Phong {
+                kd: kd * scale,
+                ks: ks * scale,
+                shininess: self.shininess.unwrap_or(10.0).max(0.0),
+            },
+            ..Material::default()
+        }
+    }
+}
+
+/// One number stands for three; spectra and CIE XYZ are not supported.
+fn color(words: &[&str]) -> Result<Vec3, String> {
+    match *words {
+        ["spectral" | "xyz", ..] => Err("only RGB colours are supported".into()),
+        [one] => numbers::<1>(&[one]).map(|[value]| Vec3::splat(value)),
+        _ => numbers(words).map(Vec3::from_array),
+    }
+}
