@@ -99,3 +99,12 @@ fn numbers_beyond_floats_are_refused() {
     file.json["nodes"][0]["translation"] = json!([1e99, 0.0, 0.0]);
     file.assert_error("JSON", "32-bit floats");
 }
+
+/// Without the feature, the error says how to get it.
+#[cfg(not(feature = "meshopt"))]
+#[test]
+fn meshopt_needs_its_feature() {
+    let mut file = File::triangle();
+    file.json["extensionsRequired"] = json!(["EXT_meshopt_compression"]);
+    file.assert_error("extensionsRequired[0]", "cargo feature meshopt");
+}
