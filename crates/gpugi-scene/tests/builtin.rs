@@ -195,3 +195,126 @@ fn volume(mesh: &Mesh) -> f32 {
         .map(|t| Mat3::from_cols(corner(&t[0]), corner(&t[1]), corner(&t[2])).determinant() / 6.0)
         .sum()
 }
+
+/// The edges that only one triangle has, after welding, as pairs of positions.
+fn open_edges(mesh: &Mesh) -> Vec<[Vec3; 2]> {
+    let welded = mesh.weld_positions();
+    let mut edges = std::collections::HashMap::new();
+    for triangle in mesh.indices.chunks(3) {
+        for i in 0..3 {
+            let (a, b) = (triangle[i], triangle[(i + 1) % 3]);
+            let key = (welded[a as usize], welded[b as usize]);
+            let earlier = edges.insert(key, [a, b]);
+            assert!(earlier.is_none(), "two triangles share a directed edge");
+        }
+    }
+    let is_open = |&(&(a, b), _): &(&(u32, u32), _)| !edges.contains_key(&(b, a));
+    let ends = edges.iter().filter(is_open).map(|(_, ends)| *ends);
+    ends.map(|ends| ends.map(|vertex| mesh.positions[vertex as usize]))
+        .collect()
+}
+
+#[test]
+fn teapot_is_newells() {
+    let scene = builtin("teapot", 2).unwrap();
+    let mesh = scene
+        .meshes
+        .iter()
+        .find(|mesh| mesh.name == "teapot")
+        .unwrap();
+    assert_eq!(mesh.indices.len() / 3, 32 * 12 * 12 * 2 - 8 * 12);
+    // Newell's units are 0.1 m: the handle reaches -3, the spout 3.5 units, the knob is 3.15 high.
+    let bounds = mesh.bounds();
+    assert!(
+        (bounds.min - vec3(-0.3, 0.0, -0.2)).abs().max_element() < 0.002,
+        "{bounds:?}"
+    );
+    assert!(
+        (bounds.max - vec3(0.342, 0.315, 0.2)).abs().max_element() < 0.003,
+        "{bounds:?}"
+    );
+    // Open only where Newell left it open: lid and rim, ends of the handle and of the spout.
+    let near = |value: f32, wanted: f32| (value - wanted).abs() < 1e-5;
+    for edge in open_edges(mesh) {
+        for p in edge {
+            let radius = p.x.hypot(p.z);
+            let rim =
+                near(p.y, 0.24) && (near(radius, 0.14) || near(radius, 0.13) || radius < 0.1408);
+            let spout = near(p.x, 0.17) || (near(p.y, 0.24) && p.x > 0.279);
+            let handle = p.x < -0.149 && p.x > -0.201 && p.z.abs() < 0.0301;
+            assert!(rim || spout || handle, "a hole at {p}");
+        }
+    }
+    // The outermost vertices face outward.
+    for direction in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::NEG_Z] {
+        let along = |vertex: &usize| mesh.positions[*vertex].dot(direction);
+        let farthest = (0..mesh.positions.len()).max_by(|a, b| along(a).total_cmp(&along(b)));
+        assert!(
+            mesh.normals[farthest.unwrap()].dot(direction) > 0.5,
+            "{direction}"
+        );
+    }
+    // Nearly closed, so that its signed volume is near that of the pot's body.
+    let volume = volume(mesh);
+    assert!((0.02..0.03).contains(&volume), "{volume}");
+}
+
+#[test]
+fn chamber_is_closed_and_of_moderate_size() {
+    let scene = scene("chamber");
+    let triangles = scene.statistics().triangles;
+    assert!((3000..=4000).contains(&triangles), "{triangles}");
+    let shell = ["floor", "walls"].map(|name| {
+        scene
+            .meshes
+            .iter()
+            .find(|mesh| mesh.name == name)
+            .unwrap()
+            .clone()
+    });
+    let middle = vec3(0.0, 4.5, 0.0);
+    for name in ["floor", "walls"] {
+        for (at, front) in faces(&scene, name) {
+            assert!(front.dot(middle - at) > 0.0, "{name} faces outward");
+        }
+    }
+    assert!((volume(&shapes::join("shell", shell)) + 12.0 * 16.0 * 9.0).abs() < 0.1);
+    for name in ["column", "balustrade", "gallery", "lamp"] {
+        let mesh = scene.meshes.iter().find(|mesh| mesh.name == name).unwrap();
+        assert!(mesh.is_closed() && volume(mesh) > 0.0, "{name}");
+    }
+    assert_eq!(scene.images.len(), 2);
+}
+
+#[test]
+fn shapes_scene_has_one_of_each() {
+    let scene = scene("shapes");
+    let statistics = scene.statistics();
+    assert_eq!(
+        (
+            statistics.point_lights,
+            statistics.spot_lights,
+            statistics.directional_lights
+        ),
+        (1, 1, 1)
+    );
+    assert!(statistics.emissive_triangles > 0 && statistics.alpha_materials == 1);
+    assert!(scene.instances.len() >= scene.meshes.len() + 2);
+    assert!(
+        scene
+            .instances
+            .iter()
+            .any(|instance| instance.world_from_mesh.determinant() < 0.0)
+    );
+    for (_, front) in faces(&scene, "lamp") {
+        assert!(front.y < -0.999, "the lamp shines down");
+    }
+}
+
+#[test]
+fn emitters_face_what_they_light() {
+    let scene = scene("teapot");
+    for (middle, front) in faces(&scene, "panel") {
+        assert!(front.dot(vec3(0.0, 0.15, 0.0) - middle) > 0.0);
+    }
+}

@@ -2,8 +2,13 @@
 
 pub mod shapes;
 
+mod chamber;
 mod cornell;
 mod room;
+mod shapes_scene;
+mod spheres;
+mod teapot;
+mod textures;
 
 use crate::Scene;
 
@@ -28,6 +33,26 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "room",
         summary: "coloured room with a box and a mirror sphere, lit by a spot and a point light",
         build: room::build,
+    },
+    BuiltinScene {
+        name: "teapot",
+        summary: "Newell's teapot on a plane, lit by a spot and an area light",
+        build: teapot::build,
+    },
+    BuiltinScene {
+        name: "spheres",
+        summary: "metal and dielectric spheres from matt to mirror under sky and sun",
+        build: spheres::build,
+    },
+    BuiltinScene {
+        name: "chamber",
+        summary: "closed stone hall with columns, arches and stairs, lit through a gallery",
+        build: chamber::build,
+    },
+    BuiltinScene {
+        name: "shapes",
+        summary: "one of each: shapes, kinds of light, reflection models, instances",
+        build: shapes_scene::build,
     },
 ];
 
