@@ -72,7 +72,7 @@ pub(super) fn build(detail: u32) -> Scene {
         outer_cone_angle: 32.0_f32.to_radians(),
     };
     let mut spot = Light::new("gallery spot", cone, vec3(620.0, 580.0, 500.0))
-        .aimed(vec3(-5.4, 8.5, 3.0), vec3(3.0, 0.6, -2.5));
+        .aimed(vec3(-4.4, 8.6, 3.0), vec3(1.8, 0.0, -2.0));
     spot.radius = 0.1;
     scene.lights = vec![spot];
     scene

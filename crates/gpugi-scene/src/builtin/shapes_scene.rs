@@ -13,7 +13,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let mut scene = Scene::new("shapes");
     scene.cameras.push(Camera::look_at(
         "front",
-        vec3(0.6, 2.4, 5.6),
+        vec3(0.6, 2.6, 6.4),
         vec3(0.0, 0.5, -0.2),
         40.0_f32.to_radians(),
     ));
@@ -87,7 +87,7 @@ pub(super) fn build(detail: u32) -> Scene {
     place(ring, gold, at(0.65, 0.16, 0.9));
 
     let yellow = Material::matt("yellow", vec3(0.7, 0.55, 0.1));
-    place(cone(0.45, 1.0, 24 * detail), yellow, at(1.7, 0.0, -0.2));
+    place(cone(0.45, 1.0, 24 * detail), yellow, at(1.35, 0.0, -0.2));
 
     // The leaf's holes let light and sight through.
     let leaf = quad(
@@ -114,7 +114,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let top = base.map(|corner| vec3(corner.x, 0.2 + 0.5 * corner.x, corner.z));
     let wedge = hexahedron(base, top, 2 * detail);
     let violet = Material::matt("violet", vec3(0.4, 0.2, 0.5));
-    let (wedge, violet) = place(named("wedge", wedge), violet, at(2.4, 0.0, -1.4));
+    let (wedge, violet) = place(named("wedge", wedge), violet, at(2.3, 0.0, -0.9));
     let lamp = quad(
         vec3(-0.3, 2.2, -0.9),
         Vec3::X * 0.6,
@@ -123,7 +123,7 @@ pub(super) fn build(detail: u32) -> Scene {
     );
     let emitter = Material::emitter("lamp", vec3(8.0, 7.0, 5.5));
     place(named("lamp", lamp), emitter, Mat4::IDENTITY);
-    let mirrored = at(2.4, 0.0, -1.4) * Mat4::from_scale(vec3(-1.0, 1.0, 1.0));
+    let mirrored = at(2.3, 0.0, -0.9) * Mat4::from_scale(vec3(-1.0, 1.0, 1.0));
     scene.add_instance("wedge, mirrored", wedge, violet, mirrored);
     let stretched = at(-2.9, 0.351, -1.2) * Mat4::from_scale(vec3(1.3, 0.78, 1.0));
     scene.add_instance("sphere, stretched", ball, violet, stretched);

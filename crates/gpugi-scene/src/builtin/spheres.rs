@@ -12,9 +12,9 @@ pub(super) fn build(detail: u32) -> Scene {
     let mut scene = Scene::new("spheres");
     scene.cameras.push(Camera::look_at(
         "front",
-        vec3(0.0, 2.6, 8.5),
-        vec3(0.0, 0.35, 0.0),
-        36.0_f32.to_radians(),
+        vec3(0.0, 3.8, 9.0),
+        vec3(0.0, 0.3, -0.3),
+        42.0_f32.to_radians(),
     ));
 
     let ball = scene.add_mesh(sphere(0.42, 16 * detail));
@@ -32,7 +32,7 @@ pub(super) fn build(detail: u32) -> Scene {
             roughness,
             ..Material::default()
         };
-        for (material, z) in [(metal, -0.7), (dielectric, 0.7)] {
+        for (material, z) in [(metal, -0.8), (dielectric, 0.6)] {
             let name = material.name.clone();
             let material = scene.add_material(material);
             let center = vec3(step as f32 - (STEPS - 1) as f32 / 2.0, 0.42, z);
