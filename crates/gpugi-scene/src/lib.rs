@@ -1,7 +1,7 @@
 //! What exists in a gpugi scene, and how it gets there. No GPU code.
 //!
 //! A [`Scene`] holds meshes, instances, materials, images, lights, cameras and an environment in world space:
-//! right-handed, +Y up, metres, linear Rec. 709. It comes from a file ([`import`]) or from a procedure
+//! right-handed, +Y up, metres, linear Rec. 709. It comes from a file ([`import()`]) or from a procedure
 //! ([`builtin`]). Importers take bytes and a [`Resolver`], so that they work where there is no file system.
 
 pub mod animation;

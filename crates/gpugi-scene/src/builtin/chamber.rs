@@ -170,7 +170,8 @@ fn arcade(detail: u32) -> Mesh {
     join("arcade", bays.chain(pilasters))
 }
 
-/// One bay of wall with a round arch in it: both faces and the arch's inside.
+/// One bay of wall with a round arch in it, up to the gallery: both faces and the arch's inside. Columns and the gallery
+/// hide the remaining sides.
 fn arch(middle: f32, detail: u32) -> Mesh {
     // A multiple of four hits the corners of the wall.
     let segments = 12 * detail;
@@ -208,7 +209,6 @@ fn arch(middle: f32, detail: u32) -> Mesh {
             uv: vec2(column as f32 / segments as f32 * 3.0, along),
         }
     });
-    // The wall between the arches and the gallery's floor.
     join("arch", [face(-1.0), face(1.0), inside])
 }
 
