@@ -63,6 +63,9 @@ fn splines_follow_their_tangents() {
     assert_x(&mut scene, 0.0, 0.0);
     // s = 1/2: v0/2 + 2 s (1/8 b0) + v1/2 = 0.25 + 0.5 with td = 2.
     assert_x(&mut scene, 1.0, 0.75);
+    // Arriving with slope 2 instead: td (s^3 - s^2) a1 = 2 (-1/8) 2 less.
+    let mut scene = moving("CUBICSPLINE", &[0.0, 2.0], &[0.0, 0.0, 1.0, 2.0, 1.0, 0.0]);
+    assert_x(&mut scene, 1.0, 0.25);
 }
 
 #[test]
@@ -194,6 +197,40 @@ fn flat_normals_follow_morph_targets() {
             .iter()
             .all(|normal| normal.abs_diff_eq(expected, 1e-6))
     );
+}
+
+#[test]
+fn morph_targets_and_skins_follow_split_vertices() {
+    // Flat normals reorder the vertices to 2, 0, 1; what bends them must follow.
+    let mut file = morphing(false);
+    let indices = file.indices(&[2, 0, 1]);
+    file.primitive()["indices"] = json!(indices);
+    file.json["nodes"][0]["weights"] = json!([1.0]);
+    let expected = [Vec3::Y, Vec3::ZERO, Vec3::new(1.0, 0.0, 2.0)];
+    assert_eq!(file.import().meshes[0].positions, expected);
+    let mut file = skinned();
+    file.primitive()["attributes"]
+        .as_object_mut()
+        .unwrap()
+        .remove("NORMAL");
+    let indices = file.indices(&[2, 0, 1]);
+    file.primitive()["indices"] = json!(indices);
+    // Joint 2 moves away: corner 1 goes along, corner 2 half the way.
+    file.json["nodes"][2]["translation"] = json!([3.0, 0.0, 0.0]);
+    let expected = [Vec3::new(1.0, 1.0, 1.0), Vec3::Z, Vec3::new(3.0, 0.0, 1.0)];
+    assert_eq!(file.import().meshes[0].positions, expected);
+}
+
+#[test]
+fn a_mesh_for_skins_stands_still_without_one() {
+    let mut file = skinned();
+    file.json["nodes"][0]
+        .as_object_mut()
+        .unwrap()
+        .remove("skin");
+    let scene = file.import();
+    assert!(scene.rig.is_none());
+    assert_eq!(scene.instances[0].world_from_mesh.w_axis.x, 100.0);
 }
 
 #[test]
