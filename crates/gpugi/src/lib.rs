@@ -1,3 +1,21 @@
 //! Global illumination on any GPU: generate illumination into maps, then gather it at surface points.
+//!
+//! ```no_run
+//! use gpugi::{Renderer, display::DisplaySettings, gpu::{AdapterChoice, Gpu}};
+//!
+//! let scene = gpugi_scene::builtin::builtin("cornell", 1).expect("a built-in scene");
+//! let gpu = Gpu::open(&AdapterChoice::Best)?;
+//! let mut renderer = Renderer::new(&gpu, &scene, [640, 640], &[])?;
+//! renderer.render_sample(&scene.cameras[0], 1, Some(&DisplaySettings::default()), false)?;
+//! let rgba = renderer.pixels()?;
+//! # Ok::<(), gpugi::RenderError>(())
+//! ```
 
+pub mod capture;
+pub mod display;
 pub mod gpu;
+pub mod renderer;
+pub mod scene;
+pub mod techniques;
+
+pub use renderer::{RenderError, Renderer};

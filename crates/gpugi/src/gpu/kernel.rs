@@ -214,8 +214,6 @@ pub struct RasterState<'a> {
     pub colors: &'a [wgpu::TextureFormat],
     /// Which faces are dropped.
     pub cull: Option<wgpu::Face>,
-    /// Winding of front faces.
-    pub front_face: wgpu::FrontFace,
     /// Slope-scaled bias away from the viewer, in depth steps per slope; 0 is none.
     pub slope_bias: f32,
     /// Whether a fragment shader runs.
@@ -269,7 +267,6 @@ impl RasterKernel {
                     },
                     primitive: wgpu::PrimitiveState {
                         cull_mode: state.cull,
-                        front_face: state.front_face,
                         ..Default::default()
                     },
                     depth_stencil: Some(wgpu::DepthStencilState {

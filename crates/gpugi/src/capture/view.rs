@@ -1,0 +1,117 @@
+//! Views: how captures see and how surface points are seen.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Mat4, Vec2, Vec3, Vec4};
+use gpugi_scene::{Camera, Projection};
+
+/// `View` of capture/view.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct ViewUniform {
+    pub origin: [f32; 3],
+    pub width: u32,
+    pub origin_dx: [f32; 3],
+    pub height: u32,
+    pub origin_dy: [f32; 3],
+    pub sample_index: u32,
+    pub direction: [f32; 3],
+    pub seed: u32,
+    pub direction_dx: [f32; 3],
+    pub padding_0: u32,
+    pub direction_dy: [f32; 3],
+    pub padding_1: u32,
+}
+
+/// A camera for an image of a size: the rays of its pixels and the matrix that rasterizes for them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// What shaders read.
+    pub uniform: ViewUniform,
+    /// Clip space (reverse depth) from world space.
+    pub clip_from_world: Mat4,
+    /// Camera position and axes.
+    pub world_from_view: Mat4,
+    /// Tangents of half the field of view; half extents [m] where orthographic.
+    pub half_extent: Vec2,
+    /// Whether rays start at one point.
+    pub is_perspective: bool,
+}
+
+impl View {
+    /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample in the pixel, each component in [-1/2, 1/2];
+    /// `diagonal` is the scene's [m].
+    pub fn new(camera: &Camera, size: [u32; 2], jitter: Vec2, sample_index: u32, seed: u32, diagonal: f32) -> Self {
+        let [width, height] = size.map(|side| side as f32);
+        let aspect = width / height;
+        let axes = [0, 1, 2].map(|axis| camera.world_from_view.col(axis).truncate());
+        let (right, up, forward) = (axes[0], axes[1], -axes[2]);
+        let eye = camera.world_from_view.w_axis.truncate();
+        let (half_extent, is_perspective) = match camera.projection {
+            Projection::Perspective { vertical_fov } => {
+                let tangent = (vertical_fov / 2.0).tan();
+                (Vec2::new(tangent * aspect, tangent), true)
+            }
+            Projection::Orthographic { height } => (Vec2::new(height * aspect, height) / 2.0, false),
+        };
+        // World offset from the image centre to the sample of pixel (0, 0), and from pixel to pixel.
+        let across = right * (2.0 * half_extent.x / width);
+        let down = up * (-2.0 * half_extent.y / height);
+        let first = right * (half_extent.x * ((1.0 + 2.0 * jitter.x) / width - 1.0))
+            + up * (half_extent.y * (1.0 - (1.0 + 2.0 * jitter.y) / height));
+        let zero = Vec3::ZERO;
+        let (origin, origin_dx, origin_dy, direction, direction_dx, direction_dy) = if is_perspective {
+            (eye, zero, zero, forward + first, across, down)
+        } else {
+            (eye + first, across, down, forward, zero, zero)
+        };
+        let view_from_world = camera.world_from_view.inverse();
+        let clip_from_view = if is_perspective {
+            perspective_reverse_infinite(half_extent, diagonal * 1e-4)
+        } else {
+            orthographic_reverse(half_extent, 0.0, (eye.length() + diagonal) * 4.0)
+        };
+        // The rasterizer samples pixel centres: shift the picture the other way.
+        let shift = Mat4::from_translation(Vec3::new(-2.0 * jitter.x / width, 2.0 * jitter.y / height, 0.0));
+        Self {
+            uniform: ViewUniform {
+                origin: origin.to_array(),
+                width: size[0],
+                origin_dx: origin_dx.to_array(),
+                height: size[1],
+                origin_dy: origin_dy.to_array(),
+                sample_index,
+                direction: direction.to_array(),
+                seed,
+                direction_dx: direction_dx.to_array(),
+                padding_0: 0,
+                direction_dy: direction_dy.to_array(),
+                padding_1: 0,
+            },
+            clip_from_world: shift * clip_from_view * view_from_world,
+            world_from_view: camera.world_from_view,
+            half_extent,
+            is_perspective,
+        }
+    }
+}
+
+/// Perspective with infinite far plane and reverse depth: depth = near / distance.
+pub fn perspective_reverse_infinite(half_tangents: Vec2, near: f32) -> Mat4 {
+    Mat4::from_cols(
+        Vec4::new(1.0 / half_tangents.x, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, 1.0 / half_tangents.y, 0.0, 0.0),
+        Vec4::new(0.0, 0.0, 0.0, -1.0),
+        Vec4::new(0.0, 0.0, near, 0.0),
+    )
+}
+
+/// Parallel projection with reverse depth: depth = (far - distance) / (far - near).
+pub fn orthographic_reverse(half_extents: Vec2, near: f32, far: f32) -> Mat4 {
+    let range = far - near;
+    Mat4::from_cols(
+        Vec4::new(1.0 / half_extents.x, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, 1.0 / half_extents.y, 0.0, 0.0),
+        Vec4::new(0.0, 0.0, 1.0 / range, 0.0),
+        Vec4::new(0.0, 0.0, far / range, 1.0),
+    )
+}

@@ -1,0 +1,289 @@
+//! The frame, readable as a table of contents: capture, resolve, each technique's generate, each technique's gather.
+
+use glam::Vec2;
+use gpugi_scene::{Camera, Scene};
+
+use crate::capture::{CameraCapture, Target, View};
+use crate::display::{Display, DisplaySettings};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::{
+    LightClass, Map, REGISTRY, SettingError, Technique,
+    light_paths::{left_out, overlap},
+};
+
+/// A renderer that cannot do what it was asked.
+#[derive(Debug, Clone, thiserror::Error, PartialEq)]
+pub enum RenderError {
+    /// The GPU failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A setting does not fit.
+    #[error("{technique}: {source}")]
+    Setting {
+        /// Technique.
+        technique: String,
+        /// Why.
+        source: SettingError,
+    },
+    /// There is no such technique.
+    #[error("there is no technique {name:?}; there are: {known}")]
+    UnknownTechnique {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// Two techniques would add the same light twice.
+    #[error("{first} and {second} both add light of path {path} ({class}): choose one of them")]
+    Overlap {
+        /// One technique.
+        first: String,
+        /// The other.
+        second: String,
+        /// A path that both add.
+        path: String,
+        /// Its class of lights.
+        class: LightClass,
+    },
+}
+
+/// Renders one scene with a set of techniques at one size.
+#[derive(Debug)]
+pub struct Renderer {
+    gpu: Gpu,
+    scene: GpuScene,
+    size: [u32; 2],
+    capture: CameraCapture,
+    emission: Kernel,
+    emission_groups: [wgpu::BindGroup; 2],
+    techniques: Vec<Box<dyn Technique>>,
+    target: Target,
+    display: Display,
+    samples: u32,
+    seed: u32,
+}
+
+impl Renderer {
+    /// A renderer of `scene` at `size` pixels with the named techniques; none named means every real-time technique that adds light
+    /// in this scene.
+    ///
+    /// # Errors
+    /// [`RenderError::UnknownTechnique`], [`RenderError::Overlap`], [`RenderError::Gpu`].
+    pub fn new(gpu: &Gpu, scene: &Scene, size: [u32; 2], names: &[String]) -> Result<Self, RenderError> {
+        let scene = GpuScene::new(gpu, scene)?;
+        let present = light_classes(&scene);
+        if let Some(name) = names.iter().find(|name| REGISTRY.iter().all(|(info, _)| info.name != **name)) {
+            return Err(RenderError::UnknownTechnique {
+                name: name.clone(),
+                known: REGISTRY.iter().map(|(info, _)| info.name).collect::<Vec<_>>().join(", "),
+            });
+        }
+        let mut techniques: Vec<Box<dyn Technique>> = Vec::new();
+        for (info, make) in REGISTRY {
+            let wanted = if names.is_empty() {
+                info.paths.iter().any(|paths| present.contains(&paths.class))
+            } else {
+                names.iter().any(|name| name == info.name)
+            };
+            if !wanted {
+                continue;
+            }
+            for other in &techniques {
+                if let Some((class, path)) = overlap(info.paths, other.info().paths) {
+                    return Err(RenderError::Overlap {
+                        first: other.info().name.into(),
+                        second: info.name.into(),
+                        path,
+                        class,
+                    });
+                }
+            }
+            techniques.push(make(gpu, &scene)?);
+        }
+        let capture = CameraCapture::new(gpu, &scene, size)?;
+        let target = Target {
+            radiance: gpu.buffer(
+                "radiance [bytes]",
+                u64::from(size[0]) * u64::from(size[1]) * 16,
+                wgpu::BufferUsages::STORAGE,
+            )?,
+        };
+        let emission = Kernel::new(gpu, &shader!("capture.emission"), "main", Some(&scene.layout))?;
+        let emission_groups = [
+            emission.bind(
+                gpu,
+                1,
+                &[
+                    ("seen", capture.points.view.as_entire_binding()),
+                    ("points", capture.points.points.as_entire_binding()),
+                ],
+            )?,
+            emission.bind(gpu, 3, &[("radiance", target.radiance.as_entire_binding())])?,
+        ];
+        Ok(Self {
+            display: Display::new(gpu, size)?,
+            gpu: gpu.clone(),
+            scene,
+            size,
+            capture,
+            emission,
+            emission_groups,
+            techniques,
+            target,
+            samples: 0,
+            seed: 0,
+        })
+    }
+
+    /// Sets one setting of one technique from text.
+    ///
+    /// # Errors
+    /// [`RenderError::UnknownTechnique`] when it is not among those in use, [`RenderError::Setting`].
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), RenderError> {
+        let known = self.techniques.iter().map(|one| one.info().name).collect::<Vec<_>>().join(", ");
+        let found = self
+            .techniques
+            .iter_mut()
+            .find(|one| one.info().name == technique)
+            .ok_or_else(|| RenderError::UnknownTechnique {
+                name: technique.to_owned(),
+                known,
+            })?;
+        found.set(name, value).map_err(|source| RenderError::Setting {
+            technique: technique.to_owned(),
+            source,
+        })
+    }
+
+    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter.
+    pub fn set_seed(&mut self, seed: u32) {
+        self.seed = seed;
+        self.samples = 0;
+    }
+
+    /// The techniques in use.
+    pub fn techniques(&self) -> &[Box<dyn Technique>] {
+        &self.techniques
+    }
+
+    /// The scene on the GPU.
+    pub fn scene(&self) -> &GpuScene {
+        &self.scene
+    }
+
+    /// Follows changes of the scene; accumulation begins anew.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn update(&mut self, before: &Scene, after: &Scene) -> Result<(), RenderError> {
+        self.samples = 0;
+        Ok(self.scene.update(&self.gpu, before, after)?)
+    }
+
+    /// Light that exists in the scene and that no technique in use adds: a few words each.
+    pub fn left_out(&self) -> Vec<String> {
+        let covered: Vec<_> =
+            self.techniques.iter().flat_map(|technique| technique.info().paths).copied().collect();
+        left_out(&covered, &light_classes(&self.scene))
+    }
+
+    /// Samples accumulated so far.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Forgets the accumulated samples.
+    pub fn restart(&mut self) {
+        self.samples = 0;
+    }
+
+    /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
+    /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn render_sample(
+        &mut self,
+        camera: &Camera,
+        of: u32,
+        display: Option<&DisplaySettings>,
+        timed: bool,
+    ) -> Result<Vec<Timing>, RenderError> {
+        let jitter = if of <= 1 {
+            Vec2::ZERO
+        } else {
+            crate::techniques::shadow_map::lights::low_discrepancy(self.samples) - 0.5
+        };
+        let view = View::new(camera, self.size, jitter, self.samples, self.seed, self.scene.diagonal());
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, timed);
+        self.scene.merge(&mut frame);
+        self.capture.record(&mut frame, &self.scene, &view);
+        for technique in &mut self.techniques {
+            technique.generate(&mut frame, &self.scene, &view)?;
+        }
+        frame.compute("frame.emission", |pass| {
+            self.emission.dispatch(
+                pass,
+                &[
+                    (0, &self.scene.bind_group),
+                    (1, &self.emission_groups[0]),
+                    (3, &self.emission_groups[1]),
+                ],
+                [self.capture.points.count, 1, 1],
+            );
+        });
+        for technique in &mut self.techniques {
+            technique.gather(&mut frame, &self.scene, &self.capture.points, &self.target)?;
+        }
+        self.samples += 1;
+        if let Some(settings) = display {
+            self.display.record(&mut frame, &self.target.radiance, self.samples, settings)?;
+        }
+        Ok(frame.submit()?)
+    }
+
+    /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display settings.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn pixels(&self) -> Result<Vec<u8>, RenderError> {
+        Ok(self.display.pixels(&self.gpu)?)
+    }
+
+    /// Mean linear radiance, three floats a pixel, row by row from the top.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn radiance(&self) -> Result<Vec<f32>, RenderError> {
+        let scale = 1.0 / self.samples.max(1) as f32;
+        let sums: Vec<[f32; 4]> = read_buffer(&self.gpu, &self.target.radiance, self.target.radiance.size())?;
+        let count = (self.size[0] * self.size[1]) as usize;
+        Ok(sums[..count].iter().flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale)).collect())
+    }
+
+    /// The packed surface points of the last sample (48 bytes each).
+    pub fn surface_points(&self) -> &wgpu::Buffer {
+        &self.capture.points.points
+    }
+
+    /// Every map that exists now.
+    pub fn maps(&self) -> Vec<Map> {
+        self.techniques.iter().flat_map(|technique| technique.maps()).collect()
+    }
+}
+
+/// Classes of light that a scene has.
+fn light_classes(scene: &GpuScene) -> Vec<LightClass> {
+    let punctual = !scene.lights.is_empty();
+    [
+        (punctual, LightClass::Punctual),
+        (!scene.emitters.is_empty(), LightClass::Area),
+        (scene.environment.is_some(), LightClass::Environment),
+    ]
+    .into_iter()
+    .filter_map(|(present, class)| present.then_some(class))
+    .collect()
+}

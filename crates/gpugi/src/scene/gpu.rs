@@ -1,0 +1,111 @@
+//! The rows of the scene's tables, as scene/tables.wesl reads them.
+
+use bytemuck::{Pod, Zeroable};
+
+/// `SceneHeader` of scene/bindings.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct SceneHeader {
+    pub instance_row: u32,
+    pub material_row: u32,
+    pub texture_row: u32,
+    pub instance_count: u32,
+    pub environment_rotation: [f32; 2],
+    pub environment_intensity: f32,
+    pub diagonal: f32,
+}
+
+/// `Instance` of scene/tables.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Instance {
+    pub world_from_mesh_0: [f32; 4],
+    pub world_from_mesh_1: [f32; 4],
+    pub world_from_mesh_2: [f32; 4],
+    pub first_vertex_word: u32,
+    pub first_index_word: u32,
+    pub first_merged_vertex: u32,
+    pub material: u32,
+    pub vertex_count: u32,
+    pub mirrored: u32,
+    pub closed: u32,
+    pub padding: u32,
+}
+
+/// `Material` of scene/tables.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Material {
+    pub base_color: [f32; 4],
+    pub emissive: [f32; 3],
+    pub alpha_cutoff: f32,
+    pub metallic: f32,
+    pub roughness: f32,
+    pub dielectric_f0: f32,
+    pub specular: f32,
+    pub specular_color: [f32; 3],
+    pub transmission: f32,
+    pub model_a: [f32; 3],
+    pub shininess: f32,
+    pub model_b: [f32; 3],
+    pub normal_scale: f32,
+    pub model: u32,
+    pub alpha_mode: u32,
+    pub double_sided: u32,
+    pub base_color_texture: u32,
+    pub metallic_roughness_texture: u32,
+    pub normal_texture: u32,
+    pub emissive_texture: u32,
+    pub specular_texture: u32,
+    pub specular_color_texture: u32,
+    pub transmission_texture: u32,
+    pub padding_0: u32,
+    pub padding_1: u32,
+}
+
+/// `TextureReference` of scene/tables.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct TextureReference {
+    pub uv_from_mesh: [f32; 4],
+    pub translation: [f32; 2],
+    pub mode: u32,
+    pub layer: u32,
+    pub width: u32,
+    pub height: u32,
+    pub padding_0: u32,
+    pub padding_1: u32,
+}
+
+/// A vertex in the geometry buffer: 12 words, `Vertex` of scene/tables.wesl with one word unused.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Vertex {
+    pub position: [f32; 3],
+    pub normal: u32,
+    pub tangent: u32,
+    pub uv_0: [f32; 2],
+    pub uv_1: [f32; 2],
+    pub color: [u32; 2],
+    pub padding: u32,
+}
+
+impl Vertex {
+    /// Size in 32-bit words.
+    pub const WORDS: u32 = 12;
+}
+
+/// Octahedral encoding, two 16-bit normalized integers: the twin of shared/octahedral.wesl.
+pub fn octahedral(direction: glam::Vec3) -> u32 {
+    let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs()).max(1e-20);
+    let (x, y) = if d.z >= 0.0 {
+        (d.x, d.y)
+    } else {
+        (
+            (1.0 - d.y.abs()) * 1.0_f32.copysign(d.x),
+            (1.0 - d.x.abs()) * 1.0_f32.copysign(d.y),
+        )
+    };
+    let snorm = |value: f32| (value.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16;
+    u32::from(snorm(x)) | u32::from(snorm(y)) << 16
+}

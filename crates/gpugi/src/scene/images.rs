@@ -1,0 +1,236 @@
+//! Material images as eight texture arrays: four size classes for sRGB images, four for linear ones.
+
+use gpugi_scene::{Image, Pixels, Scene};
+
+use crate::gpu::{Gpu, GpuError};
+
+/// Size classes for each colour space.
+const CLASSES: usize = 4;
+
+/// Where an image lies: class 0-3 sRGB, 4-7 linear, and its layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ImagePlace {
+    pub class: u32,
+    pub layer: u32,
+}
+
+/// Texture arrays and the places of every image in them.
+#[derive(Debug)]
+pub struct ImageArrays {
+    /// Views of the eight arrays in binding order.
+    pub views: Vec<wgpu::TextureView>,
+    /// By image: its place among the sRGB and among the linear arrays, where it is used so.
+    pub places: Vec<[Option<ImagePlace>; 2]>,
+    /// Bytes on the GPU.
+    pub bytes: u64,
+}
+
+impl ImageArrays {
+    /// Uploads every image that a material uses, scaled up to the next power-of-two square of its class, with mip levels.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when a class has more images than a texture has layers; [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        let mut places = vec![[None; 2]; scene.images.len()];
+        let mut views = Vec::new();
+        let mut bytes = 0;
+        for (space, format) in [wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Rgba8Unorm]
+            .into_iter()
+            .enumerate()
+        {
+            let used = images_used(scene, space);
+            let sizes = class_sizes(gpu, scene, &used);
+            for (class, &size) in sizes.iter().enumerate() {
+                let members: Vec<usize> = used
+                    .iter()
+                    .copied()
+                    .filter(|&image| class_of(&sizes, &scene.images[image]) == class)
+                    .collect();
+                for (layer, &image) in members.iter().enumerate() {
+                    places[image][space] = Some(ImagePlace {
+                        class: (space * CLASSES + class) as u32,
+                        layer: layer as u32,
+                    });
+                }
+                let images: Vec<&Image> = members.iter().map(|&image| &scene.images[image]).collect();
+                bytes += u64::from(size) * u64::from(size) * 16 / 3 * images.len() as u64;
+                views.push(upload(gpu, &images, size, format)?);
+            }
+        }
+        Ok(Self {
+            views,
+            places,
+            bytes,
+        })
+    }
+}
+
+/// Images that materials read as colour (space 0) or as data (space 1).
+fn images_used(scene: &Scene, space: usize) -> Vec<usize> {
+    let mut used: Vec<usize> = scene
+        .materials
+        .iter()
+        .flat_map(|material| match space {
+            0 => vec![
+                material.base_color_texture,
+                material.emissive_texture,
+                material.specular_color_texture,
+            ],
+            _ => vec![
+                material.metallic_roughness_texture,
+                material.normal_texture,
+                material.specular_texture,
+                material.transmission_texture,
+            ],
+        })
+        .flatten()
+        .map(|reference| scene.textures[reference.texture].image)
+        .collect();
+    used.sort_unstable();
+    used.dedup();
+    used
+}
+
+fn side(image: &Image) -> u32 {
+    image.width.max(image.height).next_power_of_two()
+}
+
+/// The largest sizes that occur, at most four; smaller images are scaled up to the smallest of them.
+fn class_sizes(gpu: &Gpu, scene: &Scene, used: &[usize]) -> [u32; CLASSES] {
+    let limit = gpu.device.limits().max_texture_dimension_2d;
+    let mut sizes: Vec<u32> = used.iter().map(|&image| side(&scene.images[image]).min(limit)).collect();
+    sizes.sort_unstable_by(|a, b| b.cmp(a));
+    sizes.dedup();
+    std::array::from_fn(|class| sizes.get(class).copied().unwrap_or(1))
+}
+
+/// The smallest class that holds an image at full size.
+fn class_of(sizes: &[u32; CLASSES], image: &Image) -> usize {
+    (0..CLASSES).rev().find(|&class| sizes[class] >= side(image)).unwrap_or(0)
+}
+
+fn upload(
+    gpu: &Gpu,
+    images: &[&Image],
+    size: u32,
+    format: wgpu::TextureFormat,
+) -> Result<wgpu::TextureView, GpuError> {
+    let levels = size.ilog2() + 1;
+    let texture = gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("material images"),
+        size: wgpu::Extent3d {
+            width: size,
+            height: size,
+            depth_or_array_layers: images.len().max(1) as u32,
+        },
+        mip_level_count: levels,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_DST
+            | wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    })?;
+    let level_view = |layer: u32, level: u32| {
+        texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            base_mip_level: level,
+            mip_level_count: Some(1),
+            ..Default::default()
+        })
+    };
+    gpu.scoped("material images", || {
+        let blitter = wgpu::util::TextureBlitterBuilder::new(&gpu.device, format)
+            .sample_type(wgpu::FilterMode::Linear)
+            .build();
+        for (layer, image) in images.iter().enumerate() {
+            let layer = layer as u32;
+            write_image(gpu, &texture, image, size, layer, &blitter, &level_view(layer, 0));
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            for level in 1..levels {
+                blitter.copy(
+                    &gpu.device,
+                    &mut encoder,
+                    &level_view(layer, level - 1),
+                    &level_view(layer, level),
+                );
+            }
+            gpu.queue.submit([encoder.finish()]);
+        }
+        Ok(())
+    })?;
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    }))
+}
+
+/// Puts an image into the finest level, through a scaling blit unless it fills it exactly.
+fn write_image(
+    gpu: &Gpu,
+    texture: &wgpu::Texture,
+    image: &Image,
+    size: u32,
+    layer: u32,
+    blitter: &wgpu::util::TextureBlitter,
+    target: &wgpu::TextureView,
+) {
+    let Pixels::Rgba8(texels) = &image.pixels else {
+        // Importers refuse float images for materials.
+        return;
+    };
+    let write = |texture: &wgpu::Texture, layer: u32| {
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d {
+                    z: layer,
+                    ..Default::default()
+                },
+                aspect: wgpu::TextureAspect::All,
+            },
+            texels,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(image.width * 4),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d {
+                width: image.width,
+                height: image.height,
+                depth_or_array_layers: 1,
+            },
+        );
+    };
+    if image.width == size && image.height == size {
+        write(texture, layer);
+        return;
+    }
+    let original = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("image before scaling"),
+        size: wgpu::Extent3d {
+            width: image.width,
+            height: image.height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: texture.format(),
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    write(&original, 0);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    blitter.copy(
+        &gpu.device,
+        &mut encoder,
+        &original.create_view(&Default::default()),
+        target,
+    );
+    gpu.queue.submit([encoder.finish()]);
+}

@@ -1,0 +1,587 @@
+//! A scene on the GPU: bind group 0, and merged world-space triangles for captures.
+
+pub(crate) mod gpu;
+mod images;
+#[cfg(test)]
+mod tests;
+
+use glam::{Mat4, Vec3};
+use gpugi_scene::{
+    AlphaMode, Bounds, Environment, Image, Instance, Light, Material, MaterialModel, Pixels, Scene,
+    TextureRef, Wrap, provoking::provoking_order,
+};
+
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::shader;
+use images::ImageArrays;
+
+/// How captures draw an instance; the order in which merged triangles lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DrawClass {
+    /// Opaque, single-sided, a closed mesh: shadow maps may hold its back faces.
+    Closed,
+    /// Opaque, single-sided, open.
+    Open,
+    /// Opaque, double-sided.
+    DoubleSided,
+    /// With alpha or transmission, single-sided.
+    Alpha,
+    /// With alpha or transmission, double-sided.
+    AlphaDoubleSided,
+}
+
+/// One instance's share of the merged triangles.
+#[derive(Debug, Clone)]
+pub struct Draw {
+    /// How it is drawn.
+    pub class: DrawClass,
+    /// Its indices in the merged index buffer.
+    pub indices: std::ops::Range<u32>,
+    /// World-space box.
+    pub bounds: Bounds,
+}
+
+/// Counters that grow when something changes: a map made at other counts is out of date.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct Versions {
+    /// Meshes and their places.
+    pub geometry: u64,
+    /// Materials.
+    pub materials: u64,
+    /// Lights, emitters and the environment.
+    pub lights: u64,
+}
+
+/// A triangle that emits, world space.
+#[derive(Debug, Clone, Copy)]
+pub struct Emitter {
+    /// Corners [m].
+    pub corners: [Vec3; 3],
+    /// Mean emitted radiance [W/sr/m^2].
+    pub radiance: Vec3,
+    /// Emits from its back, too.
+    pub two_sided: bool,
+}
+
+/// A scene on the GPU.
+#[derive(Debug)]
+pub struct GpuScene {
+    /// Layout of bind group 0.
+    pub layout: wgpu::BindGroupLayout,
+    /// Bind group 0.
+    pub bind_group: wgpu::BindGroup,
+    /// Merged vertices: world position and instance.
+    pub vertices: wgpu::Buffer,
+    /// Merged indices.
+    pub indices: wgpu::Buffer,
+    /// What captures draw, in order of class.
+    pub draws: Vec<Draw>,
+    /// World-space box around everything.
+    pub bounds: Bounds,
+    /// Punctual lights.
+    pub lights: Vec<Light>,
+    /// Emissive triangles.
+    pub emitters: Vec<Emitter>,
+    /// The environment.
+    pub environment: Option<Environment>,
+    /// What has changed how often.
+    pub versions: Versions,
+    /// Bytes of buffers and textures.
+    pub bytes: u64,
+    vertex_count: u32,
+    merge: Kernel,
+    merge_group: wgpu::BindGroup,
+    merged_version: u64,
+}
+
+/// Where a mesh lies in the geometry buffer, and what captures need of it.
+struct PlacedMesh {
+    first_vertex_word: u32,
+    first_index_word: u32,
+    vertex_count: u32,
+    indices: Vec<u32>,
+    closed: bool,
+    bounds: Bounds,
+}
+
+impl GpuScene {
+    /// Uploads a scene.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        let mut words: Vec<u32> = Vec::new();
+        let meshes: Vec<PlacedMesh> = scene.meshes.iter().map(|mesh| place_mesh(mesh, &mut words)).collect();
+        let mut order: Vec<usize> = (0..scene.instances.len()).collect();
+        order.sort_by_key(|&index| draw_class(scene, &meshes, &scene.instances[index]));
+
+        let mut instances = vec![bytemuck::Zeroable::zeroed(); scene.instances.len()];
+        let mut merged_indices: Vec<u32> = Vec::new();
+        let mut draws = Vec::new();
+        // Instances keep their numbers; vertices are merged in that order so that a vertex finds its instance by search.
+        let mut vertex_count: u64 = 0;
+        for (index, instance) in scene.instances.iter().enumerate() {
+            let mesh = &meshes[instance.mesh];
+            instances[index] = instance_row(instance, mesh, vertex_count as u32);
+            vertex_count += u64::from(mesh.vertex_count);
+        }
+        if vertex_count > u64::from(u32::MAX / 2) {
+            return Err(GpuError::TooLarge {
+                what: "vertices of all instances".into(),
+                needed: vertex_count,
+                limit: u64::from(u32::MAX / 2),
+                adapter: gpu.adapter.name.clone(),
+            });
+        }
+        for &index in &order {
+            let instance = &scene.instances[index];
+            let mesh = &meshes[instance.mesh];
+            let row: &gpu::Instance = &instances[index];
+            let first = merged_indices.len() as u32;
+            for triangle in mesh.indices.chunks_exact(3) {
+                // A mirroring transform turns the winding; the provoking vertex stays first.
+                let [a, b, c] = if row.mirrored == 1 {
+                    [triangle[0], triangle[2], triangle[1]]
+                } else {
+                    [triangle[0], triangle[1], triangle[2]]
+                };
+                merged_indices.extend([a, b, c].map(|vertex| vertex + row.first_merged_vertex));
+            }
+            draws.push(Draw {
+                class: draw_class(scene, &meshes, instance),
+                indices: first..merged_indices.len() as u32,
+                bounds: mesh.bounds.transformed(&instance.world_from_mesh),
+            });
+        }
+
+        let images = ImageArrays::new(gpu, scene)?;
+        let mut textures = Vec::new();
+        let materials: Vec<gpu::Material> = scene
+            .materials
+            .iter()
+            .map(|material| material_row(scene, material, &images, &mut textures))
+            .collect();
+        let bounds = scene.bounds();
+        let instance_rows = std::mem::size_of_val(&instances[..]) as u32 / 16;
+        let material_rows = std::mem::size_of_val(&materials[..]) as u32 / 16;
+        let environment = scene.environment.as_ref();
+        let rotation = environment.map_or(0.0, |environment| environment.rotation);
+        let header = gpu::SceneHeader {
+            instance_row: 0,
+            material_row: instance_rows,
+            texture_row: instance_rows + material_rows,
+            instance_count: instances.len() as u32,
+            environment_rotation: [rotation.cos(), rotation.sin()],
+            environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
+            diagonal: bounds.diagonal(),
+        };
+        let mut tables: Vec<u8> = Vec::new();
+        tables.extend(bytemuck::cast_slice::<gpu::Instance, u8>(&instances));
+        tables.extend(bytemuck::cast_slice::<gpu::Material, u8>(&materials));
+        tables.extend(bytemuck::cast_slice::<gpu::TextureReference, u8>(&textures));
+
+        let header = gpu.uniform("scene header", &header)?;
+        let geometry = gpu.storage("scene geometry [bytes]", &words)?;
+        let tables = gpu.storage("scene tables [bytes]", &tables)?;
+        let vertices = gpu.buffer(
+            "merged vertices [bytes]",
+            vertex_count * crate::gpu::RasterKernel::VERTEX_STRIDE,
+            wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::VERTEX,
+        )?;
+        let indices = gpu.buffer_with("merged indices [bytes]", &merged_indices, wgpu::BufferUsages::INDEX)?;
+        let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
+        let environment_view = environment_texture(gpu, environment)?;
+        let image_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("material images"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            anisotropy_clamp: 8,
+            ..Default::default()
+        });
+        let environment_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("environment"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let mut entries = vec![
+            header.as_entire_binding(),
+            geometry.as_entire_binding(),
+            tables.as_entire_binding(),
+            wgpu::BindingResource::Sampler(&image_sampler),
+            wgpu::BindingResource::Sampler(&environment_sampler),
+            wgpu::BindingResource::TextureView(&environment_view),
+        ];
+        entries.extend(images.views.iter().map(wgpu::BindingResource::TextureView));
+        let entries: Vec<_> = entries
+            .into_iter()
+            .enumerate()
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding: binding as u32,
+                resource,
+            })
+            .collect();
+        let bind_group = gpu.scoped("scene", || {
+            Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("scene"),
+                layout: &layout,
+                entries: &entries,
+            }))
+        })?;
+        let merge = Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?;
+        let merge_group = merge.bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
+        let bytes = geometry.size() + tables.size() + vertices.size() + indices.size() + images.bytes;
+        Ok(Self {
+            layout,
+            bind_group,
+            vertices,
+            indices,
+            draws,
+            bounds,
+            lights: scene.lights.clone(),
+            emitters: emitters(scene),
+            environment: scene.environment.clone(),
+            versions: Versions {
+                geometry: 1,
+                materials: 1,
+                lights: 1,
+            },
+            bytes,
+            vertex_count: vertex_count as u32,
+            merge,
+            merge_group,
+            merged_version: 0,
+        })
+    }
+
+    /// Brings the merged world-space vertices up to date.
+    pub fn merge(&mut self, frame: &mut Frame<'_>) {
+        if self.merged_version == self.versions.geometry || self.vertex_count == 0 {
+            return;
+        }
+        self.merged_version = self.versions.geometry;
+        frame.compute("capture.merge", |pass| {
+            self.merge.dispatch(
+                pass,
+                &[(0, &self.bind_group), (1, &self.merge_group)],
+                [self.vertex_count, 1, 1],
+            );
+        });
+    }
+
+    /// Follows changes of the scene's instances, lights, materials, meshes and environment; counts what changed.
+    ///
+    /// # Errors
+    /// As [`GpuScene::new`].
+    pub fn update(&mut self, gpu: &Gpu, before: &Scene, after: &Scene) -> Result<(), GpuError> {
+        let geometry = before.meshes != after.meshes || before.instances != after.instances;
+        let materials = before.materials != after.materials
+            || before.textures != after.textures
+            || before.images != after.images;
+        let lights = before.lights != after.lights || before.environment != after.environment;
+        if !(geometry || materials || lights) {
+            return Ok(());
+        }
+        let versions = self.versions;
+        if geometry || materials || before.environment != after.environment {
+            *self = Self::new(gpu, after)?;
+        } else {
+            self.lights = after.lights.clone();
+        }
+        let grown = |count: u64, changed: bool| count + u64::from(changed);
+        self.versions = Versions {
+            geometry: grown(versions.geometry, geometry),
+            materials: grown(versions.materials, materials),
+            // Emitters move with their instances.
+            lights: grown(versions.lights, lights || geometry || materials),
+        };
+        Ok(())
+    }
+
+    /// Length of the scene's diagonal [m], positive even for an empty scene.
+    pub fn diagonal(&self) -> f32 {
+        self.bounds.diagonal().max(1e-6)
+    }
+}
+
+fn place_mesh(mesh: &gpugi_scene::Mesh, words: &mut Vec<u32>) -> PlacedMesh {
+    let ordered = provoking_order(&mesh.indices, mesh.positions.len());
+    let first_vertex_word = words.len() as u32;
+    let unorm = |value: f32| (value.clamp(0.0, 1.0) * 65535.0).round() as u32;
+    for &source in &ordered.vertices {
+        let source = source as usize;
+        let uv = |set: usize| mesh.uvs[set].get(source).map_or([0.0; 2], |uv| uv.to_array());
+        let color = mesh.colors.get(source).copied().unwrap_or(glam::Vec4::ONE);
+        // The lowest bit holds the sign of the bitangent.
+        let tangent = mesh.tangents.get(source).map_or(0, |tangent| {
+            gpu::octahedral(tangent.truncate()) & !1 | u32::from(tangent.w < 0.0)
+        });
+        let vertex = gpu::Vertex {
+            position: mesh.positions[source].to_array(),
+            normal: gpu::octahedral(mesh.normals[source]),
+            tangent,
+            uv_0: uv(0),
+            uv_1: uv(1),
+            color: [
+                unorm(color.x) | unorm(color.y) << 16,
+                unorm(color.z) | unorm(color.w) << 16,
+            ],
+            padding: 0,
+        };
+        words.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(&vertex)));
+    }
+    let first_index_word = words.len() as u32;
+    words.extend_from_slice(&ordered.indices);
+    PlacedMesh {
+        first_vertex_word,
+        first_index_word,
+        vertex_count: ordered.vertices.len() as u32,
+        indices: ordered.indices,
+        closed: mesh.is_closed(),
+        bounds: mesh.bounds(),
+    }
+}
+
+fn draw_class(scene: &Scene, meshes: &[PlacedMesh], instance: &Instance) -> DrawClass {
+    let material = &scene.materials[instance.material];
+    let see_through = material.alpha_mode != AlphaMode::Opaque || material.transmission > 0.0;
+    match (see_through, material.double_sided) {
+        (true, true) => DrawClass::AlphaDoubleSided,
+        (true, false) => DrawClass::Alpha,
+        (false, true) => DrawClass::DoubleSided,
+        (false, false) if meshes[instance.mesh].closed => DrawClass::Closed,
+        (false, false) => DrawClass::Open,
+    }
+}
+
+fn instance_row(instance: &Instance, mesh: &PlacedMesh, first_merged_vertex: u32) -> gpu::Instance {
+    let matrix = instance.world_from_mesh;
+    gpu::Instance {
+        world_from_mesh_0: matrix.row(0).to_array(),
+        world_from_mesh_1: matrix.row(1).to_array(),
+        world_from_mesh_2: matrix.row(2).to_array(),
+        first_vertex_word: mesh.first_vertex_word,
+        first_index_word: mesh.first_index_word,
+        first_merged_vertex,
+        material: instance.material as u32,
+        vertex_count: mesh.vertex_count,
+        mirrored: u32::from(is_mirrored(&matrix)),
+        closed: u32::from(mesh.closed),
+        padding: 0,
+    }
+}
+
+fn is_mirrored(matrix: &Mat4) -> bool {
+    glam::Mat3::from_mat4(*matrix).determinant() < 0.0
+}
+
+fn material_row(
+    scene: &Scene,
+    material: &Material,
+    images: &ImageArrays,
+    textures: &mut Vec<gpu::TextureReference>,
+) -> gpu::Material {
+    let mut reference = |texture: &Option<TextureRef>, space: usize| match texture {
+        None => u32::MAX,
+        Some(texture) => {
+            textures.push(texture_row(scene, texture, images, space));
+            textures.len() as u32 - 1
+        }
+    };
+    let (model, model_a, model_b, shininess) = match material.model {
+        MaterialModel::MetallicRoughness => (0, Vec3::ZERO, Vec3::ZERO, 0.0),
+        MaterialModel::Phong { kd, ks, shininess } => (1, kd, ks, shininess),
+        MaterialModel::Conductor { n, k } => (2, n, k, 0.0),
+    };
+    // KHR_materials_ior: an index of 0 stands for a normal reflectance of 1.
+    let dielectric_f0 = if material.ior == 0.0 {
+        1.0
+    } else {
+        ((material.ior - 1.0) / (material.ior + 1.0)).powi(2)
+    };
+    let (alpha_mode, alpha_cutoff) = match material.alpha_mode {
+        AlphaMode::Opaque => (0, 0.0),
+        AlphaMode::Mask { cutoff } => (1, cutoff),
+        AlphaMode::Blend => (2, 0.0),
+    };
+    gpu::Material {
+        base_color: material.base_color.to_array(),
+        emissive: material.emissive.to_array(),
+        alpha_cutoff,
+        metallic: material.metallic,
+        roughness: material.roughness,
+        dielectric_f0,
+        specular: material.specular,
+        specular_color: material.specular_color.to_array(),
+        transmission: material.transmission,
+        model_a: model_a.to_array(),
+        shininess,
+        model_b: model_b.to_array(),
+        normal_scale: material.normal_scale,
+        model,
+        alpha_mode,
+        double_sided: u32::from(material.double_sided),
+        base_color_texture: reference(&material.base_color_texture, 0),
+        metallic_roughness_texture: reference(&material.metallic_roughness_texture, 1),
+        normal_texture: reference(&material.normal_texture, 1),
+        emissive_texture: reference(&material.emissive_texture, 0),
+        specular_texture: reference(&material.specular_texture, 1),
+        specular_color_texture: reference(&material.specular_color_texture, 0),
+        transmission_texture: reference(&material.transmission_texture, 1),
+        padding_0: 0,
+        padding_1: 0,
+    }
+}
+
+fn texture_row(
+    scene: &Scene,
+    reference: &TextureRef,
+    images: &ImageArrays,
+    space: usize,
+) -> gpu::TextureReference {
+    let texture = &scene.textures[reference.texture];
+    let image = &scene.images[texture.image];
+    let place = images.places[texture.image][space].unwrap_or(images::ImagePlace { class: 0, layer: 0 });
+    let wrap = |wrap: Wrap| match wrap {
+        Wrap::Repeat => 0,
+        Wrap::MirroredRepeat => 1,
+        Wrap::ClampToEdge => 2,
+    };
+    gpu::TextureReference {
+        uv_from_mesh: reference.uv_from_mesh.matrix2.to_cols_array(),
+        translation: reference.uv_from_mesh.translation.to_array(),
+        mode: place.class
+            | u32::from(texture.nearest) << 3
+            | wrap(texture.wrap[0]) << 4
+            | wrap(texture.wrap[1]) << 6
+            | reference.uv_set.min(1) << 8,
+        layer: place.layer,
+        width: image.width,
+        height: image.height,
+        padding_0: 0,
+        padding_1: 0,
+    }
+}
+
+/// The environment as a half-float texture (values above 65,504 are cut); one black texel without one.
+fn environment_texture(gpu: &Gpu, environment: Option<&Environment>) -> Result<wgpu::TextureView, GpuError> {
+    let black = Image {
+        name: String::new(),
+        width: 1,
+        height: 1,
+        pixels: Pixels::Rgba32Float(vec![0.0; 4]),
+    };
+    let image = environment.map_or(&black, |environment| &environment.image);
+    let halves: Vec<u16> = match &image.pixels {
+        Pixels::Rgba32Float(values) => {
+            values.iter().map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits()).collect()
+        }
+        Pixels::Rgba8(values) => {
+            values.iter().map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits()).collect()
+        }
+    };
+    let size = wgpu::Extent3d {
+        width: image.width,
+        height: image.height,
+        depth_or_array_layers: 1,
+    };
+    let texture = gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("environment"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })?;
+    gpu.queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&halves),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(image.width * 8),
+            rows_per_image: None,
+        },
+        size,
+    );
+    Ok(texture.create_view(&Default::default()))
+}
+
+/// Every emissive triangle in world space, with the mean of its emissive texture taken at its corners and centre.
+fn emitters(scene: &Scene) -> Vec<Emitter> {
+    let mut emitters = Vec::new();
+    for instance in &scene.instances {
+        let material = &scene.materials[instance.material];
+        if material.emissive == Vec3::ZERO {
+            continue;
+        }
+        let mesh = &scene.meshes[instance.mesh];
+        let mirrored = is_mirrored(&instance.world_from_mesh);
+        for triangle in mesh.indices.chunks_exact(3) {
+            let mut corners = [0, 1, 2].map(|corner| {
+                instance.world_from_mesh.transform_point3(mesh.positions[triangle[corner] as usize])
+            });
+            if mirrored {
+                corners.swap(1, 2);
+            }
+            let radiance = material.emissive * mean_emission(scene, material, mesh, triangle);
+            if radiance.max_element() > 0.0 {
+                emitters.push(Emitter {
+                    corners,
+                    radiance,
+                    two_sided: material.double_sided,
+                });
+            }
+        }
+    }
+    emitters
+}
+
+/// Mean of the emissive texture over a triangle from a fixed pattern of 36 points.
+fn mean_emission(
+    scene: &Scene,
+    material: &Material,
+    mesh: &gpugi_scene::Mesh,
+    triangle: &[u32],
+) -> Vec3 {
+    let Some(reference) = &material.emissive_texture else {
+        return Vec3::ONE;
+    };
+    let uvs = &mesh.uvs[reference.uv_set.min(1) as usize];
+    let image = &scene.images[scene.textures[reference.texture].image];
+    let Pixels::Rgba8(texels) = &image.pixels else {
+        return Vec3::ONE;
+    };
+    let corner = |index: usize| uvs.get(triangle[index] as usize).copied().unwrap_or_default();
+    const STEPS: usize = 8;
+    let mut sum = Vec3::ZERO;
+    let mut count = 0.0;
+    for i in 0..STEPS {
+        for j in 0..STEPS - i {
+            let (u, v) = ((i as f32 + 1.0 / 3.0) / STEPS as f32, (j as f32 + 1.0 / 3.0) / STEPS as f32);
+            let uv = corner(0) * (1.0 - u - v) + corner(1) * u + corner(2) * v;
+            let uv = reference.uv_from_mesh.transform_point2(uv);
+            let texel = |coordinate: f32, size: u32| {
+                ((coordinate.rem_euclid(1.0) * size as f32) as u32).min(size - 1) as usize
+            };
+            let at = (texel(uv.y, image.height) * image.width as usize + texel(uv.x, image.width)) * 4;
+            sum += Vec3::from_array([0, 1, 2].map(|channel| srgb_to_linear(texels[at + channel])));
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+fn srgb_to_linear(value: u8) -> f32 {
+    let value = f32::from(value) / 255.0;
+    if value <= 0.04045 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
+    }
+}

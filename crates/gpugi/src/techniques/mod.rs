@@ -1,0 +1,87 @@
+//! The techniques: each generates illumination into maps and gathers it at surface points.
+
+pub mod environment_map;
+pub mod image_based_lighting;
+pub mod light_paths;
+pub mod settings;
+pub mod shadow_map;
+
+pub use light_paths::{LightClass, LightPaths};
+pub use settings::{Field, SettingError};
+
+use crate::capture::{SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::GpuScene;
+
+/// What a technique says of itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Info {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One line.
+    pub summary: &'static str,
+    /// Where it comes from: the tutorial's section and papers.
+    pub source: &'static str,
+    /// The light that it adds.
+    pub paths: &'static [LightPaths],
+}
+
+/// A texture that a technique keeps, for dumps and tests.
+#[derive(Debug, Clone)]
+pub struct Map {
+    /// Such as `shadow-map.atlas`.
+    pub name: String,
+    /// The texture.
+    pub texture: wgpu::Texture,
+}
+
+/// What every technique can do. The renderer calls `generate` and `gather` once a frame, in the registry's order.
+pub trait Technique: std::fmt::Debug {
+    /// Name, source and light paths.
+    fn info(&self) -> &'static Info;
+
+    /// Settings and their present values, as JSON.
+    fn settings(&self) -> serde_json::Value;
+
+    /// What can be set.
+    fn fields(&self) -> &'static [Field];
+
+    /// Sets one setting from text.
+    ///
+    /// # Errors
+    /// [`SettingError`] when there is no such setting or the value is out of range.
+    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError>;
+
+    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) -> Result<(), GpuError>;
+
+    /// Adds the technique's light at `points` to `target`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError>;
+
+    /// The maps that exist now.
+    fn maps(&self) -> Vec<Map>;
+}
+
+/// How the registry makes a technique.
+type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
+
+/// Every technique in the order of the frame.
+pub const REGISTRY: &[(&Info, Make)] = &[
+    (&shadow_map::INFO, |gpu, scene| Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))),
+    (&image_based_lighting::INFO, |gpu, scene| {
+        Ok(Box::new(image_based_lighting::ImageBasedLighting::new(gpu, scene)?))
+    }),
+    (&environment_map::INFO, |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))),
+];

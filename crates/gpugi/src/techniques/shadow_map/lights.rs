@@ -1,0 +1,233 @@
+//! From a scene's lights to light samples and the depth views that they need.
+
+use glam::{Vec2, Vec3, Vec4};
+use gpugi_scene::{Bounds, Light, LightKind};
+
+use super::Settings;
+use super::gpu::LightSample;
+use crate::capture::View;
+use crate::capture::depth::DepthViewSpec;
+use crate::scene::Emitter;
+
+/// Samples and views under construction.
+#[derive(Debug, Default)]
+pub struct LightList {
+    /// What the gather sums over.
+    pub samples: Vec<LightSample>,
+    /// What the depth atlas holds.
+    pub views: Vec<DepthViewSpec>,
+}
+
+/// Any unit vector perpendicular to a unit vector.
+pub fn perpendicular(direction: Vec3) -> Vec3 {
+    direction.any_orthonormal_vector()
+}
+
+impl LightList {
+    fn push(&mut self, mut sample: LightSample, views: &[DepthViewSpec]) {
+        sample.first_view = self.views.len() as u32;
+        sample.view_count = views.len() as u32;
+        self.views.extend_from_slice(views);
+        self.samples.push(sample);
+    }
+
+    /// Adds a punctual light: six faces for a point light, one view for a spot light, cascades for a directional one.
+    pub fn add_light(&mut self, light: &Light, settings: &Settings, bounds: &Bounds, view: &View) {
+        let diagonal = bounds.diagonal().max(1e-6);
+        let near = diagonal * 1e-4;
+        let (position, direction) = (light.position(), light.direction());
+        let gutter = settings.gutter();
+        let base = LightSample {
+            position: position.to_array(),
+            kind: LightSample::POINT,
+            direction: direction.to_array(),
+            first_view: 0,
+            intensity: light.intensity.to_array(),
+            view_count: 0,
+            tangent: [0.0; 3],
+            radius: light.radius,
+            cone_scale: 0.0,
+            cone_offset: 0.0,
+            inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
+            area: 0.0,
+        };
+        let side = settings.resolution;
+        match light.kind {
+            LightKind::Point => self.push(base, &DepthViewSpec::cube(position, near, side, gutter)),
+            LightKind::Spot { inner_cone_angle, outer_cone_angle } => {
+                let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+                let scale = 1.0 / (inner - outer).max(1e-3);
+                let sample = LightSample {
+                    kind: LightSample::SPOT,
+                    cone_scale: scale,
+                    cone_offset: -outer * scale,
+                    ..base
+                };
+                let tangent = outer_cone_angle.clamp(0.01, 1.55).tan();
+                let up = perpendicular(direction);
+                self.push(
+                    sample,
+                    &[DepthViewSpec::perspective(position, direction, up, tangent, near, side, gutter)],
+                );
+            }
+            LightKind::Directional => {
+                let sample = LightSample {
+                    kind: LightSample::DIRECTIONAL,
+                    radius: light.radius.tan(),
+                    ..base
+                };
+                self.push(sample, &cascades(direction, settings, bounds, view));
+            }
+        }
+    }
+
+    /// Adds a parallel light whose one view covers the whole scene.
+    pub fn add_direction(&mut self, direction: Vec3, irradiance: Vec3, radius: f32, side: u32, bounds: &Bounds) {
+        let half = (bounds.diagonal() / 2.0).max(1e-6);
+        let spec = DepthViewSpec::orthographic(
+            bounds.center(),
+            direction,
+            perpendicular(direction),
+            half * 1.02,
+            -half * 1.05,
+            half * 1.05,
+            side,
+        );
+        let sample = LightSample {
+            kind: LightSample::DIRECTIONAL,
+            direction: direction.to_array(),
+            intensity: irradiance.to_array(),
+            radius,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        self.push(sample, &[spec]);
+    }
+
+    /// Adds `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it.
+    /// A sample's L A is the power share over pi in the triangle's colour.
+    pub fn add_emitters(&mut self, emitters: &[Emitter], count: u32, side: u32, gutter: u32, diagonal: f32) {
+        let luminance = |color: Vec3| color.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let area = |emitter: &Emitter| {
+            let [a, b, c] = emitter.corners;
+            (b - a).cross(c - a).length() / 2.0
+        };
+        let weights: Vec<f64> = emitters
+            .iter()
+            .map(|emitter| {
+                let sides = if emitter.two_sided { 2.0 } else { 1.0 };
+                f64::from(luminance(emitter.radiance) * area(emitter) * sides)
+            })
+            .collect();
+        let total: f64 = weights.iter().sum();
+        if !(total > 0.0 && total.is_finite()) {
+            return;
+        }
+        let mut before = 0.0;
+        let mut index = 0;
+        for sample in 0..count {
+            let at = (f64::from(sample) + 0.5) / f64::from(count) * total;
+            while index + 1 < emitters.len() && before + weights[index] <= at {
+                before += weights[index];
+                index += 1;
+            }
+            let emitter = &emitters[index];
+            let [a, b, c] = emitter.corners;
+            let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
+            let uv = low_discrepancy(sample);
+            // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
+            let (u, v) = if uv.y > uv.x {
+                (uv.x / 2.0, uv.y - uv.x / 2.0)
+            } else {
+                (uv.x - uv.y / 2.0, uv.y / 2.0)
+            };
+            let position = a + (b - a) * u + (c - a) * v;
+            let sides = if emitter.two_sided { 2.0 } else { 1.0 };
+            let sample_area = (total / f64::from(count)) as f32 / (luminance(emitter.radiance) * sides);
+            let tangent = (b - a).normalize_or(perpendicular(normal));
+            let near = diagonal * 1e-4;
+            let mut faces = DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec();
+            if emitter.two_sided {
+                // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
+                let mut below =
+                    DepthViewSpec::hemicube(position, -normal, tangent, near, side, gutter).to_vec();
+                below.swap(3, 4);
+                faces.extend(below);
+            }
+            self.push(
+                LightSample {
+                    position: position.to_array(),
+                    kind: if emitter.two_sided { LightSample::AREA_TWO_SIDED } else { LightSample::AREA },
+                    direction: normal.to_array(),
+                    intensity: (emitter.radiance * sample_area).to_array(),
+                    tangent: tangent.to_array(),
+                    area: sample_area,
+                    ..bytemuck::Zeroable::zeroed()
+                },
+                &faces,
+            );
+        }
+    }
+}
+
+/// Point `index` of the additive R2 sequence (Roberts 2018) in the unit square.
+pub fn low_discrepancy(index: u32) -> Vec2 {
+    const STEP: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
+    Vec2::from_array(STEP.map(|step| (0.5 + step * f64::from(index)).fract() as f32))
+}
+
+/// Cascades of a directional light, fitted to what the camera sees of the scene. Each covers a sphere around its slice of the view, so that its
+/// size does not change when the camera turns, and moves in whole texels, so that its edges do not crawl.
+fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) -> Vec<DepthViewSpec> {
+    let center = bounds.center();
+    let radius = (bounds.diagonal() / 2.0).max(1e-6);
+    let up = perpendicular(direction);
+    let right = direction.cross(up);
+    let eye = view.world_from_view.w_axis.truncate();
+    let forward = -view.world_from_view.z_axis.truncate();
+    // The part of the view's axis along which there may be something to see.
+    let middle = (center - eye).dot(forward);
+    let near = (middle - radius).max(radius * 1e-3);
+    let far = (middle + radius).max(near * 1.01);
+    let count = if view.is_perspective { settings.cascades } else { 1 };
+    let split = |index: u32| {
+        // Half-way between equal ratios, which fit perspective, and equal lengths (Zhang et al. 2006).
+        let part = index as f32 / count as f32;
+        0.5 * (near * (far / near).powf(part) + near + (far - near) * part)
+    };
+    (0..count)
+        .map(|index| {
+            let (from, to) = if index == 0 { (near, split(1)) } else { (split(index), split(index + 1)) };
+            let (slice_center, slice_radius) = slice_sphere(view, eye, forward, from, to);
+            // What lies outside the scene needs no texels.
+            let (cascade_center, half) =
+                if slice_radius < radius { (slice_center, slice_radius) } else { (center, radius) };
+            // Room for the filter, and steady under small changes of the radius.
+            let half = half * 1.05;
+            let texel = 2.0 * half / settings.resolution as f32;
+            let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
+            let origin = right * snapped(right) + up * snapped(up) + direction * center.dot(direction);
+            DepthViewSpec::orthographic(
+                origin,
+                direction,
+                up,
+                half,
+                -radius * 1.05,
+                radius * 1.05,
+                settings.resolution,
+            )
+        })
+        .collect()
+}
+
+/// The sphere around the part of a view between two distances.
+fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (Vec3, f32) {
+    if !view.is_perspective {
+        let half = (to - from) / 2.0;
+        return (eye + forward * (from + half), half.hypot(view.half_extent.length()));
+    }
+    let spread = view.half_extent.length_squared();
+    // The point on the axis that is equally far from the near and the far corners.
+    let middle = ((to + from) * (1.0 + spread) / 2.0).min(to);
+    let corner = Vec4::new(to * spread.sqrt(), to - middle, 0.0, 0.0).length();
+    (eye + forward * middle, corner)
+}

@@ -1,0 +1,235 @@
+//! Shadow mapping: direct light of punctual and area lights, with shadows from depth maps (tutorial section 3.1).
+//!
+//! Generate: every light becomes one or more light samples with depth views in one atlas: six cube faces for a point light, one
+//! view for a spot light, cascades for a directional one, five hemicube faces for each sample of an area light. Gather: sums
+//! the samples' reflected light times visibility. Differences to the tutorial: point lights and area lights are complete, depth is
+//! reversed floating point, bias is a normal offset where the second depth value does not apply. docs/techniques/shadow-map.md.
+
+pub(crate) mod gpu;
+pub(crate) mod lights;
+pub(crate) mod shadows;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings};
+use crate::capture::{SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::{GpuScene, Versions};
+use gpu::GatherSettings;
+use gpugi_scene::LightKind;
+use lights::LightList;
+use shadows::Shadows;
+
+/// What shadow mapping says of itself.
+pub const INFO: Info = Info {
+    name: "shadow-map",
+    summary: "direct light of point, spot, directional and area lights with shadows",
+    source: "tutorial section 3.1; Williams 1978; Reeves et al. 1987; Fernando 2005",
+    paths: &[
+        LightPaths { class: LightClass::Punctual, pattern: "L[DG]E" },
+        LightPaths { class: LightClass::Area, pattern: "L[DG]E" },
+    ],
+};
+
+/// How shadows are smoothed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// One comparison, interpolated by the hardware.
+    None,
+    /// Percentage-closer filtering over a disc.
+    Pcf,
+    /// Percentage-closer soft shadows: the disc grows with the penumbra.
+    Pcss,
+}
+
+/// Settings of shadow mapping.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// Side of a depth map [texels].
+    pub resolution: u32,
+    /// Smoothing.
+    pub filter: Filter,
+    /// Radius of the filter disc [texels].
+    pub filter_radius: f32,
+    /// Comparisons a lookup.
+    pub taps: u32,
+    /// Normal offset [texels].
+    pub normal_offset: f32,
+    /// Whether closed meshes are drawn by their back faces.
+    pub second_depth: bool,
+    /// Cascades of a directional light.
+    pub cascades: u32,
+    /// Sample points on all area lights together.
+    pub area_samples: u32,
+    /// Side of an area sample's hemicube [texels].
+    pub area_resolution: u32,
+    /// Comparisons a lookup in an area sample's map.
+    pub area_taps: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            resolution: 1024,
+            filter: Filter::Pcf,
+            filter_radius: 1.5,
+            taps: 16,
+            normal_offset: 1.0,
+            second_depth: true,
+            cascades: 4,
+            area_samples: 64,
+            area_resolution: 256,
+            area_taps: 4,
+        }
+    }
+}
+
+const FIELDS: &[Field] = &[
+    Field { name: "resolution", summary: "side of a depth map [texels]", range: Some((16.0, 8192.0)) },
+    Field { name: "filter", summary: "none, pcf or pcss", range: None },
+    Field { name: "filter_radius", summary: "radius of the filter disc [texels]", range: Some((0.0, 16.0)) },
+    Field { name: "taps", summary: "comparisons a lookup", range: Some((1.0, 256.0)) },
+    Field { name: "normal_offset", summary: "bias along the normal [texels]", range: Some((0.0, 16.0)) },
+    Field { name: "second_depth", summary: "true: closed meshes cast by their back faces", range: None },
+    Field { name: "cascades", summary: "depth maps of a directional light", range: Some((1.0, 4.0)) },
+    Field { name: "area_samples", summary: "sample points on all area lights", range: Some((1.0, 4096.0)) },
+    Field { name: "area_resolution", summary: "side of an area sample's hemicube [texels]", range: Some((16.0, 2048.0)) },
+    Field { name: "area_taps", summary: "comparisons a lookup for area lights", range: Some((1.0, 256.0)) },
+];
+
+impl Settings {
+    /// Texels by which views reach beyond their field of view, for the filter.
+    fn gutter(&self) -> u32 {
+        (self.filter_radius.ceil() as u32 + 2).min(self.resolution / 8)
+    }
+
+    pub(crate) fn gather(&self) -> GatherSettings {
+        GatherSettings {
+            kind: match self.filter {
+                Filter::None => 0,
+                Filter::Pcf => 1,
+                Filter::Pcss => 2,
+            },
+            radius: self.filter_radius,
+            taps: self.taps,
+            normal_offset: self.normal_offset,
+            cascade_blend: 0.1,
+            second_depth: u32::from(self.second_depth),
+            area_taps: self.area_taps,
+            padding: 0,
+        }
+    }
+}
+
+/// What the maps depend on: they are made again when it changes.
+#[derive(Debug, Clone, PartialEq)]
+struct Made {
+    versions: Versions,
+    settings: Settings,
+    /// The camera, where cascades follow it. Jitter does not count.
+    camera: Option<(glam::Mat4, glam::Vec2)>,
+}
+
+/// Shadow mapping.
+#[derive(Debug)]
+pub struct ShadowMap {
+    settings: Settings,
+    shadows: Shadows,
+    made: Option<Made>,
+}
+
+impl ShadowMap {
+    /// Compiles the technique's passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Ok(Self {
+            settings: Settings::default(),
+            shadows: Shadows::new(gpu, scene)?,
+            made: None,
+        })
+    }
+
+    /// The settings, typed.
+    pub fn settings_mut(&mut self) -> &mut Settings {
+        &mut self.settings
+    }
+}
+
+impl Technique for ShadowMap {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn settings(&self) -> serde_json::Value {
+        settings::to_json(&self.settings)
+    }
+
+    fn fields(&self) -> &'static [Field] {
+        FIELDS
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
+        settings::set(&mut self.settings, FIELDS, name, value)
+    }
+
+    fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) -> Result<(), GpuError> {
+        let follows_camera = scene.lights.iter().any(|light| light.kind == LightKind::Directional);
+        let made = Made {
+            versions: scene.versions,
+            settings: self.settings.clone(),
+            camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
+        };
+        if self.made.as_ref() == Some(&made) {
+            return Ok(());
+        }
+        let mut list = LightList::default();
+        for light in &scene.lights {
+            list.add_light(light, &self.settings, &scene.bounds, view);
+        }
+        let settings = &self.settings;
+        list.add_emitters(
+            &scene.emitters,
+            settings.area_samples,
+            settings.area_resolution,
+            settings.gutter().min(settings.area_resolution / 8),
+            scene.diagonal(),
+        );
+        self.shadows.generate(
+            frame,
+            scene,
+            "shadow-map.generate",
+            &list.samples,
+            list.views,
+            &settings.gather(),
+        )?;
+        self.made = Some(made);
+        Ok(())
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        self.shadows.gather(frame, scene, "shadow-map.gather", points, target)
+    }
+
+    fn maps(&self) -> Vec<Map> {
+        let atlas = self.shadows.atlas.as_ref();
+        atlas
+            .map(|atlas| Map {
+                name: "shadow-map.atlas".into(),
+                texture: atlas.texture.clone(),
+            })
+            .into_iter()
+            .collect()
+    }
+}

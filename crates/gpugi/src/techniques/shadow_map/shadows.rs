@@ -1,0 +1,207 @@
+//! Light samples with depth maps, and the gather over them: what shadow-map and image-based-lighting share.
+
+use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
+use crate::capture::{SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+
+use super::gpu::{GatherRange, GatherSettings, LightSample};
+
+/// Light x point x comparison products that one dispatch may hold: about 100 ms on a slow GPU.
+const DISPATCH_WORK: u64 = 1 << 27;
+
+/// Light samples, their depth maps in one atlas, and the pass that gathers them.
+#[derive(Debug)]
+pub struct Shadows {
+    kernels: DepthKernels,
+    gather: Kernel,
+    comparison: wgpu::Sampler,
+    /// The depth atlas, once generated.
+    pub atlas: Option<DepthAtlas>,
+    maps: Option<wgpu::BindGroup>,
+    light_count: u32,
+    taps: u32,
+    bound: Option<Bound>,
+}
+
+/// Bind groups for one set of points and one target.
+#[derive(Debug)]
+struct Bound {
+    points: wgpu::Buffer,
+    target: wgpu::Buffer,
+    group: wgpu::BindGroup,
+    chunks: Vec<(u32, wgpu::BindGroup)>,
+    light_count: u32,
+}
+
+impl Shadows {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Ok(Self {
+            kernels: DepthKernels::new(gpu, scene)?,
+            gather: Kernel::new(
+                gpu,
+                &shader!("techniques.shadow_map.gather"),
+                "main",
+                Some(&scene.layout),
+            )?,
+            comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("shadow comparison"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                // Lit where the point is at least as near as what the map holds.
+                compare: Some(wgpu::CompareFunction::GreaterEqual),
+                ..Default::default()
+            }),
+            atlas: None,
+            maps: None,
+            light_count: 0,
+            taps: 1,
+            bound: None,
+        })
+    }
+
+    /// Renders depth for `views` and keeps `lights` for the gather.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the views do not fit one atlas.
+    pub fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        pass: &str,
+        lights: &[LightSample],
+        views: Vec<DepthViewSpec>,
+        settings: &GatherSettings,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        self.light_count = lights.len() as u32;
+        self.taps = if settings.kind == 0 { 1 } else { settings.taps.max(settings.area_taps) };
+        self.bound = None;
+        if lights.is_empty() {
+            self.atlas = None;
+            self.maps = None;
+            return Ok(());
+        }
+        let atlas = DepthAtlas::new(gpu, &self.kernels, views)?;
+        let samples = gpu.storage("light samples [bytes]", lights)?;
+        let settings_buffer = gpu.uniform("shadow settings", settings)?;
+        self.maps = Some(self.gather.bind(
+            gpu,
+            2,
+            &[
+                ("shadow_atlas", wgpu::BindingResource::TextureView(&atlas.view)),
+                ("shadow_comparison", wgpu::BindingResource::Sampler(&self.comparison)),
+                ("shadow_views", atlas.views.as_entire_binding()),
+                ("light_samples", samples.as_entire_binding()),
+                ("settings", settings_buffer.as_entire_binding()),
+            ],
+        )?);
+        atlas.record(frame, pass, &self.kernels, scene, settings.second_depth == 1);
+        self.atlas = Some(atlas);
+        Ok(())
+    }
+
+    /// Renders the depth of the present views again: something moved.
+    pub fn regenerate(&self, frame: &mut Frame<'_>, scene: &GpuScene, pass: &str, second_depth: bool) {
+        if let Some(atlas) = &self.atlas {
+            atlas.record(frame, pass, &self.kernels, scene, second_depth);
+        }
+    }
+
+    /// Adds the light of every sample.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        pass: &str,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let Some(maps) = &self.maps else { return Ok(()) };
+        let fresh = self.bound.as_ref().is_some_and(|bound| {
+            bound.points == points.points
+                && bound.target == target.radiance
+                && bound.light_count == self.light_count
+        });
+        if !fresh {
+            self.bound = Some(bind(
+                frame.gpu,
+                &self.gather,
+                points,
+                target,
+                self.light_count,
+                self.taps,
+            )?);
+        }
+        if let Some(bound) = &self.bound {
+            frame.compute(pass, |compute| {
+                for (count, range) in &bound.chunks {
+                    self.gather.dispatch(
+                        compute,
+                        &[(0, &scene.bind_group), (1, &bound.group), (2, maps), (3, range)],
+                        [*count, 1, 1],
+                    );
+                }
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Cuts points x lights into dispatches short enough for any driver's watchdog.
+fn bind(
+    gpu: &Gpu,
+    gather: &Kernel,
+    points: &SurfacePoints,
+    target: &Target,
+    light_count: u32,
+    taps: u32,
+) -> Result<Bound, GpuError> {
+    let group = gather.bind(
+        gpu,
+        1,
+        &[
+            ("seen", points.view.as_entire_binding()),
+            ("points", points.points.as_entire_binding()),
+        ],
+    )?;
+    let per_light = u64::from(points.count) * u64::from(taps);
+    let lights_at_once = (DISPATCH_WORK / per_light.max(1)).clamp(1, u64::from(light_count)) as u32;
+    let points_at_once = (DISPATCH_WORK / u64::from(taps)).min(u64::from(points.count)).max(1) as u32;
+    let mut chunks = Vec::new();
+    for first_light in (0..light_count).step_by(lights_at_once as usize) {
+        for first_point in (0..points.count).step_by(points_at_once as usize) {
+            let range = GatherRange {
+                first_light,
+                end_light: (first_light + lights_at_once).min(light_count),
+                first_point,
+                end_point: (first_point + points_at_once).min(points.count),
+            };
+            let buffer = gpu.uniform("gather range", &range)?;
+            let chunk = gather.bind(
+                gpu,
+                3,
+                &[
+                    ("range", buffer.as_entire_binding()),
+                    ("radiance", target.radiance.as_entire_binding()),
+                ],
+            )?;
+            chunks.push((range.end_point - first_point, chunk));
+        }
+    }
+    Ok(Bound {
+        points: points.points.clone(),
+        target: target.radiance.clone(),
+        group,
+        chunks,
+        light_count,
+    })
+}
