@@ -185,7 +185,7 @@ fn bind(
                 first_point,
                 end_point: (first_point + points_at_once).min(points.count),
             };
-            let buffer = gpu.uniform("gather range", &range)?;
+            let buffer = gpu.storage("gather range", &[range])?;
             let chunk = gather.bind(
                 gpu,
                 3,
