@@ -1,14 +1,213 @@
-//! stub
-use crate::gpu::*;
-/// s
-#[derive(Debug,Clone,Default)] pub struct DisplaySettings;
-/// d
-#[derive(Debug)] pub struct Display;
+//! The last step of a frame: summed radiance, exposed, tone-mapped and encoded as sRGB, 8 bits a channel.
+//!
+//! Exposure multiplies: a pixel shows `2^EV` times its radiance, so EV 0 maps radiance 1 to 1 and a higher EV is
+//! brighter. Automatic exposure takes the log-average luminance of a histogram, its darkest and brightest tenth left
+//! out, to middle grey. `docs/techniques/display.md` has the equations and the operators' curves.
+
+mod settings;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod twin;
+
+pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
+
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::shader;
+use std::sync::{Mutex, PoisonError};
+
+/// Bytes of the histogram: pixels of each of 256 bins, and sums of their places within the bin.
+const HISTOGRAM_BYTES: u64 = 256 * 2 * 4;
+
+/// Pixels that one invocation of the histogram reads.
+const PIXELS_PER_INVOCATION: u32 = 16;
+
+/// `Parameters` of `picture.wesl`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Parameters {
+    pixel_count: u32,
+    scale: f32,
+    tone_map: u32,
+    white_point: f32,
+    seed: u32,
+    dither: u32,
+}
+
+/// Turns radiance into pixels. One instance serves pictures of one size, once a frame.
+#[derive(Debug)]
+pub struct Display {
+    pixel_count: u32,
+    histogram: Kernel,
+    average: Kernel,
+    encode: Kernel,
+    parameters: wgpu::Buffer,
+    histogram_bins: wgpu::Buffer,
+    exposure: wgpu::Buffer,
+    pixels: wgpu::Buffer,
+    exposure_group: wgpu::BindGroup,
+    encode_group: wgpu::BindGroup,
+    radiance: Mutex<Option<Radiance>>,
+}
+
+/// The buffer that was displayed last, bound for both passes.
+#[derive(Debug, Clone)]
+struct Radiance {
+    buffer: wgpu::Buffer,
+    exposure_group: wgpu::BindGroup,
+    encode_group: wgpu::BindGroup,
+}
+
 impl Display {
-/// n
-pub fn new(_:&Gpu,_:[u32;2])->Result<Self,GpuError>{Ok(Self)}
-/// r
-pub fn record(&self,_:&mut Frame,_:&wgpu::Buffer,_:u32,_:&DisplaySettings)->Result<(),GpuError>{Ok(())}
-/// p
-pub fn pixels(&self,_:&Gpu)->Result<Vec<u8>,GpuError>{Ok(vec![])}
+    /// A display for pictures of `size` pixels: width, height.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
+        let pixels = gpu.buffer("display.pixels", bytes, wgpu::BufferUsages::STORAGE)?;
+        let pixel_count = size[0] * size[1];
+
+        let exposure_shader = shader!("display.exposure");
+        let histogram = Kernel::new(gpu, &exposure_shader, "histogram", None)?;
+        let average = Kernel::new(gpu, &exposure_shader, "average", None)?;
+        let encode = Kernel::new(gpu, &shader!("display.encode"), "encode", None)?;
+
+        let storage = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+        let parameters = gpu.buffer(
+            "display.parameters",
+            size_of::<Parameters>() as u64,
+            wgpu::BufferUsages::UNIFORM,
+        )?;
+        let histogram_bins = storage("display.histogram", HISTOGRAM_BYTES)?;
+        let exposure = storage("display.exposure", size_of::<f32>() as u64)?;
+
+        let exposure_group = histogram.bind(
+            gpu,
+            3,
+            &[
+                ("parameters", parameters.as_entire_binding()),
+                ("histogram_bins", histogram_bins.as_entire_binding()),
+                ("exposure", exposure.as_entire_binding()),
+            ],
+        )?;
+        let encode_group = encode.bind(
+            gpu,
+            3,
+            &[
+                ("parameters", parameters.as_entire_binding()),
+                ("exposure", exposure.as_entire_binding()),
+                ("pixels", pixels.as_entire_binding()),
+            ],
+        )?;
+        Ok(Self {
+            pixel_count,
+            histogram,
+            average,
+            encode,
+            parameters,
+            histogram_bins,
+            exposure,
+            pixels,
+            exposure_group,
+            encode_group,
+            radiance: Mutex::new(None),
+        })
+    }
+
+    /// Records the passes `display.exposure` (automatic exposure only) and `display.encode`.
+    ///
+    /// `radiance` holds a `vec4f` a pixel, row by row from the top: linear Rec. 709 radiance summed over `samples`
+    /// samples; the fourth component is ignored. Negative radiance shows as 0, infinite as white, not-a-number as black.
+    /// At most one recording a frame, because the settings reach the GPU when the frame is submitted.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when `radiance` is smaller than the picture or is no storage buffer.
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        radiance: &wgpu::Buffer,
+        samples: u32,
+        settings: &DisplaySettings,
+    ) -> Result<(), GpuError> {
+        let radiance = self.bound(frame.gpu, radiance)?;
+        let parameters = Parameters {
+            pixel_count: self.pixel_count,
+            scale: 1.0 / samples.max(1) as f32,
+            tone_map: settings.tone_map as u32,
+            white_point: settings.white_point.max(1e-3),
+            seed: settings.seed,
+            dither: settings.dither.into(),
+        };
+        let queue = &frame.gpu.queue;
+        queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+
+        match settings.exposure {
+            Exposure::Manual(value) => {
+                let finite = if value.is_nan() {
+                    0.0
+                } else {
+                    value.clamp(-100.0, 100.0)
+                };
+                queue.write_buffer(&self.exposure, 0, bytemuck::bytes_of(&finite));
+            }
+            Exposure::Auto => {
+                frame.clear(&self.histogram_bins);
+                frame.compute("display.exposure", |pass| {
+                    let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
+                    let invocations = self.pixel_count.div_ceil(PIXELS_PER_INVOCATION);
+                    self.histogram.dispatch(pass, &groups, [invocations, 1, 1]);
+                    self.average.dispatch(pass, &groups, [1, 1, 1]);
+                });
+            }
+        }
+        frame.compute("display.encode", |pass| {
+            let groups = [(1, &radiance.encode_group), (3, &self.encode_group)];
+            self.encode
+                .dispatch(pass, &groups, [self.pixel_count, 1, 1]);
+        });
+        Ok(())
+    }
+
+    /// The pixels of the last submitted frame: RGBA, 8 bits a channel, sRGB-encoded, alpha 255, row by row from the top.
+    ///
+    /// # Errors
+    /// As [`read_buffer`].
+    pub fn pixels(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
+        read_buffer(gpu, &self.pixels, u64::from(self.pixel_count) * 4)
+    }
+
+    /// The exposure value (EV) of the last submitted frame: what was asked for, or what automatic exposure found.
+    ///
+    /// # Errors
+    /// As [`read_buffer`].
+    pub fn exposure_value(&self, gpu: &Gpu) -> Result<f32, GpuError> {
+        let value: Vec<f32> = read_buffer(gpu, &self.exposure, size_of::<f32>() as u64)?;
+        Ok(value[0])
+    }
+
+    /// The bind groups of `buffer`: those of the last frame when it is the same.
+    fn bound(&self, gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Radiance, GpuError> {
+        let mut last = self.radiance.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bound) = last.as_ref().filter(|bound| bound.buffer == *buffer) {
+            return Ok(bound.clone());
+        }
+        let needed = u64::from(self.pixel_count) * 16;
+        if buffer.size() < needed {
+            return Err(GpuError::Pass {
+                pass: "display.encode".into(),
+                reason: format!(
+                    "the radiance has {} bytes, {needed} are needed",
+                    buffer.size()
+                ),
+            });
+        }
+        let resources = [("radiance", buffer.as_entire_binding())];
+        let bound = Radiance {
+            buffer: buffer.clone(),
+            exposure_group: self.histogram.bind(gpu, 1, &resources)?,
+            encode_group: self.encode.bind(gpu, 1, &resources)?,
+        };
+        Ok(last.insert(bound).clone())
+    }
 }

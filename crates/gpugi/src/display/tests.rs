@@ -1,0 +1,580 @@
+//! The display on the GPU against formulas in double precision, and against what a picture must never show.
+
+use super::*;
+use crate::gpu::{AdapterChoice, Shader};
+
+/// The best adapter; none only where GPUGI_SKIP_GPU=1 allows it.
+fn open() -> Option<Gpu> {
+    match Gpu::open(&AdapterChoice::Best) {
+        Ok(gpu) => Some(gpu),
+        Err(_) if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") => None,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// Opens the GPU, or leaves the test.
+macro_rules! gpu {
+    () => {
+        match open() {
+            Some(gpu) => gpu,
+            None => return,
+        }
+    };
+}
+
+/// Pixels and exposure value of radiance summed over `samples` samples.
+fn show_samples(
+    gpu: &Gpu,
+    radiance: &[[f32; 3]],
+    samples: u32,
+    settings: &DisplaySettings,
+) -> (Vec<[u8; 4]>, f32) {
+    let sums: Vec<[f32; 4]> = radiance
+        .iter()
+        .map(|&[r, g, b]| [r, g, b, f32::NAN])
+        .collect();
+    let buffer = gpu.storage("radiance", &sums).expect("it fits");
+    let display = Display::new(gpu, [radiance.len() as u32, 1]).expect("it fits");
+    let mut frame = Frame::new(gpu, false);
+    display
+        .record(&mut frame, &buffer, samples, settings)
+        .expect("the buffer fits");
+    frame.submit().expect("the passes are valid");
+    let pixels = display.pixels(gpu).expect("pixels can be read");
+    let exposure = display
+        .exposure_value(gpu)
+        .expect("the exposure can be read");
+    (
+        pixels
+            .chunks_exact(4)
+            .map(|pixel| pixel.try_into().expect("four bytes"))
+            .collect(),
+        exposure,
+    )
+}
+
+fn show(gpu: &Gpu, radiance: &[[f32; 3]], settings: &DisplaySettings) -> Vec<[u8; 4]> {
+    show_samples(gpu, radiance, 1, settings).0
+}
+
+/// EV 0, no operator, no dither.
+fn plain() -> DisplaySettings {
+    DisplaySettings {
+        exposure: Exposure::Manual(0.0),
+        tone_map: ToneMap::None,
+        dither: false,
+        ..DisplaySettings::default()
+    }
+}
+
+/// What automatic exposure finds for an image.
+fn automatic(gpu: &Gpu, radiance: &[[f32; 3]]) -> f32 {
+    let settings = DisplaySettings {
+        exposure: Exposure::Auto,
+        ..plain()
+    };
+    let exposure = show_samples(gpu, radiance, 1, &settings).1;
+    assert!(exposure.is_finite());
+    exposure
+}
+
+/// The exposure value that takes this luminance to middle grey.
+fn to_middle_grey(luminance: f32) -> f32 {
+    (0.18 / luminance).log2()
+}
+
+fn assert_near(value: f64, expected: f64, tolerance: f64, what: impl std::fmt::Debug) {
+    assert!(
+        (value - expected).abs() <= tolerance,
+        "{what:?}: {value}, not {expected}"
+    );
+}
+
+/// Black, greys, primaries and mixtures, from far below to far above what a display shows.
+fn ramp() -> Vec<[f32; 3]> {
+    let hues = [
+        [1.0, 1.0, 1.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [1.0, 0.5, 0.1],
+        [0.05, 0.6, 1.0],
+    ];
+    let strengths = [
+        1e-30, 1e-6, 1e-3, 0.02, 0.079, 0.18, 0.5, 0.77, 0.81, 1.0, 3.0, 17.0, 900.0, 1e6,
+    ];
+    std::iter::once([0.0; 3])
+        .chain(
+            strengths
+                .iter()
+                .flat_map(|&strength| hues.map(|hue| hue.map(|channel| channel * strength))),
+        )
+        .collect()
+}
+
+#[test]
+fn names_are_read_as_they_are_written() {
+    for operator in ToneMap::ALL {
+        assert_eq!(operator.to_string().parse(), Ok(operator));
+    }
+    assert_eq!("auto".parse(), Ok(Exposure::Auto));
+    assert_eq!("-1.5".parse(), Ok(Exposure::Manual(-1.5)));
+    assert_eq!(
+        Exposure::Manual(2.0).to_string().parse(),
+        Ok(Exposure::Manual(2.0))
+    );
+    assert!(
+        "filmic"
+            .parse::<ToneMap>()
+            .expect_err("unknown")
+            .to_string()
+            .contains("neutral")
+    );
+    for nonsense in ["", "bright", "nan", "inf"] {
+        assert!(nonsense.parse::<Exposure>().is_err(), "{nonsense:?}");
+    }
+}
+
+#[test]
+fn parameters_are_laid_out_as_in_the_shaders() {
+    let expected = [
+        ("pixel_count", std::mem::offset_of!(Parameters, pixel_count)),
+        ("scale", std::mem::offset_of!(Parameters, scale)),
+        ("tone_map", std::mem::offset_of!(Parameters, tone_map)),
+        ("white_point", std::mem::offset_of!(Parameters, white_point)),
+        ("seed", std::mem::offset_of!(Parameters, seed)),
+        ("dither", std::mem::offset_of!(Parameters, dither)),
+    ];
+    for shader in [shader!("display.exposure"), shader!("display.encode")] {
+        let module = shader.parse().expect("the shader is valid");
+        let (_, variable) = module
+            .global_variables
+            .iter()
+            .find(|(_, variable)| variable.name.as_deref() == Some("parameters"))
+            .expect("the shader has parameters");
+        let naga::TypeInner::Struct { members, span } = &module.types[variable.ty].inner else {
+            panic!("parameters are no struct");
+        };
+        let found: Vec<_> = members
+            .iter()
+            .map(|member| {
+                (
+                    member.name.as_deref().unwrap_or_default(),
+                    member.offset as usize,
+                )
+            })
+            .collect();
+        assert_eq!(found, expected, "{}", shader.name);
+        assert_eq!(*span as usize, size_of::<Parameters>(), "{}", shader.name);
+    }
+}
+
+/// Averaged dither gives far finer values than one pixel's 8 bits.
+#[test]
+fn operators_match_their_twins() {
+    const COPIES: usize = 4096;
+    let gpu = gpu!();
+    let ramp = ramp();
+    let copies: Vec<_> = ramp
+        .iter()
+        .flat_map(|&color| std::iter::repeat_n(color, COPIES))
+        .collect();
+    for tone_map in ToneMap::ALL {
+        for (exposure, white_point) in [(0.0, 4.0), (1.5, 2.0)] {
+            let settings = DisplaySettings {
+                exposure: Exposure::Manual(exposure),
+                tone_map,
+                white_point,
+                ..DisplaySettings::default()
+            };
+            let pixels = show(&gpu, &copies, &settings);
+            for (color, pixels) in ramp.iter().zip(pixels.chunks_exact(COPIES)) {
+                let exposed = color.map(|channel| f64::from(channel) * f64::from(exposure).exp2());
+                let expected = twin::encoded(tone_map, exposed, white_point.into());
+                for channel in 0..3 {
+                    let sum: u64 = pixels.iter().map(|pixel| u64::from(pixel[channel])).sum();
+                    let mean = sum as f64 / COPIES as f64;
+                    assert_near(
+                        mean,
+                        255.0 * expected[channel],
+                        0.05,
+                        (tone_map, color, channel),
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn without_dither_the_nearest_value_is_shown() {
+    let gpu = gpu!();
+    for tone_map in ToneMap::ALL {
+        let pixels = show(
+            &gpu,
+            &ramp(),
+            &DisplaySettings {
+                tone_map,
+                ..plain()
+            },
+        );
+        for (color, pixel) in ramp().iter().zip(pixels) {
+            let expected = twin::encoded(tone_map, color.map(f64::from), 4.0);
+            for channel in 0..3 {
+                assert_near(
+                    pixel[channel].into(),
+                    255.0 * expected[channel],
+                    0.51,
+                    (tone_map, color),
+                );
+            }
+            assert_eq!(pixel[3], 255);
+        }
+    }
+}
+
+#[test]
+fn greys_stay_grey_and_in_order() {
+    let gpu = gpu!();
+    let greys: Vec<_> = (0..4096)
+        .map(|step| [(step as f32 / 128.0 - 20.0).exp2(); 3])
+        .collect();
+    for tone_map in ToneMap::ALL {
+        let pixels = show(
+            &gpu,
+            &greys,
+            &DisplaySettings {
+                tone_map,
+                ..plain()
+            },
+        );
+        assert!(
+            pixels
+                .windows(2)
+                .all(|pair| (0..3).all(|channel| pair[0][channel] <= pair[1][channel]))
+        );
+        for [r, g, b, _] in &pixels {
+            assert!(
+                r.abs_diff(*g) <= 1 && g.abs_diff(*b) <= 1,
+                "{tone_map}: {r} {g} {b}"
+            );
+        }
+        assert!(pixels[0][1] == 0 && pixels[4095][1] >= 254, "{tone_map}");
+    }
+}
+
+#[test]
+fn samples_and_exposure_scale_the_sum() {
+    let gpu = gpu!();
+    let settings = DisplaySettings {
+        exposure: Exposure::Manual(-1.0),
+        ..plain()
+    };
+    let (pixels, exposure) = show_samples(&gpu, &[[8.0, 4.0, 0.0]], 8, &settings);
+    let expected =
+        [0.5, 0.25, 0.0].map(|value| (255.0 * twin::srgb_from_linear(value)).round() as u8);
+    assert_eq!((&pixels[0][..3], exposure), (&expected[..], -1.0));
+}
+
+#[test]
+fn a_constant_image_becomes_middle_grey() {
+    let gpu = gpu!();
+    for luminance in [1e-5, 0.031, 0.18, 1.0, 40.0, 5e4] {
+        let image = vec![[luminance; 3]; 5000];
+        assert_near(
+            automatic(&gpu, &image).into(),
+            to_middle_grey(luminance).into(),
+            0.01,
+            luminance,
+        );
+    }
+    let settings = DisplaySettings {
+        exposure: Exposure::Auto,
+        ..plain()
+    };
+    let (pixels, _) = show_samples(&gpu, &[[6.0; 3]; 100], 4, &settings);
+    let middle_grey = 255.0 * twin::srgb_from_linear(0.18);
+    assert!(
+        pixels
+            .iter()
+            .all(|pixel| (f64::from(pixel[1]) - middle_grey).abs() < 1.0)
+    );
+}
+
+#[test]
+fn a_black_image_stays_black_at_exposure_0() {
+    let gpu = gpu!();
+    let settings = DisplaySettings {
+        exposure: Exposure::Auto,
+        ..DisplaySettings::default()
+    };
+    let (pixels, exposure) = show_samples(&gpu, &[[0.0; 3]; 1000], 1, &settings);
+    assert_eq!(exposure, 0.0);
+    assert!(pixels.iter().all(|pixel| *pixel == [0, 0, 0, 255]));
+}
+
+#[test]
+fn background_and_outliers_do_not_rule_the_exposure() {
+    let gpu = gpu!();
+    let mut image = vec![[0.0; 3]; 20_000];
+    image[7000..7200].fill([5.0; 3]);
+    assert_near(
+        automatic(&gpu, &image).into(),
+        to_middle_grey(5.0).into(),
+        0.01,
+        "a bright spot on black",
+    );
+
+    let mut image = vec![[0.3; 3]; 20_000];
+    image[..1900].fill([1e5; 3]);
+    image[18_200..].fill([1e-4; 3]);
+    assert_near(
+        automatic(&gpu, &image).into(),
+        to_middle_grey(0.3).into(),
+        0.01,
+        "lamps and dark corners",
+    );
+}
+
+/// A gradient, so that a pixel left out or counted twice shows.
+#[test]
+fn automatic_exposure_is_the_trimmed_log_average() {
+    let gpu = gpu!();
+    for count in [1_usize, 9, 300, 4097, 100_003] {
+        let image: Vec<_> = (0..count)
+            .map(|pixel| {
+                let strength = (18.0 * pixel as f32 / count as f32 - 8.0).exp2();
+                [strength, 0.4 * strength, 0.1 * strength]
+            })
+            .collect();
+        let trimmed = count / 10;
+        let kept = &image[trimmed..count - trimmed];
+        let sum: f64 = kept
+            .iter()
+            .map(|color| twin::luminance(color.map(f64::from)).log2())
+            .sum();
+        let expected = 0.18_f64.log2() - sum / kept.len() as f64;
+        assert_near(automatic(&gpu, &image).into(), expected, 0.01, count);
+    }
+}
+
+#[test]
+fn dither_is_unbiased_and_repeatable() {
+    const COPIES: usize = 65_536;
+    let gpu = gpu!();
+    // Encoded values, in steps of 8 bits; those near the ends are where noise could be clipped.
+    let targets = [
+        0.02_f64, 0.3, 0.5, 0.7, 1.0, 1.4, 2.5, 90.1, 127.5, 200.0, 201.3, 253.6, 254.2, 254.5,
+        254.9,
+    ];
+    let image: Vec<_> = targets
+        .iter()
+        .flat_map(|target| {
+            let encoded = target / 255.0;
+            let linear = if encoded <= 0.04045 {
+                encoded / 12.92
+            } else {
+                ((encoded + 0.055) / 1.055).powf(2.4)
+            };
+            std::iter::repeat_n([linear as f32; 3], COPIES)
+        })
+        .collect();
+    let settings = |seed| DisplaySettings {
+        dither: true,
+        seed,
+        ..plain()
+    };
+    let pixels = show(&gpu, &image, &settings(7));
+    for (target, pixels) in targets.iter().zip(pixels.chunks_exact(COPIES)) {
+        for channel in 0..3 {
+            let sum: u64 = pixels.iter().map(|pixel| u64::from(pixel[channel])).sum();
+            assert_near(sum as f64 / COPIES as f64, *target, 0.02, (target, channel));
+            assert!(
+                pixels
+                    .iter()
+                    .all(|pixel| (f64::from(pixel[channel]) - target).abs() < 1.5 + 1e-3)
+            );
+        }
+    }
+    assert_eq!(pixels, show(&gpu, &image, &settings(7)));
+    assert_ne!(pixels, show(&gpu, &image, &settings(8)));
+}
+
+#[test]
+fn dither_leaves_black_and_white_alone() {
+    let gpu = gpu!();
+    for (value, shown) in [(0.0, 0), (1.0, 255)] {
+        let pixels = show(
+            &gpu,
+            &[[value; 3]; 50_000],
+            &DisplaySettings {
+                dither: true,
+                ..plain()
+            },
+        );
+        assert!(
+            pixels
+                .iter()
+                .all(|pixel| *pixel == [shown, shown, shown, 255])
+        );
+    }
+}
+
+#[test]
+fn wrong_radiance_never_spreads() {
+    let gpu = gpu!();
+    let (nan, infinity) = (f32::NAN, f32::INFINITY);
+    let image = [
+        [nan, 1.0, 1.0],
+        [1.0, 1.0, -nan],
+        [-1.0, -infinity, -1e-40],
+        [infinity; 3],
+        [f32::MAX; 3],
+        [0.5; 3],
+    ];
+    let black = [0, 0, 0, 255];
+    for tone_map in ToneMap::ALL {
+        for exposure in [0.0, 127.0, -300.0, nan, infinity].map(Exposure::Manual) {
+            let pixels = show(
+                &gpu,
+                &image,
+                &DisplaySettings {
+                    exposure,
+                    tone_map,
+                    ..plain()
+                },
+            );
+            assert_eq!(pixels[..3], [black; 3], "{tone_map} {exposure}");
+            assert_eq!(pixels[3], pixels[4], "{tone_map} {exposure}");
+        }
+        let pixels = show(
+            &gpu,
+            &image,
+            &DisplaySettings {
+                tone_map,
+                ..plain()
+            },
+        );
+        assert!(
+            pixels[3].iter().all(|&channel| channel >= 254),
+            "{tone_map}: {:?}",
+            pixels[3]
+        );
+    }
+    assert!(automatic(&gpu, &image).abs() < 40.0);
+    assert_eq!(automatic(&gpu, &[[nan; 3]; 9]), 0.0);
+    assert_near(
+        automatic(&gpu, &image[5..]).into(),
+        to_middle_grey(0.5).into(),
+        0.01,
+        "one pixel",
+    );
+}
+
+/// More workgroups than one axis of a dispatch holds.
+#[test]
+fn a_large_picture_is_shown_to_its_last_pixel() {
+    let gpu = gpu!();
+    let image = vec![[1.0, 0.0, 1.0]; 64 * 65_535 + 12_345];
+    let pixels = show(&gpu, &image, &plain());
+    assert!(pixels.iter().all(|pixel| *pixel == [255, 0, 255, 255]));
+}
+
+#[test]
+fn a_display_follows_its_input() {
+    let gpu = gpu!();
+    let display = Display::new(&gpu, [2, 2]).expect("it fits");
+    for (value, shown) in [(0.0_f32, 0), (1.0, 255), (0.0, 0)] {
+        let radiance = gpu.storage("radiance", &[[value; 4]; 4]).expect("it fits");
+        let mut frame = Frame::new(&gpu, false);
+        display
+            .record(&mut frame, &radiance, 1, &plain())
+            .expect("the buffer fits");
+        frame.submit().expect("the passes are valid");
+        assert_eq!(display.pixels(&gpu).expect("pixels can be read")[0], shown);
+    }
+    let short = gpu
+        .storage("radiance", &[[0.0_f32; 4]; 3])
+        .expect("it fits");
+    let error = display.record(&mut Frame::new(&gpu, false), &short, 1, &plain());
+    assert!(error.is_err_and(|error| error.to_string().contains("48 bytes, 64 are needed")));
+}
+
+/// Results of `color_test.wesl`: unpacked colour and luminance; sRGB round trip.
+fn color_round_trips(gpu: &Gpu, colors: &[[f32; 3]]) -> Vec<[[f32; 4]; 2]> {
+    let shader: Shader = shader!("display.color_test");
+    let kernel = Kernel::new(gpu, &shader, "round_trips", None).expect("the shader is valid");
+    let inputs: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
+    let bytes = inputs.len() as u64 * 32;
+    let inputs = gpu.storage("colors", &inputs).expect("it fits");
+    let results = gpu
+        .buffer("results", bytes, wgpu::BufferUsages::STORAGE)
+        .expect("it fits");
+    let from = kernel
+        .bind(gpu, 1, &[("colors", inputs.as_entire_binding())])
+        .expect("it binds");
+    let to = kernel
+        .bind(gpu, 3, &[("results", results.as_entire_binding())])
+        .expect("it binds");
+    let mut frame = Frame::new(gpu, false);
+    frame.compute("round trips", |pass| {
+        kernel.dispatch(pass, &[(1, &from), (3, &to)], [colors.len() as u32, 1, 1]);
+    });
+    frame.submit().expect("the pass is valid");
+    read_buffer(gpu, &results, bytes).expect("results can be read")
+}
+
+#[test]
+fn packed_colors_keep_nine_bits() {
+    let gpu = gpu!();
+    let mut colors = ramp();
+    // Mantissas that round up to the next exponent, the limits, and what lies beyond them.
+    colors.extend([
+        [1.999; 3],
+        [0.9999, 0.5, 0.25],
+        [511.9, 1.0, 255.8],
+        [65_408.0; 3],
+        [1e30, 1.0, -1.0],
+    ]);
+    colors.extend((0..2000).map(|step| {
+        let strength = (step as f32 / 70.0 - 15.0).exp2();
+        [
+            strength,
+            strength * (step % 17) as f32 / 17.0,
+            strength * (step % 5) as f32 / 4.0,
+        ]
+    }));
+    for (color, [unpacked, _]) in colors.iter().zip(color_round_trips(&gpu, &colors)) {
+        let clamped = color.map(|channel| channel.clamp(0.0, 65_408.0));
+        let largest = clamped.into_iter().fold(0.0, f32::max);
+        let tolerance = (largest / 512.0).max(0.5_f32.powi(25));
+        for channel in 0..3 {
+            assert_near(
+                unpacked[channel].into(),
+                clamped[channel].into(),
+                tolerance.into(),
+                color,
+            );
+        }
+        assert_near(
+            unpacked[3].into(),
+            twin::luminance(color.map(f64::from)),
+            1e-6 * f64::from(color[0].max(color[1]).max(color[2])),
+            color,
+        );
+    }
+    let exact = [[0.0; 3], [1.0; 3], [0.5, 0.25, 2.0], [65_408.0, 0.0, 256.0]];
+    for (color, [unpacked, _]) in exact.iter().zip(color_round_trips(&gpu, &exact)) {
+        assert_eq!(unpacked[..3], *color);
+    }
+}
+
+#[test]
+fn srgb_encoding_has_its_inverse() {
+    let gpu = gpu!();
+    let mut linear: Vec<_> = (0..=1000).map(|step| [step as f32 / 1000.0; 3]).collect();
+    linear.extend([[0.003_130_8; 3], [0.003_13; 3], [0.003_131; 3], [1e-7; 3]]);
+    for (color, [_, decoded]) in linear.iter().zip(color_round_trips(&gpu, &linear)) {
+        assert_near(decoded[0].into(), color[0].into(), 2e-6, color);
+    }
+}
