@@ -31,6 +31,45 @@ pub struct Environment {
     pub intensity: f32,
 }
 
+impl Environment {
+    /// A clear sky with a low sun behind the viewer's left shoulder and grey ground: what lights a scene that has no light of its own.
+    pub fn default_sky() -> Self {
+        const WIDTH: u32 = 256;
+        const HEIGHT: u32 = 128;
+        let sun = Vec3::new(-0.45, 0.65, 0.6).normalize();
+        let mut texels = Vec::with_capacity((WIDTH * HEIGHT * 4) as usize);
+        for y in 0..HEIGHT {
+            let theta = std::f32::consts::PI * (y as f32 + 0.5) / HEIGHT as f32;
+            for x in 0..WIDTH {
+                let phi = std::f32::consts::TAU * ((x as f32 + 0.5) / WIDTH as f32 - 0.5);
+                let direction = Vec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+                let color = if direction.y > 0.0 {
+                    let height = direction.y.sqrt();
+                    Vec3::new(0.75, 0.85, 1.0).lerp(Vec3::new(0.18, 0.36, 0.8), height)
+                } else {
+                    Vec3::splat(0.22)
+                };
+                // A disc of five degrees: small enough for shadows, wide enough for a texel grid.
+                let toward_sun = direction.dot(sun);
+                let disc = if toward_sun > 0.9962 { 180.0 } else { 0.0 };
+                let glow = toward_sun.max(0.0).powi(64) * 0.8;
+                let radiance = color + Vec3::new(1.0, 0.92, 0.8) * (disc + glow);
+                texels.extend([radiance.x, radiance.y, radiance.z, 1.0]);
+            }
+        }
+        Self {
+            image: Image {
+                name: "default sky".to_owned(),
+                width: WIDTH,
+                height: HEIGHT,
+                pixels: crate::Pixels::Rgba32Float(texels),
+            },
+            rotation: 0.0,
+            intensity: 1.0,
+        }
+    }
+}
+
 /// An axis-aligned box in world space [m]. Empty when `min` exceeds `max`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {

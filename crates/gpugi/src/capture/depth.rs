@@ -27,9 +27,10 @@ pub struct DepthViewSpec {
 }
 
 /// `ShadowView` of techniques/shadow_map/lookup.wesl.
+#[allow(missing_docs)] // The shader documents them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct DepthViewUniform {
+pub(crate) struct DepthViewUniform {
     pub clip_from_world: [f32; 16],
     pub tile: [f32; 4],
     pub texel: f32,
@@ -215,19 +216,7 @@ impl DepthAtlas {
                 | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         })?;
-        let scale = 1.0 / side as f32;
-        let uniforms: Vec<DepthViewUniform> = specs
-            .iter()
-            .zip(&corners)
-            .map(|(spec, corner)| DepthViewUniform {
-                clip_from_world: spec.clip_from_world.to_cols_array(),
-                tile: [corner[0], corner[1], spec.size[0], spec.size[1]].map(|texels| texels as f32 * scale),
-                texel: spec.texel,
-                near: spec.near,
-                range: spec.range,
-                atlas_texel: scale,
-            })
-            .collect();
+        let uniforms = uniforms(&specs, &corners, side);
         let views = gpu.storage("shadow views [bytes]", &uniforms)?;
         let group = kernels.biased.bind(gpu, 1, &[("views", views.as_entire_binding())])?;
         let alpha_group = kernels.alpha.bind(gpu, 1, &[("views", views.as_entire_binding())])?;
@@ -240,6 +229,18 @@ impl DepthAtlas {
             group,
             alpha_group,
         })
+    }
+
+    /// Lets the same tiles see something else. False, and nothing done, when `specs` needs other tiles.
+    pub fn update(&mut self, gpu: &Gpu, specs: &[DepthViewSpec]) -> bool {
+        let same = self.specs.len() == specs.len()
+            && self.specs.iter().zip(specs).all(|(old, new)| old.size == new.size);
+        if same {
+            self.specs = specs.to_vec();
+            let uniforms = uniforms(&self.specs, &self.corners, self.texture.width());
+            gpu.queue.write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
+        }
+        same
     }
 
     /// Draws every view. `second_depth`: closed meshes are drawn by their back faces, without bias.
@@ -295,6 +296,23 @@ impl DepthAtlas {
             }
         });
     }
+}
+
+/// What shaders read of each view in a square atlas of `side` texels.
+fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<DepthViewUniform> {
+    let scale = 1.0 / side as f32;
+    specs
+        .iter()
+        .zip(corners)
+        .map(|(spec, corner)| DepthViewUniform {
+            clip_from_world: spec.clip_from_world.to_cols_array(),
+            tile: [corner[0], corner[1], spec.size[0], spec.size[1]].map(|texels| texels as f32 * scale),
+            texel: spec.texel,
+            near: spec.near,
+            range: spec.range,
+            atlas_texel: scale,
+        })
+        .collect()
 }
 
 /// Packs rectangles into rows of equal height, tallest first; returns their corners and the size used.

@@ -90,11 +90,6 @@ pub struct Vertex {
     pub padding: u32,
 }
 
-impl Vertex {
-    /// Size in 32-bit words.
-    pub const WORDS: u32 = 12;
-}
-
 /// Octahedral encoding, two 16-bit normalized integers: the twin of shared/octahedral.wesl.
 pub fn octahedral(direction: glam::Vec3) -> u32 {
     let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs()).max(1e-20);

@@ -198,7 +198,7 @@ impl Technique for ImageBasedLighting {
     }
 
     fn maps(&self) -> Vec<Map> {
-        let atlas = self.shadows.atlas.as_ref();
+        let atlas = self.shadows.atlas();
         atlas
             .map(|atlas| Map {
                 name: "image-based-lighting.atlas".into(),

@@ -26,7 +26,6 @@ impl LightSample {
     pub const DIRECTIONAL: u32 = 2;
     pub const AREA: u32 = 3;
     pub const AREA_TWO_SIDED: u32 = 4;
-    pub const NO_VIEW: u32 = u32::MAX;
 }
 
 /// `GatherRange` of gather.wesl.

@@ -223,7 +223,7 @@ impl Technique for ShadowMap {
     }
 
     fn maps(&self) -> Vec<Map> {
-        let atlas = self.shadows.atlas.as_ref();
+        let atlas = self.shadows.atlas();
         atlas
             .map(|atlas| Map {
                 name: "shadow-map.atlas".into(),

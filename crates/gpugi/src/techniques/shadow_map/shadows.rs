@@ -17,12 +17,18 @@ pub struct Shadows {
     kernels: DepthKernels,
     gather: Kernel,
     comparison: wgpu::Sampler,
-    /// The depth atlas, once generated.
-    pub atlas: Option<DepthAtlas>,
-    maps: Option<wgpu::BindGroup>,
-    light_count: u32,
-    taps: u32,
+    made: Option<Made>,
     bound: Option<Bound>,
+}
+
+/// What a set of lights needs.
+#[derive(Debug)]
+struct Made {
+    atlas: DepthAtlas,
+    samples: wgpu::Buffer,
+    group: wgpu::BindGroup,
+    light_count: u32,
+    settings: GatherSettings,
 }
 
 /// Bind groups for one set of points and one target.
@@ -32,7 +38,6 @@ struct Bound {
     target: wgpu::Buffer,
     group: wgpu::BindGroup,
     chunks: Vec<(u32, wgpu::BindGroup)>,
-    light_count: u32,
 }
 
 impl Shadows {
@@ -57,10 +62,7 @@ impl Shadows {
                 compare: Some(wgpu::CompareFunction::GreaterEqual),
                 ..Default::default()
             }),
-            atlas: None,
-            maps: None,
-            light_count: 0,
-            taps: 1,
+            made: None,
             bound: None,
         })
     }
@@ -79,18 +81,38 @@ impl Shadows {
         settings: &GatherSettings,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        self.light_count = lights.len() as u32;
-        self.taps = if settings.kind == 0 { 1 } else { settings.taps.max(settings.area_taps) };
-        self.bound = None;
         if lights.is_empty() {
-            self.atlas = None;
-            self.maps = None;
+            (self.made, self.bound) = (None, None);
             return Ok(());
         }
+        // A light that moved needs no new tiles: only what they see changes.
+        let reused = self.made.as_mut().is_some_and(|made| {
+            made.light_count as usize == lights.len()
+                && made.settings == *settings
+                && made.atlas.update(gpu, &views)
+        });
+        if !reused {
+            self.bound = None;
+            self.made = Some(self.make(gpu, lights, views, settings)?);
+        }
+        if let Some(made) = &self.made {
+            gpu.queue.write_buffer(&made.samples, 0, bytemuck::cast_slice(lights));
+            made.atlas.record(frame, pass, &self.kernels, scene, settings.second_depth == 1);
+        }
+        Ok(())
+    }
+
+    fn make(
+        &self,
+        gpu: &Gpu,
+        lights: &[LightSample],
+        views: Vec<DepthViewSpec>,
+        settings: &GatherSettings,
+    ) -> Result<Made, GpuError> {
         let atlas = DepthAtlas::new(gpu, &self.kernels, views)?;
         let samples = gpu.storage("light samples [bytes]", lights)?;
         let settings_buffer = gpu.uniform("shadow settings", settings)?;
-        self.maps = Some(self.gather.bind(
+        let group = self.gather.bind(
             gpu,
             2,
             &[
@@ -100,17 +122,19 @@ impl Shadows {
                 ("light_samples", samples.as_entire_binding()),
                 ("settings", settings_buffer.as_entire_binding()),
             ],
-        )?);
-        atlas.record(frame, pass, &self.kernels, scene, settings.second_depth == 1);
-        self.atlas = Some(atlas);
-        Ok(())
+        )?;
+        Ok(Made {
+            atlas,
+            samples,
+            group,
+            light_count: lights.len() as u32,
+            settings: *settings,
+        })
     }
 
-    /// Renders the depth of the present views again: something moved.
-    pub fn regenerate(&self, frame: &mut Frame<'_>, scene: &GpuScene, pass: &str, second_depth: bool) {
-        if let Some(atlas) = &self.atlas {
-            atlas.record(frame, pass, &self.kernels, scene, second_depth);
-        }
+    /// The depth atlas, once generated.
+    pub fn atlas(&self) -> Option<&DepthAtlas> {
+        self.made.as_ref().map(|made| &made.atlas)
     }
 
     /// Adds the light of every sample.
@@ -125,28 +149,22 @@ impl Shadows {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let Some(maps) = &self.maps else { return Ok(()) };
-        let fresh = self.bound.as_ref().is_some_and(|bound| {
-            bound.points == points.points
-                && bound.target == target.radiance
-                && bound.light_count == self.light_count
-        });
+        let Some(made) = &self.made else { return Ok(()) };
+        let fresh = self
+            .bound
+            .as_ref()
+            .is_some_and(|bound| bound.points == points.points && bound.target == target.radiance);
         if !fresh {
-            self.bound = Some(bind(
-                frame.gpu,
-                &self.gather,
-                points,
-                target,
-                self.light_count,
-                self.taps,
-            )?);
+            let settings = &made.settings;
+            let taps = if settings.kind == 0 { 1 } else { settings.taps.max(settings.area_taps) };
+            self.bound = Some(bind(frame.gpu, &self.gather, points, target, made.light_count, taps)?);
         }
         if let Some(bound) = &self.bound {
             frame.compute(pass, |compute| {
                 for (count, range) in &bound.chunks {
                     self.gather.dispatch(
                         compute,
-                        &[(0, &scene.bind_group), (1, &bound.group), (2, maps), (3, range)],
+                        &[(0, &scene.bind_group), (1, &bound.group), (2, &made.group), (3, range)],
                         [*count, 1, 1],
                     );
                 }
@@ -202,6 +220,5 @@ fn bind(
         target: target.radiance.clone(),
         group,
         chunks,
-        light_count,
     })
 }
