@@ -1,2 +1,118 @@
-//! gpugi command
-fn main() {}
+//! The `gpugi` command: parse, call the library, print.
+
+mod bench;
+mod doctor;
+mod render;
+mod scene_argument;
+
+use clap::{Parser, Subcommand};
+use gpugi::gpu::AdapterChoice;
+
+/// Wrong arguments: exit code 2.
+#[derive(Debug)]
+pub struct Usage(pub String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// Real-time and baked global illumination on any GPU.
+#[derive(Debug, Parser)]
+#[command(name = "gpugi", version, about)]
+struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Options of every command.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Common {
+    /// GPU to use: part of its name, `software` or `discrete`; the fastest when not given
+    #[arg(long, global = true, value_name = "NAME|software|discrete", default_value = "best", hide_default_value = true)]
+    pub adapter: AdapterChoice,
+    /// Print nothing but errors
+    #[arg(long, global = true)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render a scene to a picture
+    Render(render::Arguments),
+    /// Say what a scene holds
+    Info(scene_argument::SceneArguments),
+    /// List techniques, built-in scenes or adapters
+    List {
+        /// What to list
+        what: What,
+    },
+    /// Say which adapters exist, what is missing and how to get it
+    Doctor,
+    /// Measure GPU time of each technique
+    Bench(bench::Arguments),
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum What {
+    Techniques,
+    Scenes,
+    Adapters,
+}
+
+fn main() -> std::process::ExitCode {
+    let arguments = Arguments::parse();
+    let level = if arguments.common.quiet { tracing::Level::ERROR } else { tracing::Level::WARN };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .without_time()
+        .with_target(false)
+        .init();
+    let common = &arguments.common;
+    let result = match &arguments.command {
+        Command::Render(render) => render::run(common, render),
+        Command::Info(scene) => scene_argument::info(scene),
+        Command::List { what } => {
+            list(*what);
+            Ok(())
+        }
+        Command::Doctor => doctor::run(),
+        Command::Bench(bench) => bench::run(common, bench),
+    };
+    match result {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("gpugi: {error:#}");
+            let wrong_arguments = error.downcast_ref::<Usage>().is_some();
+            std::process::ExitCode::from(if wrong_arguments { 2 } else { 1 })
+        }
+    }
+}
+
+fn list(what: What) {
+    match what {
+        What::Techniques => {
+            for (info, _) in gpugi::techniques::REGISTRY {
+                let paths: Vec<String> =
+                    info.paths.iter().map(|paths| format!("{} ({})", paths.pattern, paths.class)).collect();
+                println!("{:22} {} [{}; {}]", info.name, info.summary, paths.join(", "), info.source);
+            }
+        }
+        What::Scenes => {
+            for scene in gpugi_scene::builtin::SCENES {
+                println!("{:10} {}", scene.name, scene.summary);
+            }
+        }
+        What::Adapters => {
+            for adapter in gpugi::gpu::list_adapters() {
+                println!("{}", doctor::adapter_line(&adapter));
+            }
+        }
+    }
+}

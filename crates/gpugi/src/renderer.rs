@@ -199,6 +199,11 @@ impl Renderer {
         self.samples = 0;
     }
 
+    /// Makes every map out of date, so that the next sample generates all of them: for measuring.
+    pub fn invalidate(&mut self) {
+        self.scene.invalidate();
+    }
+
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
     /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
     ///

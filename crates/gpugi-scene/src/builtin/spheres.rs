@@ -3,7 +3,7 @@
 use glam::{Mat4, Vec3, vec3};
 
 use super::shapes::{quad, sphere};
-use crate::{Camera, Light, LightKind, Material, Scene};
+use crate::{Camera, Environment, Material, Scene};
 
 /// Spheres in a row.
 const STEPS: u32 = 7;
@@ -51,10 +51,6 @@ pub(super) fn build(detail: u32) -> Scene {
     let material = scene.add_material(Material::matt("plane", vec3(0.35, 0.35, 0.33)));
     scene.add_instance("plane", mesh, material, Mat4::IDENTITY);
 
-    let mut sun = Light::new("sun", LightKind::Directional, vec3(3.2, 3.0, 2.7))
-        .aimed(vec3(4.0, 6.0, 5.0), Vec3::ZERO);
-    // The sun's half-angle in our sky.
-    sun.radius = 0.004_65;
-    scene.lights = vec![sun];
+    scene.environment = Some(Environment::default_sky());
     scene
 }

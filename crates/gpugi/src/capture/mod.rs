@@ -3,12 +3,14 @@
 
 pub mod depth;
 mod view;
+mod visible;
 
 #[cfg(test)]
 mod tests;
 
 pub use view::{View, orthographic_reverse, perspective_reverse_infinite};
 pub(crate) use view::ViewUniform;
+pub use visible::VisiblePoint;
 
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;

@@ -61,6 +61,11 @@ impl AdapterSummary {
         }
     }
 
+    /// Whether passes can be timed.
+    pub fn has_timestamps(&self) -> bool {
+        self.features.contains(wgpu::Features::TIMESTAMP_QUERY)
+    }
+
     /// What gpugi needs and this adapter lacks: one line each; empty when it can be used.
     pub fn missing(&self) -> Vec<String> {
         let mut missing = Vec::new();

@@ -14,6 +14,7 @@ pub use frame::{Frame, Timing};
 pub(crate) use kernel::scene_layout;
 pub use kernel::{Kernel, RasterKernel, RasterState};
 pub use shader::{BindingKind, Shader, all_shaders};
+pub use wgpu::{PollType, TextureAspect};
 
 use std::sync::{Arc, Mutex};
 

@@ -302,6 +302,13 @@ impl GpuScene {
         Ok(())
     }
 
+    /// Makes every map out of date, as if everything had changed.
+    pub fn invalidate(&mut self) {
+        self.versions.geometry += 1;
+        self.versions.materials += 1;
+        self.versions.lights += 1;
+    }
+
     /// Length of the scene's diagonal [m], positive even for an empty scene.
     pub fn diagonal(&self) -> f32 {
         self.bounds.diagonal().max(1e-6)

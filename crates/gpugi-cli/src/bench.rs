@@ -1,0 +1,180 @@
+//! `gpugi bench`: GPU time of each technique's passes, and frames per second.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use gpugi::Renderer;
+use gpugi::display::{DisplaySettings, Exposure};
+use gpugi::gpu::{Gpu, PollType};
+
+use crate::render::{apply_settings, usage, write_json};
+use crate::scene_argument::{self, SceneArguments};
+use crate::{Common, Usage};
+
+/// Options of `gpugi bench`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Scene: a file or a built-in name
+    #[arg(long, default_value = "room")]
+    scene: String,
+    /// Tessellation of a built-in scene
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    detail: u32,
+    /// Environment map
+    #[arg(long, value_name = "FILE")]
+    environment: Option<PathBuf>,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x1024")]
+    size: String,
+    /// Technique; the best real-time set when not given
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    technique: Vec<String>,
+    /// A technique's setting (repeatable)
+    #[arg(long, value_name = "technique.key=value")]
+    set: Vec<String>,
+    /// Keep the first N punctual lights and no other light
+    #[arg(long, value_name = "N")]
+    lights: Option<usize>,
+    /// Frames to measure
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: u32,
+    /// Write the table as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What was measured.
+#[derive(Debug, serde::Serialize)]
+struct Measured {
+    adapter: String,
+    driver: String,
+    scene: String,
+    triangles: u64,
+    size: [u32; 2],
+    frames: u32,
+    /// Median GPU milliseconds of each pass in frames that generate every map again.
+    passes: BTreeMap<String, f64>,
+    /// Median sum of a frame's passes, GPU milliseconds.
+    passes_total_ms: f64,
+    /// Wall time a frame [ms], many frames queued: every map generated again.
+    frame_dynamic_ms: f64,
+    /// The same with the maps kept.
+    frame_static_ms: f64,
+    /// Median CPU time to record and submit a frame [ms], every map generated again.
+    cpu_record_ms: f64,
+}
+
+/// Measures.
+pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    let size = arguments
+        .size
+        .split_once('x')
+        .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]))
+        .filter(|size| size.iter().all(|&side: &u32| side > 0))
+        .ok_or_else(|| Usage(format!("--size {}: expected WIDTHxHEIGHT", arguments.size)))?;
+    let (mut scene, _) = scene_argument::load(&SceneArguments {
+        scene: arguments.scene.clone(),
+        detail: arguments.detail,
+        environment: arguments.environment.clone(),
+        time: 0.0,
+    })?;
+    if let Some(count) = arguments.lights {
+        scene.lights.truncate(count);
+        scene.environment = None;
+        for material in &mut scene.materials {
+            material.emissive = glam::Vec3::ZERO;
+        }
+    }
+    let camera = scene_argument::camera(&scene, None, size[0] as f32 / size[1] as f32)?;
+    let gpu = Gpu::open(&common.adapter)?;
+    let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
+    apply_settings(&mut renderer, &arguments.set)?;
+    let display = DisplaySettings {
+        exposure: Exposure::Manual(0.0),
+        ..Default::default()
+    };
+    let mut frame = |dynamic: bool, timed: bool| {
+        renderer.restart();
+        if dynamic {
+            renderer.invalidate();
+        }
+        renderer.render_sample(&camera, 1, Some(&display), timed)
+    };
+    for _ in 0..3 {
+        frame(true, true)?;
+    }
+    let mut passes: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let mut totals = Vec::new();
+    for _ in 0..arguments.frames {
+        let timings = frame(true, true)?;
+        totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
+        for timing in timings {
+            passes.entry(timing.pass).or_default().push(timing.milliseconds);
+        }
+    }
+    let wait = || gpu.device.poll(PollType::wait_indefinitely());
+    let mut recorded = Vec::new();
+    let mut wall = |dynamic: bool| -> anyhow::Result<f64> {
+        wait()?;
+        let started = Instant::now();
+        for index in 0..arguments.frames {
+            let before = Instant::now();
+            frame(dynamic, false)?;
+            if dynamic {
+                recorded.push(before.elapsed().as_secs_f64() * 1e3);
+            }
+            // Keep the queue bounded.
+            if index % 64 == 63 {
+                wait()?;
+            }
+        }
+        wait()?;
+        Ok(started.elapsed().as_secs_f64() * 1e3 / f64::from(arguments.frames))
+    };
+    let frame_dynamic_ms = wall(true)?;
+    let frame_static_ms = wall(false)?;
+    let measured = Measured {
+        adapter: gpu.adapter.name.clone(),
+        driver: gpu.adapter.driver.clone(),
+        scene: arguments.scene.clone(),
+        triangles: scene.statistics().triangles,
+        size,
+        frames: arguments.frames,
+        passes: passes.into_iter().map(|(pass, times)| (pass, median(times))).collect(),
+        passes_total_ms: median(totals),
+        frame_dynamic_ms,
+        frame_static_ms,
+        cpu_record_ms: median(recorded),
+    };
+    print_table(&measured);
+    if let Some(path) = &arguments.json {
+        write_json(path, &measured)?;
+    }
+    Ok(())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn print_table(measured: &Measured) {
+    let [width, height] = measured.size;
+    println!("{} ({})", measured.adapter, measured.driver);
+    println!(
+        "{}: {} triangles, {width}x{height}, median of {} frames",
+        measured.scene, measured.triangles, measured.frames
+    );
+    for (pass, milliseconds) in &measured.passes {
+        println!("  {pass:34} {milliseconds:9.4} ms GPU");
+    }
+    println!("  {:34} {:9.4} ms GPU", "all passes", measured.passes_total_ms);
+    for (name, milliseconds) in [
+        ("frame, maps made every frame", measured.frame_dynamic_ms),
+        ("frame, maps kept", measured.frame_static_ms),
+    ] {
+        println!("  {name:34} {milliseconds:9.4} ms wall, {:.0} frames per second", 1e3 / milliseconds);
+    }
+    println!("  {:34} {:9.4} ms CPU", "recording and submitting a frame", measured.cpu_record_ms);
+}

@@ -1,0 +1,119 @@
+//! Which scene: a file or a built-in name.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use gpugi_scene::{Camera, Environment, Limits, Scene, builtin, import_environment, import_file};
+
+use crate::Usage;
+
+/// Options that say which scene.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SceneArguments {
+    /// A file (.gltf, .glb, .obj, .ply) or a built-in scene's name (`gpugi list scenes`)
+    pub scene: String,
+    /// Tessellation of a built-in scene
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub detail: u32,
+    /// Environment map (.hdr, .exr, .ktx2, .png, .jpg), equirectangular
+    #[arg(long, value_name = "FILE")]
+    pub environment: Option<PathBuf>,
+    /// Time of the animation [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    pub time: f32,
+}
+
+/// Loads the scene; gives it a sky when it has no light. Returns what a user should know of it.
+pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> {
+    let limits = Limits::default();
+    let name = &arguments.scene;
+    let is_file = Path::new(name).extension().is_some() || name.contains(std::path::MAIN_SEPARATOR);
+    let mut scene = if is_file {
+        import_file(Path::new(name), &limits)?
+    } else {
+        builtin::builtin(name, arguments.detail).ok_or_else(|| {
+            let names: Vec<_> = builtin::SCENES.iter().map(|scene| scene.name).collect();
+            Usage(format!(
+                "there is no built-in scene {name:?}; there are: {} (a file needs its extension)",
+                names.join(", ")
+            ))
+        })?
+    };
+    if !arguments.time.is_finite() {
+        return Err(Usage("--time needs a finite number of seconds".into()).into());
+    }
+    if arguments.time != 0.0 {
+        scene.pose(arguments.time);
+    }
+    if let Some(path) = &arguments.environment {
+        scene.environment = Some(import_environment(path, &limits)?);
+    }
+    let mut notes = scene.warnings.clone();
+    if !scene.has_light() {
+        scene.environment = Some(Environment::default_sky());
+        notes.push("the scene has no light: lit by a default sky (choose one with --environment FILE)".into());
+    }
+    if scene.instances.is_empty() {
+        notes.push("the scene holds no triangles".into());
+    }
+    Ok((scene, notes))
+}
+
+/// The camera that `choice` names, for an image of the given width over height.
+pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Result<Camera> {
+    let Some(choice) = choice else {
+        return Ok(match scene.cameras.first() {
+            Some(camera) => camera.clone(),
+            None => Camera::framing(&scene.bounds(), aspect),
+        });
+    };
+    if choice.contains('=') {
+        return look_at(scene, choice).map_err(|error| Usage(format!("--camera: {error:#}")).into());
+    }
+    let by_index = choice.parse::<usize>().ok().and_then(|index| scene.cameras.get(index));
+    let named = scene.cameras.iter().find(|camera| camera.name == choice).or(by_index);
+    named.cloned().ok_or_else(|| {
+        let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
+        Usage(format!("there is no camera {choice:?}; there are {}: {}", names.len(), names.join(", "))).into()
+    })
+}
+
+/// `eye=x,y,z;target=x,y,z;fov=DEGREES`; what is left out comes from framing the scene.
+fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
+    let framing = Camera::framing(&scene.bounds(), 1.0);
+    let mut eye = framing.world_from_view.w_axis.truncate();
+    let mut target = scene.bounds().center();
+    let mut degrees = 35.0;
+    for part in text.split(';').filter(|part| !part.trim().is_empty()) {
+        let (key, value) = part.split_once('=').context("expected key=value")?;
+        match key.trim() {
+            "eye" => eye = point(value)?,
+            "target" => target = point(value)?,
+            "fov" => degrees = value.trim().parse().context("fov needs a number of degrees")?,
+            other => anyhow::bail!("there is no {other:?}; there are eye, target and fov"),
+        }
+    }
+    anyhow::ensure!((1.0..=170.0).contains(&degrees), "fov must lie between 1 and 170 degrees");
+    anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
+    Ok(Camera::look_at("command line", eye, target, f32::to_radians(degrees)))
+}
+
+fn point(text: &str) -> anyhow::Result<glam::Vec3> {
+    let numbers = text
+        .split(',')
+        .map(|number| number.trim().parse::<f32>().ok().filter(|number| number.is_finite()))
+        .collect::<Option<Vec<f32>>>()
+        .filter(|numbers| numbers.len() == 3)
+        .with_context(|| format!("{text:?} is no point x,y,z"))?;
+    Ok(glam::Vec3::from_slice(&numbers))
+}
+
+/// `gpugi info`.
+pub fn info(arguments: &SceneArguments) -> anyhow::Result<()> {
+    let (scene, notes) = load(arguments)?;
+    println!("{}", serde_json::to_string_pretty(&scene.statistics())?);
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    Ok(())
+}
