@@ -26,7 +26,7 @@ pub struct DepthViewSpec {
     pub range: f32,
 }
 
-/// `ShadowView` of techniques/shadow_map/lookup.wesl.
+/// `DepthView` of capture/depth_view.wesl.
 #[allow(missing_docs)] // The shader documents them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -129,7 +129,7 @@ pub struct DepthAtlas {
     pub texture: wgpu::Texture,
     /// Its view.
     pub view: wgpu::TextureView,
-    /// `array<ShadowView>` for lookups.
+    /// `array<DepthView>` for lookups.
     pub views: wgpu::Buffer,
     specs: Vec<DepthViewSpec>,
     corners: Vec<[u32; 2]>,
@@ -319,7 +319,8 @@ fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<Dep
 fn pack(sizes: &[[u32; 2]]) -> (Vec<[u32; 2]>, [u32; 2]) {
     let area: u64 = sizes.iter().map(|size| u64::from(size[0]) * u64::from(size[1])).sum();
     let widest = sizes.iter().map(|size| size[0]).max().unwrap_or(1);
-    let width = ((area as f64).sqrt().ceil() as u32).max(widest).next_power_of_two().min(ATLAS_SIDE);
+    // Whole columns of the widest, so that equal tiles leave no gap at the right.
+    let width = ((area as f64).sqrt().ceil() as u32).next_multiple_of(widest.max(1)).min(ATLAS_SIDE);
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(sizes[index][1]));
     let mut corners = vec![[0, 0]; sizes.len()];
