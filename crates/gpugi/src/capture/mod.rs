@@ -45,7 +45,7 @@ pub struct Target {
 pub struct CameraCapture {
     /// The latest points.
     pub points: SurfacePoints,
-    /// Hit records (instance, primitive).
+    /// Hit records: the provoking merged vertex of each pixel's triangle; all ones where there is none.
     pub hits: wgpu::Texture,
     size: [u32; 2],
     hits_view: wgpu::TextureView,
@@ -83,7 +83,7 @@ impl CameraCapture {
         };
         let hits = texture(
             "hit records",
-            wgpu::TextureFormat::Rg32Uint,
+            wgpu::TextureFormat::R32Uint,
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
         )?;
         let depth = texture("depth", wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::empty())?;
@@ -107,7 +107,7 @@ impl CameraCapture {
                 &shader,
                 Some(&scene.layout),
                 &RasterState {
-                    colors: &[wgpu::TextureFormat::Rg32Uint],
+                    colors: &[wgpu::TextureFormat::R32Uint],
                     cull,
                     slope_bias: 0.0,
                     has_fragment: true,
@@ -134,7 +134,10 @@ impl CameraCapture {
                     ("points", points.points.as_entire_binding()),
                 ],
             )?,
-            resolve.bind(gpu, 3, &[("hits", wgpu::BindingResource::TextureView(&hits_view))])?,
+            resolve.bind(gpu, 3, &[
+                    ("hits", wgpu::BindingResource::TextureView(&hits_view)),
+                    ("merged", scene.vertices.as_entire_binding()),
+                ])?,
         ];
         Ok(Self {
             points,
