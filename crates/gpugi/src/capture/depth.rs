@@ -24,6 +24,9 @@ pub struct DepthViewSpec {
     pub near: f32,
     /// Orthographic: depth range [m].
     pub range: f32,
+    /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under a mesh
+    /// that stands on a floor would see that floor lit.
+    pub second_depth: bool,
 }
 
 /// `DepthView` of capture/depth_view.wesl.
@@ -58,6 +61,7 @@ impl DepthViewSpec {
             texel: 2.0 * half_tangent / inner,
             near,
             range: 0.0,
+            second_depth: false,
         }
     }
 
@@ -91,6 +95,7 @@ impl DepthViewSpec {
             texel: 2.0 * half_extent / side as f32,
             near: 0.0,
             range: far - near,
+            second_depth: false,
         }
     }
 
@@ -243,19 +248,18 @@ impl DepthAtlas {
         same
     }
 
-    /// Draws every view. `second_depth`: closed meshes are drawn by their back faces, without bias.
+    /// Draws every view.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
         name: &str,
         kernels: &DepthKernels,
         scene: &GpuScene,
-        second_depth: bool,
     ) {
         frame.render(name, &[], &self.view, |pass| {
             pass.set_vertex_buffer(0, scene.vertices.slice(..));
             pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-            let kind = |class| match class {
+            let kind = |class, second_depth| match class {
                 DrawClass::Closed if second_depth => DepthDraw::SecondDepth,
                 DrawClass::Closed | DrawClass::Open | DrawClass::DoubleSided => DepthDraw::Biased,
                 DrawClass::Alpha | DrawClass::AlphaDoubleSided => DepthDraw::Alpha,
@@ -263,7 +267,10 @@ impl DepthAtlas {
             let visible: Vec<_> = self
                 .specs
                 .iter()
-                .map(|spec| visible_ranges(&scene.draws, &frustum_planes(&spec.clip_from_world), kind))
+                .map(|spec| {
+                    let planes = frustum_planes(&spec.clip_from_world);
+                    visible_ranges(&scene.draws, &planes, |class| kind(class, spec.second_depth))
+                })
                 .collect();
             // One pipeline after the other, so that it changes three times and not three times a view.
             for (draw, kernel, group) in [

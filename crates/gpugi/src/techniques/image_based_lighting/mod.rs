@@ -173,6 +173,8 @@ impl Technique for ImageBasedLighting {
         let gather = shadow_map::gpu::GatherSettings {
             // Many directions smooth the shadow together: few comparisons each, turned from pixel to pixel.
             taps: 4,
+            // A direction's texels are coarse: see DepthViewSpec::second_depth.
+            second_depth: 0,
             ..shadow_map::Settings::default().gather()
         };
         self.shadows.generate(

@@ -52,6 +52,7 @@ impl LightList {
             area: 0.0,
         };
         let side = settings.resolution;
+        let first_view = self.views.len();
         match light.kind {
             LightKind::Point => self.push(base, &DepthViewSpec::cube(position, near, side, gutter)),
             LightKind::Spot { inner_cone_angle, outer_cone_angle } => {
@@ -78,6 +79,9 @@ impl LightList {
                 };
                 self.push(sample, &cascades(direction, settings, bounds, view));
             }
+        }
+        for view in &mut self.views[first_view..] {
+            view.second_depth = settings.second_depth;
         }
     }
 

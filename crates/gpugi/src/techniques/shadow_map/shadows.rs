@@ -97,7 +97,7 @@ impl Shadows {
         }
         if let Some(made) = &self.made {
             gpu.queue.write_buffer(&made.samples, 0, bytemuck::cast_slice(lights));
-            made.atlas.record(frame, pass, &self.kernels, scene, settings.second_depth == 1);
+            made.atlas.record(frame, pass, &self.kernels, scene);
         }
         Ok(())
     }
