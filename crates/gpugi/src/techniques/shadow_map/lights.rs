@@ -36,7 +36,7 @@ impl LightList {
         let diagonal = bounds.diagonal().max(1e-6);
         let near = diagonal * 1e-4;
         let (position, direction) = (light.position(), light.direction());
-        let gutter = settings.gutter();
+        let gutter = settings.gutter(light.radius);
         let base = LightSample {
             position: position.to_array(),
             kind: LightSample::POINT,
@@ -200,13 +200,14 @@ fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) 
     };
     (0..count)
         .map(|index| {
-            let (from, to) = if index == 0 { (near, split(1)) } else { (split(index), split(index + 1)) };
+            let (from, to) = (if index == 0 { 0.0 } else { split(index) }, split(index + 1));
             let (slice_center, slice_radius) = slice_sphere(view, eye, forward, from, to);
             // What lies outside the scene needs no texels.
             let (cascade_center, half) =
                 if slice_radius < radius { (slice_center, slice_radius) } else { (center, radius) };
-            // Room for the filter, and steady under small changes of the radius.
-            let half = half * 1.05;
+            // Room for the filter; in steps of a sixth of an octave, because a texel that grew a little with every step of the camera
+            // would make edges crawl.
+            let half = (((half * 1.05).log2() * 6.0).ceil() / 6.0).exp2();
             let texel = 2.0 * half / settings.resolution as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
             let origin = right * snapped(right) + up * snapped(up) + direction * center.dot(direction);

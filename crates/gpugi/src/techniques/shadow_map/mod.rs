@@ -3,7 +3,7 @@
 //! Generate: every light becomes one or more light samples with depth views in one atlas: six cube faces for a point light, one
 //! view for a spot light, cascades for a directional one, five hemicube faces for each sample of an area light. Gather: sums
 //! the samples' reflected light times visibility. Differences to the tutorial: point lights and area lights are complete, depth is
-//! reversed floating point, bias is a normal offset where the second depth value does not apply. docs/techniques/shadow-map.md.
+//! reversed floating point, bias is a normal offset, filters follow the receiver's plane, and the second depth value is a choice. docs/techniques/shadow-map.md.
 
 pub(crate) mod gpu;
 pub(crate) mod lights;
@@ -59,7 +59,7 @@ pub struct Settings {
     pub taps: u32,
     /// Normal offset [texels].
     pub normal_offset: f32,
-    /// Whether closed meshes are drawn by their back faces.
+    /// Whether closed meshes are drawn by their back faces: needs no bias, but light leaks where such a mesh stands on something.
     pub second_depth: bool,
     /// Cascades of a directional light.
     pub cascades: u32,
@@ -79,7 +79,7 @@ impl Default for Settings {
             filter_radius: 1.5,
             taps: 16,
             normal_offset: 1.0,
-            second_depth: true,
+            second_depth: false,
             cascades: 4,
             area_samples: 64,
             area_resolution: 256,
@@ -94,7 +94,7 @@ const FIELDS: &[Field] = &[
     Field { name: "filter_radius", summary: "radius of the filter disc [texels]", range: Some((0.0, 16.0)) },
     Field { name: "taps", summary: "comparisons a lookup", range: Some((1.0, 256.0)) },
     Field { name: "normal_offset", summary: "bias along the normal [texels]", range: Some((0.0, 16.0)) },
-    Field { name: "second_depth", summary: "true: closed meshes cast by their back faces", range: None },
+    Field { name: "second_depth", summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet", range: None },
     Field { name: "cascades", summary: "depth maps of a directional light", range: Some((1.0, 4.0)) },
     Field { name: "area_samples", summary: "sample points on all area lights", range: Some((1.0, 4096.0)) },
     Field { name: "area_resolution", summary: "side of an area sample's hemicube [texels]", range: Some((16.0, 2048.0)) },
@@ -102,9 +102,11 @@ const FIELDS: &[Field] = &[
 ];
 
 impl Settings {
-    /// Texels by which views reach beyond their field of view, for the filter.
-    fn gutter(&self) -> u32 {
-        (self.filter_radius.ceil() as u32 + 2).min(self.resolution / 8)
+    /// Texels by which the views of a light of a given radius reach beyond their field of view, for the filter.
+    fn gutter(&self, light_radius: f32) -> u32 {
+        // The largest disc of lookup.wesl, where discs grow.
+        let disc = if self.filter == Filter::Pcss && light_radius > 0.0 { 64.0 } else { self.filter_radius };
+        (disc.ceil() as u32 + 2).min(self.resolution / 8)
     }
 
     pub(crate) fn gather(&self) -> GatherSettings {
@@ -197,7 +199,7 @@ impl Technique for ShadowMap {
             &scene.emitters,
             settings.area_samples,
             settings.area_resolution,
-            settings.gutter().min(settings.area_resolution / 8),
+            settings.gutter(0.0).min(settings.area_resolution / 8),
             scene.diagonal(),
         );
         self.shadows.generate(

@@ -1,0 +1,122 @@
+//! What the tests that render share.
+
+#![allow(dead_code)] // Each test program uses a part.
+
+use glam::{Mat4, Vec3};
+use gpugi::Renderer;
+use gpugi::capture::VisiblePoint;
+use gpugi::gpu::{AdapterChoice, Gpu, read_buffer};
+use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
+
+/// The best adapter. None, and the test passes without testing, only where `GPUGI_SKIP_GPU=1` asks for that.
+pub fn gpu() -> Option<Gpu> {
+    if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") {
+        eprintln!("skipped: GPUGI_SKIP_GPU=1");
+        return None;
+    }
+    match Gpu::open(&AdapterChoice::Best) {
+        Ok(gpu) => Some(gpu),
+        Err(error) => panic!("{error} GPUGI_SKIP_GPU=1 skips the tests that need one."),
+    }
+}
+
+/// Adds one mesh of one material.
+pub fn place(scene: &mut Scene, mesh: Mesh, material: Material) -> usize {
+    let mesh = scene.add_mesh(mesh);
+    let material = scene.add_material(material);
+    scene.add_instance("", mesh, material, Mat4::IDENTITY)
+}
+
+/// A matt horizontal square of albedo 0.5 with sides of `2 half` [m] at height 0.
+pub fn floor(half: f32) -> Scene {
+    let mut scene = Scene::new("floor");
+    let mesh = quad(Vec3::new(-half, 0.0, half), Vec3::X * 2.0 * half, Vec3::NEG_Z * 2.0 * half, 1);
+    place(&mut scene, mesh, Material::matt("grey", Vec3::splat(0.5)));
+    scene
+}
+
+/// A camera that looks straight down on a square of `side` [m] around the origin, from a height of `eye` [m].
+pub fn from_above(side: f32, eye: f32) -> Camera {
+    Camera {
+        projection: Projection::Orthographic { height: side },
+        ..Camera::look_at("above", Vec3::Y * eye, Vec3::ZERO, 1.0)
+    }
+}
+
+/// The scene with one light.
+pub fn lit_by(mut scene: Scene, light: Light) -> Scene {
+    scene.lights.push(light);
+    scene
+}
+
+/// A surface point and its radiance.
+#[derive(Debug, Clone, Copy)]
+pub struct Lit {
+    pub position: Vec3,
+    pub normal: Vec3,
+    pub instance: u32,
+    pub radiance: Vec3,
+}
+
+/// A picture: where there is a surface, its points.
+#[derive(Debug)]
+pub struct Picture {
+    pub radiance: Vec<f32>,
+    pub points: Vec<Option<Lit>>,
+}
+
+impl Picture {
+    /// The points that exist.
+    pub fn lit(&self) -> impl Iterator<Item = &Lit> {
+        self.points.iter().flatten()
+    }
+}
+
+/// A renderer with settings in the form `technique.name=value`.
+pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Renderer {
+    let mut renderer = Renderer::new(gpu, scene, [size, size], &[]).expect("a renderer");
+    for setting in settings {
+        let (name, value) = setting.split_once('=').expect("technique.name=value");
+        let (technique, name) = name.split_once('.').expect("technique.name=value");
+        renderer.set(technique, name, value).expect("a setting");
+    }
+    renderer
+}
+
+/// One sample through pixel centres.
+pub fn picture(gpu: &Gpu, renderer: &mut Renderer, camera: &Camera) -> Picture {
+    renderer.restart();
+    renderer.render_sample(camera, 1, None, false).expect("a picture");
+    let radiance = renderer.radiance().expect("radiance");
+    let buffer = renderer.surface_points();
+    let words: Vec<u32> = read_buffer(gpu, buffer, buffer.size()).expect("points");
+    let points = words
+        .chunks_exact(12)
+        .zip(radiance.chunks_exact(3))
+        .map(|(words, color)| {
+            VisiblePoint::unpack(words).map(|point| Lit {
+                position: point.position,
+                normal: point.normal,
+                instance: point.instance,
+                radiance: Vec3::from_slice(color),
+            })
+        })
+        .collect();
+    assert!(radiance.iter().all(|value| value.is_finite()), "a radiance is not finite");
+    Picture { radiance, points }
+}
+
+/// Renders a scene once.
+pub fn render(gpu: &Gpu, scene: &Scene, camera: &Camera, size: u32, settings: &[&str]) -> Picture {
+    picture(gpu, &mut renderer(gpu, scene, size, settings), camera)
+}
+
+/// Mean of (a - b)^2 / (b^2 + 0.01).
+pub fn rel_mse(pairs: impl Iterator<Item = (f32, f32)>) -> f32 {
+    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), (a, b)| {
+        (sum + (a - b) * (a - b) / (b * b + 0.01), count + 1)
+    });
+    assert!(count > 0, "nothing to compare");
+    sum / count as f32
+}

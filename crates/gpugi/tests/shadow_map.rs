@@ -1,0 +1,272 @@
+//! shadow-map against analytic light and shadow: punctual lights, hard shadows, bias, cascades.
+
+mod common;
+
+use std::f32::consts::PI;
+
+use common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
+use glam::{Vec3, vec3};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
+use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
+
+const GREY_BRDF: f32 = 0.5 / PI;
+
+fn point_light(position: Vec3, intensity: f32) -> Light {
+    Light::new("point", LightKind::Point, Vec3::splat(intensity)).aimed(position, Vec3::ZERO)
+}
+
+fn sun(from: Vec3, irradiance: f32) -> Light {
+    Light::new("sun", LightKind::Directional, Vec3::splat(irradiance)).aimed(from, Vec3::ZERO)
+}
+
+fn spot(position: Vec3, target: Vec3, inner: f32, outer: f32, intensity: f32) -> Light {
+    let kind = LightKind::Spot {
+        inner_cone_angle: inner.to_radians(),
+        outer_cone_angle: outer.to_radians(),
+    };
+    Light::new("spot", kind, Vec3::splat(intensity)).aimed(position, target)
+}
+
+/// Irradiance of an unshadowed punctual light, KHR_lights_punctual.
+fn irradiance(light: &Light, position: Vec3, normal: Vec3) -> f32 {
+    if light.kind == LightKind::Directional {
+        return light.intensity.x * normal.dot(-light.direction()).max(0.0);
+    }
+    let toward = light.position() - position;
+    let d2 = toward.length_squared();
+    let mut value = light.intensity.x * normal.dot(toward.normalize()).max(0.0) / d2;
+    if let Some(range) = light.range {
+        value *= (1.0 - (d2 / (range * range)).powi(2)).clamp(0.0, 1.0);
+    }
+    if let LightKind::Spot { inner_cone_angle, outer_cone_angle } = light.kind {
+        let cosine = (-toward.normalize()).dot(light.direction());
+        let cone = (cosine - outer_cone_angle.cos()) / (inner_cone_angle.cos() - outer_cone_angle.cos()).max(1e-3);
+        value *= cone.clamp(0.0, 1.0).powi(2);
+    }
+    value
+}
+
+/// Whether a segment meets an axis-aligned box.
+fn meets(from: Vec3, to: Vec3, min: Vec3, max: Vec3) -> bool {
+    let inverse = (to - from).recip();
+    let (a, b) = ((min - from) * inverse, (max - from) * inverse);
+    let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(1.0));
+    near < far
+}
+
+#[test]
+fn unshadowed_light_is_analytic() {
+    let Some(gpu) = gpu() else { return };
+    let mut ranged = point_light(vec3(0.0, 2.0, 0.0), 10.0);
+    ranged.range = Some(3.0);
+    let lights = [
+        point_light(vec3(0.5, 2.0, -0.3), 10.0),
+        ranged,
+        spot(vec3(1.0, 3.0, 0.0), vec3(0.2, 0.0, 0.1), 10.0, 25.0, 20.0),
+        sun(vec3(1.0, 2.0, 0.5), 3.0),
+    ];
+    for light in lights {
+        let scene = lit_by(floor(2.0), light.clone());
+        let picture = render(&gpu, &scene, &from_above(3.8, 5.0), 64, &[]);
+        let brightest = picture.lit().map(|lit| lit.radiance.x).fold(0.0, f32::max);
+        assert_eq!(picture.lit().count(), 64 * 64, "{}", light.name);
+        for lit in picture.lit() {
+            let expected = GREY_BRDF * irradiance(&light, lit.position, Vec3::Y);
+            let error = (lit.radiance.x - expected).abs();
+            assert!(error <= 0.01 * expected + 1e-4 * brightest, "{}: {lit:?}, not {expected}", light.name);
+        }
+    }
+}
+
+#[test]
+fn a_point_light_casts_shadows_to_all_six_sides() {
+    let Some(gpu) = gpu() else { return };
+    let light = point_light(vec3(0.05, -0.1, 0.02), 10.0);
+    let eye = light.position();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let mut outward = Vec3::ZERO;
+            outward[axis] = sign;
+            let mut scene = Scene::new("closed room");
+            // The room is closed and faces inward; a box stands before each side.
+            let mut room = cuboid(Vec3::splat(-2.0), Vec3::splat(2.0), 1);
+            room.indices.chunks_exact_mut(3).for_each(|triangle| triangle.swap(1, 2));
+            room.normals.iter_mut().for_each(|normal| *normal = -*normal);
+            place(&mut scene, room, Material::matt("grey", Vec3::splat(0.5)));
+            let center = outward * 1.0;
+            let (min, max) = (center - 0.3, center + 0.3);
+            place(&mut scene, cuboid(min, max, 1), Material::matt("box", Vec3::splat(0.5)));
+            scene.lights.push(light.clone());
+            // From the side of the box, past it: the wall behind shows its shadow.
+            let mut camera = Camera::look_at("", outward * 1.35, outward * 2.0, 2.4);
+            camera.world_from_view.w_axis = (outward * 1.35).extend(1.0);
+            for second_depth in [false, true] {
+                let setting = format!("shadow-map.second_depth={second_depth}");
+                let picture = render(&gpu, &scene, &camera, 64, &[&setting, "shadow-map.resolution=512"]);
+                let (mut lit_count, mut dark_count) = (0, 0);
+                for lit in picture.lit().filter(|lit| lit.instance == 0) {
+                    let expected = GREY_BRDF * irradiance(&light, lit.position, lit.normal);
+                    // Three texels at this distance, and the reach of the filter.
+                    let margin = 0.05;
+                    let inner = meets(lit.position, eye, min + margin, max - margin);
+                    let outer = meets(lit.position, eye, min - margin, max + margin);
+                    if inner {
+                        dark_count += 1;
+                        assert_eq!(lit.radiance.x, 0.0, "{outward} {setting}: {lit:?} is in shadow");
+                    } else if !outer {
+                        lit_count += 1;
+                        let error = (lit.radiance.x - expected).abs();
+                        assert!(error < 0.02 * expected, "{outward} {setting}: {lit:?}, not {expected}");
+                    }
+                }
+                assert!(dark_count > 20 && lit_count > 20, "{outward}: {dark_count} dark, {lit_count} lit");
+            }
+        }
+    }
+}
+
+#[test]
+fn spot_and_sun_cast_the_projection_of_a_box() {
+    let Some(gpu) = gpu() else { return };
+    let (min, max) = (vec3(-0.4, 0.0, -0.3), vec3(0.3, 0.7, 0.4));
+    for light in [spot(vec3(2.0, 3.0, 1.0), Vec3::ZERO, 30.0, 45.0, 40.0), sun(vec3(1.0, 2.0, 0.7), 3.0)] {
+        for setting in ["second_depth=true", "second_depth=false"] {
+            let mut scene = lit_by(floor(2.0), light.clone());
+            place(&mut scene, cuboid(min, max, 1), Material::matt("box", Vec3::splat(0.5)));
+            let setting = format!("shadow-map.{setting}");
+            let picture = render(&gpu, &scene, &from_above(3.0, 5.0), 128, &[&setting, "shadow-map.filter=none"]);
+            let (mut dark, mut wrong) = (0, 0);
+            for lit in picture.lit() {
+                let from = lit.position + lit.normal * 1e-4;
+                let to = match light.kind {
+                    LightKind::Directional => from - light.direction() * 10.0,
+                    _ => light.position(),
+                };
+                let margin = 0.025;
+                let (inner, outer) =
+                    (meets(from, to, min + margin, max - margin), meets(from, to, min - margin, max + margin));
+                let on_box = lit.instance == 1;
+                if inner != outer && !on_box {
+                    continue;
+                }
+                let visible = on_box || !outer;
+                dark += usize::from(!visible);
+                let expected = if visible { GREY_BRDF * irradiance(&light, lit.position, lit.normal) } else { 0.0 };
+                wrong += usize::from((lit.radiance.x - expected).abs() > 0.01 * expected);
+            }
+            assert!(dark > 200, "{} {setting}: only {dark} pixels in shadow", light.name);
+            assert_eq!(wrong, 0, "{} {setting}: wrong pixels", light.name);
+        }
+    }
+}
+
+#[test]
+fn lit_surfaces_have_no_acne() {
+    let Some(gpu) = gpu() else { return };
+    for light in [
+        point_light(vec3(1.0, 2.5, 0.5), 10.0),
+        spot(vec3(1.0, 2.5, 0.5), Vec3::ZERO, 30.0, 45.0, 10.0),
+        sun(vec3(1.0, 1.0, 0.3), 3.0),
+    ] {
+        for filter in ["none", "pcf", "pcss"] {
+            for second_depth in ["false", "true"] {
+                let mut light = light.clone();
+                light.radius = 0.02;
+                let mut scene = Scene::new("acne");
+                let tilted = quad(vec3(-2.0, -1.0, 1.5), Vec3::X * 4.0, vec3(0.0, 1.2, -3.0), 1);
+                place(&mut scene, tilted, Material::matt("tilted", Vec3::splat(0.5)));
+                place(&mut scene, sphere(0.5, 48), Material::matt("sphere", Vec3::splat(0.5)));
+                scene.lights.push(light.clone());
+                let settings = [
+                    format!("shadow-map.filter={filter}"),
+                    format!("shadow-map.second_depth={second_depth}"),
+                    "shadow-map.resolution=512".to_owned(),
+                ];
+                let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+                let picture = render(&gpu, &scene, &from_above(2.0, 5.0), 64, &settings);
+                let mut tested = 0;
+                for lit in picture.lit() {
+                    let to_light = match light.kind {
+                        LightKind::Directional => -light.direction(),
+                        _ => (light.position() - lit.position).normalize(),
+                    };
+                    // The plane's points near the sphere's shadow, and the terminator, are another test's.
+                    let nearest = lit.position + to_light * (-lit.position.dot(to_light)).max(0.0);
+                    if lit.normal.dot(to_light) < 0.15 || (lit.instance == 0 && nearest.length() < 0.7) {
+                        continue;
+                    }
+                    tested += 1;
+                    let expected = GREY_BRDF * irradiance(&light, lit.position, lit.normal);
+                    let error = (lit.radiance.x - expected).abs();
+                    assert!(error < 0.01 * expected, "{} {settings:?}: {lit:?}, not {expected}", light.name);
+                }
+                assert!(tested > 1000, "{tested} points");
+            }
+        }
+    }
+}
+
+/// A plane of 200 m with a post every ten metres.
+fn avenue() -> (Scene, Light) {
+    let light = sun(vec3(2.0, 2.0, 0.4), 3.0);
+    let mut scene = lit_by(floor(100.0), light.clone());
+    for z in 0..18 {
+        let (x, z) = (1.5, -10.0 * z as f32 + 80.0);
+        place(&mut scene, cuboid(vec3(x, 0.0, z - 0.5), vec3(x + 0.6, 4.0, z + 0.5), 1), Material::matt("post", Vec3::splat(0.5)));
+    }
+    (scene, light)
+}
+
+fn down_the_avenue(step: f32) -> Camera {
+    Camera::look_at("", vec3(-3.0, 4.0, 95.0 - step), vec3(-2.0, 0.0, 60.0 - step), 0.9)
+}
+
+#[test]
+fn cascades_shade_near_and_far_without_steps() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, light) = avenue();
+    let posts: Vec<_> = scene.instances[1..].iter().map(|one| scene.meshes[one.mesh].bounds()).collect();
+    let picture = render(&gpu, &scene, &down_the_avenue(0.0), 128, &[]);
+    let mut found = [[0; 2]; 2];
+    for lit in picture.lit().filter(|lit| lit.instance == 0) {
+        let from = lit.position + Vec3::Y * 1e-3;
+        let to = from - light.direction() * 50.0;
+        let margin = 0.02 + 0.006 * (95.0 - lit.position.z).abs();
+        let hits = |grow: f32| posts.iter().any(|post| meets(from, to, post.min - grow, post.max + grow));
+        let (inner, outer) = (hits(-margin.min(0.25)), hits(margin));
+        if inner != outer {
+            continue;
+        }
+        let expected = if outer { 0.0 } else { GREY_BRDF * irradiance(&light, lit.position, Vec3::Y) };
+        let error = (lit.radiance.x - expected).abs();
+        assert!(error < 0.01 * expected + 1e-3, "{lit:?}, not {expected}");
+        found[usize::from(lit.position.z < 60.0)][usize::from(outer)] += 1;
+    }
+    assert!(found.iter().flatten().all(|&count| count > 10), "{found:?}");
+}
+
+#[test]
+fn shadow_edges_stand_still_when_the_camera_moves() {
+    let Some(gpu) = gpu() else { return };
+    // A long wall whose shadow's edge lies along the way: what a fixed point of the floor receives must not change.
+    let light = sun(vec3(2.0, 2.0, 0.4), 3.0);
+    let mut scene = lit_by(floor(100.0), light);
+    place(&mut scene, cuboid(vec3(1.0, 0.0, -90.0), vec3(1.5, 3.0, 90.0), 1), Material::matt("wall", Vec3::splat(0.5)));
+    let mut renderer = renderer(&gpu, &scene, 96, &[]);
+    // Where along x the light falls to a half, at z = 84.
+    let mut edges = Vec::new();
+    for step in 0..8 {
+        let picture = picture(&gpu, &mut renderer, &down_the_avenue(0.037 * step as f32));
+        let near = picture.lit().filter(|lit| lit.instance == 0 && (lit.position.z - 84.0).abs() < 0.6);
+        let mut row: Vec<_> = near.map(|lit| (lit.position.x, lit.radiance.x)).collect();
+        row.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let full = row.iter().map(|one| one.1).fold(0.0, f32::max);
+        let lit: Vec<f32> = row.iter().filter(|one| one.1 > 0.5 * full && one.0 < 0.9).map(|one| one.0).collect();
+        let dark: Vec<f32> = row.iter().filter(|one| one.1 < 0.5 * full && one.0 < 0.9).map(|one| one.0).collect();
+        let edge = (lit.iter().copied().fold(f32::MIN, f32::max) + dark.iter().copied().fold(f32::MAX, f32::min)) / 2.0;
+        edges.push(edge);
+    }
+    let spread = edges.iter().copied().fold(f32::MIN, f32::max) - edges.iter().copied().fold(f32::MAX, f32::min);
+    println!("edge at {edges:?}");
+    assert!(spread < 0.12, "the edge moves by {spread} m: {edges:?}");
+}
