@@ -31,7 +31,12 @@ pub fn place(scene: &mut Scene, mesh: Mesh, material: Material) -> usize {
 /// A matt horizontal square of albedo 0.5 with sides of `2 half` [m] at height 0.
 pub fn floor(half: f32) -> Scene {
     let mut scene = Scene::new("floor");
-    let mesh = quad(Vec3::new(-half, 0.0, half), Vec3::X * 2.0 * half, Vec3::NEG_Z * 2.0 * half, 1);
+    let mesh = quad(
+        Vec3::new(-half, 0.0, half),
+        Vec3::X * 2.0 * half,
+        Vec3::NEG_Z * 2.0 * half,
+        1,
+    );
     place(&mut scene, mesh, Material::matt("grey", Vec3::splat(0.5)));
     scene
 }
@@ -87,7 +92,9 @@ pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Rende
 /// One sample through pixel centres.
 pub fn picture(gpu: &Gpu, renderer: &mut Renderer, camera: &Camera) -> Picture {
     renderer.restart();
-    renderer.render_sample(camera, 1, None, false).expect("a picture");
+    renderer
+        .render_sample(camera, 1, None, false)
+        .expect("a picture");
     let radiance = renderer.radiance().expect("radiance");
     let buffer = renderer.surface_points();
     let words: Vec<u32> = read_buffer(gpu, buffer, buffer.size()).expect("points");
@@ -103,7 +110,10 @@ pub fn picture(gpu: &Gpu, renderer: &mut Renderer, camera: &Camera) -> Picture {
             })
         })
         .collect();
-    assert!(radiance.iter().all(|value| value.is_finite()), "a radiance is not finite");
+    assert!(
+        radiance.iter().all(|value| value.is_finite()),
+        "a radiance is not finite"
+    );
     Picture { radiance, points }
 }
 

@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::shadow_map::lights::{LightList, low_discrepancy};
 use super::shadow_map::shadows::Shadows;
-use super::{Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings, shadow_map};
+use super::{
+    Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings, shadow_map,
+};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{GpuScene, Versions};
@@ -19,7 +21,10 @@ pub const INFO: Info = Info {
     name: "image-based-lighting",
     summary: "direct light of the environment with shadows",
     source: "tutorial section 3.2.3; Agarwal et al. 2003",
-    paths: &[LightPaths { class: LightClass::Environment, pattern: "L[DG]E" }],
+    paths: &[LightPaths {
+        class: LightClass::Environment,
+        pattern: "L[DG]E",
+    }],
 };
 
 /// Settings of image-based lighting.
@@ -42,8 +47,16 @@ impl Default for Settings {
 }
 
 const FIELDS: &[Field] = &[
-    Field { name: "samples", summary: "directions drawn from the environment", range: Some((1.0, 2048.0)) },
-    Field { name: "resolution", summary: "side of a direction's depth map [texels]", range: Some((16.0, 4096.0)) },
+    Field {
+        name: "samples",
+        summary: "directions drawn from the environment",
+        range: Some((1.0, 2048.0)),
+    },
+    Field {
+        name: "resolution",
+        summary: "side of a direction's depth map [texels]",
+        range: Some((16.0, 4096.0)),
+    },
 ];
 
 /// Image-based lighting.
@@ -80,20 +93,28 @@ pub struct DirectionSample {
 /// Draws `count` directions in proportion to luminance times solid angle. Each carries the same share of that power, in its texel's colour, so
 /// that the sum of irradiances estimates the integral of the radiance over the sphere without bias.
 pub fn sample_directions(environment: &Environment, count: u32) -> Vec<DirectionSample> {
-    let (width, height) = (environment.image.width as usize, environment.image.height as usize);
+    let (width, height) = (
+        environment.image.width as usize,
+        environment.image.height as usize,
+    );
     let texel = |index: usize| match &environment.image.pixels {
         Pixels::Rgba32Float(data) => Vec3::from_slice(&data[index * 4..]),
-        Pixels::Rgba8(data) => Vec3::from_array([0, 1, 2].map(|channel| f32::from(data[index * 4 + channel]) / 255.0)),
+        Pixels::Rgba8(data) => {
+            Vec3::from_array([0, 1, 2].map(|channel| f32::from(data[index * 4 + channel]) / 255.0))
+        }
     };
     let luminance = |color: Vec3| color.dot(Vec3::new(0.2126, 0.7152, 0.0722)).max(0.0);
     // Rows by their power, texels by theirs within the row.
     let step = std::f64::consts::PI / height as f64;
     let solid_angle = |row: usize| {
-        std::f64::consts::TAU / width as f64 * ((row as f64 * step).cos() - ((row + 1) as f64 * step).cos())
+        std::f64::consts::TAU / width as f64
+            * ((row as f64 * step).cos() - ((row + 1) as f64 * step).cos())
     };
     let row_power: Vec<f64> = (0..height)
         .map(|row| {
-            let sum: f64 = (0..width).map(|x| f64::from(luminance(texel(row * width + x)))).sum();
+            let sum: f64 = (0..width)
+                .map(|x| f64::from(luminance(texel(row * width + x))))
+                .sum();
             sum * solid_angle(row)
         })
         .collect();
@@ -126,7 +147,11 @@ pub fn sample_directions(environment: &Environment, count: u32) -> Vec<Direction
             let radiance = texel(row * width + x);
             let phi = std::f32::consts::TAU * ((x as f32 + 0.5) / width as f32 - 0.5);
             let theta = (row as f32 + uniform.y) * step as f32;
-            let local = Vec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+            let local = Vec3::new(
+                phi.sin() * theta.sin(),
+                theta.cos(),
+                -phi.cos() * theta.sin(),
+            );
             let share = (total / f64::from(count)) as f32 / luminance(radiance).max(1e-20);
             DirectionSample {
                 toward: (rotation * local).normalize(),
@@ -153,7 +178,12 @@ impl Technique for ImageBasedLighting {
         settings::set(&mut self.settings, FIELDS, name, value)
     }
 
-    fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, _: &View) -> Result<(), GpuError> {
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+    ) -> Result<(), GpuError> {
         let made = (scene.versions, self.settings.clone());
         if self.made.as_ref() == Some(&made) {
             return Ok(());
@@ -196,7 +226,8 @@ impl Technique for ImageBasedLighting {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        self.shadows.gather(frame, scene, "image-based-lighting.gather", points, target)
+        self.shadows
+            .gather(frame, scene, "image-based-lighting.gather", points, target)
     }
 
     fn maps(&self) -> Vec<Map> {

@@ -55,7 +55,10 @@ impl LightList {
         let first_view = self.views.len();
         match light.kind {
             LightKind::Point => self.push(base, &DepthViewSpec::cube(position, near, side, gutter)),
-            LightKind::Spot { inner_cone_angle, outer_cone_angle } => {
+            LightKind::Spot {
+                inner_cone_angle,
+                outer_cone_angle,
+            } => {
                 let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
                 let scale = 1.0 / (inner - outer).max(1e-3);
                 let sample = LightSample {
@@ -68,7 +71,9 @@ impl LightList {
                 let up = perpendicular(direction);
                 self.push(
                     sample,
-                    &[DepthViewSpec::perspective(position, direction, up, tangent, near, side, gutter)],
+                    &[DepthViewSpec::perspective(
+                        position, direction, up, tangent, near, side, gutter,
+                    )],
                 );
             }
             LightKind::Directional => {
@@ -86,7 +91,14 @@ impl LightList {
     }
 
     /// Adds a parallel light whose one view covers the whole scene.
-    pub fn add_direction(&mut self, direction: Vec3, irradiance: Vec3, radius: f32, side: u32, bounds: &Bounds) {
+    pub fn add_direction(
+        &mut self,
+        direction: Vec3,
+        irradiance: Vec3,
+        radius: f32,
+        side: u32,
+        bounds: &Bounds,
+    ) {
         let half = (bounds.diagonal() / 2.0).max(1e-6);
         let spec = DepthViewSpec::orthographic(
             bounds.center(),
@@ -109,7 +121,14 @@ impl LightList {
 
     /// Adds `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it.
     /// A sample's L A is the power share over pi in the triangle's colour.
-    pub fn add_emitters(&mut self, emitters: &[Emitter], count: u32, side: u32, gutter: u32, diagonal: f32) {
+    pub fn add_emitters(
+        &mut self,
+        emitters: &[Emitter],
+        count: u32,
+        side: u32,
+        gutter: u32,
+        diagonal: f32,
+    ) {
         let luminance = |color: Vec3| color.dot(Vec3::new(0.2126, 0.7152, 0.0722));
         let area = |emitter: &Emitter| {
             let [a, b, c] = emitter.corners;
@@ -146,21 +165,28 @@ impl LightList {
             };
             let position = a + (b - a) * u + (c - a) * v;
             let sides = if emitter.two_sided { 2.0 } else { 1.0 };
-            let sample_area = (total / f64::from(count)) as f32 / (luminance(emitter.radiance) * sides);
+            let sample_area =
+                (total / f64::from(count)) as f32 / (luminance(emitter.radiance) * sides);
             let tangent = (b - a).normalize_or(perpendicular(normal));
             let near = diagonal * 1e-4;
-            let mut faces = DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec();
+            let mut faces =
+                DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec();
             if emitter.two_sided {
                 // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
                 let mut below =
-                    DepthViewSpec::hemicube(position, -normal, tangent, near, side, gutter).to_vec();
+                    DepthViewSpec::hemicube(position, -normal, tangent, near, side, gutter)
+                        .to_vec();
                 below.swap(3, 4);
                 faces.extend(below);
             }
             self.push(
                 LightSample {
                     position: position.to_array(),
-                    kind: if emitter.two_sided { LightSample::AREA_TWO_SIDED } else { LightSample::AREA },
+                    kind: if emitter.two_sided {
+                        LightSample::AREA_TWO_SIDED
+                    } else {
+                        LightSample::AREA
+                    },
                     direction: normal.to_array(),
                     intensity: (emitter.radiance * sample_area).to_array(),
                     tangent: tangent.to_array(),
@@ -181,7 +207,12 @@ pub fn low_discrepancy(index: u32) -> Vec2 {
 
 /// Cascades of a directional light, fitted to what the camera sees of the scene. Each covers a sphere around its slice of the view, so that its
 /// size does not change when the camera turns, and moves in whole texels, so that its edges do not crawl.
-fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) -> Vec<DepthViewSpec> {
+fn cascades(
+    direction: Vec3,
+    settings: &Settings,
+    bounds: &Bounds,
+    view: &View,
+) -> Vec<DepthViewSpec> {
     let center = bounds.center();
     let radius = (bounds.diagonal() / 2.0).max(1e-6);
     let up = perpendicular(direction);
@@ -192,7 +223,11 @@ fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) 
     let middle = (center - eye).dot(forward);
     let near = (middle - radius).max(radius * 1e-3);
     let far = (middle + radius).max(near * 1.01);
-    let count = if view.is_perspective { settings.cascades } else { 1 };
+    let count = if view.is_perspective {
+        settings.cascades
+    } else {
+        1
+    };
     let split = |index: u32| {
         // Half-way between equal ratios, which fit perspective, and equal lengths (Zhang et al. 2006).
         let part = index as f32 / count as f32;
@@ -200,17 +235,24 @@ fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) 
     };
     (0..count)
         .map(|index| {
-            let (from, to) = (if index == 0 { 0.0 } else { split(index) }, split(index + 1));
+            let (from, to) = (
+                if index == 0 { 0.0 } else { split(index) },
+                split(index + 1),
+            );
             let (slice_center, slice_radius) = slice_sphere(view, eye, forward, from, to);
             // What lies outside the scene needs no texels.
-            let (cascade_center, half) =
-                if slice_radius < radius { (slice_center, slice_radius) } else { (center, radius) };
+            let (cascade_center, half) = if slice_radius < radius {
+                (slice_center, slice_radius)
+            } else {
+                (center, radius)
+            };
             // Room for the filter; in steps of a sixth of an octave, because a texel that grew a little with every step of the camera
             // would make edges crawl.
             let half = (((half * 1.05).log2() * 6.0).ceil() / 6.0).exp2();
             let texel = 2.0 * half / settings.resolution as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
-            let origin = right * snapped(right) + up * snapped(up) + direction * center.dot(direction);
+            let origin =
+                right * snapped(right) + up * snapped(up) + direction * center.dot(direction);
             DepthViewSpec::orthographic(
                 origin,
                 direction,
@@ -228,7 +270,10 @@ fn cascades(direction: Vec3, settings: &Settings, bounds: &Bounds, view: &View) 
 fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (Vec3, f32) {
     if !view.is_perspective {
         let half = (to - from) / 2.0;
-        return (eye + forward * (from + half), half.hypot(view.half_extent.length()));
+        return (
+            eye + forward * (from + half),
+            half.hypot(view.half_extent.length()),
+        );
     }
     let spread = view.half_extent.length_squared();
     // The point on the axis that is equally far from the near and the far corners.

@@ -28,8 +28,14 @@ pub const INFO: Info = Info {
     summary: "direct light of point, spot, directional and area lights with shadows",
     source: "tutorial section 3.1; Williams 1978; Reeves et al. 1987; Fernando 2005",
     paths: &[
-        LightPaths { class: LightClass::Punctual, pattern: "L[DG]E" },
-        LightPaths { class: LightClass::Area, pattern: "L[DG]E" },
+        LightPaths {
+            class: LightClass::Punctual,
+            pattern: "L[DG]E",
+        },
+        LightPaths {
+            class: LightClass::Area,
+            pattern: "L[DG]E",
+        },
     ],
 };
 
@@ -59,7 +65,7 @@ pub struct Settings {
     pub taps: u32,
     /// Normal offset [texels].
     pub normal_offset: f32,
-    /// Whether closed meshes are drawn by their back faces: needs no bias, but light leaks where such a mesh stands on something.
+    /// Whether punctual lights draw closed meshes by their back faces: needs no bias, but light leaks where such a mesh stands on something.
     pub second_depth: bool,
     /// Cascades of a directional light.
     pub cascades: u32,
@@ -78,8 +84,8 @@ impl Default for Settings {
             filter: Filter::Pcf,
             filter_radius: 1.5,
             taps: 16,
-            normal_offset: 1.0,
-            second_depth: false,
+            normal_offset: 1.5,
+            second_depth: true,
             cascades: 4,
             area_samples: 64,
             area_resolution: 256,
@@ -89,23 +95,67 @@ impl Default for Settings {
 }
 
 const FIELDS: &[Field] = &[
-    Field { name: "resolution", summary: "side of a depth map [texels]", range: Some((16.0, 8192.0)) },
-    Field { name: "filter", summary: "none, pcf or pcss", range: None },
-    Field { name: "filter_radius", summary: "radius of the filter disc [texels]", range: Some((0.0, 16.0)) },
-    Field { name: "taps", summary: "comparisons a lookup", range: Some((1.0, 256.0)) },
-    Field { name: "normal_offset", summary: "bias along the normal [texels]", range: Some((0.0, 16.0)) },
-    Field { name: "second_depth", summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet", range: None },
-    Field { name: "cascades", summary: "depth maps of a directional light", range: Some((1.0, 4.0)) },
-    Field { name: "area_samples", summary: "sample points on all area lights", range: Some((1.0, 4096.0)) },
-    Field { name: "area_resolution", summary: "side of an area sample's hemicube [texels]", range: Some((16.0, 2048.0)) },
-    Field { name: "area_taps", summary: "comparisons a lookup for area lights", range: Some((1.0, 256.0)) },
+    Field {
+        name: "resolution",
+        summary: "side of a depth map [texels]",
+        range: Some((16.0, 8192.0)),
+    },
+    Field {
+        name: "filter",
+        summary: "none, pcf or pcss",
+        range: None,
+    },
+    Field {
+        name: "filter_radius",
+        summary: "radius of the filter disc [texels]",
+        range: Some((0.0, 16.0)),
+    },
+    Field {
+        name: "taps",
+        summary: "comparisons a lookup",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "normal_offset",
+        summary: "bias along the normal [texels]",
+        range: Some((0.0, 16.0)),
+    },
+    Field {
+        name: "second_depth",
+        summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet",
+        range: None,
+    },
+    Field {
+        name: "cascades",
+        summary: "depth maps of a directional light",
+        range: Some((1.0, 4.0)),
+    },
+    Field {
+        name: "area_samples",
+        summary: "sample points on all area lights",
+        range: Some((1.0, 4096.0)),
+    },
+    Field {
+        name: "area_resolution",
+        summary: "side of an area sample's hemicube [texels]",
+        range: Some((16.0, 2048.0)),
+    },
+    Field {
+        name: "area_taps",
+        summary: "comparisons a lookup for area lights",
+        range: Some((1.0, 256.0)),
+    },
 ];
 
 impl Settings {
     /// Texels by which the views of a light of a given radius reach beyond their field of view, for the filter.
     fn gutter(&self, light_radius: f32) -> u32 {
         // The largest disc of lookup.wesl, where discs grow.
-        let disc = if self.filter == Filter::Pcss && light_radius > 0.0 { 64.0 } else { self.filter_radius };
+        let disc = if self.filter == Filter::Pcss && light_radius > 0.0 {
+            64.0
+        } else {
+            self.filter_radius
+        };
         (disc.ceil() as u32 + 2).min(self.resolution / 8)
     }
 
@@ -180,8 +230,16 @@ impl Technique for ShadowMap {
         settings::set(&mut self.settings, FIELDS, name, value)
     }
 
-    fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) -> Result<(), GpuError> {
-        let follows_camera = scene.lights.iter().any(|light| light.kind == LightKind::Directional);
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &View,
+    ) -> Result<(), GpuError> {
+        let follows_camera = scene
+            .lights
+            .iter()
+            .any(|light| light.kind == LightKind::Directional);
         let made = Made {
             versions: scene.versions,
             settings: self.settings.clone(),
@@ -221,7 +279,8 @@ impl Technique for ShadowMap {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        self.shadows.gather(frame, scene, "shadow-map.gather", points, target)
+        self.shadows
+            .gather(frame, scene, "shadow-map.gather", points, target)
     }
 
     fn maps(&self) -> Vec<Map> {

@@ -1,0 +1,215 @@
+//! What must hold whatever the scene: finite radiance, the same picture from the same seed, maps made only when something changed.
+
+mod common;
+
+use common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
+use glam::{Mat4, Vec3, vec3};
+use gpugi::{RenderError, Renderer};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
+use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
+
+fn lights() -> [Light; 3] {
+    let spot = LightKind::Spot {
+        inner_cone_angle: 0.3,
+        outer_cone_angle: 0.6,
+    };
+    [LightKind::Point, spot, LightKind::Directional].map(|kind| {
+        Light::new("light", kind, Vec3::splat(3.0)).aimed(vec3(0.5, 2.0, 0.5), Vec3::ZERO)
+    })
+}
+
+fn looking_down() -> Camera {
+    Camera::look_at("", vec3(0.0, 3.0, 3.0), Vec3::ZERO, 0.8)
+}
+
+/// A floor, a box and every kind of light.
+fn furnished() -> Scene {
+    let mut scene = floor(2.0);
+    place(
+        &mut scene,
+        cuboid(vec3(-0.3, 0.0, -0.3), vec3(0.3, 0.6, 0.3), 1),
+        Material::matt("box", Vec3::splat(0.5)),
+    );
+    place(
+        &mut scene,
+        quad(vec3(-1.0, 1.5, -1.0), Vec3::X * 0.3, Vec3::Z * 0.3, 1),
+        Material::emitter("lamp", Vec3::splat(5.0)),
+    );
+    scene.lights = lights().to_vec();
+    scene
+}
+
+/// Triangles without area.
+fn line() -> Mesh {
+    let mut mesh = quad(vec3(0.0, 1.0, 0.0), Vec3::X, Vec3::X * 0.5, 2);
+    mesh.normals.fill(Vec3::Y);
+    mesh
+}
+
+#[test]
+fn degenerate_scenes_stay_finite() {
+    let Some(gpu) = gpu() else { return };
+    // `render` asserts that radiance is finite.
+    let settings = [
+        "shadow-map.resolution=64",
+        "shadow-map.filter=pcss",
+        "shadow-map.area_samples=4",
+    ];
+    let mut empty = Scene::new("empty");
+    empty.lights = lights().to_vec();
+    render(&gpu, &empty, &looking_down(), 8, &settings);
+    render(&gpu, &Scene::new("nothing at all"), &looking_down(), 8, &[]);
+
+    let mut scene = furnished();
+    // On the floor, at a corner of the box, and in the camera.
+    for position in [Vec3::ZERO, vec3(0.3, 0.6, 0.3), vec3(0.0, 3.0, 3.0)] {
+        for mut light in lights() {
+            light.world_from_light.w_axis = position.extend(1.0);
+            light.radius = 0.1;
+            scene.lights.push(light);
+        }
+    }
+    let mut without_range = lights()[0].clone();
+    without_range.range = Some(0.0);
+    scene.lights.push(without_range);
+    render(&gpu, &scene, &looking_down(), 16, &settings);
+    render(&gpu, &scene, &looking_down(), 1, &settings);
+
+    // The camera inside the box, and a light there.
+    let inside = Camera::look_at("", vec3(0.0, 0.3, 0.0), vec3(0.0, 0.2, -1.0), 1.0);
+    render(&gpu, &scene, &inside, 16, &settings);
+
+    // Emitters and walls without area, a mesh of one point, an instance flattened to a plane.
+    let mut flat = furnished();
+    let nothing = line();
+    place(
+        &mut flat,
+        nothing.clone(),
+        Material::emitter("line", Vec3::ONE),
+    );
+    place(&mut flat, nothing, Material::matt("line", Vec3::ONE));
+    let ball = flat.add_mesh(sphere(0.3, 4));
+    let grey = flat.add_material(Material::matt("grey", Vec3::splat(0.5)));
+    flat.add_instance(
+        "disc",
+        ball,
+        grey,
+        Mat4::from_scale_rotation_translation(vec3(1.0, 0.0, 1.0), glam::Quat::IDENTITY, Vec3::Y),
+    );
+    flat.add_instance("point", ball, grey, Mat4::from_scale(Vec3::ZERO));
+    render(&gpu, &flat, &looking_down(), 16, &settings);
+
+    let mut only_line = Scene::new("line");
+    place(&mut only_line, line(), Material::emitter("line", Vec3::ONE));
+    render(&gpu, &only_line, &looking_down(), 8, &settings);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits() {
+    let Some(gpu) = gpu() else { return };
+    let scene = furnished();
+    let render_with = |seed: u32| {
+        let mut renderer = renderer(&gpu, &scene, 48, &[]);
+        renderer.set_seed(seed);
+        for _ in 0..2 {
+            renderer
+                .render_sample(&looking_down(), 2, None, false)
+                .expect("a sample");
+        }
+        renderer.radiance().expect("radiance")
+    };
+    let (first, again, other) = (render_with(7), render_with(7), render_with(8));
+    assert!(
+        first
+            .iter()
+            .zip(&again)
+            .all(|(a, b)| a.to_bits() == b.to_bits()),
+        "the same seed gave another picture"
+    );
+    assert_ne!(first, other, "the seed has no effect");
+    let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+    let difference = first
+        .iter()
+        .zip(&other)
+        .map(|(a, b)| (a - b).abs())
+        .sum::<f32>()
+        / first.len() as f32;
+    assert!(
+        difference < 0.01 * mean(&first),
+        "another seed changes {difference} of {}",
+        mean(&first)
+    );
+}
+
+#[test]
+fn maps_are_made_again_only_when_something_changed() {
+    let Some(gpu) = gpu() else { return };
+    if !gpu.has_timestamps {
+        eprintln!("skipped: this adapter cannot time passes");
+        return;
+    }
+    let mut before = furnished();
+    before.lights.retain(|light| light.kind == LightKind::Point);
+    let mut renderer = renderer(&gpu, &before, 16, &[]);
+    let generates = |renderer: &mut Renderer| {
+        let timings = renderer
+            .render_sample(&looking_down(), 1, None, true)
+            .expect("a sample");
+        assert!(
+            timings
+                .iter()
+                .any(|timing| timing.pass == "shadow-map.gather")
+        );
+        timings
+            .iter()
+            .any(|timing| timing.pass == "shadow-map.generate")
+    };
+    assert!(generates(&mut renderer), "the first frame needs maps");
+    assert!(!generates(&mut renderer), "nothing changed");
+    let mut after = before.clone();
+    after.lights[0].world_from_light.w_axis.x += 0.7;
+    renderer.update(&before, &after).expect("an update");
+    assert!(generates(&mut renderer), "a light moved");
+    assert!(!generates(&mut renderer), "nothing changed since");
+    renderer
+        .set("shadow-map", "filter_radius", "3")
+        .expect("a setting");
+    assert!(generates(&mut renderer), "a setting changed");
+    // The picture after the update is the picture of the changed scene.
+    renderer
+        .set("shadow-map", "filter_radius", "1.5")
+        .expect("a setting");
+    let updated = picture(&gpu, &mut renderer, &looking_down());
+    let fresh = render(&gpu, &after, &looking_down(), 16, &[]);
+    assert_eq!(updated.radiance, fresh.radiance);
+}
+
+#[test]
+fn a_moved_instance_moves_its_shadow() {
+    let Some(gpu) = gpu() else { return };
+    let before = furnished();
+    let mut after = before.clone();
+    after.instances[1].world_from_mesh = Mat4::from_translation(vec3(0.4, 0.2, 0.1));
+    let mut renderer = renderer(&gpu, &before, 32, &[]);
+    picture(&gpu, &mut renderer, &looking_down());
+    renderer.update(&before, &after).expect("an update");
+    let updated = picture(&gpu, &mut renderer, &looking_down());
+    assert_eq!(
+        updated.radiance,
+        render(&gpu, &after, &looking_down(), 32, &[]).radiance
+    );
+}
+
+#[test]
+fn without_shadow_maps_there_is_no_direct_light() {
+    let Some(gpu) = gpu() else { return };
+    let scene = lit_by(floor(2.0), lights()[0].clone());
+    let on = render(&gpu, &scene, &from_above(2.0, 1.0), 16, &[]);
+    assert!(on.lit().all(|lit| lit.radiance.x > 0.0));
+    let mut off =
+        Renderer::new(&gpu, &scene, [16, 16], &["environment-map".to_owned()]).expect("a renderer");
+    let off = picture(&gpu, &mut off, &from_above(2.0, 1.0));
+    assert!(off.lit().all(|lit| lit.radiance == Vec3::ZERO));
+    let unknown = Renderer::new(&gpu, &scene, [16, 16], &["shadow-maps".to_owned()]);
+    assert!(matches!(unknown, Err(RenderError::UnknownTechnique { .. })));
+}

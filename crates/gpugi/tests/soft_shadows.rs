@@ -1,0 +1,356 @@
+//! shadow-map's area lights, soft filters and see-through surfaces against analytic light and shadow.
+
+mod common;
+
+use std::f64::consts::PI;
+
+use common::{Lit, floor, from_above, gpu, lit_by, place, rel_mse, render};
+use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
+use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::{
+    AlphaMode, Camera, Image, Light, LightKind, Material, Pixels, Scene, Texture, TextureRef, Wrap,
+};
+
+const HEIGHT: f32 = 2.0;
+const RADIANCE: f32 = 5.0;
+
+/// A square lamp of 1 m over the floor, looking down.
+fn under_a_lamp(double_sided: bool) -> Scene {
+    let mut scene = floor(2.0);
+    let lamp = quad(vec3(-0.5, HEIGHT, -0.5), Vec3::X, Vec3::Z, 1);
+    let material = Material {
+        double_sided,
+        ..Material::emitter("lamp", Vec3::splat(RADIANCE))
+    };
+    place(&mut scene, lamp, material);
+    scene
+}
+
+/// Looks at the floor from below the lamp.
+fn below_the_lamp(side: f32) -> Camera {
+    from_above(side, HEIGHT - 0.3)
+}
+
+/// Exact irradiance at a point of the floor under a lamp between two x, by quadrature over the visible part of the rectangle.
+fn lamp_irradiance(at: Vec3, x_from: f64, x_to: f64) -> f64 {
+    const STEPS: u32 = 64;
+    if x_to <= x_from {
+        return 0.0;
+    }
+    let at = at.as_dvec3();
+    let mut sum = 0.0;
+    for i in 0..STEPS {
+        for j in 0..STEPS {
+            let along = |k: u32| (f64::from(k) + 0.5) / f64::from(STEPS);
+            let lamp = dvec3(
+                x_from + (x_to - x_from) * along(i),
+                f64::from(HEIGHT),
+                along(j) - 0.5,
+            );
+            let toward: DVec3 = lamp - at;
+            let d2 = toward.length_squared();
+            sum += toward.y * toward.y / (d2 * d2);
+        }
+    }
+    sum / f64::from(STEPS * STEPS) * (x_to - x_from) * f64::from(RADIANCE)
+}
+
+fn samples(count: u32) -> String {
+    format!("shadow-map.area_samples={count}")
+}
+
+fn floor_of(lit: &Lit) -> bool {
+    lit.instance == 0
+}
+
+#[test]
+fn an_area_light_is_its_form_factor() {
+    let Some(gpu) = gpu() else { return };
+    let errors = [16, 64, 256].map(|count| {
+        let picture = render(
+            &gpu,
+            &under_a_lamp(false),
+            &below_the_lamp(3.0),
+            32,
+            &[&samples(count)],
+        );
+        let errors = picture.lit().filter(|lit| floor_of(lit)).map(|lit| {
+            let expected = 0.5 / PI * lamp_irradiance(lit.position, -0.5, 0.5);
+            (f64::from(lit.radiance.x) / expected - 1.0).abs()
+        });
+        errors.fold(0.0, f64::max)
+    });
+    println!("largest relative error at 16, 64, 256 samples: {errors:?}");
+    assert!(errors[2] < 0.01, "{errors:?}");
+    assert!(errors[0] > errors[1] && errors[1] > errors[2], "{errors:?}");
+}
+
+#[test]
+fn an_area_light_casts_the_exact_penumbra() {
+    let Some(gpu) = gpu() else { return };
+    // A half-plane x > 0 at height 1 hides the lamp beyond the line from the point over its edge.
+    let mut scene = under_a_lamp(false);
+    let blocker = quad(vec3(0.0, 1.0, 4.0), Vec3::X * 4.0, Vec3::NEG_Z * 8.0, 1);
+    place(
+        &mut scene,
+        blocker,
+        Material::matt("blocker", Vec3::splat(0.5)),
+    );
+    let camera = from_above(1.6, 0.9);
+    let errors = [16, 64, 256].map(|count| {
+        let picture = render(&gpu, &scene, &camera, 64, &[&samples(count)]);
+        let pairs = picture.lit().filter(|lit| floor_of(lit)).map(|lit| {
+            // Seen from x, the edge at half the lamp's height covers the lamp beyond -x.
+            let visible_to = f64::from(-lit.position.x).clamp(-0.5, 0.5);
+            let expected = 0.5 / PI * lamp_irradiance(lit.position, -0.5, visible_to);
+            (lit.radiance.x, expected as f32)
+        });
+        rel_mse(pairs)
+    });
+    println!("rel-mse of the penumbra at 16, 64, 256 samples: {errors:?}");
+    assert!(errors[2] < 0.005, "{errors:?}");
+    assert!(errors[0] > errors[1] && errors[1] > errors[2], "{errors:?}");
+}
+
+#[test]
+fn emitters_light_the_sides_that_emit() {
+    let Some(gpu) = gpu() else { return };
+    for double_sided in [false, true] {
+        let mut scene = under_a_lamp(double_sided);
+        // A ceiling over the lamp, looking down; its distance to the lamp is that of the floor.
+        let ceiling = quad(
+            vec3(-2.0, 2.0 * HEIGHT, -2.0),
+            Vec3::X * 4.0,
+            Vec3::Z * 4.0,
+            1,
+        );
+        place(
+            &mut scene,
+            ceiling,
+            Material::matt("ceiling", Vec3::splat(0.5)),
+        );
+        let mut camera =
+            Camera::look_at("", Vec3::Y * (HEIGHT + 0.3), Vec3::Y * (HEIGHT + 2.0), 1.0);
+        camera.projection = gpugi_scene::Projection::Orthographic { height: 3.0 };
+        let settings = [&samples(256)[..], "shadow-map.area_resolution=128"];
+        let above = render(&gpu, &scene, &camera, 32, &settings);
+        let below = render(&gpu, &scene, &below_the_lamp(3.0), 32, &settings);
+        assert_eq!(above.lit().filter(|lit| lit.instance == 2).count(), 32 * 32);
+        for lit in above.lit() {
+            let mirrored = vec3(lit.position.x, 0.0, lit.position.z);
+            let expected = if double_sided {
+                0.5 / PI * lamp_irradiance(mirrored, -0.5, 0.5)
+            } else {
+                0.0
+            };
+            let error = (f64::from(lit.radiance.x) - expected).abs();
+            assert!(
+                error <= 0.03 * expected,
+                "double-sided {double_sided}: {lit:?}, not {expected}"
+            );
+        }
+        for lit in below.lit().filter(|lit| floor_of(lit)) {
+            let expected = 0.5 / PI * lamp_irradiance(lit.position, -0.5, 0.5);
+            let error = (f64::from(lit.radiance.x) - expected).abs();
+            assert!(
+                error <= 0.03 * expected,
+                "double-sided {double_sided}: {lit:?}, not {expected}"
+            );
+        }
+    }
+}
+
+/// A 2 x 2 checker, repeated by nobody, in the red, green, blue and alpha channels.
+fn checker(scene: &mut Scene, dark: [u8; 4], light: [u8; 4]) -> TextureRef {
+    scene.images.push(Image {
+        name: "checker".into(),
+        width: 2,
+        height: 2,
+        pixels: Pixels::Rgba8([dark, light, light, dark].concat()),
+    });
+    scene.textures.push(Texture {
+        image: scene.images.len() - 1,
+        wrap: [Wrap::ClampToEdge; 2],
+        nearest: true,
+    });
+    TextureRef::new(scene.textures.len() - 1)
+}
+
+#[test]
+fn an_emissive_texture_lights_by_its_mean() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = under_a_lamp(false);
+    let texture = checker(&mut scene, [0, 0, 0, 255], [255, 255, 255, 255]);
+    scene.materials[1].emissive_texture = Some(texture);
+    let plain = render(&gpu, &under_a_lamp(false), &below_the_lamp(3.0), 32, &[]);
+    let halved = render(&gpu, &scene, &below_the_lamp(3.0), 32, &[]);
+    for (plain, halved) in plain.lit().zip(halved.lit()) {
+        let ratio = halved.radiance.x / plain.radiance.x;
+        // The mean comes from 36 points a triangle.
+        assert!(
+            (ratio - 0.5).abs() < 0.07,
+            "{ratio} of the light at {}",
+            halved.position
+        );
+    }
+}
+
+/// The floor's mean brightness in and out of the shadow of a square sheet of 1 m at height 1, under the sun at the zenith.
+fn through_a_sheet(
+    gpu: &gpugi::gpu::Gpu,
+    material: impl FnOnce(&mut Scene) -> Material,
+) -> (f32, common::Picture) {
+    let sun =
+        Light::new("sun", LightKind::Directional, Vec3::splat(2.0)).aimed(Vec3::Y, Vec3::ZERO);
+    let mut scene = lit_by(floor(2.0), sun);
+    let material = material(&mut scene);
+    place(
+        &mut scene,
+        quad(vec3(-0.5, 1.0, 0.5), Vec3::X, Vec3::NEG_Z, 1),
+        material,
+    );
+    let picture = render(
+        gpu,
+        &scene,
+        &from_above(1.6, 0.9),
+        64,
+        &["shadow-map.resolution=512"],
+    );
+    let full = 0.5 / PI as f32 * 2.0;
+    let inside = picture
+        .lit()
+        .filter(|lit| lit.position.abs().max_element() < 0.47);
+    let (sum, count) = inside.fold((0.0, 0), |(sum, count), lit| {
+        (sum + lit.radiance.x / full, count + 1)
+    });
+    for lit in picture
+        .lit()
+        .filter(|lit| lit.position.abs().max_element() > 0.53)
+    {
+        assert!(
+            (lit.radiance.x / full - 1.0).abs() < 0.01,
+            "{lit:?} is outside the shadow"
+        );
+    }
+    (sum / count as f32, picture)
+}
+
+#[test]
+fn see_through_surfaces_cast_what_they_hide() {
+    let Some(gpu) = gpu() else { return };
+    let (opaque, _) = through_a_sheet(&gpu, |_| Material::matt("opaque", Vec3::ONE));
+    assert_eq!(opaque, 0.0);
+    let full = 0.5 / PI as f32 * 2.0;
+    let (_, masked) = through_a_sheet(&gpu, |scene| Material {
+        base_color_texture: Some(checker(scene, [255, 255, 255, 0], [255; 4])),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        ..Material::matt("masked", Vec3::ONE)
+    });
+    // v grows downward: texel (0, 0) lies at -x and -z.
+    for lit in masked.lit() {
+        let (x, z) = (lit.position.x, lit.position.z);
+        if x.abs().min(z.abs()) < 0.04 || x.abs().max(z.abs()) > 0.46 {
+            continue;
+        }
+        let expected = if (x < 0.0) == (z < 0.0) { full } else { 0.0 };
+        assert!(
+            (lit.radiance.x - expected).abs() < 0.01 * full,
+            "{lit:?}, not {expected}"
+        );
+    }
+    let (blended, _) = through_a_sheet(&gpu, |_| Material {
+        base_color: Vec4::new(1.0, 1.0, 1.0, 0.3),
+        alpha_mode: AlphaMode::Blend,
+        ..Material::matt("blended", Vec3::ONE)
+    });
+    assert!(
+        (blended - 0.7).abs() < 0.02,
+        "{blended} of the light through alpha 0.3"
+    );
+    let (glass, _) = through_a_sheet(&gpu, |_| Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        ..Material {
+            name: "glass".into(),
+            ..Material::default()
+        }
+    });
+    assert!(
+        (glass - 0.96).abs() < 0.02,
+        "{glass} of the light through glass"
+    );
+}
+
+/// Width [m] over which light rises from none to full across the shadow's edge of a half-plane at `height` under a spot light at 3 m.
+fn penumbra(gpu: &gpugi::gpu::Gpu, filter: &str, radius: f32, height: f32) -> f32 {
+    let cone = LightKind::Spot {
+        inner_cone_angle: 0.6,
+        outer_cone_angle: 0.7,
+    };
+    let mut spot = Light::new("spot", cone, Vec3::splat(20.0)).aimed(Vec3::Y * 3.0, Vec3::ZERO);
+    spot.radius = radius;
+    let unshadowed = lit_by(floor(2.0), spot);
+    let mut scene = unshadowed.clone();
+    place(
+        &mut scene,
+        quad(vec3(0.0, height, 3.0), Vec3::X * 3.0, Vec3::NEG_Z * 6.0, 1),
+        Material::matt("", Vec3::ONE),
+    );
+    let settings = [
+        &format!("shadow-map.filter={filter}")[..],
+        "shadow-map.taps=64",
+    ];
+    let camera = from_above(1.6, 0.2);
+    let shadowed = render(gpu, &scene, &camera, 96, &settings);
+    let full = render(gpu, &unshadowed, &camera, 96, &settings);
+    // The mean over columns of |d light / dx| is a disc's profile; its standard deviation is a quarter of its width.
+    let part: Vec<f32> = (0..96)
+        .map(|x| {
+            let sum = |picture: &common::Picture| {
+                (0..96)
+                    .map(|y| picture.radiance[(y * 96 + x) * 3])
+                    .sum::<f32>()
+            };
+            sum(&shadowed) / sum(&full)
+        })
+        .collect();
+    let slope: Vec<f32> = part
+        .windows(2)
+        .map(|pair| (pair[0] - pair[1]).abs())
+        .collect();
+    let total: f32 = slope.iter().sum();
+    let mean = slope
+        .iter()
+        .enumerate()
+        .map(|(i, s)| i as f32 * s)
+        .sum::<f32>()
+        / total;
+    let variance = slope
+        .iter()
+        .enumerate()
+        .map(|(i, s)| (i as f32 - mean).powi(2) * s)
+        .sum::<f32>()
+        / total;
+    4.0 * variance.sqrt() * 1.6 / 96.0
+}
+
+#[test]
+fn pcss_penumbrae_grow_and_pcf_edges_do_not() {
+    let Some(gpu) = gpu() else { return };
+    let mut pcf = Vec::new();
+    for (radius, height) in [(0.05, 1.0), (0.1, 1.0), (0.1, 0.5), (0.1, 1.5)] {
+        let analytic = 2.0 * radius * height / (3.0 - height);
+        let width = penumbra(&gpu, "pcss", radius, height);
+        println!("radius {radius} m, blocker at {height} m: {width} m wide, exact {analytic} m");
+        assert!(
+            (width / analytic - 1.0).abs() < 0.4,
+            "{width} m, not {analytic} m"
+        );
+        pcf.push(penumbra(&gpu, "pcf", radius, height));
+    }
+    println!("pcf: {pcf:?}");
+    assert!(
+        pcf.iter().all(|width| (width - pcf[0]).abs() < 0.015),
+        "{pcf:?}"
+    );
+}
