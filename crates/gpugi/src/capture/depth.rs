@@ -45,13 +45,27 @@ pub(crate) struct DepthViewUniform {
 /// A rigid frame to look along: `forward` and `up` are perpendicular unit vectors.
 fn view_from_world(eye: Vec3, forward: Vec3, up: Vec3) -> Mat4 {
     let right = forward.cross(up);
-    Mat4::from_cols(right.extend(0.0), up.extend(0.0), (-forward).extend(0.0), eye.extend(1.0)).inverse()
+    Mat4::from_cols(
+        right.extend(0.0),
+        up.extend(0.0),
+        (-forward).extend(0.0),
+        eye.extend(1.0),
+    )
+    .inverse()
 }
 
 impl DepthViewSpec {
     /// A square perspective view of `side` texels; its outermost `gutter` texels lie outside the field of view whose half-angle has
     /// the tangent `half_tangent`, so that filters may reach over the border.
-    pub fn perspective(eye: Vec3, forward: Vec3, up: Vec3, half_tangent: f32, near: f32, side: u32, gutter: u32) -> Self {
+    pub fn perspective(
+        eye: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        half_tangent: f32,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> Self {
         let inner = (side - 2 * gutter) as f32;
         let widened = half_tangent * side as f32 / inner;
         Self {
@@ -67,7 +81,14 @@ impl DepthViewSpec {
 
     /// The upper half of a 90 degree view: a side of a hemicube, whose `up` is the hemisphere's axis. `gutter` as above; below the
     /// horizon there are `gutter` rows, too.
-    pub fn hemicube_side(eye: Vec3, forward: Vec3, up: Vec3, near: f32, side: u32, gutter: u32) -> Self {
+    pub fn hemicube_side(
+        eye: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> Self {
         let full = Self::perspective(eye, forward, up, 1.0, near, side, gutter);
         let height = side / 2 + gutter;
         // Keep the rows from the top: y' in [-1, 1] for y in [1 - 2 height / side, 1].
@@ -87,7 +108,15 @@ impl DepthViewSpec {
 
     /// A square parallel view of `side` texels: `half_extent` [m] around `center`, depth from `near` to `far` [m] along `forward`
     /// relative to `center`.
-    pub fn orthographic(center: Vec3, forward: Vec3, up: Vec3, half_extent: f32, near: f32, far: f32, side: u32) -> Self {
+    pub fn orthographic(
+        center: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        half_extent: f32,
+        near: f32,
+        far: f32,
+        side: u32,
+    ) -> Self {
         Self {
             clip_from_world: orthographic_reverse(Vec2::splat(half_extent), 0.0, far - near)
                 * view_from_world(center + forward * near, forward, up),
@@ -114,7 +143,14 @@ impl DepthViewSpec {
 
     /// The five faces of a hemicube above a plane: its top, then the sides toward +tangent, -tangent, +bitangent, -bitangent with
     /// bitangent = normal x tangent.
-    pub fn hemicube(eye: Vec3, normal: Vec3, tangent: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 5] {
+    pub fn hemicube(
+        eye: Vec3,
+        normal: Vec3,
+        tangent: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> [Self; 5] {
         let bitangent = normal.cross(tangent);
         let wall = |forward| Self::hemicube_side(eye, forward, normal, near, side, gutter);
         [
@@ -164,7 +200,12 @@ impl DepthKernels {
         };
         let depth = shader!("capture.depth");
         Ok(Self {
-            second_depth: RasterKernel::new(gpu, &depth, None, &state(Some(wgpu::Face::Front), 0.0, false))?,
+            second_depth: RasterKernel::new(
+                gpu,
+                &depth,
+                None,
+                &state(Some(wgpu::Face::Front), 0.0, false),
+            )?,
             biased: RasterKernel::new(gpu, &depth, None, &state(None, 1.0, false))?,
             alpha: RasterKernel::new(
                 gpu,
@@ -189,7 +230,11 @@ impl DepthAtlas {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when they do not fit [`ATLAS_SIDE`] squared.
-    pub fn new(gpu: &Gpu, kernels: &DepthKernels, specs: Vec<DepthViewSpec>) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        kernels: &DepthKernels,
+        specs: Vec<DepthViewSpec>,
+    ) -> Result<Self, GpuError> {
         let sizes: Vec<[u32; 2]> = specs.iter().map(|spec| spec.size).collect();
         let (corners, [width, height]) = pack(&sizes);
         if height > ATLAS_SIDE || width > ATLAS_SIDE {
@@ -223,8 +268,12 @@ impl DepthAtlas {
         })?;
         let uniforms = uniforms(&specs, &corners, side);
         let views = gpu.storage("shadow views [bytes]", &uniforms)?;
-        let group = kernels.biased.bind(gpu, 1, &[("views", views.as_entire_binding())])?;
-        let alpha_group = kernels.alpha.bind(gpu, 1, &[("views", views.as_entire_binding())])?;
+        let group = kernels
+            .biased
+            .bind(gpu, 1, &[("views", views.as_entire_binding())])?;
+        let alpha_group = kernels
+            .alpha
+            .bind(gpu, 1, &[("views", views.as_entire_binding())])?;
         Ok(Self {
             view: texture.create_view(&Default::default()),
             texture,
@@ -239,11 +288,16 @@ impl DepthAtlas {
     /// Lets the same tiles see something else. False, and nothing done, when `specs` needs other tiles.
     pub fn update(&mut self, gpu: &Gpu, specs: &[DepthViewSpec]) -> bool {
         let same = self.specs.len() == specs.len()
-            && self.specs.iter().zip(specs).all(|(old, new)| old.size == new.size);
+            && self
+                .specs
+                .iter()
+                .zip(specs)
+                .all(|(old, new)| old.size == new.size);
         if same {
             self.specs = specs.to_vec();
             let uniforms = uniforms(&self.specs, &self.corners, self.texture.width());
-            gpu.queue.write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
+            gpu.queue
+                .write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
         }
         same
     }
@@ -269,7 +323,9 @@ impl DepthAtlas {
                 .iter()
                 .map(|spec| {
                     let planes = frustum_planes(&spec.clip_from_world);
-                    visible_ranges(&scene.draws, &planes, |class| kind(class, spec.second_depth))
+                    visible_ranges(&scene.draws, &planes, |class| {
+                        kind(class, spec.second_depth)
+                    })
                 })
                 .collect();
             // One pipeline after the other, so that it changes three times and not three times a view.
@@ -292,7 +348,14 @@ impl DepthAtlas {
                     let mut placed = false;
                     for (_, range) in ranges.iter().filter(|(one, _)| *one == draw) {
                         if !placed {
-                            pass.set_viewport(x as f32, y as f32, width as f32, height as f32, 0.0, 1.0);
+                            pass.set_viewport(
+                                x as f32,
+                                y as f32,
+                                width as f32,
+                                height as f32,
+                                0.0,
+                                1.0,
+                            );
                             pass.set_scissor_rect(x, y, width, height);
                             placed = true;
                         }
@@ -313,7 +376,8 @@ fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<Dep
         .zip(corners)
         .map(|(spec, corner)| DepthViewUniform {
             clip_from_world: spec.clip_from_world.to_cols_array(),
-            tile: [corner[0], corner[1], spec.size[0], spec.size[1]].map(|texels| texels as f32 * scale),
+            tile: [corner[0], corner[1], spec.size[0], spec.size[1]]
+                .map(|texels| texels as f32 * scale),
             texel: spec.texel,
             near: spec.near,
             range: spec.range,
@@ -324,10 +388,15 @@ fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<Dep
 
 /// Packs rectangles into rows of equal height, tallest first; returns their corners and the size used.
 fn pack(sizes: &[[u32; 2]]) -> (Vec<[u32; 2]>, [u32; 2]) {
-    let area: u64 = sizes.iter().map(|size| u64::from(size[0]) * u64::from(size[1])).sum();
+    let area: u64 = sizes
+        .iter()
+        .map(|size| u64::from(size[0]) * u64::from(size[1]))
+        .sum();
     let widest = sizes.iter().map(|size| size[0]).max().unwrap_or(1);
     // Whole columns of the widest, so that equal tiles leave no gap at the right.
-    let width = ((area as f64).sqrt().ceil() as u32).next_multiple_of(widest.max(1)).min(ATLAS_SIDE);
+    let width = ((area as f64).sqrt().ceil() as u32)
+        .next_multiple_of(widest.max(1))
+        .min(ATLAS_SIDE);
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&index| std::cmp::Reverse(sizes[index][1]));
     let mut corners = vec![[0, 0]; sizes.len()];

@@ -85,7 +85,7 @@ impl Default for Settings {
             filter_radius: 1.5,
             taps: 16,
             normal_offset: 1.5,
-            second_depth: true,
+            second_depth: false,
             cascades: 4,
             area_samples: 64,
             area_resolution: 256,

@@ -96,7 +96,8 @@ impl Shadows {
             self.made = Some(self.make(gpu, lights, views, settings)?);
         }
         if let Some(made) = &self.made {
-            gpu.queue.write_buffer(&made.samples, 0, bytemuck::cast_slice(lights));
+            gpu.queue
+                .write_buffer(&made.samples, 0, bytemuck::cast_slice(lights));
             made.atlas.record(frame, pass, &self.kernels, scene);
         }
         Ok(())
@@ -116,8 +117,14 @@ impl Shadows {
             gpu,
             2,
             &[
-                ("shadow_atlas", wgpu::BindingResource::TextureView(&atlas.view)),
-                ("shadow_comparison", wgpu::BindingResource::Sampler(&self.comparison)),
+                (
+                    "shadow_atlas",
+                    wgpu::BindingResource::TextureView(&atlas.view),
+                ),
+                (
+                    "shadow_comparison",
+                    wgpu::BindingResource::Sampler(&self.comparison),
+                ),
                 ("shadow_views", atlas.views.as_entire_binding()),
                 ("light_samples", samples.as_entire_binding()),
                 ("settings", settings_buffer.as_entire_binding()),
@@ -149,22 +156,40 @@ impl Shadows {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let Some(made) = &self.made else { return Ok(()) };
+        let Some(made) = &self.made else {
+            return Ok(());
+        };
         let fresh = self
             .bound
             .as_ref()
             .is_some_and(|bound| bound.points == points.points && bound.target == target.radiance);
         if !fresh {
             let settings = &made.settings;
-            let taps = if settings.kind == 0 { 1 } else { settings.taps.max(settings.area_taps) };
-            self.bound = Some(bind(frame.gpu, &self.gather, points, target, made.light_count, taps)?);
+            let taps = if settings.kind == 0 {
+                1
+            } else {
+                settings.taps.max(settings.area_taps)
+            };
+            self.bound = Some(bind(
+                frame.gpu,
+                &self.gather,
+                points,
+                target,
+                made.light_count,
+                taps,
+            )?);
         }
         if let Some(bound) = &self.bound {
             frame.compute(pass, |compute| {
                 for (count, range) in &bound.chunks {
                     self.gather.dispatch(
                         compute,
-                        &[(0, &scene.bind_group), (1, &bound.group), (2, &made.group), (3, range)],
+                        &[
+                            (0, &scene.bind_group),
+                            (1, &bound.group),
+                            (2, &made.group),
+                            (3, range),
+                        ],
                         [*count, 1, 1],
                     );
                 }
@@ -193,7 +218,9 @@ fn bind(
     )?;
     let per_light = u64::from(points.count) * u64::from(taps);
     let lights_at_once = (DISPATCH_WORK / per_light.max(1)).clamp(1, u64::from(light_count)) as u32;
-    let points_at_once = (DISPATCH_WORK / u64::from(taps)).min(u64::from(points.count)).max(1) as u32;
+    let points_at_once = (DISPATCH_WORK / u64::from(taps))
+        .min(u64::from(points.count))
+        .max(1) as u32;
     let mut chunks = Vec::new();
     for first_light in (0..light_count).step_by(lights_at_once as usize) {
         for first_point in (0..points.count).step_by(points_at_once as usize) {
