@@ -16,6 +16,10 @@ pub mod display;
 pub mod gpu;
 pub mod renderer;
 pub mod scene;
+#[cfg(test)]
+mod shared;
 pub mod techniques;
+#[cfg(test)]
+mod testing;
 
 pub use renderer::{RenderError, Renderer};

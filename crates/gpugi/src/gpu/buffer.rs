@@ -11,10 +11,15 @@ pub fn read_buffer<T: bytemuck::Pod>(
     buffer: &wgpu::Buffer,
     size: u64,
 ) -> Result<Vec<T>, GpuError> {
-    pollster::block_on(read(gpu, size, |encoder, staging| {
-        encoder.copy_buffer_to_buffer(buffer, 0, staging, 0, Some(size));
-    }))
-    .map(|bytes| bytemuck::pod_collect_to_vec(&bytes))
+    if size == 0 {
+        return Ok(Vec::new());
+    }
+    // Copies are whole words; `Gpu::buffer` leaves room for the last one.
+    let mut bytes = pollster::block_on(read(gpu, size, |encoder, staging| {
+        encoder.copy_buffer_to_buffer(buffer, 0, staging, 0, Some(staging.size()));
+    }))?;
+    bytes.truncate(size as usize);
+    Ok(bytemuck::pod_collect_to_vec(&bytes))
 }
 
 /// Copies one layer of a texture's finest level to the host, rows tightly packed.

@@ -136,7 +136,7 @@ impl<'a> Frame<'a> {
     /// Hands the frame to the GPU. Returns the passes' times when the frame was timed (and then waits for them).
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when a pass is invalid (the message names it), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
+    /// [`GpuError::Pass`] when a pass is invalid (the message names its pipeline), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
     pub fn submit(mut self) -> Result<Vec<Timing>, GpuError> {
         let gpu = self.gpu;
         let count = self.passes.len() as u32;

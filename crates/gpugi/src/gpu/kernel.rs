@@ -5,17 +5,17 @@ use super::{Gpu, GpuError};
 
 /// What every pipeline shares: the resources that a module declares, as bind-group layouts.
 #[derive(Debug, Clone)]
-struct Interface {
+pub(super) struct Interface {
     name: String,
     declared: Vec<Declared>,
     /// Layout of each group; group 0 is the scene's when the pipeline has one.
     layouts: Vec<Option<wgpu::BindGroupLayout>>,
-    pipeline_layout: wgpu::PipelineLayout,
-    module: wgpu::ShaderModule,
+    pub(super) pipeline_layout: wgpu::PipelineLayout,
+    pub(super) module: wgpu::ShaderModule,
 }
 
 impl Interface {
-    fn new(
+    pub(super) fn new(
         gpu: &Gpu,
         shader: &Shader,
         visibility: wgpu::ShaderStages,
@@ -74,7 +74,7 @@ impl Interface {
         Ok((interface, reflection))
     }
 
-    fn bind(
+    pub(super) fn bind(
         &self,
         gpu: &Gpu,
         group: u32,

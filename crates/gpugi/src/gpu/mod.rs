@@ -1,13 +1,17 @@
 //! The GPU: adapters, device, shaders, passes, buffers, read-back and timing. The only folder with raw wgpu plumbing.
 
 mod adapter;
+mod blit;
 mod buffer;
 mod error;
 mod frame;
 mod kernel;
 mod shader;
+#[cfg(test)]
+mod tests;
 
 pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
+pub(crate) use blit::Blit;
 pub use buffer::{read_buffer, read_texture};
 pub use error::GpuError;
 pub use frame::{Frame, Timing};
@@ -172,7 +176,14 @@ impl Gpu {
     ) -> Result<wgpu::Buffer, GpuError> {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let buffer = self.buffer(label, bytes.len() as u64, usage)?;
-        self.queue.write_buffer(&buffer, 0, bytes);
+        // Writes are whole words; the buffer has room for the last one.
+        let (whole, rest) = bytes.split_at(bytes.len() & !3);
+        self.queue.write_buffer(&buffer, 0, whole);
+        if !rest.is_empty() {
+            let mut word = [0; 4];
+            word[..rest.len()].copy_from_slice(rest);
+            self.queue.write_buffer(&buffer, whole.len() as u64, &word);
+        }
         Ok(buffer)
     }
 

@@ -96,10 +96,9 @@ pub fn octahedral(direction: glam::Vec3) -> u32 {
     let (x, y) = if d.z >= 0.0 {
         (d.x, d.y)
     } else {
-        (
-            (1.0 - d.y.abs()) * 1.0_f32.copysign(d.x),
-            (1.0 - d.x.abs()) * 1.0_f32.copysign(d.y),
-        )
+        // Of -0, too, the sign is taken as positive: the shader compares.
+        let sign = |value: f32| if value >= 0.0 { 1.0 } else { -1.0 };
+        ((1.0 - d.y.abs()) * sign(d.x), (1.0 - d.x.abs()) * sign(d.y))
     };
     let snorm = |value: f32| (value.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16;
     u32::from(snorm(x)) | u32::from(snorm(y)) << 16

@@ -2,7 +2,7 @@
 
 use gpugi_scene::{Image, Pixels, Scene};
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Blit, Gpu, GpuError};
 
 /// Size classes for each colour space.
 const CLASSES: usize = 4;
@@ -143,20 +143,13 @@ fn upload(
         })
     };
     gpu.scoped("material images", || {
-        let blitter = wgpu::util::TextureBlitterBuilder::new(&gpu.device, format)
-            .sample_type(wgpu::FilterMode::Linear)
-            .build();
+        let blit = Blit::new(gpu, format)?;
         for (layer, image) in images.iter().enumerate() {
             let layer = layer as u32;
-            write_image(gpu, &texture, image, size, layer, &blitter, &level_view(layer, 0));
+            write_image(gpu, &texture, image, size, layer, &blit, &level_view(layer, 0))?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             for level in 1..levels {
-                blitter.copy(
-                    &gpu.device,
-                    &mut encoder,
-                    &level_view(layer, level - 1),
-                    &level_view(layer, level),
-                );
+                blit.copy(gpu, &mut encoder, &level_view(layer, level - 1), &level_view(layer, level))?;
             }
             gpu.queue.submit([encoder.finish()]);
         }
@@ -175,12 +168,12 @@ fn write_image(
     image: &Image,
     size: u32,
     layer: u32,
-    blitter: &wgpu::util::TextureBlitter,
+    blit: &Blit,
     target: &wgpu::TextureView,
-) {
+) -> Result<(), GpuError> {
     let Pixels::Rgba8(texels) = &image.pixels else {
         // Importers refuse float images for materials.
-        return;
+        return Ok(());
     };
     let write = |texture: &wgpu::Texture, layer: u32| {
         gpu.queue.write_texture(
@@ -208,7 +201,7 @@ fn write_image(
     };
     if image.width == size && image.height == size {
         write(texture, layer);
-        return;
+        return Ok(());
     }
     let original = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("image before scaling"),
@@ -226,11 +219,7 @@ fn write_image(
     });
     write(&original, 0);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    blitter.copy(
-        &gpu.device,
-        &mut encoder,
-        &original.create_view(&Default::default()),
-        target,
-    );
+    blit.copy(gpu, &mut encoder, &original.create_view(&Default::default()), target)?;
     gpu.queue.submit([encoder.finish()]);
+    Ok(())
 }

@@ -191,6 +191,11 @@ impl GpuScene {
         let indices = gpu.buffer_with("merged indices [bytes]", &merged_indices, wgpu::BufferUsages::INDEX)?;
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
         let environment_view = environment_texture(gpu, environment)?;
+        // Mesa's software rasterizer ignores explicit gradients where a sampler is anisotropic (seen in 22.3).
+        let anisotropy_clamp = match gpu.adapter.device_type {
+            wgpu::DeviceType::Cpu => 1,
+            _ => 8,
+        };
         let image_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("material images"),
             address_mode_u: wgpu::AddressMode::Repeat,
@@ -198,7 +203,7 @@ impl GpuScene {
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            anisotropy_clamp: 8,
+            anisotropy_clamp,
             ..Default::default()
         });
         let environment_sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {

@@ -1,0 +1,279 @@
+//! The reflection models in double precision and their integrals by quadrature: what the shaders are compared with.
+//!
+//! The formulas are written anew from the papers, not translated from brdf.wesl, and nothing here draws random numbers.
+
+use std::f64::consts::TAU;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Vec3};
+
+/// `Case` of testing/brdf.wesl: a reflectance, a surface and an eye.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Case {
+    pub diffuse: [f32; 3],
+    pub model: u32,
+    pub f0: [f32; 3],
+    pub f90: f32,
+    pub n: [f32; 3],
+    pub roughness: f32,
+    pub k: [f32; 3],
+    pub shininess: f32,
+    pub normal: [f32; 3],
+    pub samples: u32,
+    pub wo: [f32; 3],
+    pub seed: u32,
+}
+
+/// Complex refractive index of gold at 650, 550 and 450 nm (Johnson and Christy 1972).
+pub const GOLD: ([f32; 3], [f32; 3]) = ([0.143, 0.375, 1.442], [3.983, 2.386, 1.603]);
+
+impl Case {
+    const GGX: u32 = 0;
+    const PHONG: u32 = 1;
+    const CONDUCTOR: u32 = 2;
+
+    /// A white dielectric of index 1.5 under +Z, the eye straight above.
+    pub fn dielectric(roughness: f32) -> Self {
+        Self {
+            diffuse: [1.0; 3],
+            model: Self::GGX,
+            f0: [0.04; 3],
+            f90: 1.0,
+            n: [0.0; 3],
+            roughness,
+            k: [0.0; 3],
+            shininess: 0.0,
+            normal: [0.0, 0.0, 1.0],
+            samples: 0,
+            wo: [0.0, 0.0, 1.0],
+            seed: 1,
+        }
+    }
+
+    /// A coloured metal that reflects all red light.
+    pub fn metal(roughness: f32) -> Self {
+        Self {
+            diffuse: [0.0; 3],
+            f0: [1.0, 0.7, 0.2],
+            ..Self::dielectric(roughness)
+        }
+    }
+
+    /// Gold by its refractive index.
+    pub fn gold(roughness: f32) -> Self {
+        let (n, k) = GOLD;
+        Self {
+            diffuse: [0.0; 3],
+            model: Self::CONDUCTOR,
+            n,
+            k,
+            ..Self::dielectric(roughness)
+        }
+    }
+
+    /// Diffuse + Phong that together reflect everything.
+    pub fn phong(shininess: f32) -> Self {
+        Self {
+            diffuse: [0.3, 0.0, 1.0],
+            f0: [0.7, 1.0, 0.0],
+            model: Self::PHONG,
+            shininess,
+            ..Self::dielectric(1.0)
+        }
+    }
+
+    /// The same, seen at `degrees` from the normal, both turned so that no axis is special.
+    pub fn seen_at(mut self, degrees: f64) -> Self {
+        let (sine, cosine) = degrees.to_radians().sin_cos();
+        let turn = glam::DQuat::from_axis_angle(DVec3::new(0.3, -0.7, 0.2).normalize(), 2.1);
+        self.wo = (turn * DVec3::new(sine * 0.8, sine * 0.6, cosine))
+            .as_vec3()
+            .to_array();
+        self.normal = (turn * DVec3::Z).as_vec3().to_array();
+        self
+    }
+
+    pub fn normal(&self) -> DVec3 {
+        Vec3::from(self.normal).as_dvec3().normalize()
+    }
+
+    pub fn wo(&self) -> DVec3 {
+        Vec3::from(self.wo).as_dvec3().normalize()
+    }
+
+    pub fn is_phong(&self) -> bool {
+        self.model == Self::PHONG
+    }
+
+    fn alpha(&self) -> f64 {
+        f64::from(self.roughness).powi(2)
+    }
+
+    pub fn is_dielectric(&self) -> bool {
+        self.model == Self::GGX && self.diffuse != [0.0; 3]
+    }
+
+    /// Around which direction the glossy lobe lies, and the tangent of half its half-width.
+    pub fn glossy_lobe(&self) -> (DVec3, f64) {
+        let (n, wo) = (self.normal(), self.wo());
+        let width = if self.is_phong() {
+            (1.0 / (f64::from(self.shininess) + 1.0)).sqrt()
+        } else {
+            self.alpha()
+        };
+        (2.0 * n.dot(wo) * n - wo, width)
+    }
+
+    /// Fresnel reflectance of a facet in one channel.
+    pub fn facet(&self, channel: usize, cosine: f64) -> f64 {
+        if self.model == Self::CONDUCTOR {
+            return conductor(self.n[channel].into(), self.k[channel].into(), cosine);
+        }
+        let f0 = f64::from(self.f0[channel]);
+        f0 + (f64::from(self.f90) - f0) * (1.0 - cosine).powi(5)
+    }
+
+    /// Albedo of the diffuse lobe for this eye: hemisphere midpoints.
+    pub fn diffuse_albedo(&self, channel: usize) -> f64 {
+        let albedo = f64::from(self.diffuse[channel]);
+        if self.model != Self::GGX {
+            return if self.is_phong() { albedo } else { 0.0 };
+        }
+        const STEPS: usize = 200;
+        let (frame, wo) = (frame(self.normal()), self.wo());
+        let mut sum = 0.0;
+        for i in 0..STEPS {
+            // cos^2 evenly spaced: the cosine and pi are in the measure.
+            let c = ((i as f64 + 0.5) / STEPS as f64).sqrt();
+            let s = (1.0 - c * c).sqrt();
+            for j in 0..STEPS {
+                let phi = TAU * (j as f64 + 0.5) / STEPS as f64;
+                let wi = frame * DVec3::new(s * phi.cos(), s * phi.sin(), c);
+                let cosine = wo.dot((wo + wi).normalize());
+                let reflected = (0..3)
+                    .map(|one| self.facet(one, cosine))
+                    .fold(0.0, f64::max);
+                sum += albedo * (1.0 - reflected);
+            }
+        }
+        sum / (STEPS * STEPS) as f64
+    }
+
+    /// Albedo of the glossy lobe for this eye.
+    pub fn glossy_albedo(&self, channel: usize) -> f64 {
+        if self.is_phong() {
+            self.phong_albedo(channel)
+        } else {
+            self.ggx_albedo(channel)
+        }
+    }
+
+    /// Integral over half vectors, evenly spaced in the distribution's cumulative: D (n.h) dh = dt dphi / (2 pi) with
+    /// tan^2(theta_h) = alpha^2 t / (1 - t).
+    fn ggx_albedo(&self, channel: usize) -> f64 {
+        const STEPS: usize = 400;
+        let (n, wo, alpha) = (self.normal(), self.wo(), self.alpha());
+        let frame = frame(n);
+        let n_dot_v = n.dot(wo);
+        let lambda = |cosine: f64| {
+            let tan2 = (1.0 - cosine * cosine) / (cosine * cosine);
+            ((1.0 + alpha * alpha * tan2).sqrt() - 1.0) / 2.0
+        };
+        let mut sum = 0.0;
+        for i in 0..STEPS {
+            let t = (i as f64 + 0.5) / STEPS as f64;
+            let c = (1.0 / (1.0 + alpha * alpha * t / (1.0 - t))).sqrt();
+            let s = (1.0 - c * c).max(0.0).sqrt();
+            for j in 0..STEPS {
+                let phi = TAU * (j as f64 + 0.5) / STEPS as f64;
+                let h = frame * DVec3::new(s * phi.cos(), s * phi.sin(), c);
+                let v_dot_h = wo.dot(h);
+                let n_dot_l = n.dot(2.0 * v_dot_h * h - wo);
+                if v_dot_h <= 0.0 || n_dot_l <= 0.0 {
+                    continue;
+                }
+                // f cos dwi = F D G2 / (4 n.v) dwi, dwi = 4 (v.h) dh.
+                let g2 = 1.0 / (1.0 + lambda(n_dot_v) + lambda(n_dot_l));
+                sum += self.facet(channel, v_dot_h) * g2 * v_dot_h / (n_dot_v * c);
+            }
+        }
+        sum / (STEPS * STEPS) as f64
+    }
+
+    /// Integral around the mirror direction, evenly spaced in cos^(n+1).
+    fn phong_albedo(&self, channel: usize) -> f64 {
+        const STEPS: usize = 400;
+        let (mirror, _) = self.glossy_lobe();
+        let (frame, n) = (frame(mirror), self.normal());
+        let exponent = f64::from(self.shininess);
+        let mut sum = 0.0;
+        for i in 0..STEPS {
+            let c = ((i as f64 + 0.5) / STEPS as f64).powf(1.0 / (exponent + 1.0));
+            let s = (1.0 - c * c).sqrt();
+            for j in 0..STEPS {
+                let phi = TAU * (j as f64 + 0.5) / STEPS as f64;
+                sum += n
+                    .dot(frame * DVec3::new(s * phi.cos(), s * phi.sin(), c))
+                    .max(0.0);
+            }
+        }
+        // (n+2)/(2 pi) 2 pi / (n+1).
+        f64::from(self.f0[channel]) * (exponent + 2.0) / (exponent + 1.0) * sum
+            / (STEPS * STEPS) as f64
+    }
+}
+
+/// Reflectance of a metal in air by complex arithmetic: Snell and Fresnel, no real-valued rearrangement.
+pub fn conductor(n: f64, k: f64, cosine: f64) -> f64 {
+    type Complex = (f64, f64);
+    let mul = |a: Complex, b: Complex| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+    let div = |a: Complex, b: Complex| {
+        let d = b.0 * b.0 + b.1 * b.1;
+        ((a.0 * b.0 + a.1 * b.1) / d, (a.1 * b.0 - a.0 * b.1) / d)
+    };
+    let sqrt = |a: Complex| {
+        let r = a.0.hypot(a.1);
+        (
+            ((r + a.0) / 2.0).max(0.0).sqrt(),
+            ((r - a.0) / 2.0).max(0.0).sqrt().copysign(a.1),
+        )
+    };
+    let index = (n, k);
+    let squared = mul(index, index);
+    // Refracted cosine times the index: sqrt(index^2 - sin^2).
+    let refracted = sqrt((squared.0 - (1.0 - cosine * cosine), squared.1));
+    let norm = |a: Complex| a.0 * a.0 + a.1 * a.1;
+    let rs = norm(div(
+        (cosine - refracted.0, -refracted.1),
+        (cosine + refracted.0, refracted.1),
+    ));
+    let along = (squared.0 * cosine, squared.1 * cosine);
+    let rp = norm(div(
+        (along.0 - refracted.0, along.1 - refracted.1),
+        (along.0 + refracted.0, along.1 + refracted.1),
+    ));
+    (rs + rp) / 2.0
+}
+
+/// Columns: two tangents and `normal`.
+pub fn frame(normal: DVec3) -> glam::DMat3 {
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    glam::DMat3::from_cols(tangent, bitangent, normal)
+}
+
+#[test]
+fn quadratures_agree_with_closed_forms() {
+    assert!(
+        (Case::phong(8.0).phong_albedo(1) - 1.0).abs() < 1e-4,
+        "Phong at normal incidence loses nothing"
+    );
+    assert!(
+        (Case::metal(0.1).ggx_albedo(0) - 1.0).abs() < 2e-3,
+        "a smooth white metal loses nothing"
+    );
+    let mut matt = Case::dielectric(1.0);
+    (matt.f0, matt.f90) = ([0.0; 3], 0.0);
+    assert!((matt.diffuse_albedo(0) - 1.0).abs() < 1e-9);
+    assert!((conductor(1.5, 0.0, 1.0) - 0.04).abs() < 1e-12);
+}

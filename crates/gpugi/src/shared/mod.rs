@@ -1,0 +1,6 @@
+//! Tests of the WESL functions of this folder, run by the kernels of `testing/`.
+
+mod brdf_tests;
+mod cpu;
+mod octahedral_tests;
+mod sampling_tests;

@@ -1,0 +1,79 @@
+//! What the tests share: the adapter, and tiny kernels (the `.wesl` files of this folder) that run one function on a buffer.
+
+use std::sync::OnceLock;
+
+use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffer};
+
+/// The adapter that tests run on: named by `GPUGI_TEST_ADAPTER`, else the best. One device serves all tests of the process.
+/// `None`, and the test has nothing to do, only where `GPUGI_SKIP_GPU=1` says so.
+///
+/// # Panics
+/// Without an adapter.
+pub(crate) fn test_gpu() -> Option<Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    GPU.get_or_init(|| {
+        if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
+            return None;
+        }
+        let choice = match std::env::var("GPUGI_TEST_ADAPTER") {
+            Ok(name) => name.parse().unwrap_or_default(),
+            Err(_) => AdapterChoice::Best,
+        };
+        let gpu = Gpu::open(&choice);
+        Some(gpu.expect(
+            "tests need a GPU adapter, a software one will do (GPUGI_SKIP_GPU=1 skips them)",
+        ))
+    })
+    .clone()
+}
+
+/// Runs a kernel whose group 0 holds the buffers `inputs` by name and `output`, and returns the output's `count` items.
+///
+/// # Errors
+/// Whatever the GPU says.
+pub(crate) fn run_kernel<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    shader: &Shader,
+    entry: &str,
+    inputs: &[(&str, &wgpu::Buffer)],
+    count: usize,
+    invocations: u32,
+) -> Result<Vec<T>, GpuError> {
+    let kernel = Kernel::new(gpu, shader, entry, None)?;
+    let size = (count * std::mem::size_of::<T>()) as u64;
+    let output = gpu.buffer("output", size, wgpu::BufferUsages::STORAGE)?;
+    let mut resources: Vec<_> = inputs
+        .iter()
+        .map(|(name, buffer)| (*name, buffer.as_entire_binding()))
+        .collect();
+    resources.push(("output", output.as_entire_binding()));
+    let group = kernel.bind(gpu, 0, &resources)?;
+    let mut frame = Frame::new(gpu, false);
+    frame.compute(shader.name, |pass| {
+        kernel.dispatch(pass, &[(0, &group)], [invocations, 1, 1]);
+    });
+    frame.submit()?;
+    read_buffer(gpu, &output, size)
+}
+
+/// Numbers in [0, 1) that are the same on every machine: SplitMix64.
+pub(crate) struct Random(pub u64);
+
+impl Random {
+    /// The next number in [0, 1).
+    pub fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// A unit vector, evenly spread over the sphere.
+    pub fn direction(&mut self) -> glam::Vec3 {
+        let z = 2.0 * self.next() - 1.0;
+        let phi = std::f64::consts::TAU * self.next();
+        let r = (1.0 - z * z).sqrt();
+        glam::DVec3::new(r * phi.cos(), r * phi.sin(), z).as_vec3()
+    }
+}
