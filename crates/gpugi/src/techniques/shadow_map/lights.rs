@@ -169,16 +169,11 @@ impl LightList {
                 (total / f64::from(count)) as f32 / (luminance(emitter.radiance) * sides);
             let tangent = (b - a).normalize_or(perpendicular(normal));
             let near = diagonal * 1e-4;
-            let mut faces =
-                DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec();
-            if emitter.two_sided {
-                // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
-                let mut below =
-                    DepthViewSpec::hemicube(position, -normal, tangent, near, side, gutter)
-                        .to_vec();
-                below.swap(3, 4);
-                faces.extend(below);
-            }
+            let faces = if emitter.two_sided {
+                DepthViewSpec::hemicubes(position, normal, tangent, near, side, gutter).to_vec()
+            } else {
+                DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec()
+            };
             self.push(
                 LightSample {
                     position: position.to_array(),
