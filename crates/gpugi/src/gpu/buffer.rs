@@ -1,6 +1,16 @@
 //! Read-back.
 
+use std::sync::{Arc, Mutex};
+use std::task::{Poll, Waker};
+
 use super::{Gpu, GpuError};
+
+/// What a mapping has come to, and who waits for it.
+#[derive(Default)]
+struct Mapped {
+    result: Option<Result<(), wgpu::BufferAsyncError>>,
+    waker: Option<Waker>,
+}
 
 /// Copies a buffer's first `size` bytes to the host, after all work submitted so far.
 ///
@@ -89,13 +99,16 @@ async fn read(
         gpu.queue.submit([encoder.finish()]);
         Ok(staging)
     })?;
-    let mapped = std::sync::Arc::new(std::sync::Mutex::new(None));
+    let mapped = Arc::new(Mutex::new(Mapped::default()));
     let done = mapped.clone();
     staging
         .slice(..)
         .map_async(wgpu::MapMode::Read, move |result| {
             if let Ok(mut done) = done.lock() {
-                *done = Some(result);
+                done.result = Some(result);
+                if let Some(waker) = done.waker.take() {
+                    waker.wake();
+                }
             }
         });
     let lost = |reason: String| GpuError::Lost { reason };
@@ -103,12 +116,18 @@ async fn read(
         .poll(wgpu::PollType::wait_indefinitely())
         .map_err(|error| lost(error.to_string()))?;
     gpu.check_lost()?;
-    mapped
-        .lock()
-        .map_err(|error| lost(error.to_string()))?
-        .take()
-        .ok_or_else(|| lost("the read-back never finished".into()))?
-        .map_err(|error| lost(error.to_string()))?;
+    // Another thread's poll may have taken the callback and be about to run it.
+    std::future::poll_fn(|context| match mapped.lock() {
+        Ok(mut mapped) => match mapped.result.take() {
+            Some(result) => Poll::Ready(result.map_err(|error| lost(error.to_string()))),
+            None => {
+                mapped.waker = Some(context.waker().clone());
+                Poll::Pending
+            }
+        },
+        Err(error) => Poll::Ready(Err(lost(error.to_string()))),
+    })
+    .await?;
     let view = staging
         .slice(..)
         .get_mapped_range()
