@@ -4,7 +4,7 @@ mod common;
 
 use std::f32::consts::PI;
 
-use common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
+use common::{floor, from_above, gpu, lit_by, meets, picture, place, render, renderer};
 use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
@@ -49,17 +49,6 @@ fn irradiance(light: &Light, position: Vec3, normal: Vec3) -> f32 {
         value *= cone.clamp(0.0, 1.0).powi(2);
     }
     value
-}
-
-/// Whether a segment meets an axis-aligned box.
-fn meets(from: Vec3, to: Vec3, min: Vec3, max: Vec3) -> bool {
-    let inverse = (to - from).recip();
-    let (a, b) = ((min - from) * inverse, (max - from) * inverse);
-    let (near, far) = (
-        a.min(b).max_element().max(0.0),
-        a.max(b).min_element().min(1.0),
-    );
-    near < far
 }
 
 #[test]
@@ -373,4 +362,45 @@ fn shadow_edges_stand_still_when_the_camera_moves() {
         - edges.iter().copied().fold(f32::MAX, f32::min);
     println!("edge at {edges:?}, spread {spread} m");
     assert!(spread < 0.04, "the edge moves by {spread} m: {edges:?}");
+}
+
+#[test]
+fn cascades_move_in_whole_texels() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, _) = avenue();
+    let settings = ["shadow-map.resolution=256", "shadow-map.filter=none"];
+    let mut renderer = renderer(&gpu, &scene, 64, &settings);
+    // Straight down from 10 m: pixels are a grid on the floor, and so the same points seen from 1 to 5 pixels further on.
+    let pixel = 2.0 * 10.0 * 0.45_f32.tan() / 64.0;
+    let mut seen = |steps: usize| {
+        let mut camera = Camera::look_at("", vec3(0.0, 10.0, 30.0), vec3(0.0, 0.0, 30.0), 0.9);
+        let right = camera.world_from_view.x_axis;
+        camera.world_from_view.w_axis += right * (pixel * steps as f32);
+        picture(&gpu, &mut renderer, &camera)
+    };
+    let first = seen(0);
+    let darkest = first
+        .lit()
+        .filter(|lit| lit.instance == 0)
+        .map(|lit| lit.radiance.x)
+        .fold(1.0, f32::min);
+    assert_eq!(darkest, 0.0, "no shadow in sight");
+    for steps in 1..6 {
+        let moved = seen(steps);
+        let (mut sum, mut count) = (0.0, 0);
+        for (y, x) in (0..64).flat_map(|y| (0..64 - steps).map(move |x| (y, x))) {
+            if let (Some(a), Some(b)) = (first.points[y * 64 + x + steps], moved.points[y * 64 + x])
+                && (a.instance, b.instance) == (0, 0)
+            {
+                sum += (a.radiance.x - b.radiance.x).abs();
+                count += 1;
+            }
+        }
+        let difference = sum / count as f32 / first.radiance.iter().copied().fold(0.0, f32::max);
+        println!("{steps} pixels on: mean difference {difference}");
+        assert!(
+            difference < 2e-4,
+            "{steps} pixels on: mean difference {difference}"
+        );
+    }
 }

@@ -4,9 +4,9 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::{Lit, floor, from_above, gpu, lit_by, place, rel_mse, render};
+use common::{Lit, floor, from_above, gpu, lit_by, meets, place, rel_mse, render};
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
-use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{
     AlphaMode, Camera, Image, Light, LightKind, Material, Pixels, Scene, Texture, TextureRef, Wrap,
 };
@@ -353,4 +353,91 @@ fn pcss_penumbrae_grow_and_pcf_edges_do_not() {
         pcf.iter().all(|width| (width - pcf[0]).abs() < 0.015),
         "{pcf:?}"
     );
+}
+
+#[test]
+fn every_face_of_a_hemicube_casts() {
+    let Some(gpu) = gpu() else { return };
+    // A tiny lamp half a metre from a surface below (or, two-sided, above), with a box on each of its four sides, beyond 45 degrees.
+    for up in [-1.0_f32, 1.0] {
+        let lamp = vec3(0.05, 0.0, -0.03);
+        let mut scene = Scene::new("sides");
+        let edge = Vec3::Z * up * 2.5;
+        let surface = quad(
+            vec3(-2.5, up * 0.5, 0.0) + edge,
+            Vec3::X * 5.0,
+            edge * -2.0,
+            1,
+        );
+        let surface = if up > 0.0 {
+            quad(vec3(-2.5, 0.5, -2.5), Vec3::X * 5.0, Vec3::Z * 5.0, 1)
+        } else {
+            surface
+        };
+        let mut grey = Material::matt("grey", Vec3::splat(0.5));
+        grey.double_sided = true;
+        place(&mut scene, surface, grey.clone());
+        let boxes: Vec<(Vec3, Vec3)> = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z]
+            .map(|side| {
+                (
+                    side * 1.2 + vec3(0.0, up * 0.35, 0.0),
+                    Vec3::new(0.2, 0.1, 0.2),
+                )
+            })
+            .map(|(center, half)| (center - half, center + half))
+            .to_vec();
+        for (min, max) in &boxes {
+            place(&mut scene, cuboid(*min, *max, 1), grey.clone());
+        }
+        let emitter = Material {
+            double_sided: up > 0.0,
+            ..Material::emitter("lamp", Vec3::splat(1e4))
+        };
+        place(
+            &mut scene,
+            quad(
+                lamp - vec3(0.005, 0.0, 0.005),
+                Vec3::X * 0.01,
+                Vec3::Z * 0.01,
+                1,
+            ),
+            emitter,
+        );
+        // From the other side of the surface, which is double-sided: what the lamp lights is seen from the lamp's side only.
+        let mut camera = Camera::look_at(
+            "",
+            lamp + vec3(0.0, -up * 1.0, 0.0),
+            lamp + vec3(0.0, up, 0.0),
+            1.0,
+        );
+        camera.projection = gpugi_scene::Projection::Orthographic { height: 4.8 };
+        let settings = [
+            "shadow-map.area_samples=4",
+            "shadow-map.area_resolution=512",
+        ];
+        let picture = render(&gpu, &scene, &camera, 96, &settings);
+        let mut dark = [0; 4];
+        for lit in picture.lit().filter(|lit| floor_of(lit)) {
+            let from = lit.position - Vec3::Y * up * 1e-3;
+            for (count, (min, max)) in dark.iter_mut().zip(&boxes) {
+                if meets(from, lamp, *min + 0.04, *max - 0.04) {
+                    *count += 1;
+                    assert_eq!(
+                        lit.radiance.x, 0.0,
+                        "{lit:?} lies in the shadow of the box at {min}"
+                    );
+                }
+            }
+            if !boxes
+                .iter()
+                .any(|(min, max)| meets(from, lamp, *min - 0.06, *max + 0.06))
+            {
+                assert!(lit.radiance.x > 0.0, "{lit:?} is lit");
+            }
+        }
+        assert!(
+            dark.iter().all(|&count| count > 5),
+            "{dark:?} pixels in the four shadows"
+        );
+    }
 }

@@ -130,3 +130,14 @@ pub fn rel_mse(pairs: impl Iterator<Item = (f32, f32)>) -> f32 {
     assert!(count > 0, "nothing to compare");
     sum / count as f32
 }
+
+/// Whether a segment meets an axis-aligned box.
+pub fn meets(from: Vec3, to: Vec3, min: Vec3, max: Vec3) -> bool {
+    let inverse = (to - from).recip();
+    let (a, b) = ((min - from) * inverse, (max - from) * inverse);
+    let (near, far) = (
+        a.min(b).max_element().max(0.0),
+        a.max(b).min_element().min(1.0),
+    );
+    near < far
+}
