@@ -110,7 +110,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let timings = frame(true, true)?;
         totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
         for timing in timings {
-            passes.entry(timing.pass).or_default().push(timing.milliseconds);
+            passes
+                .entry(timing.pass)
+                .or_default()
+                .push(timing.milliseconds);
         }
     }
     let wait = || gpu.device.poll(PollType::wait_indefinitely());
@@ -141,7 +144,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         triangles: scene.statistics().triangles,
         size,
         frames: arguments.frames,
-        passes: passes.into_iter().map(|(pass, times)| (pass, median(times))).collect(),
+        passes: passes
+            .into_iter()
+            .map(|(pass, times)| (pass, median(times)))
+            .collect(),
         passes_total_ms: median(totals),
         frame_dynamic_ms,
         frame_static_ms,
@@ -169,12 +175,21 @@ fn print_table(measured: &Measured) {
     for (pass, milliseconds) in &measured.passes {
         println!("  {pass:34} {milliseconds:9.4} ms GPU");
     }
-    println!("  {:34} {:9.4} ms GPU", "all passes", measured.passes_total_ms);
+    println!(
+        "  {:34} {:9.4} ms GPU",
+        "all passes", measured.passes_total_ms
+    );
     for (name, milliseconds) in [
         ("frame, maps made every frame", measured.frame_dynamic_ms),
         ("frame, maps kept", measured.frame_static_ms),
     ] {
-        println!("  {name:34} {milliseconds:9.4} ms wall, {:.0} frames per second", 1e3 / milliseconds);
+        println!(
+            "  {name:34} {milliseconds:9.4} ms wall, {:.0} frames per second",
+            1e3 / milliseconds
+        );
     }
-    println!("  {:34} {:9.4} ms CPU", "recording and submitting a frame", measured.cpu_record_ms);
+    println!(
+        "  {:34} {:9.4} ms CPU",
+        "recording and submitting a frame", measured.cpu_record_ms
+    );
 }

@@ -4,7 +4,10 @@ use gpugi::gpu::{AdapterSummary, list_adapters};
 
 /// One adapter in one line.
 pub fn adapter_line(adapter: &AdapterSummary) -> String {
-    format!("{} ({:?}, {:?}, {})", adapter.name, adapter.device_type, adapter.backend, adapter.driver)
+    format!(
+        "{} ({:?}, {:?}, {})",
+        adapter.name, adapter.device_type, adapter.backend, adapter.driver
+    )
 }
 
 /// Prints adapters, their limits and features, what is missing and how to get it.
@@ -24,7 +27,11 @@ pub fn run() -> anyhow::Result<()> {
         let timestamps = adapter.has_timestamps();
         println!(
             "  pass timing {}",
-            if timestamps { "available" } else { "missing: `gpugi bench` reports wall time only" }
+            if timestamps {
+                "available"
+            } else {
+                "missing: `gpugi bench` reports wall time only"
+            }
         );
         let missing = adapter.missing();
         if missing.is_empty() {

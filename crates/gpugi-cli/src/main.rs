@@ -34,7 +34,13 @@ struct Arguments {
 #[derive(Debug, Clone, clap::Args)]
 pub struct Common {
     /// GPU to use: part of its name, `software` or `discrete`; the fastest when not given
-    #[arg(long, global = true, value_name = "NAME|software|discrete", default_value = "best", hide_default_value = true)]
+    #[arg(
+        long,
+        global = true,
+        value_name = "NAME|software|discrete",
+        default_value = "best",
+        hide_default_value = true
+    )]
     pub adapter: AdapterChoice,
     /// Print nothing but errors
     #[arg(long, global = true)]
@@ -67,7 +73,11 @@ enum What {
 
 fn main() -> std::process::ExitCode {
     let arguments = Arguments::parse();
-    let level = if arguments.common.quiet { tracing::Level::ERROR } else { tracing::Level::WARN };
+    let level = if arguments.common.quiet {
+        tracing::Level::ERROR
+    } else {
+        tracing::Level::WARN
+    };
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
@@ -99,9 +109,18 @@ fn list(what: What) {
     match what {
         What::Techniques => {
             for (info, _) in gpugi::techniques::REGISTRY {
-                let paths: Vec<String> =
-                    info.paths.iter().map(|paths| format!("{} ({})", paths.pattern, paths.class)).collect();
-                println!("{:22} {} [{}; {}]", info.name, info.summary, paths.join(", "), info.source);
+                let paths: Vec<String> = info
+                    .paths
+                    .iter()
+                    .map(|paths| format!("{} ({})", paths.pattern, paths.class))
+                    .collect();
+                println!(
+                    "{:22} {} [{}; {}]",
+                    info.name,
+                    info.summary,
+                    paths.join(", "),
+                    info.source
+                );
             }
         }
         What::Scenes => {

@@ -27,7 +27,12 @@ pub struct Arguments {
     #[arg(long)]
     camera: Option<String>,
     /// Exposure in EV (0 shows radiance 1 as 1), or auto
-    #[arg(long, value_name = "EV|auto", default_value = "auto", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "EV|auto",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
     exposure: String,
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
@@ -116,7 +121,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let display = display_settings(arguments)?;
     let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
     let size = arguments.size;
-    let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), size[0] as f32 / size[1] as f32)?;
+    let camera = scene_argument::camera(
+        &scene,
+        arguments.camera.as_deref(),
+        size[0] as f32 / size[1] as f32,
+    )?;
     let gpu = Gpu::open(&common.adapter)?;
     let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
     apply_settings(&mut renderer, &arguments.set)?;
@@ -205,12 +214,18 @@ enum Format {
 }
 
 fn output_format(path: &Path) -> anyhow::Result<Format> {
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    let extension = path
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase());
     match extension.as_deref() {
         Some("png") => Ok(Format::Png),
         Some("exr") => Ok(Format::Exr),
         Some("hdr") => Ok(Format::Hdr),
-        _ => Err(Usage(format!("-o {}: the name must end in .png, .exr or .hdr", path.display())).into()),
+        _ => Err(Usage(format!(
+            "-o {}: the name must end in .png, .exr or .hdr",
+            path.display()
+        ))
+        .into()),
     }
 }
 
@@ -229,7 +244,9 @@ fn display_settings(arguments: &Arguments) -> anyhow::Result<DisplaySettings> {
         ..Default::default()
     };
     if let Some(name) = &arguments.tone_map {
-        settings.tone_map = name.parse::<ToneMap>().map_err(|error| Usage(format!("--tone-map: {error}")))?;
+        settings.tone_map = name
+            .parse::<ToneMap>()
+            .map_err(|error| Usage(format!("--tone-map: {error}")))?;
     }
     Ok(settings)
 }
@@ -248,8 +265,10 @@ fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
 /// Writes JSON to a temporary file, then renames it.
 pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(value)?;
-    gpugi_scene::image::replace_file(path, |file| std::io::Write::write_all(file, text.as_bytes()))
-        .with_context(|| format!("{}: cannot be written", path.display()))
+    gpugi_scene::image::replace_file(path, |file| {
+        std::io::Write::write_all(file, text.as_bytes())
+    })
+    .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// Writes surface points as linear EXR pictures named `OUTPUT-aov.exr`. Background is zero.
@@ -265,8 +284,10 @@ fn write_aovs(
     let [width, height] = arguments.size;
     let bytes = u64::from(width) * u64::from(height) * capture::SURFACE_POINT_BYTES;
     let words: Vec<u32> = read_buffer(gpu, renderer.surface_points(), bytes)?;
-    let points: Vec<Option<capture::VisiblePoint>> =
-        words.chunks_exact(12).map(capture::VisiblePoint::unpack).collect();
+    let points: Vec<Option<capture::VisiblePoint>> = words
+        .chunks_exact(12)
+        .map(capture::VisiblePoint::unpack)
+        .collect();
     let eye = camera.world_from_view.w_axis.truncate();
     let forward = -camera.world_from_view.z_axis.truncate();
     for aov in &arguments.aov {
@@ -281,8 +302,14 @@ fn write_aovs(
             .flat_map(|point| point.as_ref().map_or(glam::Vec3::ZERO, value).to_array())
             .collect();
         let name = format!("{aov:?}").to_lowercase();
-        let stem = arguments.output.file_stem().unwrap_or_default().to_string_lossy();
-        let path = arguments.output.with_file_name(format!("{stem}-{name}.exr"));
+        let stem = arguments
+            .output
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy();
+        let path = arguments
+            .output
+            .with_file_name(format!("{stem}-{name}.exr"));
         save_exr(&path, width, height, &texels)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
     }
@@ -291,9 +318,11 @@ fn write_aovs(
 
 /// Writes each technique's depth maps as EXR: reversed depth, as stored.
 fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("{}: cannot be made", folder.display()))?;
     for map in renderer.maps() {
-        let depth: Vec<f32> = read_texture(gpu, &map.texture, gpugi::gpu::TextureAspect::DepthOnly, 0)?;
+        let depth: Vec<f32> =
+            read_texture(gpu, &map.texture, gpugi::gpu::TextureAspect::DepthOnly, 0)?;
         let texels: Vec<f32> = depth.iter().flat_map(|&depth| [depth; 3]).collect();
         let path = folder.join(format!("{}.exr", map.name));
         save_exr(&path, map.texture.width(), map.texture.height(), &texels)

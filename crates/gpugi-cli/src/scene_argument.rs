@@ -51,7 +51,10 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
     let mut notes = scene.warnings.clone();
     if !scene.has_light() {
         scene.environment = Some(Environment::default_sky());
-        notes.push("the scene has no light: lit by a default sky (choose one with --environment FILE)".into());
+        notes.push(
+            "the scene has no light: lit by a default sky (choose one with --environment FILE)"
+                .into(),
+        );
     }
     if scene.instances.is_empty() {
         notes.push("the scene holds no triangles".into());
@@ -68,13 +71,30 @@ pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Resul
         });
     };
     if choice.contains('=') {
-        return look_at(scene, choice).map_err(|error| Usage(format!("--camera: {error:#}")).into());
+        return look_at(scene, choice)
+            .map_err(|error| Usage(format!("--camera: {error:#}")).into());
     }
-    let by_index = choice.parse::<usize>().ok().and_then(|index| scene.cameras.get(index));
-    let named = scene.cameras.iter().find(|camera| camera.name == choice).or(by_index);
+    let by_index = choice
+        .parse::<usize>()
+        .ok()
+        .and_then(|index| scene.cameras.get(index));
+    let named = scene
+        .cameras
+        .iter()
+        .find(|camera| camera.name == choice)
+        .or(by_index);
     named.cloned().ok_or_else(|| {
-        let names: Vec<_> = scene.cameras.iter().map(|camera| camera.name.as_str()).collect();
-        Usage(format!("there is no camera {choice:?}; there are {}: {}", names.len(), names.join(", "))).into()
+        let names: Vec<_> = scene
+            .cameras
+            .iter()
+            .map(|camera| camera.name.as_str())
+            .collect();
+        Usage(format!(
+            "there is no camera {choice:?}; there are {}: {}",
+            names.len(),
+            names.join(", ")
+        ))
+        .into()
     })
 }
 
@@ -89,19 +109,38 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
         match key.trim() {
             "eye" => eye = point(value)?,
             "target" => target = point(value)?,
-            "fov" => degrees = value.trim().parse().context("fov needs a number of degrees")?,
+            "fov" => {
+                degrees = value
+                    .trim()
+                    .parse()
+                    .context("fov needs a number of degrees")?
+            }
             other => anyhow::bail!("there is no {other:?}; there are eye, target and fov"),
         }
     }
-    anyhow::ensure!((1.0..=170.0).contains(&degrees), "fov must lie between 1 and 170 degrees");
+    anyhow::ensure!(
+        (1.0..=170.0).contains(&degrees),
+        "fov must lie between 1 and 170 degrees"
+    );
     anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
-    Ok(Camera::look_at("command line", eye, target, f32::to_radians(degrees)))
+    Ok(Camera::look_at(
+        "command line",
+        eye,
+        target,
+        f32::to_radians(degrees),
+    ))
 }
 
 fn point(text: &str) -> anyhow::Result<glam::Vec3> {
     let numbers = text
         .split(',')
-        .map(|number| number.trim().parse::<f32>().ok().filter(|number| number.is_finite()))
+        .map(|number| {
+            number
+                .trim()
+                .parse::<f32>()
+                .ok()
+                .filter(|number| number.is_finite())
+        })
         .collect::<Option<Vec<f32>>>()
         .filter(|numbers| numbers.len() == 3)
         .with_context(|| format!("{text:?} is no point x,y,z"))?;

@@ -42,7 +42,11 @@ impl Environment {
             let theta = std::f32::consts::PI * (y as f32 + 0.5) / HEIGHT as f32;
             for x in 0..WIDTH {
                 let phi = std::f32::consts::TAU * ((x as f32 + 0.5) / WIDTH as f32 - 0.5);
-                let direction = Vec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+                let direction = Vec3::new(
+                    phi.sin() * theta.sin(),
+                    theta.cos(),
+                    -phi.cos() * theta.sin(),
+                );
                 let color = if direction.y > 0.0 {
                     let height = direction.y.sqrt();
                     Vec3::new(0.75, 0.85, 1.0).lerp(Vec3::new(0.18, 0.36, 0.8), height)

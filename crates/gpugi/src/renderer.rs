@@ -71,19 +71,33 @@ impl Renderer {
     ///
     /// # Errors
     /// [`RenderError::UnknownTechnique`], [`RenderError::Overlap`], [`RenderError::Gpu`].
-    pub fn new(gpu: &Gpu, scene: &Scene, size: [u32; 2], names: &[String]) -> Result<Self, RenderError> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        names: &[String],
+    ) -> Result<Self, RenderError> {
         let scene = GpuScene::new(gpu, scene)?;
         let present = light_classes(&scene);
-        if let Some(name) = names.iter().find(|name| REGISTRY.iter().all(|(info, _)| info.name != **name)) {
+        if let Some(name) = names
+            .iter()
+            .find(|name| REGISTRY.iter().all(|(info, _)| info.name != **name))
+        {
             return Err(RenderError::UnknownTechnique {
                 name: name.clone(),
-                known: REGISTRY.iter().map(|(info, _)| info.name).collect::<Vec<_>>().join(", "),
+                known: REGISTRY
+                    .iter()
+                    .map(|(info, _)| info.name)
+                    .collect::<Vec<_>>()
+                    .join(", "),
             });
         }
         let mut techniques: Vec<Box<dyn Technique>> = Vec::new();
         for (info, make) in REGISTRY {
             let wanted = if names.is_empty() {
-                info.paths.iter().any(|paths| present.contains(&paths.class))
+                info.paths
+                    .iter()
+                    .any(|paths| present.contains(&paths.class))
             } else {
                 names.iter().any(|name| name == info.name)
             };
@@ -110,7 +124,12 @@ impl Renderer {
                 wgpu::BufferUsages::STORAGE,
             )?,
         };
-        let emission = Kernel::new(gpu, &shader!("capture.emission"), "main", Some(&scene.layout))?;
+        let emission = Kernel::new(
+            gpu,
+            &shader!("capture.emission"),
+            "main",
+            Some(&scene.layout),
+        )?;
         let emission_groups = [
             emission.bind(
                 gpu,
@@ -142,7 +161,12 @@ impl Renderer {
     /// # Errors
     /// [`RenderError::UnknownTechnique`] when it is not among those in use, [`RenderError::Setting`].
     pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), RenderError> {
-        let known = self.techniques.iter().map(|one| one.info().name).collect::<Vec<_>>().join(", ");
+        let known = self
+            .techniques
+            .iter()
+            .map(|one| one.info().name)
+            .collect::<Vec<_>>()
+            .join(", ");
         let found = self
             .techniques
             .iter_mut()
@@ -151,10 +175,12 @@ impl Renderer {
                 name: technique.to_owned(),
                 known,
             })?;
-        found.set(name, value).map_err(|source| RenderError::Setting {
-            technique: technique.to_owned(),
-            source,
-        })
+        found
+            .set(name, value)
+            .map_err(|source| RenderError::Setting {
+                technique: technique.to_owned(),
+                source,
+            })
     }
 
     /// Seeds everything stochastic. The same seed gives the same picture on the same adapter.
@@ -184,8 +210,12 @@ impl Renderer {
 
     /// Light that exists in the scene and that no technique in use adds: a few words each.
     pub fn left_out(&self) -> Vec<String> {
-        let covered: Vec<_> =
-            self.techniques.iter().flat_map(|technique| technique.info().paths).copied().collect();
+        let covered: Vec<_> = self
+            .techniques
+            .iter()
+            .flat_map(|technique| technique.info().paths)
+            .copied()
+            .collect();
         left_out(&covered, &light_classes(&self.scene))
     }
 
@@ -221,7 +251,14 @@ impl Renderer {
         } else {
             crate::techniques::shadow_map::lights::low_discrepancy(self.samples) - 0.5
         };
-        let view = View::new(camera, self.size, jitter, self.samples, self.seed, self.scene.diagonal());
+        let view = View::new(
+            camera,
+            self.size,
+            jitter,
+            self.samples,
+            self.seed,
+            self.scene.diagonal(),
+        );
         let gpu = self.gpu.clone();
         let mut frame = Frame::new(&gpu, timed);
         self.scene.merge(&mut frame);
@@ -245,7 +282,8 @@ impl Renderer {
         }
         self.samples += 1;
         if let Some(settings) = display {
-            self.display.record(&mut frame, &self.target.radiance, self.samples, settings)?;
+            self.display
+                .record(&mut frame, &self.target.radiance, self.samples, settings)?;
         }
         Ok(frame.submit()?)
     }
@@ -264,9 +302,16 @@ impl Renderer {
     /// [`RenderError::Gpu`].
     pub fn radiance(&self) -> Result<Vec<f32>, RenderError> {
         let scale = 1.0 / self.samples.max(1) as f32;
-        let sums: Vec<[f32; 4]> = read_buffer(&self.gpu, &self.target.radiance, self.target.radiance.size())?;
+        let sums: Vec<[f32; 4]> = read_buffer(
+            &self.gpu,
+            &self.target.radiance,
+            self.target.radiance.size(),
+        )?;
         let count = (self.size[0] * self.size[1]) as usize;
-        Ok(sums[..count].iter().flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale)).collect())
+        Ok(sums[..count]
+            .iter()
+            .flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale))
+            .collect())
     }
 
     /// The packed surface points of the last sample (48 bytes each).
@@ -276,7 +321,10 @@ impl Renderer {
 
     /// Every map that exists now.
     pub fn maps(&self) -> Vec<Map> {
-        self.techniques.iter().flat_map(|technique| technique.maps()).collect()
+        self.techniques
+            .iter()
+            .flat_map(|technique| technique.maps())
+            .collect()
     }
 }
 

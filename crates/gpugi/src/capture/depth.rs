@@ -163,12 +163,25 @@ impl DepthViewSpec {
     }
 
     /// The hemicubes of a light that shines to both sides: above, then below, whose sides come in the same order.
-    pub fn hemicubes(eye: Vec3, normal: Vec3, tangent: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 10] {
+    pub fn hemicubes(
+        eye: Vec3,
+        normal: Vec3,
+        tangent: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> [Self; 10] {
         let above = Self::hemicube(eye, normal, tangent, near, side, gutter);
         // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
         let mut below = Self::hemicube(eye, -normal, tangent, near, side, gutter);
         below.swap(3, 4);
-        std::array::from_fn(|face| if face < 5 { above[face] } else { below[face - 5] })
+        std::array::from_fn(|face| {
+            if face < 5 {
+                above[face]
+            } else {
+                below[face - 5]
+            }
+        })
     }
 }
 

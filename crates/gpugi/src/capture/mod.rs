@@ -8,8 +8,8 @@ mod visible;
 #[cfg(test)]
 mod tests;
 
-pub use view::{View, orthographic_reverse, perspective_reverse_infinite};
 pub(crate) use view::ViewUniform;
+pub use view::{View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
 
 use glam::{Mat4, Vec4};
@@ -86,7 +86,11 @@ impl CameraCapture {
             wgpu::TextureFormat::R32Uint,
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
         )?;
-        let depth = texture("depth", wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::empty())?;
+        let depth = texture(
+            "depth",
+            wgpu::TextureFormat::Depth32Float,
+            wgpu::TextureUsages::empty(),
+        )?;
         let count = size[0] * size[1];
         let points = SurfacePoints {
             points: gpu.buffer(
@@ -115,16 +119,25 @@ impl CameraCapture {
             )
         };
         let back = Some(wgpu::Face::Back);
-        let opaque = [raster(shader!("capture.hits"), back)?, raster(shader!("capture.hits"), None)?];
+        let opaque = [
+            raster(shader!("capture.hits"), back)?,
+            raster(shader!("capture.hits"), None)?,
+        ];
         let alpha = [
             raster(shader!("capture.hits_alpha"), back)?,
             raster(shader!("capture.hits_alpha"), None)?,
         ];
         let matrix = gpu.buffer("clip_from_world", 80, wgpu::BufferUsages::UNIFORM)?;
-        let opaque_group = opaque[0].bind(gpu, 1, &[("clip_from_world", matrix.as_entire_binding())])?;
+        let opaque_group =
+            opaque[0].bind(gpu, 1, &[("clip_from_world", matrix.as_entire_binding())])?;
         let alpha_group = alpha[0].bind(gpu, 1, &[("alpha_view", matrix.as_entire_binding())])?;
         let hits_view = hits.create_view(&Default::default());
-        let resolve = Kernel::new(gpu, &shader!("capture.resolve"), "main", Some(&scene.layout))?;
+        let resolve = Kernel::new(
+            gpu,
+            &shader!("capture.resolve"),
+            "main",
+            Some(&scene.layout),
+        )?;
         let resolve_groups = [
             resolve.bind(
                 gpu,
@@ -134,10 +147,14 @@ impl CameraCapture {
                     ("points", points.points.as_entire_binding()),
                 ],
             )?,
-            resolve.bind(gpu, 3, &[
+            resolve.bind(
+                gpu,
+                3,
+                &[
                     ("hits", wgpu::BindingResource::TextureView(&hits_view)),
                     ("merged", scene.vertices.as_entire_binding()),
-                ])?,
+                ],
+            )?,
         ];
         Ok(Self {
             points,
@@ -161,7 +178,10 @@ impl CameraCapture {
         queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(&view.uniform));
         let mut matrix = [0.0_f32; 20];
         matrix[..16].copy_from_slice(&view.clip_from_world.to_cols_array());
-        let seed = view.uniform.seed.wrapping_add(view.uniform.sample_index.wrapping_mul(0x9e37_79b9));
+        let seed = view
+            .uniform
+            .seed
+            .wrapping_add(view.uniform.sample_index.wrapping_mul(0x9e37_79b9));
         matrix[16] = f32::from_bits(seed);
         queue.write_buffer(&self.matrix, 0, bytemuck::cast_slice(&matrix));
         frame.render("capture.hits", &[&self.hits_view], &self.depth, |pass| {
@@ -208,7 +228,11 @@ fn frustum_planes(clip_from_world: &Mat4) -> [Vec4; 6] {
 fn is_visible(bounds: &Bounds, planes: &[Vec4; 6]) -> bool {
     planes.iter().all(|plane| {
         // The corner furthest along the plane's normal.
-        let corner = glam::Vec3::select(plane.truncate().cmpge(glam::Vec3::ZERO), bounds.max, bounds.min);
+        let corner = glam::Vec3::select(
+            plane.truncate().cmpge(glam::Vec3::ZERO),
+            bounds.max,
+            bounds.min,
+        );
         plane.dot(corner.extend(1.0)) >= 0.0
     })
 }

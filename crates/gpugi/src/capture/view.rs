@@ -40,7 +40,14 @@ pub struct View {
 impl View {
     /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample in the pixel, each component in [-1/2, 1/2];
     /// `diagonal` is the scene's [m].
-    pub fn new(camera: &Camera, size: [u32; 2], jitter: Vec2, sample_index: u32, seed: u32, diagonal: f32) -> Self {
+    pub fn new(
+        camera: &Camera,
+        size: [u32; 2],
+        jitter: Vec2,
+        sample_index: u32,
+        seed: u32,
+        diagonal: f32,
+    ) -> Self {
         let [width, height] = size.map(|side| side as f32);
         let aspect = width / height;
         let axes = [0, 1, 2].map(|axis| camera.world_from_view.col(axis).truncate());
@@ -51,7 +58,9 @@ impl View {
                 let tangent = (vertical_fov / 2.0).tan();
                 (Vec2::new(tangent * aspect, tangent), true)
             }
-            Projection::Orthographic { height } => (Vec2::new(height * aspect, height) / 2.0, false),
+            Projection::Orthographic { height } => {
+                (Vec2::new(height * aspect, height) / 2.0, false)
+            }
         };
         // World offset from the image centre to the sample of pixel (0, 0), and from pixel to pixel.
         let across = right * (2.0 * half_extent.x / width);
@@ -59,11 +68,12 @@ impl View {
         let first = right * (half_extent.x * ((1.0 + 2.0 * jitter.x) / width - 1.0))
             + up * (half_extent.y * (1.0 - (1.0 + 2.0 * jitter.y) / height));
         let zero = Vec3::ZERO;
-        let (origin, origin_dx, origin_dy, direction, direction_dx, direction_dy) = if is_perspective {
-            (eye, zero, zero, forward + first, across, down)
-        } else {
-            (eye + first, across, down, forward, zero, zero)
-        };
+        let (origin, origin_dx, origin_dy, direction, direction_dx, direction_dy) =
+            if is_perspective {
+                (eye, zero, zero, forward + first, across, down)
+            } else {
+                (eye + first, across, down, forward, zero, zero)
+            };
         let view_from_world = camera.world_from_view.inverse();
         let clip_from_view = if is_perspective {
             perspective_reverse_infinite(half_extent, diagonal * 1e-4)
@@ -71,7 +81,11 @@ impl View {
             orthographic_reverse(half_extent, 0.0, (eye.length() + diagonal) * 4.0)
         };
         // The rasterizer samples pixel centres: shift the picture the other way.
-        let shift = Mat4::from_translation(Vec3::new(-2.0 * jitter.x / width, 2.0 * jitter.y / height, 0.0));
+        let shift = Mat4::from_translation(Vec3::new(
+            -2.0 * jitter.x / width,
+            2.0 * jitter.y / height,
+            0.0,
+        ));
         Self {
             uniform: ViewUniform {
                 origin: origin.to_array(),

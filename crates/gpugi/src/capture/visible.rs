@@ -36,7 +36,8 @@ fn octahedral(word: u32) -> Vec3 {
     let p = Vec2::new(snorm(word & 0xffff), snorm(word >> 16));
     let z = 1.0 - p.x.abs() - p.y.abs();
     let xy = if z < 0.0 {
-        (Vec2::ONE - Vec2::new(p.y.abs(), p.x.abs())) * Vec2::new(1.0_f32.copysign(p.x), 1.0_f32.copysign(p.y))
+        (Vec2::ONE - Vec2::new(p.y.abs(), p.x.abs()))
+            * Vec2::new(1.0_f32.copysign(p.x), 1.0_f32.copysign(p.y))
     } else {
         p
     };

@@ -34,9 +34,12 @@ impl ImageArrays {
         let mut places = vec![[None; 2]; scene.images.len()];
         let mut views = Vec::new();
         let mut bytes = 0;
-        for (space, format) in [wgpu::TextureFormat::Rgba8UnormSrgb, wgpu::TextureFormat::Rgba8Unorm]
-            .into_iter()
-            .enumerate()
+        for (space, format) in [
+            wgpu::TextureFormat::Rgba8UnormSrgb,
+            wgpu::TextureFormat::Rgba8Unorm,
+        ]
+        .into_iter()
+        .enumerate()
         {
             let used = images_used(scene, space);
             let sizes = class_sizes(gpu, scene, &used);
@@ -52,7 +55,8 @@ impl ImageArrays {
                         layer: layer as u32,
                     });
                 }
-                let images: Vec<&Image> = members.iter().map(|&image| &scene.images[image]).collect();
+                let images: Vec<&Image> =
+                    members.iter().map(|&image| &scene.images[image]).collect();
                 bytes += u64::from(size) * u64::from(size) * 16 / 3 * images.len() as u64;
                 views.push(upload(gpu, &images, size, format)?);
             }
@@ -98,7 +102,10 @@ fn side(image: &Image) -> u32 {
 /// The largest sizes that occur, at most four; smaller images are scaled up to the smallest of them.
 fn class_sizes(gpu: &Gpu, scene: &Scene, used: &[usize]) -> [u32; CLASSES] {
     let limit = gpu.device.limits().max_texture_dimension_2d;
-    let mut sizes: Vec<u32> = used.iter().map(|&image| side(&scene.images[image]).min(limit)).collect();
+    let mut sizes: Vec<u32> = used
+        .iter()
+        .map(|&image| side(&scene.images[image]).min(limit))
+        .collect();
     sizes.sort_unstable_by(|a, b| b.cmp(a));
     sizes.dedup();
     std::array::from_fn(|class| sizes.get(class).copied().unwrap_or(1))
@@ -106,7 +113,10 @@ fn class_sizes(gpu: &Gpu, scene: &Scene, used: &[usize]) -> [u32; CLASSES] {
 
 /// The smallest class that holds an image at full size.
 fn class_of(sizes: &[u32; CLASSES], image: &Image) -> usize {
-    (0..CLASSES).rev().find(|&class| sizes[class] >= side(image)).unwrap_or(0)
+    (0..CLASSES)
+        .rev()
+        .find(|&class| sizes[class] >= side(image))
+        .unwrap_or(0)
 }
 
 fn upload(
@@ -146,10 +156,23 @@ fn upload(
         let blit = Blit::new(gpu, format)?;
         for (layer, image) in images.iter().enumerate() {
             let layer = layer as u32;
-            write_image(gpu, &texture, image, size, layer, &blit, &level_view(layer, 0))?;
+            write_image(
+                gpu,
+                &texture,
+                image,
+                size,
+                layer,
+                &blit,
+                &level_view(layer, 0),
+            )?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             for level in 1..levels {
-                blit.copy(gpu, &mut encoder, &level_view(layer, level - 1), &level_view(layer, level))?;
+                blit.copy(
+                    gpu,
+                    &mut encoder,
+                    &level_view(layer, level - 1),
+                    &level_view(layer, level),
+                )?;
             }
             gpu.queue.submit([encoder.finish()]);
         }
@@ -219,7 +242,12 @@ fn write_image(
     });
     write(&original, 0);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    blit.copy(gpu, &mut encoder, &original.create_view(&Default::default()), target)?;
+    blit.copy(
+        gpu,
+        &mut encoder,
+        &original.create_view(&Default::default()),
+        target,
+    )?;
     gpu.queue.submit([encoder.finish()]);
     Ok(())
 }

@@ -111,7 +111,11 @@ impl GpuScene {
     /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
         let mut words: Vec<u32> = Vec::new();
-        let meshes: Vec<PlacedMesh> = scene.meshes.iter().map(|mesh| place_mesh(mesh, &mut words)).collect();
+        let meshes: Vec<PlacedMesh> = scene
+            .meshes
+            .iter()
+            .map(|mesh| place_mesh(mesh, &mut words))
+            .collect();
         let mut order: Vec<usize> = (0..scene.instances.len()).collect();
         order.sort_by_key(|&index| draw_class(scene, &meshes, &scene.instances[index]));
 
@@ -188,7 +192,11 @@ impl GpuScene {
             vertex_count * crate::gpu::RasterKernel::VERTEX_STRIDE,
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::VERTEX,
         )?;
-        let indices = gpu.buffer_with("merged indices [bytes]", &merged_indices, wgpu::BufferUsages::INDEX)?;
+        let indices = gpu.buffer_with(
+            "merged indices [bytes]",
+            &merged_indices,
+            wgpu::BufferUsages::INDEX,
+        )?;
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
         let environment_view = environment_texture(gpu, environment)?;
         // Mesa's software rasterizer ignores explicit gradients where a sampler is anisotropic (seen in 22.3).
@@ -239,7 +247,8 @@ impl GpuScene {
         })?;
         let merge = Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?;
         let merge_group = merge.bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
-        let bytes = geometry.size() + tables.size() + vertices.size() + indices.size() + images.bytes;
+        let bytes =
+            geometry.size() + tables.size() + vertices.size() + indices.size() + images.bytes;
         Ok(Self {
             layout,
             bind_group,
@@ -326,7 +335,11 @@ fn place_mesh(mesh: &gpugi_scene::Mesh, words: &mut Vec<u32>) -> PlacedMesh {
     let unorm = |value: f32| (value.clamp(0.0, 1.0) * 65535.0).round() as u32;
     for &source in &ordered.vertices {
         let source = source as usize;
-        let uv = |set: usize| mesh.uvs[set].get(source).map_or([0.0; 2], |uv| uv.to_array());
+        let uv = |set: usize| {
+            mesh.uvs[set]
+                .get(source)
+                .map_or([0.0; 2], |uv| uv.to_array())
+        };
         let color = mesh.colors.get(source).copied().unwrap_or(glam::Vec4::ONE);
         // The lowest bit holds the sign of the bitangent.
         let tangent = mesh.tangents.get(source).map_or(0, |tangent| {
@@ -457,7 +470,8 @@ fn texture_row(
 ) -> gpu::TextureReference {
     let texture = &scene.textures[reference.texture];
     let image = &scene.images[texture.image];
-    let place = images.places[texture.image][space].unwrap_or(images::ImagePlace { class: 0, layer: 0 });
+    let place =
+        images.places[texture.image][space].unwrap_or(images::ImagePlace { class: 0, layer: 0 });
     let wrap = |wrap: Wrap| match wrap {
         Wrap::Repeat => 0,
         Wrap::MirroredRepeat => 1,
@@ -480,7 +494,10 @@ fn texture_row(
 }
 
 /// The environment as a half-float texture (values above 65,504 are cut); one black texel without one.
-fn environment_texture(gpu: &Gpu, environment: Option<&Environment>) -> Result<wgpu::TextureView, GpuError> {
+fn environment_texture(
+    gpu: &Gpu,
+    environment: Option<&Environment>,
+) -> Result<wgpu::TextureView, GpuError> {
     let black = Image {
         name: String::new(),
         width: 1,
@@ -489,12 +506,14 @@ fn environment_texture(gpu: &Gpu, environment: Option<&Environment>) -> Result<w
     };
     let image = environment.map_or(&black, |environment| &environment.image);
     let halves: Vec<u16> = match &image.pixels {
-        Pixels::Rgba32Float(values) => {
-            values.iter().map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits()).collect()
-        }
-        Pixels::Rgba8(values) => {
-            values.iter().map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits()).collect()
-        }
+        Pixels::Rgba32Float(values) => values
+            .iter()
+            .map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits())
+            .collect(),
+        Pixels::Rgba8(values) => values
+            .iter()
+            .map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits())
+            .collect(),
     };
     let size = wgpu::Extent3d {
         width: image.width,
@@ -536,7 +555,9 @@ fn emitters(scene: &Scene) -> Vec<Emitter> {
         let mirrored = is_mirrored(&instance.world_from_mesh);
         for triangle in mesh.indices.chunks_exact(3) {
             let mut corners = [0, 1, 2].map(|corner| {
-                instance.world_from_mesh.transform_point3(mesh.positions[triangle[corner] as usize])
+                instance
+                    .world_from_mesh
+                    .transform_point3(mesh.positions[triangle[corner] as usize])
             });
             if mirrored {
                 corners.swap(1, 2);
@@ -569,19 +590,27 @@ fn mean_emission(
     let Pixels::Rgba8(texels) = &image.pixels else {
         return Vec3::ONE;
     };
-    let corner = |index: usize| uvs.get(triangle[index] as usize).copied().unwrap_or_default();
+    let corner = |index: usize| {
+        uvs.get(triangle[index] as usize)
+            .copied()
+            .unwrap_or_default()
+    };
     const STEPS: usize = 8;
     let mut sum = Vec3::ZERO;
     let mut count = 0.0;
     for i in 0..STEPS {
         for j in 0..STEPS - i {
-            let (u, v) = ((i as f32 + 1.0 / 3.0) / STEPS as f32, (j as f32 + 1.0 / 3.0) / STEPS as f32);
+            let (u, v) = (
+                (i as f32 + 1.0 / 3.0) / STEPS as f32,
+                (j as f32 + 1.0 / 3.0) / STEPS as f32,
+            );
             let uv = corner(0) * (1.0 - u - v) + corner(1) * u + corner(2) * v;
             let uv = reference.uv_from_mesh.transform_point2(uv);
             let texel = |coordinate: f32, size: u32| {
                 ((coordinate.rem_euclid(1.0) * size as f32) as u32).min(size - 1) as usize
             };
-            let at = (texel(uv.y, image.height) * image.width as usize + texel(uv.x, image.width)) * 4;
+            let at =
+                (texel(uv.y, image.height) * image.width as usize + texel(uv.x, image.width)) * 4;
             sum += Vec3::from_array([0, 1, 2].map(|channel| srgb_to_linear(texels[at + channel])));
             count += 1.0;
         }

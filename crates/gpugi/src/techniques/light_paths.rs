@@ -45,7 +45,11 @@ pub fn matches(pattern: &str, path: &str) -> bool {
         return path.is_empty();
     };
     let fits = |symbol: char| symbols.contains('.') || symbols.contains(symbol);
-    let step = path.chars().next().filter(|&symbol| fits(symbol)).map(|symbol| &path[symbol.len_utf8()..]);
+    let step = path
+        .chars()
+        .next()
+        .filter(|&symbol| fits(symbol))
+        .map(|symbol| &path[symbol.len_utf8()..]);
     match repeat {
         None => step.is_some_and(|after| matches(rest, after)),
         Some('*') => matches(rest, path) || step.is_some_and(|after| matches(pattern, after)),
@@ -80,16 +84,22 @@ fn paths(bounces: usize) -> Vec<String> {
             .collect();
         middles.extend(longest.iter().cloned());
     }
-    middles.into_iter().map(|middle| format!("L{middle}E")).collect()
+    middles
+        .into_iter()
+        .map(|middle| format!("L{middle}E"))
+        .collect()
 }
 
 /// A path that both sets contain, up to four bounces.
 pub fn overlap(a: &[LightPaths], b: &[LightPaths]) -> Option<(LightClass, String)> {
     paths(4).into_iter().find_map(|path| {
         let covers = |set: &[LightPaths], class| {
-            set.iter().any(|one| one.class == class && matches(one.pattern, &path))
+            set.iter()
+                .any(|one| one.class == class && matches(one.pattern, &path))
         };
-        let class = LightClass::ALL.into_iter().find(|&class| covers(a, class) && covers(b, class))?;
+        let class = LightClass::ALL
+            .into_iter()
+            .find(|&class| covers(a, class) && covers(b, class))?;
         Some((class, path.clone()))
     })
 }
@@ -99,13 +109,23 @@ pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
     let mut missing = Vec::new();
     for &class in present {
         let is_covered = |path: &str| {
-            path == "LE" || covered.iter().any(|one| one.class == class && matches(one.pattern, path))
+            path == "LE"
+                || covered
+                    .iter()
+                    .any(|one| one.class == class && matches(one.pattern, path))
         };
-        let absent: Vec<String> = paths(1).into_iter().filter(|path| !is_covered(path)).collect();
+        let absent: Vec<String> = paths(1)
+            .into_iter()
+            .filter(|path| !is_covered(path))
+            .collect();
         if !absent.is_empty() {
             missing.push(format!("{} ({class})", absent.join(", ")));
         }
-        if paths(2).iter().filter(|path| path.len() == 4).any(|path| !is_covered(path)) {
+        if paths(2)
+            .iter()
+            .filter(|path| path.len() == 4)
+            .any(|path| !is_covered(path))
+        {
             missing.push(format!("indirect light, L[DGS][DGS]+E ({class})"));
         }
     }
@@ -148,7 +168,10 @@ mod tests {
 
     #[test]
     fn what_is_left_out_is_named() {
-        let direct = [LightPaths { class: LightClass::Area, pattern: "L[DG]E" }];
+        let direct = [LightPaths {
+            class: LightClass::Area,
+            pattern: "L[DG]E",
+        }];
         assert_eq!(
             left_out(&direct, &[LightClass::Area]),
             ["LSE (area)", "indirect light, L[DGS][DGS]+E (area)"]

@@ -56,7 +56,12 @@ pub trait Technique: std::fmt::Debug {
     ///
     /// # Errors
     /// [`GpuError`].
-    fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) -> Result<(), GpuError>;
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &View,
+    ) -> Result<(), GpuError>;
 
     /// Adds the technique's light at `points` to `target`.
     ///
@@ -79,9 +84,15 @@ type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
 
 /// Every technique in the order of the frame.
 pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene| Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))),
-    (&image_based_lighting::INFO, |gpu, scene| {
-        Ok(Box::new(image_based_lighting::ImageBasedLighting::new(gpu, scene)?))
+    (&shadow_map::INFO, |gpu, scene| {
+        Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
     }),
-    (&environment_map::INFO, |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))),
+    (&image_based_lighting::INFO, |gpu, scene| {
+        Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
+            gpu, scene,
+        )?))
+    }),
+    (&environment_map::INFO, |gpu, scene| {
+        Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
+    }),
 ];

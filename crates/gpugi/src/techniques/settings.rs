@@ -51,10 +51,17 @@ pub fn set<S: Serialize + DeserializeOwned>(
     name: &str,
     text: &str,
 ) -> Result<(), SettingError> {
-    let field = fields.iter().find(|field| field.name == name).ok_or_else(|| SettingError::Unknown {
-        name: name.to_owned(),
-        known: fields.iter().map(|field| field.name).collect::<Vec<_>>().join(", "),
-    })?;
+    let field = fields
+        .iter()
+        .find(|field| field.name == name)
+        .ok_or_else(|| SettingError::Unknown {
+            name: name.to_owned(),
+            known: fields
+                .iter()
+                .map(|field| field.name)
+                .collect::<Vec<_>>()
+                .join(", "),
+        })?;
     let fail = |reason: String| SettingError::Value {
         name: name.to_owned(),
         value: text.to_owned(),
@@ -63,7 +70,9 @@ pub fn set<S: Serialize + DeserializeOwned>(
     // A number, true or false as JSON has them; anything else is a word.
     let value: serde_json::Value = serde_json::from_str(text).unwrap_or_else(|_| text.into());
     if let Some((low, high)) = field.range {
-        let number = value.as_f64().ok_or_else(|| fail("a number is needed".into()))?;
+        let number = value
+            .as_f64()
+            .ok_or_else(|| fail("a number is needed".into()))?;
         if !(low..=high).contains(&number) {
             return Err(fail(format!("the range is {low} to {high}")));
         }

@@ -11,7 +11,10 @@ pub const INFO: Info = Info {
     name: "environment-map",
     summary: "the environment in ideal mirrors, without occlusion",
     source: "tutorial section 3.2.1; Blinn and Newell 1976",
-    paths: &[LightPaths { class: LightClass::Environment, pattern: "LSE" }],
+    paths: &[LightPaths {
+        class: LightClass::Environment,
+        pattern: "LSE",
+    }],
 };
 
 /// Environment mapping. Reads the environment as it is: nothing to generate.
@@ -70,10 +73,9 @@ impl Technique for EnvironmentMap {
         if scene.environment.is_none() {
             return Ok(());
         }
-        let fresh = self
-            .bound
-            .as_ref()
-            .is_some_and(|(bound, radiance, _)| *bound == points.points && *radiance == target.radiance);
+        let fresh = self.bound.as_ref().is_some_and(|(bound, radiance, _)| {
+            *bound == points.points && *radiance == target.radiance
+        });
         if !fresh {
             let groups = [
                 self.gather.bind(
@@ -84,7 +86,11 @@ impl Technique for EnvironmentMap {
                         ("points", points.points.as_entire_binding()),
                     ],
                 )?,
-                self.gather.bind(frame.gpu, 3, &[("radiance", target.radiance.as_entire_binding())])?,
+                self.gather.bind(
+                    frame.gpu,
+                    3,
+                    &[("radiance", target.radiance.as_entire_binding())],
+                )?,
             ];
             self.bound = Some((points.points.clone(), target.radiance.clone(), groups));
         }
