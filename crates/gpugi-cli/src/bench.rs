@@ -57,11 +57,11 @@ struct Measured {
     passes: BTreeMap<String, f64>,
     /// Median sum of a frame's passes, GPU milliseconds.
     passes_total_ms: f64,
-    /// Wall time a frame [ms], many frames queued: every map generated again.
+    /// Wall time a frame (ms), many frames queued: every map generated again.
     frame_dynamic_ms: f64,
     /// The same with the maps kept.
     frame_static_ms: f64,
-    /// Median CPU time to record and submit a frame [ms], every map generated again.
+    /// Median CPU time to record and submit a frame (ms), every map generated again.
     cpu_record_ms: f64,
 }
 

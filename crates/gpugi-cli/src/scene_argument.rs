@@ -18,7 +18,7 @@ pub struct SceneArguments {
     /// Environment map (.hdr, .exr, .ktx2, .png, .jpg), equirectangular
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
-    /// Time of the animation [s]
+    /// Time of the animation (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     pub time: f32,
 }

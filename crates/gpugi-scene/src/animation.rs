@@ -41,7 +41,7 @@ pub enum Transform {
     Matrix(Mat4),
     /// Scale first, then rotation, then translation.
     Parts {
-        /// Translation [m].
+        /// Translation (m).
         translation: Vec3,
         /// Unit rotation.
         rotation: Quat,
@@ -140,7 +140,7 @@ pub struct Deformer {
 /// Displacements of every vertex, mesh space; a list that does not move is empty.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MorphTarget {
-    /// Added to positions [m].
+    /// Added to positions (m).
     pub positions: Vec<Vec3>,
     /// Added to normals.
     pub normals: Vec<Vec3>,
@@ -162,7 +162,7 @@ pub struct Influences {
 pub struct Animation {
     /// Name for reports.
     pub name: String,
-    /// Time of the last key [s]; then it starts again.
+    /// Time of the last key (s); then it starts again.
     pub duration: f32,
     /// What moves.
     pub channels: Vec<Channel>,
@@ -177,7 +177,7 @@ pub struct Channel {
     pub property: Property,
     /// Between keys.
     pub interpolation: Interpolation,
-    /// Times of the keys [s], increasing, at least one.
+    /// Times of the keys (s), increasing, at least one.
     pub times: Vec<f32>,
     /// The same number of values each key; cubic splines have in-tangent, value and out-tangent.
     pub values: Vec<f32>,
@@ -208,7 +208,7 @@ pub enum Interpolation {
 }
 
 impl Channel {
-    /// The values at `time` [s]; before the first and after the last key, theirs.
+    /// The values at `time` (s); before the first and after the last key, theirs.
     pub fn sample(&self, time: f32) -> Vec<f32> {
         let cubic = self.interpolation == Interpolation::CubicSpline;
         let key_width = self.values.len() / self.times.len().max(1);
@@ -276,7 +276,7 @@ impl Rig {
                 .any(|animation| !animation.channels.is_empty())
     }
 
-    /// The longest loop [s].
+    /// The longest loop (s).
     pub fn duration(&self) -> f32 {
         self.animations
             .iter()

@@ -7,14 +7,14 @@ use crate::scene::Bounds;
 /// How a camera maps space to its image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
-    /// Perspective with a vertical field of view [rad].
+    /// Perspective with a vertical field of view (rad).
     Perspective {
-        /// Full vertical field of view [rad].
+        /// Full vertical field of view (rad).
         vertical_fov: f32,
     },
     /// Parallel projection.
     Orthographic {
-        /// Full height of the visible volume [m].
+        /// Full height of the visible volume (m).
         height: f32,
     },
 }
@@ -24,7 +24,7 @@ pub enum Projection {
 pub struct Camera {
     /// Name, for `--camera NAME`.
     pub name: String,
-    /// Rigid transform: columns are right, up, backward and the eye position in world space [m].
+    /// Rigid transform: columns are right, up, backward and the eye position in world space (m).
     pub world_from_view: Mat4,
     /// Perspective or orthographic.
     pub projection: Projection,
@@ -33,7 +33,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A perspective camera at `eye` that looks at `target` (world space [m]) with the given vertical field of view [rad].
+    /// A perspective camera at `eye` that looks at `target` (world space (m)) with the given vertical field of view (rad).
     pub fn look_at(name: &str, eye: Vec3, target: Vec3, vertical_fov: f32) -> Self {
         let forward = (target - eye).normalize_or(Vec3::NEG_Z);
         let up = if forward.y.abs() > 0.999 {

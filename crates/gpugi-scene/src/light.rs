@@ -9,9 +9,9 @@ pub enum LightKind {
     Point,
     /// Emits into a cone around its local -Z. Intensity in W/sr (candela).
     Spot {
-        /// Half-angle inside which the intensity is full [rad].
+        /// Half-angle inside which the intensity is full (rad).
         inner_cone_angle: f32,
-        /// Half-angle outside which it is zero [rad], larger than the inner and at most pi/2.
+        /// Half-angle outside which it is zero (rad), larger than the inner and at most pi/2.
         outer_cone_angle: f32,
     },
     /// Parallel light along its local -Z. Irradiance on a facing surface in W/m^2 (lux).
@@ -27,9 +27,9 @@ pub struct Light {
     pub kind: LightKind,
     /// Linear Rec. 709 intensity [W/sr] (point, spot) or irradiance [W/m^2] (directional), colour included.
     pub intensity: Vec3,
-    /// Distance at which the light fades to zero [m]; none means no limit.
+    /// Distance at which the light fades to zero (m); none means no limit.
     pub range: Option<f32>,
-    /// Radius of the emitter that soft shadows assume: [m] for point and spot, [rad] (half-angle) for directional.
+    /// Radius of the emitter that soft shadows assume: (m) for point and spot, (rad) (half-angle) for directional.
     /// glTF: `extras.gpugi.radius` on the light. 0 is an ideal light.
     pub radius: f32,
     /// Rigid transform of the light: it shines along local -Z.
@@ -52,13 +52,13 @@ impl Light {
         }
     }
 
-    /// The same light at `position`, shining toward `target` (world space [m]).
+    /// The same light at `position`, shining toward `target` (world space (m)).
     pub fn aimed(mut self, position: Vec3, target: Vec3) -> Self {
         self.world_from_light = crate::Camera::look_at("", position, target, 1.0).world_from_view;
         self
     }
 
-    /// Position in world space [m].
+    /// Position in world space (m).
     pub fn position(&self) -> Vec3 {
         self.world_from_light.w_axis.truncate()
     }

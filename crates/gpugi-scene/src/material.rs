@@ -65,7 +65,7 @@ pub enum AlphaMode {
 /// The inside of a closed surface (KHR_materials_volume).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volume {
-    /// Distance [m] after which `attenuation_color` of the light is left; infinite means no absorption.
+    /// Distance (m) after which `attenuation_color` of the light is left; infinite means no absorption.
     pub attenuation_distance: f32,
     /// Linear Rec. 709 transmittance at `attenuation_distance`.
     pub attenuation_color: Vec3,

@@ -14,7 +14,7 @@ use crate::scene::Bounds;
 pub struct Mesh {
     /// Name for reports.
     pub name: String,
-    /// Positions in mesh space [m].
+    /// Positions in mesh space (m).
     pub positions: Vec<Vec3>,
     /// Unit normals in mesh space.
     pub normals: Vec<Vec3>,

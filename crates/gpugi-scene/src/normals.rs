@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::Mesh;
 
-/// The crease angle that importers use [rad]: 40 degrees.
+/// The crease angle that importers use (rad): 40 degrees.
 pub const CREASE_ANGLE: f32 = 40.0 * std::f32::consts::PI / 180.0;
 
 /// With more corners than this at one position, all are smoothed together: comparing each with each would take too long.
@@ -14,7 +14,7 @@ const CORNERS_COMPARED: usize = 512;
 
 /// Replaces the normals of `mesh` by smooth ones. A corner's normal is the mean of the face normals around its position,
 /// weighted by area and by the angle at that corner, over the faces that bend away from its own by at most `crease_angle`
-/// [rad]. Equal positions count as one; a vertex whose corners get different normals is split.
+/// (rad). Equal positions count as one; a vertex whose corners get different normals is split.
 ///
 /// Always unit and finite: triangles without area take the mean of their neighbours, and +Y when there are none. Indices
 /// must be in range and positions finite.

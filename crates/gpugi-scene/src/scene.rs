@@ -14,7 +14,7 @@ pub struct Instance {
     pub mesh: usize,
     /// Index into [`Scene::materials`].
     pub material: usize,
-    /// World space [m] from mesh space; affine, may mirror.
+    /// World space (m) from mesh space; affine, may mirror.
     pub world_from_mesh: Mat4,
     /// Node of the animation hierarchy that carries it, if any.
     pub node: Option<usize>,
@@ -25,7 +25,7 @@ pub struct Instance {
 pub struct Environment {
     /// Linear radiance.
     pub image: Image,
-    /// Rotation about +Y [rad].
+    /// Rotation about +Y (rad).
     pub rotation: f32,
     /// Factor on the radiance.
     pub intensity: f32,
@@ -74,7 +74,7 @@ impl Environment {
     }
 }
 
-/// An axis-aligned box in world space [m]. Empty when `min` exceeds `max`.
+/// An axis-aligned box in world space (m). Empty when `min` exceeds `max`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Smallest corner.
@@ -209,9 +209,9 @@ pub struct Statistics {
     pub mesh_bytes: u64,
     /// Bytes of images in memory.
     pub image_bytes: u64,
-    /// Smallest corner of the scene [m].
+    /// Smallest corner of the scene (m).
     pub bounds_min: [f32; 3],
-    /// Largest corner of the scene [m].
+    /// Largest corner of the scene (m).
     pub bounds_max: [f32; 3],
 }
 

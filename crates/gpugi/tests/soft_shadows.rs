@@ -281,7 +281,7 @@ fn see_through_surfaces_cast_what_they_hide() {
     );
 }
 
-/// Width [m] over which light rises from none to full across the shadow's edge of a half-plane at `height` under a spot light at 3 m.
+/// Width (m) over which light rises from none to full across the shadow's edge of a half-plane at `height` under a spot light at 3 m.
 fn penumbra(gpu: &gpugi::gpu::Gpu, filter: &str, radius: f32, height: f32) -> f32 {
     let cone = LightKind::Spot {
         inner_cone_angle: 0.6,

@@ -13,7 +13,7 @@ use super::shapes::{
 use super::textures::{marble, tiles};
 use crate::{Camera, Image, Light, LightKind, Material, Mesh, Scene, Texture, TextureRef, Wrap};
 
-/// Half the hall's width and length, and its height [m].
+/// Half the hall's width and length, and its height (m).
 const HALF: Vec2 = vec2(6.0, 8.0);
 const HEIGHT: f32 = 9.0;
 /// Distance of the columns' axes from the middle, and half the thickness of the wall above them.

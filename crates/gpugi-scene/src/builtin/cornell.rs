@@ -14,7 +14,7 @@ use crate::{Camera, Material, Mesh, Scene};
 const CEILING: f32 = 548.8;
 const LIGHT: f32 = 547.8;
 
-/// World space [m] from the published coordinates [mm].
+/// World space (m) from the published coordinates [mm].
 fn world(x: f32, y: f32, z: f32) -> Vec3 {
     vec3(278.0 - x, y, -z) * 0.01
 }

@@ -11,7 +11,7 @@ use crate::Mesh;
 /// One vertex of a generated shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vertex {
-    /// Position in mesh space [m].
+    /// Position in mesh space (m).
     pub position: Vec3,
     /// Unit normal in mesh space.
     pub normal: Vec3,
@@ -83,7 +83,7 @@ pub fn transformed(mut mesh: Mesh, matrix: &Mat4) -> Mesh {
     mesh
 }
 
-/// A parallelogram seen from its front: `lower_left` corner and the edges from there to the right and up [m]; the normal is
+/// A parallelogram seen from its front: `lower_left` corner and the edges from there to the right and up (m); the normal is
 /// right x up. Each side is cut into `divisions`.
 pub fn quad(lower_left: Vec3, right: Vec3, up: Vec3, divisions: u32) -> Mesh {
     quadrilateral(
@@ -137,7 +137,7 @@ pub fn hexahedron(bottom: [Vec3; 4], top: [Vec3; 4], divisions: u32) -> Mesh {
     join("hexahedron", sides.chain(caps))
 }
 
-/// An axis-aligned box between two corners [m].
+/// An axis-aligned box between two corners (m).
 pub fn cuboid(min: Vec3, max: Vec3, divisions: u32) -> Mesh {
     let level = |y: f32| {
         [
@@ -153,7 +153,7 @@ pub fn cuboid(min: Vec3, max: Vec3, divisions: u32) -> Mesh {
 /// One point of a profile that [`revolution`] turns: in its plane x is the distance from the axis, y the height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfilePoint {
-    /// Distance from the +Y axis and height [m].
+    /// Distance from the +Y axis and height (m).
     pub position: Vec2,
     /// Unit normal in the same plane, away from the solid.
     pub normal: Vec2,
@@ -195,7 +195,7 @@ pub fn sharp_profile(corners: &[Vec2]) -> Vec<ProfilePoint> {
         .collect()
 }
 
-/// The part of a circle from angle `start` to `end` [rad], counted from +x toward +y, in `steps` segments.
+/// The part of a circle from angle `start` to `end` (rad), counted from +x toward +y, in `steps` segments.
 pub fn arc_profile(
     center: Vec2,
     radius: f32,

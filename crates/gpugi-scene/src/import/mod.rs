@@ -17,9 +17,9 @@ pub trait Resolver {
 /// What a file may ask for before it is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest file read [bytes].
+    /// Largest file read (bytes).
     pub file_bytes: u64,
-    /// Largest image side [texels].
+    /// Largest image side (texels).
     pub image_side: u32,
     /// Most bytes that all decoded images of a scene may take.
     pub image_bytes: u64,

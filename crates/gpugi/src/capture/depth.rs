@@ -8,7 +8,7 @@ use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
 use crate::shader;
 
-/// Largest side of an atlas [texels]: WebGPU's default limit.
+/// Largest side of an atlas (texels): WebGPU's default limit.
 pub const ATLAS_SIDE: u32 = 8192;
 
 /// What one tile of a depth atlas sees.
@@ -16,13 +16,13 @@ pub const ATLAS_SIDE: u32 = 8192;
 pub struct DepthViewSpec {
     /// Clip space (reverse depth) from world space.
     pub clip_from_world: Mat4,
-    /// Tile size [texels].
+    /// Tile size (texels).
     pub size: [u32; 2],
-    /// Width of a texel: perspective, at distance 1; orthographic, everywhere [m].
+    /// Width of a texel: perspective, at distance 1; orthographic, everywhere (m).
     pub texel: f32,
-    /// Perspective: near plane [m]; orthographic: 0.
+    /// Perspective: near plane (m); orthographic: 0.
     pub near: f32,
-    /// Orthographic: depth range [m].
+    /// Orthographic: depth range (m).
     pub range: f32,
     /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under a mesh
     /// that stands on a floor would see that floor lit.
@@ -106,7 +106,7 @@ impl DepthViewSpec {
         }
     }
 
-    /// A square parallel view of `side` texels: `half_extent` [m] around `center`, depth from `near` to `far` [m] along `forward`
+    /// A square parallel view of `side` texels: `half_extent` (m) around `center`, depth from `near` to `far` (m) along `forward`
     /// relative to `center`.
     pub fn orthographic(
         center: Vec3,

@@ -31,7 +31,7 @@ pub struct View {
     pub clip_from_world: Mat4,
     /// Camera position and axes.
     pub world_from_view: Mat4,
-    /// Tangents of half the field of view; half extents [m] where orthographic.
+    /// Tangents of half the field of view; half extents (m) where orthographic.
     pub half_extent: Vec2,
     /// Whether rays start at one point.
     pub is_perspective: bool,
@@ -39,7 +39,7 @@ pub struct View {
 
 impl View {
     /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample in the pixel, each component in [-1/2, 1/2];
-    /// `diagonal` is the scene's [m].
+    /// `diagonal` is the scene's (m).
     pub fn new(
         camera: &Camera,
         size: [u32; 2],

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 /// A surface point as capture/surface_point.wesl packs it, unpacked on the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VisiblePoint {
-    /// World space [m].
+    /// World space (m).
     pub position: Vec3,
     /// Unit shading normal, world space, toward the viewer.
     pub normal: Vec3,

@@ -55,7 +55,7 @@ pub struct Versions {
 /// A triangle that emits, world space.
 #[derive(Debug, Clone, Copy)]
 pub struct Emitter {
-    /// Corners [m].
+    /// Corners (m).
     pub corners: [Vec3; 3],
     /// Mean emitted radiance [W/sr/m^2].
     pub radiance: Vec3,
@@ -323,7 +323,7 @@ impl GpuScene {
         self.versions.lights += 1;
     }
 
-    /// Length of the scene's diagonal [m], positive even for an empty scene.
+    /// Length of the scene's diagonal (m), positive even for an empty scene.
     pub fn diagonal(&self) -> f32 {
         self.bounds.diagonal().max(1e-6)
     }

@@ -28,7 +28,7 @@ pub fn place(scene: &mut Scene, mesh: Mesh, material: Material) -> usize {
     scene.add_instance("", mesh, material, Mat4::IDENTITY)
 }
 
-/// A matt horizontal square of albedo 0.5 with sides of `2 half` [m] at height 0.
+/// A matt horizontal square of albedo 0.5 with sides of `2 half` (m) at height 0.
 pub fn floor(half: f32) -> Scene {
     let mut scene = Scene::new("floor");
     let mesh = quad(
@@ -41,7 +41,7 @@ pub fn floor(half: f32) -> Scene {
     scene
 }
 
-/// A camera that looks straight down on a square of `side` [m] around the origin, from a height of `eye` [m].
+/// A camera that looks straight down on a square of `side` (m) around the origin, from a height of `eye` (m).
 pub fn from_above(side: f32, eye: f32) -> Camera {
     Camera {
         projection: Projection::Orthographic { height: side },

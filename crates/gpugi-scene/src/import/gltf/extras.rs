@@ -73,7 +73,7 @@ pub fn material_model(
     }
 }
 
-/// The emitter's radius that a light's extras give: [m], or [rad] for a directional light. 0 without one.
+/// The emitter's radius that a light's extras give: (m), or (rad) for a directional light. 0 without one.
 pub fn light_radius(document: &Document, extras: &Value, place: &str) -> Result<f32, ImportError> {
     let Some(value) = extras.get("gpugi") else {
         return Ok(0.0);

@@ -287,7 +287,7 @@ pub struct Camera {
 
 #[derive(Debug, Deserialize)]
 pub struct Perspective {
-    /// Vertical field of view [rad].
+    /// Vertical field of view (rad).
     #[serde(deserialize_with = "finite")]
     pub yfov: f32,
 }

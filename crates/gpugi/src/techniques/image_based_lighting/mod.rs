@@ -33,7 +33,7 @@ pub const INFO: Info = Info {
 pub struct Settings {
     /// Directions.
     pub samples: u32,
-    /// Side of each direction's depth map [texels].
+    /// Side of each direction's depth map (texels).
     pub resolution: u32,
 }
 

@@ -55,15 +55,15 @@ pub enum Filter {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
-    /// Side of a depth map [texels].
+    /// Side of a depth map (texels).
     pub resolution: u32,
     /// Smoothing.
     pub filter: Filter,
-    /// Radius of the filter disc [texels].
+    /// Radius of the filter disc (texels).
     pub filter_radius: f32,
     /// Comparisons a lookup.
     pub taps: u32,
-    /// Normal offset [texels].
+    /// Normal offset (texels).
     pub normal_offset: f32,
     /// Whether punctual lights draw closed meshes by their back faces: needs no bias, but light leaks where such a mesh stands on something.
     pub second_depth: bool,
@@ -71,7 +71,7 @@ pub struct Settings {
     pub cascades: u32,
     /// Sample points on all area lights together.
     pub area_samples: u32,
-    /// Side of an area sample's hemicube [texels].
+    /// Side of an area sample's hemicube (texels).
     pub area_resolution: u32,
     /// Comparisons a lookup in an area sample's map.
     pub area_taps: u32,
