@@ -220,7 +220,7 @@ impl CameraCapture {
 }
 
 /// The planes of a clip space with depth in [0, 1] whose positive side is inside, world space.
-fn frustum_planes(clip_from_world: &Mat4) -> [Vec4; 6] {
+pub(crate) fn frustum_planes(clip_from_world: &Mat4) -> [Vec4; 6] {
     let [x, y, z, w] = [0, 1, 2, 3].map(|row| clip_from_world.row(row));
     [w + x, w - x, w + y, w - y, z, w - z]
 }

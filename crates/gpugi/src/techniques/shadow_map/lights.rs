@@ -5,6 +5,7 @@ use gpugi_scene::{Bounds, Light, LightKind};
 
 use super::Settings;
 use super::gpu::LightSample;
+use super::warp::warped;
 use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
 use crate::scene::Emitter;
@@ -69,12 +70,15 @@ impl LightList {
                 };
                 let tangent = outer_cone_angle.clamp(0.01, 1.55).tan();
                 let up = perpendicular(direction);
-                self.push(
-                    sample,
-                    &[DepthViewSpec::perspective(
-                        position, direction, up, tangent, near, side, gutter,
-                    )],
+                let plain = DepthViewSpec::perspective(
+                    position, direction, up, tangent, near, side, gutter,
                 );
+                let spec = if settings.warp {
+                    warped(plain, direction, bounds, view, gutter)
+                } else {
+                    plain
+                };
+                self.push(sample, &[spec]);
             }
             LightKind::Directional => {
                 let sample = LightSample {

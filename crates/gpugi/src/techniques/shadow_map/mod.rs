@@ -10,6 +10,7 @@ pub(crate) mod lights;
 pub(crate) mod shadows;
 #[cfg(test)]
 mod tests;
+mod warp;
 
 use serde::{Deserialize, Serialize};
 
@@ -67,6 +68,8 @@ pub struct Settings {
     pub normal_offset: f32,
     /// Whether punctual lights draw closed meshes by their back faces: needs no bias, but light leaks where such a mesh stands on something.
     pub second_depth: bool,
+    /// Whether spot lights warp their depth view toward what the camera sees.
+    pub warp: bool,
     /// Cascades of a directional light.
     pub cascades: u32,
     /// Sample points on all area lights together.
@@ -86,6 +89,7 @@ impl Default for Settings {
             taps: 16,
             normal_offset: 1.5,
             second_depth: false,
+            warp: false,
             cascades: 4,
             area_samples: 64,
             area_resolution: 256,
@@ -123,6 +127,11 @@ const FIELDS: &[Field] = &[
     Field {
         name: "second_depth",
         summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet",
+        range: None,
+    },
+    Field {
+        name: "warp",
+        summary: "true: spot lights spend their texels where the camera looks",
         range: None,
     },
     Field {
@@ -236,10 +245,11 @@ impl Technique for ShadowMap {
         scene: &GpuScene,
         view: &View,
     ) -> Result<(), GpuError> {
-        let follows_camera = scene
-            .lights
-            .iter()
-            .any(|light| light.kind == LightKind::Directional);
+        let follows_camera = scene.lights.iter().any(|light| match light.kind {
+            LightKind::Directional => true,
+            LightKind::Spot { .. } => self.settings.warp,
+            LightKind::Point => false,
+        });
         let made = Made {
             versions: scene.versions,
             settings: self.settings.clone(),
