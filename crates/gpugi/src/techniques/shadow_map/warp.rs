@@ -23,9 +23,7 @@ pub fn warped(
     let planes = frustum_planes(&view.clip_from_world)
         .into_iter()
         .chain(frustum_planes(&spec.clip_from_world));
-    let corners = planes
-        .fold(box_faces(bounds), |faces, plane| clip(faces, plane))
-        .concat();
+    let corners = planes.fold(box_faces(bounds), clip).concat();
     let clip_of = |point: Vec3| spec.clip_from_world * point.extend(1.0);
     let seen: Vec<Vec2> = corners
         .iter()
