@@ -213,3 +213,20 @@ fn without_shadow_maps_there_is_no_direct_light() {
     let unknown = Renderer::new(&gpu, &scene, [16, 16], &["shadow-maps".to_owned()]);
     assert!(matches!(unknown, Err(RenderError::UnknownTechnique { .. })));
 }
+
+#[test]
+fn more_materials_than_a_surface_point_can_name_are_refused() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(1.0);
+    scene
+        .materials
+        .resize((1 << 16) + 1, Material::matt("one of many", Vec3::ONE));
+    let refused = Renderer::new(&gpu, &scene, [8, 8], &[]).map(|_| ());
+    assert!(
+        matches!(
+            refused,
+            Err(RenderError::Gpu(gpugi::gpu::GpuError::TooLarge { .. }))
+        ),
+        "{refused:?}"
+    );
+}

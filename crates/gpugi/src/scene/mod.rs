@@ -15,6 +15,9 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
 use images::ImageArrays;
 
+/// Surface points keep a material in 16 bits (capture/surface_point.wesl).
+const MAX_MATERIALS: usize = 1 << 16;
+
 /// How captures draw an instance; the order in which merged triangles lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DrawClass {
@@ -110,6 +113,14 @@ impl GpuScene {
     /// # Errors
     /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        if scene.materials.len() > MAX_MATERIALS {
+            return Err(GpuError::TooLarge {
+                what: "materials of a scene".into(),
+                needed: scene.materials.len() as u64,
+                limit: MAX_MATERIALS as u64,
+                adapter: gpu.adapter.name.clone(),
+            });
+        }
         let mut words: Vec<u32> = Vec::new();
         let meshes: Vec<PlacedMesh> = scene
             .meshes
