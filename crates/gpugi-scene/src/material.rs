@@ -71,6 +71,20 @@ pub struct Volume {
     pub attenuation_color: Vec3,
 }
 
+impl Volume {
+    /// Absorption coefficient (1/m): the Beer-Lambert law is `exp(-absorption distance)`. Bounded, so that black attenuation gives
+    /// a large coefficient instead of an infinite one.
+    pub fn absorption(&self) -> Vec3 {
+        const DARKEST: f32 = 1e-6;
+        let color = self
+            .attenuation_color
+            .clamp(Vec3::splat(DARKEST), Vec3::ONE);
+        let per_metre = -Vec3::new(color.x.ln(), color.y.ln(), color.z.ln())
+            / self.attenuation_distance.max(1e-6);
+        per_metre.max(Vec3::ZERO)
+    }
+}
+
 /// Which reflection model a material uses.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum MaterialModel {

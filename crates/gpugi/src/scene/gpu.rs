@@ -59,8 +59,10 @@ pub struct Material {
     pub specular_texture: u32,
     pub specular_color_texture: u32,
     pub transmission_texture: u32,
-    pub padding_0: u32,
-    pub padding_1: u32,
+    pub solid: u32,
+    pub padding: u32,
+    pub absorption: [f32; 3],
+    pub ior: f32,
 }
 
 /// `TextureReference` of scene/tables.wesl.

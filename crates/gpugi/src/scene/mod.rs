@@ -468,8 +468,13 @@ fn material_row(
         specular_texture: reference(&material.specular_texture, 1),
         specular_color_texture: reference(&material.specular_color_texture, 0),
         transmission_texture: reference(&material.transmission_texture, 1),
-        padding_0: 0,
-        padding_1: 0,
+        solid: u32::from(material.volume.is_some()),
+        padding: 0,
+        absorption: material
+            .volume
+            .map_or(Vec3::ZERO, |volume| volume.absorption())
+            .to_array(),
+        ior: material.ior,
     }
 }
 
