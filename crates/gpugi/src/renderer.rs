@@ -6,12 +6,10 @@ use gpugi_scene::{Camera, Scene};
 use crate::capture::{CameraCapture, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
+use crate::light_paths::{LightClass, left_out, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::{
-    LightClass, Map, REGISTRY, SettingError, Technique,
-    light_paths::{left_out, overlap},
-};
+use crate::techniques::{Map, REGISTRY, SettingError, Technique};
 
 /// A renderer that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]

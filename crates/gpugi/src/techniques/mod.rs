@@ -2,15 +2,14 @@
 
 pub mod environment_map;
 pub mod image_based_lighting;
-pub mod light_paths;
 pub mod settings;
 pub mod shadow_map;
 
-pub use light_paths::{LightClass, LightPaths};
 pub use settings::{Field, SettingError};
 
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::LightPaths;
 use crate::scene::GpuScene;
 
 /// What a technique says of itself.

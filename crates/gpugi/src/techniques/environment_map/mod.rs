@@ -1,8 +1,9 @@
 //! Environment mapping: what ideal mirrors show of the environment, without occlusion (tutorial section 3.2.1).
 
-use super::{Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings};
+use super::{Field, Info, Map, SettingError, Technique, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::GpuScene;
 use crate::shader;
 

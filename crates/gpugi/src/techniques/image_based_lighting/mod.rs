@@ -9,11 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use super::shadow_map::lights::{LightList, low_discrepancy};
 use super::shadow_map::shadows::Shadows;
-use super::{
-    Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings, shadow_map,
-};
+use super::{Field, Info, Map, SettingError, Technique, settings, shadow_map};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{GpuScene, Versions};
 
 /// What image-based lighting says of itself.

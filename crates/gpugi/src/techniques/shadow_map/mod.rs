@@ -14,9 +14,10 @@ mod warp;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, LightClass, LightPaths, Map, SettingError, Technique, settings};
+use super::{Field, Info, Map, SettingError, Technique, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{GpuScene, Versions};
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;

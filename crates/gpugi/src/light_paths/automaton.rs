@@ -1,0 +1,273 @@
+//! A pattern as a deterministic automaton: Thompson's construction, subset construction, and minimization by Moore's partition
+//! refinement, all of bounded size.
+
+use std::collections::{HashMap, VecDeque};
+
+use super::pattern::{Node, PatternError, SYMBOLS, parse};
+
+/// Most states of a compiled automaton, before minimization.
+pub(super) const MAX_STATES: usize = 256;
+
+/// Most steps of building the nondeterministic automaton, which bound its states too.
+const MAX_STEPS: usize = 4096;
+
+const LIGHT: usize = 0;
+/// Columns of D, G and S.
+const LOBES: [usize; 3] = [1, 2, 3];
+const EYE: usize = 4;
+
+/// The paths of a pattern, read from the eye to the light as a path tracer walks: the smallest deterministic automaton of the
+/// reversed language. State 0 is the start.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PathAutomaton {
+    /// Next state of each state and symbol, in the order L, D, G, S, E.
+    pub transitions: Vec<[u32; 5]>,
+    /// Whether a path may end in each state.
+    pub accepting: Vec<bool>,
+    /// The state that nothing leads out of and no path may end in; `None` where every beginning can be completed.
+    pub dead: Option<u32>,
+}
+
+impl PathAutomaton {
+    /// Words of a state in [`words`](Self::words).
+    pub const WORDS_PER_STATE: usize = 6;
+
+    /// Compiles a pattern.
+    ///
+    /// # Errors
+    /// [`PatternError`], in bounded time and memory whatever the pattern.
+    pub fn compile(pattern: &str) -> Result<Self, PatternError> {
+        let mut choices = Choices {
+            states: vec![Choice::End],
+            steps: 0,
+        };
+        let start = choices.reversed(&parse(pattern)?, 0)?;
+        Ok(minimized(&determinized(&choices.states, start)?))
+    }
+
+    /// Whether the pattern describes the whole of `path`, which is written from the light to the eye, such as `LDE`.
+    pub fn accepts(&self, path: &str) -> bool {
+        let mut state = 0;
+        for symbol in path.chars().rev() {
+            let Some(column) = SYMBOLS.iter().position(|&one| one == symbol) else {
+                return false;
+            };
+            state = self.transitions[state][column] as usize;
+        }
+        self.accepting[state]
+    }
+
+    /// The automaton for a shader, [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words a state: the next state after L, D, G, S and E,
+    /// then flags. Flag bit 0: accepting, which matters after the light's symbol; bit 1: dead, no continuation is accepted. State 0
+    /// is the start.
+    pub fn words(&self) -> Vec<u32> {
+        let mut words = Vec::with_capacity(self.transitions.len() * Self::WORDS_PER_STATE);
+        for (state, (next, &accepting)) in
+            (0_u32..).zip(self.transitions.iter().zip(&self.accepting))
+        {
+            words.extend(next);
+            words.push(u32::from(accepting) | u32::from(self.dead == Some(state)) << 1);
+        }
+        words
+    }
+}
+
+/// A shortest path L[DGS]*E, written from the light to the eye, of which `is_wanted` holds; its argument says which automata accept
+/// the path.
+pub(super) fn shortest_path(
+    automata: &[PathAutomaton],
+    is_wanted: impl Fn(&[bool]) -> bool,
+) -> Option<String> {
+    let step = |states: &[u32], symbol: usize| -> Vec<u32> {
+        let next = |(one, &state): (&PathAutomaton, &u32)| one.transitions[state as usize][symbol];
+        automata.iter().zip(states).map(next).collect()
+    };
+    // Breadth first over the states of all; each remembers the lobes that lead to it, the light's end first.
+    let start = step(&vec![0; automata.len()], EYE);
+    let mut found = HashMap::from([(start.clone(), String::new())]);
+    let mut queue = VecDeque::from([start]);
+    while let Some(states) = queue.pop_front() {
+        let ends = step(&states, LIGHT);
+        let accepting = |(one, &state): (&PathAutomaton, &u32)| one.accepting[state as usize];
+        if is_wanted(
+            &automata
+                .iter()
+                .zip(&ends)
+                .map(accepting)
+                .collect::<Vec<_>>(),
+        ) {
+            return Some(format!("L{}E", found[&states]));
+        }
+        for symbol in LOBES {
+            let next = step(&states, symbol);
+            if !found.contains_key(&next) {
+                let lobes = format!("{}{}", SYMBOLS[symbol], found[&states]);
+                found.insert(next.clone(), lobes);
+                queue.push_back(next);
+            }
+        }
+    }
+    None
+}
+
+/// A state of the nondeterministic automaton.
+#[derive(Clone, Copy)]
+enum Choice {
+    /// Reads one symbol of a set and goes on.
+    Read(u8, usize),
+    /// Goes on in either state.
+    Either(usize, usize),
+    End,
+}
+
+struct Choices {
+    states: Vec<Choice>,
+    steps: usize,
+}
+
+impl Choices {
+    fn add(&mut self, state: Choice) -> usize {
+        self.states.push(state);
+        self.states.len() - 1
+    }
+
+    /// The state that reads `node` backward and then goes on in `after`.
+    fn reversed(&mut self, node: &Node, mut after: usize) -> Result<usize, PatternError> {
+        // Counts each visit, because nested repetitions of nothing make no states.
+        self.steps += 1;
+        if self.steps > MAX_STEPS {
+            return Err(PatternError::TooComplex);
+        }
+        match node {
+            Node::Symbols(set) => Ok(self.add(Choice::Read(*set, after))),
+            Node::Sequence(nodes) => {
+                // What stands first is read last.
+                for node in nodes {
+                    after = self.reversed(node, after)?;
+                }
+                Ok(after)
+            }
+            Node::Choice(branches) => {
+                let (first, others) = branches.split_first().expect("a choice has a branch");
+                let mut start = self.reversed(first, after)?;
+                for branch in others {
+                    let other = self.reversed(branch, after)?;
+                    start = self.add(Choice::Either(start, other));
+                }
+                Ok(start)
+            }
+            Node::Repeat { node, least, most } => {
+                let mut start = after;
+                match most {
+                    None => {
+                        start = self.add(Choice::End);
+                        let again = self.reversed(node, start)?;
+                        self.states[start] = Choice::Either(again, after);
+                    }
+                    Some(most) => {
+                        for _ in *least..*most {
+                            let once_more = self.reversed(node, start)?;
+                            start = self.add(Choice::Either(once_more, after));
+                        }
+                    }
+                }
+                for _ in 0..*least {
+                    start = self.reversed(node, start)?;
+                }
+                Ok(start)
+            }
+        }
+    }
+}
+
+/// Subset construction: each state is the set of states that the nondeterministic automaton may be in.
+fn determinized(states: &[Choice], start: usize) -> Result<PathAutomaton, PatternError> {
+    // The sorted reading and ending states that `from` lead to without reading.
+    let closure = |mut from: Vec<usize>| {
+        let mut is_seen = vec![false; states.len()];
+        let mut subset = Vec::new();
+        while let Some(state) = from.pop() {
+            if std::mem::replace(&mut is_seen[state], true) {
+                continue;
+            }
+            match states[state] {
+                Choice::Either(a, b) => from.extend([a, b]),
+                Choice::Read(..) | Choice::End => subset.push(state),
+            }
+        }
+        subset.sort_unstable();
+        subset
+    };
+    let mut subsets = vec![closure(vec![start])];
+    let mut numbers = HashMap::from([(subsets[0].clone(), 0)]);
+    let mut automaton = PathAutomaton {
+        transitions: Vec::new(),
+        accepting: Vec::new(),
+        dead: None,
+    };
+    while automaton.transitions.len() < subsets.len() {
+        let subset = subsets[automaton.transitions.len()].clone();
+        let mut next = [0; SYMBOLS.len()];
+        for (symbol, next) in next.iter_mut().enumerate() {
+            let after = subset.iter().filter_map(|&state| match states[state] {
+                Choice::Read(set, after) if set >> symbol & 1 == 1 => Some(after),
+                _ => None,
+            });
+            let after = closure(after.collect());
+            *next = match numbers.get(&after) {
+                Some(&number) => number,
+                None if subsets.len() == MAX_STATES => return Err(PatternError::TooComplex),
+                None => {
+                    let number = subsets.len() as u32;
+                    numbers.insert(after.clone(), number);
+                    subsets.push(after);
+                    number
+                }
+            };
+        }
+        automaton.transitions.push(next);
+        automaton.accepting.push(
+            subset
+                .iter()
+                .any(|&state| matches!(states[state], Choice::End)),
+        );
+    }
+    Ok(automaton)
+}
+
+/// Merges the states that no continuation tells apart: begins with two classes, accepting or not, and splits a class while its
+/// states lead to different ones. Classes are numbered as they appear, so that the start stays 0.
+fn minimized(automaton: &PathAutomaton) -> PathAutomaton {
+    let mut class_of: Vec<u32> = automaton.accepting.iter().map(|&one| one.into()).collect();
+    let mut count = 0;
+    loop {
+        let mut numbers = HashMap::new();
+        let refined: Vec<u32> = (0..class_of.len())
+            .map(|state| {
+                let next = automaton.transitions[state].map(|next| class_of[next as usize]);
+                let fresh = numbers.len() as u32;
+                *numbers.entry((class_of[state], next)).or_insert(fresh)
+            })
+            .collect();
+        class_of = refined;
+        if numbers.len() == count {
+            break;
+        }
+        count = numbers.len();
+    }
+    let mut smallest = PathAutomaton {
+        transitions: Vec::new(),
+        accepting: Vec::new(),
+        dead: None,
+    };
+    for (state, &class) in class_of.iter().enumerate() {
+        if class as usize == smallest.transitions.len() {
+            let next = automaton.transitions[state].map(|next| class_of[next as usize]);
+            let is_stuck = next.iter().all(|&next| next == class) && !automaton.accepting[state];
+            smallest.transitions.push(next);
+            smallest.accepting.push(automaton.accepting[state]);
+            smallest.dead = smallest.dead.or(is_stuck.then_some(class));
+        }
+    }
+    smallest
+}
