@@ -4,3 +4,4 @@ mod brdf_tests;
 mod cpu;
 mod octahedral_tests;
 mod sampling_tests;
+mod sobol_tests;
