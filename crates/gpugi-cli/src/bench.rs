@@ -8,7 +8,8 @@ use gpugi::Renderer;
 use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{Gpu, PollType};
 
-use crate::render::{apply_settings, usage, write_json};
+use crate::output::write_json;
+use crate::render::{apply_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage};
 

@@ -2,6 +2,9 @@
 
 mod bench;
 mod doctor;
+mod interrupt;
+mod output;
+mod progress;
 mod render;
 mod scene_argument;
 
@@ -108,7 +111,8 @@ fn main() -> std::process::ExitCode {
 fn list(what: What) {
     match what {
         What::Techniques => {
-            for (info, _) in gpugi::techniques::REGISTRY {
+            let infos = gpugi::techniques::REGISTRY.iter().map(|(info, _)| *info);
+            for info in infos.chain([&gpugi::reference::INFO]) {
                 let paths: Vec<String> = info
                     .paths
                     .iter()

@@ -1,16 +1,18 @@
 //! `gpugi render`.
 
-use std::path::{Path, PathBuf};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
 
-use anyhow::Context;
 use gpugi::display::{DisplaySettings, Exposure, ToneMap};
-use gpugi::gpu::{Gpu, Timing, read_buffer, read_texture};
-use gpugi::{RenderError, Renderer, capture};
-use gpugi_scene::image::{save_exr, save_hdr, save_png};
-use indicatif::{ProgressBar, ProgressStyle};
+use gpugi::gpu::{Gpu, Timing};
+use gpugi::reference::{self, PathTracer};
+use gpugi::{RenderError, Renderer};
+use gpugi_scene::{Camera, Scene};
 
+use crate::output::{self, Aov, Format, write_json};
+use crate::progress::Progress;
 use crate::scene_argument::{self, SceneArguments};
-use crate::{Common, Usage};
+use crate::{Common, Usage, interrupt};
 
 /// Options of `gpugi render`.
 #[derive(Debug, clap::Args)]
@@ -37,15 +39,15 @@ pub struct Arguments {
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Techniques, separated by commas; the best real-time set when not given
+    /// Techniques, separated by commas, or path-tracer; the best real-time set when not given
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Jittered frames to accumulate, for smooth edges
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    samples: u32,
+    /// Samples a pixel: of real-time techniques 4, for smooth edges; of the path tracer 256
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
+    samples: Option<u32>,
     /// Seed of all that is stochastic
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -60,21 +62,16 @@ pub struct Arguments {
     aov: Vec<Aov>,
 }
 
-/// A quantity of surface points that can be written as a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Aov {
-    Albedo,
-    Normal,
-    Depth,
-    Position,
-}
-
 fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse::<u32>().ok().filter(|&side| side > 0);
     text.split_once('x')
         .and_then(|(width, height)| Some([side(width)?, side(height)?]))
         .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
 }
+
+/// Samples of real-time techniques, and of the path tracer.
+const REAL_TIME_SAMPLES: u32 = 4;
+const PATH_TRACER_SAMPLES: u32 = 256;
 
 /// What `--report` writes.
 #[derive(serde::Serialize)]
@@ -88,37 +85,96 @@ struct Report {
     techniques: serde_json::Map<String, serde_json::Value>,
     left_out: Vec<String>,
     notes: Vec<String>,
+    /// Of real-time techniques.
     passes_of_last_sample: Vec<Timing>,
+    /// Of the path tracer: estimated relative mean squared error, and closest-hit rays.
+    estimated_rel_mse: Option<f64>,
+    path_segments: Option<u64>,
     seconds: f64,
+}
+
+/// A picture, and what a report says of it.
+struct Rendered {
+    radiance: Vec<f32>,
+    samples: u32,
+    scene_bytes_on_gpu: u64,
+    techniques: serde_json::Map<String, serde_json::Value>,
+    left_out: Vec<String>,
+    passes_of_last_sample: Vec<Timing>,
+    estimated_rel_mse: Option<f64>,
+    path_segments: Option<u64>,
 }
 
 /// Makes a renderer's argument errors count as such.
 pub fn usage(error: RenderError) -> anyhow::Error {
     match error {
         RenderError::Gpu(error) => error.into(),
+        RenderError::Scene { .. } => error.into(),
         other => Usage(other.to_string()).into(),
     }
 }
 
+/// Splits `--set` options into technique, key and value.
+fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
+    settings
+        .iter()
+        .map(|setting| {
+            setting
+                .split_once('=')
+                .and_then(|(path, value)| {
+                    let (technique, key) = path.split_once('.')?;
+                    Some([technique, key, value])
+                })
+                .ok_or_else(|| {
+                    Usage(format!("--set {setting}: expected technique.key=value")).into()
+                })
+        })
+        .collect()
+}
+
 /// Applies `--set` options.
 pub fn apply_settings(renderer: &mut Renderer, settings: &[String]) -> anyhow::Result<()> {
-    for setting in settings {
-        let parts = setting
-            .split_once('=')
-            .and_then(|(path, value)| Some((path.split_once('.')?, value)));
-        let Some(((technique, key), value)) = parts else {
-            return Err(Usage(format!("--set {setting}: expected technique.key=value")).into());
-        };
+    for [technique, key, value] in split_settings(settings)? {
         renderer.set(technique, key, value).map_err(usage)?;
     }
     Ok(())
 }
 
+/// Whether the path tracer is meant, which stands alone.
+pub fn is_path_tracer(techniques: &[String]) -> anyhow::Result<bool> {
+    let named = techniques.iter().any(|name| name == reference::INFO.name);
+    if named && techniques.len() > 1 {
+        return Err(Usage(
+            "--technique: path-tracer computes all light by itself; name it alone".into(),
+        )
+        .into());
+    }
+    Ok(named)
+}
+
+/// The path tracer's settings from `--set` options.
+pub fn path_tracer_settings(options: &[String]) -> anyhow::Result<reference::Settings> {
+    let mut settings = reference::Settings::default();
+    for [technique, key, value] in split_settings(options)? {
+        if technique != reference::INFO.name {
+            return Err(Usage(format!(
+                "--set {technique}.{key}: {technique} is not in use, path-tracer is"
+            ))
+            .into());
+        }
+        settings
+            .set(key, value)
+            .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
+    }
+    Ok(settings)
+}
+
 /// Renders.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let started = std::time::Instant::now();
-    let format = output_format(&arguments.output)?;
+    let format = output::format(&arguments.output)?;
     let display = display_settings(arguments)?;
+    let with_path_tracer = is_path_tracer(&arguments.technique)?;
     let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
     let size = arguments.size;
     let camera = scene_argument::camera(
@@ -127,106 +183,184 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         size[0] as f32 / size[1] as f32,
     )?;
     let gpu = Gpu::open(&common.adapter)?;
-    let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
-    apply_settings(&mut renderer, &arguments.set)?;
-    renderer.set_seed(arguments.seed);
-    let left_out = renderer.left_out();
-    if !left_out.is_empty() {
-        notes.push(format!("not in this picture: {}", left_out.join("; ")));
-    }
-    if !common.quiet {
-        for note in &notes {
-            eprintln!("note: {note}");
-        }
-    }
-
-    let progress = progress_bar(common.quiet, arguments.samples);
-    let mut timings = Vec::new();
-    for sample in 1..=arguments.samples {
-        let last = sample == arguments.samples;
-        timings = renderer.render_sample(
-            &camera,
-            arguments.samples,
-            last.then_some(&display),
-            last && arguments.report.is_some(),
-        )?;
-        if !last && sample % 8 == 0 {
-            // Wait now and then, so that the bar tells the truth and the queue stays short.
-            gpu.device.poll(gpu_wait()).ok();
-        }
-        progress.inc(1);
-    }
-    progress.finish_and_clear();
-
-    let write_failed = || format!("{}: cannot be written", arguments.output.display());
+    interrupt::catch();
+    let rendered = if with_path_tracer {
+        render_reference(common, arguments, &gpu, &scene, &camera, &mut notes)?
+    } else {
+        render_techniques(common, arguments, &gpu, &scene, &camera, &mut notes)?
+    };
     match format {
-        Format::Png => save_png(&arguments.output, size[0], size[1], &renderer.pixels()?),
-        Format::Exr => save_exr(&arguments.output, size[0], size[1], &renderer.radiance()?),
-        Format::Hdr => save_hdr(&arguments.output, size[0], size[1], &renderer.radiance()?),
-    }
-    .with_context(write_failed)?;
-    write_aovs(&gpu, &renderer, arguments, &camera)?;
-    if let Some(folder) = &arguments.dump_maps {
-        dump_maps(&gpu, &renderer, folder)?;
+        Format::Png => {
+            let pixels = gpugi::display::Display::picture(&gpu, &rendered.radiance, &display)?;
+            output::write_png(&arguments.output, size, &pixels)?;
+        }
+        Format::Exr | Format::Hdr => {
+            output::write_radiance(&arguments.output, format, size, &rendered.radiance)?;
+        }
     }
     let seconds = started.elapsed().as_secs_f64();
+    let samples = rendered.samples;
     if let Some(path) = &arguments.report {
         let report = Report {
             scene: scene.statistics(),
-            scene_bytes_on_gpu: renderer.scene().bytes,
+            scene_bytes_on_gpu: rendered.scene_bytes_on_gpu,
             adapter: gpu.adapter.name.clone(),
             driver: gpu.adapter.driver.clone(),
             size,
-            samples: renderer.samples(),
-            techniques: renderer
-                .techniques()
-                .iter()
-                .map(|technique| (technique.info().name.to_owned(), technique.settings()))
-                .collect(),
-            left_out,
+            samples,
+            techniques: rendered.techniques,
+            left_out: rendered.left_out,
             notes,
-            passes_of_last_sample: timings,
+            passes_of_last_sample: rendered.passes_of_last_sample,
+            estimated_rel_mse: rendered.estimated_rel_mse,
+            path_segments: rendered.path_segments,
             seconds,
         };
         write_json(path, &report)?;
     }
     if !common.quiet {
         println!(
-            "{}: {}x{}, {} samples, {seconds:.2} s on {}",
+            "{}: {}x{}, {samples} samples, {seconds:.2} s on {}",
             arguments.output.display(),
             size[0],
             size[1],
-            renderer.samples(),
             gpu.adapter.name
         );
     }
     Ok(())
 }
 
-fn gpu_wait() -> gpugi::gpu::PollType {
-    gpugi::gpu::PollType::wait_indefinitely()
-}
-
-enum Format {
-    Png,
-    Exr,
-    Hdr,
-}
-
-fn output_format(path: &Path) -> anyhow::Result<Format> {
-    let extension = path
-        .extension()
-        .map(|extension| extension.to_string_lossy().to_lowercase());
-    match extension.as_deref() {
-        Some("png") => Ok(Format::Png),
-        Some("exr") => Ok(Format::Exr),
-        Some("hdr") => Ok(Format::Hdr),
-        _ => Err(Usage(format!(
-            "-o {}: the name must end in .png, .exr or .hdr",
-            path.display()
-        ))
-        .into()),
+fn print_notes(common: &Common, notes: &[String]) {
+    if !common.quiet {
+        for note in notes {
+            eprintln!("note: {note}");
+        }
     }
+}
+
+fn render_techniques(
+    common: &Common,
+    arguments: &Arguments,
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    notes: &mut Vec<String>,
+) -> anyhow::Result<Rendered> {
+    let mut renderer =
+        Renderer::new(gpu, scene, arguments.size, &arguments.technique).map_err(usage)?;
+    apply_settings(&mut renderer, &arguments.set)?;
+    renderer.set_seed(arguments.seed);
+    let left_out = renderer.left_out();
+    if !left_out.is_empty() {
+        notes.push(format!("not in this picture: {}", left_out.join("; ")));
+    }
+    print_notes(common, notes);
+    let samples = arguments.samples.unwrap_or(REAL_TIME_SAMPLES);
+    let mut progress = Progress::new(common.quiet);
+    let mut passes_of_last_sample = Vec::new();
+    for sample in 1..=samples {
+        let timed = sample == samples && arguments.report.is_some();
+        passes_of_last_sample = renderer.render_sample(camera, samples, None, timed)?;
+        if sample % 8 == 0 {
+            // Wait now and then, so that the bar tells the truth and the queue stays short.
+            gpu.device
+                .poll(gpugi::gpu::PollType::wait_indefinitely())
+                .ok();
+        }
+        progress.show(
+            f64::from(sample) / f64::from(samples),
+            &format!("{sample} of {samples} samples"),
+        );
+        if interrupt::asked() {
+            break;
+        }
+    }
+    progress.finish();
+    output::write_aovs(
+        gpu,
+        &renderer,
+        &arguments.output,
+        arguments.size,
+        &arguments.aov,
+        camera,
+    )?;
+    if let Some(folder) = &arguments.dump_maps {
+        output::dump_maps(gpu, &renderer, folder)?;
+    }
+    Ok(Rendered {
+        radiance: renderer.radiance()?,
+        samples: renderer.samples(),
+        scene_bytes_on_gpu: renderer.scene().bytes,
+        techniques: renderer
+            .techniques()
+            .iter()
+            .map(|technique| (technique.info().name.to_owned(), technique.settings()))
+            .collect(),
+        left_out,
+        passes_of_last_sample,
+        estimated_rel_mse: None,
+        path_segments: None,
+    })
+}
+
+fn render_reference(
+    common: &Common,
+    arguments: &Arguments,
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    notes: &mut Vec<String>,
+) -> anyhow::Result<Rendered> {
+    let settings = path_tracer_settings(&arguments.set)?;
+    if !arguments.aov.is_empty() || arguments.dump_maps.is_some() {
+        return Err(Usage(
+            "--aov and --dump-maps show what real-time techniques keep; path-tracer keeps neither"
+                .into(),
+        )
+        .into());
+    }
+    print_notes(common, notes);
+    let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
+    tracer.restart(arguments.seed)?;
+    let mut progress = Progress::new(common.quiet);
+    let samples = arguments.samples.unwrap_or(PATH_TRACER_SAMPLES);
+    let done = tracer.render(camera, samples, &mut |state| {
+        let noise = state.noise.map_or(String::new(), |noise| {
+            format!(", estimated rel-mse {noise:.2e}")
+        });
+        progress.show(
+            state.fraction,
+            &format!("{} of {} samples{noise}", state.samples, state.of),
+        );
+        if interrupt::asked() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    progress.finish();
+    if interrupt::asked() && !common.quiet {
+        eprintln!(
+            "interrupted: the picture has {} of {samples} samples a pixel, and some pixels more",
+            done.samples
+        );
+    }
+    let noise = tracer.noise()?;
+    let mut techniques = serde_json::Map::new();
+    techniques.insert(
+        reference::INFO.name.to_owned(),
+        serde_json::to_value(tracer.settings())?,
+    );
+    Ok(Rendered {
+        radiance: tracer.radiance()?,
+        samples: done.samples,
+        scene_bytes_on_gpu: tracer.scene().bytes,
+        techniques,
+        left_out: Vec::new(),
+        passes_of_last_sample: Vec::new(),
+        estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),
+        path_segments: Some(tracer.segments()?),
+    })
 }
 
 fn display_settings(arguments: &Arguments) -> anyhow::Result<DisplaySettings> {
@@ -249,84 +383,4 @@ fn display_settings(arguments: &Arguments) -> anyhow::Result<DisplaySettings> {
             .map_err(|error| Usage(format!("--tone-map: {error}")))?;
     }
     Ok(settings)
-}
-
-fn progress_bar(quiet: bool, samples: u32) -> ProgressBar {
-    if quiet || samples < 2 {
-        return ProgressBar::hidden();
-    }
-    // Draws on a terminal only.
-    ProgressBar::new(samples.into()).with_style(
-        ProgressStyle::with_template("{bar:40} {pos}/{len} samples, {eta} left")
-            .unwrap_or_else(|_| ProgressStyle::default_bar()),
-    )
-}
-
-/// Writes JSON to a temporary file, then renames it.
-pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result<()> {
-    let text = serde_json::to_string_pretty(value)?;
-    gpugi_scene::image::replace_file(path, |file| {
-        std::io::Write::write_all(file, text.as_bytes())
-    })
-    .with_context(|| format!("{}: cannot be written", path.display()))
-}
-
-/// Writes surface points as linear EXR pictures named `OUTPUT-aov.exr`. Background is zero.
-fn write_aovs(
-    gpu: &Gpu,
-    renderer: &Renderer,
-    arguments: &Arguments,
-    camera: &gpugi_scene::Camera,
-) -> anyhow::Result<()> {
-    if arguments.aov.is_empty() {
-        return Ok(());
-    }
-    let [width, height] = arguments.size;
-    let bytes = u64::from(width) * u64::from(height) * capture::SURFACE_POINT_BYTES;
-    let words: Vec<u32> = read_buffer(gpu, renderer.surface_points(), bytes)?;
-    let points: Vec<Option<capture::VisiblePoint>> = words
-        .chunks_exact(12)
-        .map(capture::VisiblePoint::unpack)
-        .collect();
-    let eye = camera.world_from_view.w_axis.truncate();
-    let forward = -camera.world_from_view.z_axis.truncate();
-    for aov in &arguments.aov {
-        let value = |point: &capture::VisiblePoint| match aov {
-            Aov::Albedo => point.albedo,
-            Aov::Normal => point.normal,
-            Aov::Depth => glam::Vec3::splat((point.position - eye).dot(forward)),
-            Aov::Position => point.position,
-        };
-        let texels: Vec<f32> = points
-            .iter()
-            .flat_map(|point| point.as_ref().map_or(glam::Vec3::ZERO, value).to_array())
-            .collect();
-        let name = format!("{aov:?}").to_lowercase();
-        let stem = arguments
-            .output
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy();
-        let path = arguments
-            .output
-            .with_file_name(format!("{stem}-{name}.exr"));
-        save_exr(&path, width, height, &texels)
-            .with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    Ok(())
-}
-
-/// Writes each technique's depth maps as EXR: reversed depth, as stored.
-fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
-    for map in renderer.maps() {
-        let depth: Vec<f32> =
-            read_texture(gpu, &map.texture, gpugi::gpu::TextureAspect::DepthOnly, 0)?;
-        let texels: Vec<f32> = depth.iter().flat_map(|&depth| [depth; 3]).collect();
-        let path = folder.join(format!("{}.exr", map.name));
-        save_exr(&path, map.texture.width(), map.texture.height(), &texels)
-            .with_context(|| format!("{}: cannot be written", path.display()))?;
-    }
-    Ok(())
 }

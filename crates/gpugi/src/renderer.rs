@@ -33,6 +33,12 @@ pub enum RenderError {
         /// The names there are.
         known: String,
     },
+    /// The scene holds something that no light can be computed from.
+    #[error("{what}")]
+    Scene {
+        /// What, and where.
+        what: String,
+    },
     /// Two techniques would add the same light twice.
     #[error("{first} and {second} both add light of path {path} ({class}): choose one of them")]
     Overlap {

@@ -19,6 +19,9 @@ use std::sync::{Mutex, PoisonError};
 /// Bytes of the histogram: pixels of each of 256 bins, and sums of their places within the bin.
 const HISTOGRAM_BYTES: u64 = 256 * 2 * 4;
 
+/// Pixels that [`Display::picture`] handles at once: 64 MiB of radiance.
+const PART_PIXELS: u32 = 1 << 22;
+
 /// Pixels that one invocation of the histogram reads.
 const PIXELS_PER_INVOCATION: u32 = 16;
 
@@ -131,42 +134,126 @@ impl Display {
         settings: &DisplaySettings,
     ) -> Result<(), GpuError> {
         let radiance = self.bound(frame.gpu, radiance)?;
+        self.set_parameters(frame.gpu, self.pixel_count, samples, settings);
+        match settings.exposure {
+            Exposure::Manual(value) => self.set_exposure(frame.gpu, value),
+            Exposure::Auto => {
+                frame.clear(&self.histogram_bins);
+                frame.compute("display.exposure", |pass| {
+                    self.count(pass, &radiance, self.pixel_count);
+                    self.average(pass, &radiance);
+                });
+            }
+        }
+        frame.compute("display.encode", |pass| {
+            self.encode(pass, &radiance, self.pixel_count);
+        });
+        Ok(())
+    }
+
+    /// Pixels, as [`Display::pixels`] gives them, of a picture of any size that lies on the host: three floats of mean radiance a pixel.
+    /// What is too large for one buffer passes through the GPU in parts.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`], [`GpuError::Lost`].
+    pub fn picture(
+        gpu: &Gpu,
+        radiance: &[f32],
+        settings: &DisplaySettings,
+    ) -> Result<Vec<u8>, GpuError> {
+        let parts = radiance.chunks((PART_PIXELS * 3) as usize);
+        let largest = radiance.len().min((PART_PIXELS * 3) as usize) as u32 / 3;
+        let display = Self::new(gpu, [largest, 1])?;
+        let buffer = gpu.buffer(
+            "display.radiance [bytes]",
+            u64::from(largest) * 16,
+            wgpu::BufferUsages::STORAGE,
+        )?;
+        let bound = display.bound(gpu, &buffer)?;
+        let upload = |part: &[f32], seed: u32| {
+            let padded: Vec<[f32; 4]> = part
+                .chunks_exact(3)
+                .map(|pixel| [pixel[0], pixel[1], pixel[2], 1.0])
+                .collect();
+            gpu.queue
+                .write_buffer(&buffer, 0, bytemuck::cast_slice(&padded));
+            let part_settings = DisplaySettings { seed, ..*settings };
+            let count = padded.len() as u32;
+            display.set_parameters(gpu, count, 1, &part_settings);
+            count
+        };
+        match settings.exposure {
+            Exposure::Manual(value) => display.set_exposure(gpu, value),
+            Exposure::Auto => {
+                for part in parts.clone() {
+                    let count = upload(part, settings.seed);
+                    let mut frame = Frame::new(gpu, false);
+                    frame.compute("display.exposure", |pass| {
+                        display.count(pass, &bound, count)
+                    });
+                    frame.submit()?;
+                }
+                let mut frame = Frame::new(gpu, false);
+                frame.compute("display.exposure", |pass| display.average(pass, &bound));
+                frame.submit()?;
+            }
+        }
+        let mut pixels = Vec::with_capacity(radiance.len() / 3 * 4);
+        for (part, seed) in parts.zip(settings.seed..) {
+            let count = upload(part, seed);
+            let mut frame = Frame::new(gpu, false);
+            frame.compute("display.encode", |pass| {
+                display.encode(pass, &bound, count)
+            });
+            frame.submit()?;
+            pixels.extend(read_buffer::<u8>(
+                gpu,
+                &display.pixels,
+                u64::from(count) * 4,
+            )?);
+        }
+        Ok(pixels)
+    }
+
+    fn set_parameters(&self, gpu: &Gpu, count: u32, samples: u32, settings: &DisplaySettings) {
         let parameters = Parameters {
-            pixel_count: self.pixel_count,
+            pixel_count: count,
             scale: 1.0 / samples.max(1) as f32,
             tone_map: settings.tone_map as u32,
             white_point: settings.white_point.max(1e-3),
             seed: settings.seed,
             dither: settings.dither.into(),
         };
-        let queue = &frame.gpu.queue;
-        queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+        gpu.queue
+            .write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+    }
 
-        match settings.exposure {
-            Exposure::Manual(value) => {
-                let finite = if value.is_nan() {
-                    0.0
-                } else {
-                    value.clamp(-100.0, 100.0)
-                };
-                queue.write_buffer(&self.exposure, 0, bytemuck::bytes_of(&finite));
-            }
-            Exposure::Auto => {
-                frame.clear(&self.histogram_bins);
-                frame.compute("display.exposure", |pass| {
-                    let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
-                    let invocations = self.pixel_count.div_ceil(PIXELS_PER_INVOCATION);
-                    self.histogram.dispatch(pass, &groups, [invocations, 1, 1]);
-                    self.average.dispatch(pass, &groups, [1, 1, 1]);
-                });
-            }
-        }
-        frame.compute("display.encode", |pass| {
-            let groups = [(1, &radiance.encode_group), (3, &self.encode_group)];
-            self.encode
-                .dispatch(pass, &groups, [self.pixel_count, 1, 1]);
-        });
-        Ok(())
+    fn set_exposure(&self, gpu: &Gpu, value: f32) {
+        let finite = if value.is_nan() {
+            0.0
+        } else {
+            value.clamp(-100.0, 100.0)
+        };
+        gpu.queue
+            .write_buffer(&self.exposure, 0, bytemuck::bytes_of(&finite));
+    }
+
+    /// Adds pixels to the histogram.
+    fn count(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance, count: u32) {
+        let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
+        let invocations = count.div_ceil(PIXELS_PER_INVOCATION);
+        self.histogram.dispatch(pass, &groups, [invocations, 1, 1]);
+    }
+
+    /// Turns the histogram into the exposure.
+    fn average(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance) {
+        let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
+        self.average.dispatch(pass, &groups, [1, 1, 1]);
+    }
+
+    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance, count: u32) {
+        let groups = [(1, &radiance.encode_group), (3, &self.encode_group)];
+        self.encode.dispatch(pass, &groups, [count, 1, 1]);
     }
 
     /// The pixels of the last submitted frame: RGBA, 8 bits a channel, sRGB-encoded, alpha 255, row by row from the top.

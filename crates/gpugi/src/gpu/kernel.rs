@@ -96,7 +96,10 @@ impl Interface {
             .map(|one| {
                 let resource = resources
                     .iter()
-                    .find(|(name, _)| *name == one.name)
+                    .find(|(name, _)| {
+                        // The linker puts an imported module's path before the names of its resources.
+                        *name == one.name || one.name.ends_with(&format!("_{name}"))
+                    })
                     .ok_or_else(|| fail(format!("nothing is bound to {:?}", one.name)))?;
                 Ok(wgpu::BindGroupEntry {
                     binding: one.binding,
@@ -171,7 +174,7 @@ impl Kernel {
         })
     }
 
-    /// Binds resources to the names that the shader gives them in `group`.
+    /// Binds resources to the names that the shader gives them in `group`; those of imported modules go by their own names, too.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when a name is missing or a resource does not fit.

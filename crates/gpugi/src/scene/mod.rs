@@ -58,12 +58,31 @@ pub struct Versions {
 /// A triangle that emits, world space.
 #[derive(Debug, Clone, Copy)]
 pub struct Emitter {
-    /// Corners (m).
+    /// Index of its instance.
+    pub instance: u32,
+    /// Number of the triangle in its mesh.
+    pub primitive: u32,
+    /// Corners (m), counterclockwise seen from the front.
     pub corners: [Vec3; 3],
     /// Mean emitted radiance [W/sr/m^2].
     pub radiance: Vec3,
     /// Emits from its back, too.
     pub two_sided: bool,
+}
+
+impl Emitter {
+    /// Luminous power: pi L A, of both sides where both emit.
+    pub fn power(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        let area = f64::from((b - a).cross(c - a).length()) / 2.0;
+        let sides = if self.two_sided { 2.0 } else { 1.0 };
+        std::f64::consts::PI * f64::from(self.luminance()) * area * sides
+    }
+
+    /// Luminance of the mean radiance.
+    pub fn luminance(&self) -> f32 {
+        self.radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+    }
 }
 
 /// A scene on the GPU.
@@ -562,14 +581,14 @@ fn environment_texture(
 /// Every emissive triangle in world space, with the mean of its emissive texture taken at its corners and centre.
 fn emitters(scene: &Scene) -> Vec<Emitter> {
     let mut emitters = Vec::new();
-    for instance in &scene.instances {
+    for (instance_index, instance) in (0..).zip(&scene.instances) {
         let material = &scene.materials[instance.material];
         if material.emissive == Vec3::ZERO {
             continue;
         }
         let mesh = &scene.meshes[instance.mesh];
         let mirrored = is_mirrored(&instance.world_from_mesh);
-        for triangle in mesh.indices.chunks_exact(3) {
+        for (primitive, triangle) in (0..).zip(mesh.indices.chunks_exact(3)) {
             let mut corners = [0, 1, 2].map(|corner| {
                 instance
                     .world_from_mesh
@@ -581,6 +600,8 @@ fn emitters(scene: &Scene) -> Vec<Emitter> {
             let radiance = material.emissive * mean_emission(scene, material, mesh, triangle);
             if radiance.max_element() > 0.0 {
                 emitters.push(Emitter {
+                    instance: instance_index,
+                    primitive,
                     corners,
                     radiance,
                     two_sided: material.double_sided,

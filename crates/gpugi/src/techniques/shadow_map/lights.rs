@@ -133,18 +133,7 @@ impl LightList {
         gutter: u32,
         diagonal: f32,
     ) {
-        let luminance = |color: Vec3| color.dot(Vec3::new(0.2126, 0.7152, 0.0722));
-        let area = |emitter: &Emitter| {
-            let [a, b, c] = emitter.corners;
-            (b - a).cross(c - a).length() / 2.0
-        };
-        let weights: Vec<f64> = emitters
-            .iter()
-            .map(|emitter| {
-                let sides = if emitter.two_sided { 2.0 } else { 1.0 };
-                f64::from(luminance(emitter.radiance) * area(emitter) * sides)
-            })
-            .collect();
+        let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
         let total: f64 = weights.iter().sum();
         if !(total > 0.0 && total.is_finite()) {
             return;
@@ -169,8 +158,8 @@ impl LightList {
             };
             let position = a + (b - a) * u + (c - a) * v;
             let sides = if emitter.two_sided { 2.0 } else { 1.0 };
-            let sample_area =
-                (total / f64::from(count)) as f32 / (luminance(emitter.radiance) * sides);
+            let share = total / f64::from(count) / std::f64::consts::PI;
+            let sample_area = share as f32 / (emitter.luminance() * sides);
             let tangent = (b - a).normalize_or(perpendicular(normal));
             let near = diagonal * 1e-4;
             let faces = if emitter.two_sided {

@@ -1,0 +1,131 @@
+//! What the commands write: pictures, quantities of surface points, maps, JSON.
+
+use std::path::Path;
+
+use anyhow::Context;
+use gpugi::gpu::{Gpu, read_buffer, read_texture};
+use gpugi::{Renderer, capture};
+use gpugi_scene::image::{save_exr, save_hdr, save_png};
+
+use crate::Usage;
+
+/// A picture's file format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    Png,
+    Exr,
+    Hdr,
+}
+
+/// The format that a file's name asks for.
+pub fn format(path: &Path) -> anyhow::Result<Format> {
+    let extension = path
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase());
+    match extension.as_deref() {
+        Some("png") => Ok(Format::Png),
+        Some("exr") => Ok(Format::Exr),
+        Some("hdr") => Ok(Format::Hdr),
+        _ => Err(Usage(format!(
+            "-o {}: the name must end in .png, .exr or .hdr",
+            path.display()
+        ))
+        .into()),
+    }
+}
+
+/// Writes display pixels: 8-bit sRGB, RGBA.
+pub fn write_png(path: &Path, [width, height]: [u32; 2], pixels: &[u8]) -> anyhow::Result<()> {
+    save_png(path, width, height, pixels).with_context(|| cannot_write(path))
+}
+
+/// Writes linear radiance, three floats a pixel, as EXR or HDR.
+pub fn write_radiance(
+    path: &Path,
+    format: Format,
+    [width, height]: [u32; 2],
+    radiance: &[f32],
+) -> anyhow::Result<()> {
+    match format {
+        Format::Hdr => save_hdr(path, width, height, radiance),
+        Format::Exr | Format::Png => save_exr(path, width, height, radiance),
+    }
+    .with_context(|| cannot_write(path))
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("{}: cannot be written", path.display())
+}
+
+/// Writes JSON to a temporary file, then renames it.
+pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(value)?;
+    gpugi_scene::image::replace_file(path, |file| {
+        std::io::Write::write_all(file, text.as_bytes())
+    })
+    .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// A quantity of surface points that can be written as a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Aov {
+    Albedo,
+    Normal,
+    Depth,
+    Position,
+}
+
+/// Writes surface points as linear EXR pictures named `OUTPUT-aov.exr`. Background is zero.
+pub fn write_aovs(
+    gpu: &Gpu,
+    renderer: &Renderer,
+    output: &Path,
+    [width, height]: [u32; 2],
+    aovs: &[Aov],
+    camera: &gpugi_scene::Camera,
+) -> anyhow::Result<()> {
+    if aovs.is_empty() {
+        return Ok(());
+    }
+    let bytes = u64::from(width) * u64::from(height) * capture::SURFACE_POINT_BYTES;
+    let words: Vec<u32> = read_buffer(gpu, renderer.surface_points(), bytes)?;
+    let points: Vec<Option<capture::VisiblePoint>> = words
+        .chunks_exact(12)
+        .map(capture::VisiblePoint::unpack)
+        .collect();
+    let eye = camera.world_from_view.w_axis.truncate();
+    let forward = -camera.world_from_view.z_axis.truncate();
+    for aov in aovs {
+        let value = |point: &capture::VisiblePoint| match aov {
+            Aov::Albedo => point.albedo,
+            Aov::Normal => point.normal,
+            Aov::Depth => glam::Vec3::splat((point.position - eye).dot(forward)),
+            Aov::Position => point.position,
+        };
+        let texels: Vec<f32> = points
+            .iter()
+            .flat_map(|point| point.as_ref().map_or(glam::Vec3::ZERO, value).to_array())
+            .collect();
+        let name = format!("{aov:?}").to_lowercase();
+        let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+        let path = output.with_file_name(format!("{stem}-{name}.exr"));
+        save_exr(&path, width, height, &texels)
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(())
+}
+
+/// Writes each technique's depth maps as EXR: reversed depth, as stored.
+pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    for map in renderer.maps() {
+        let depth: Vec<f32> =
+            read_texture(gpu, &map.texture, gpugi::gpu::TextureAspect::DepthOnly, 0)?;
+        let texels: Vec<f32> = depth.iter().flat_map(|&depth| [depth; 3]).collect();
+        let path = folder.join(format!("{}.exr", map.name));
+        save_exr(&path, map.texture.width(), map.texture.height(), &texels)
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(())
+}

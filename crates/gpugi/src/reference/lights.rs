@@ -1,0 +1,200 @@
+//! The table of lights that next-event estimation chooses from.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use gpugi_scene::{LightKind, Scene};
+
+use super::alias;
+use super::sky::Sky;
+use crate::light_paths::LightClass;
+use crate::scene::{Emitter, GpuScene};
+
+/// `Light` of reference/lights.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Light {
+    pub position: [f32; 3],
+    pub kind: u32,
+    pub direction: [f32; 3],
+    pub instance: u32,
+    pub edge: [f32; 3],
+    pub primitive: u32,
+    pub emission: [f32; 3],
+    pub probability: f32,
+    pub threshold: f32,
+    pub alias_row: u32,
+    pub flags: u32,
+    pub radius: f32,
+    pub cone_scale: f32,
+    pub cone_offset: f32,
+    pub inverse_range_squared: f32,
+    pub padding: u32,
+}
+
+const POINT: u32 = 0;
+const SPOT: u32 = 1;
+const DIRECTIONAL: u32 = 2;
+const TRIANGLE: u32 = 3;
+const SKY: u32 = 4;
+const NONE: u32 = u32::MAX;
+
+const TWO_SIDED: u32 = 1;
+const TEXTURED: u32 = 2;
+
+/// The lights of a scene, ready for upload.
+#[derive(Debug)]
+pub struct LightTable {
+    /// The rows; none where nothing that may be chosen gives light.
+    pub rows: Vec<Light>,
+    /// `emitter_rows` of reference/lights.wesl.
+    pub emitter_rows: Vec<u32>,
+    /// Chance of the sky.
+    pub sky_probability: f32,
+    /// The sky's grid.
+    pub sky: Sky,
+}
+
+impl LightTable {
+    /// The lights of the given classes.
+    pub fn new(scene: &Scene, on_gpu: &GpuScene, classes: &[LightClass]) -> Self {
+        let mut rows = Vec::new();
+        // Powers of what is near (W), and irradiances of what is infinitely far: the two have no common measure.
+        let mut powers = Vec::new();
+        if classes.contains(&LightClass::Punctual) {
+            for light in &scene.lights {
+                rows.push(punctual_row(light));
+                powers.push(punctual_power(light));
+            }
+        }
+        let mut emitter_rows = vec![NONE; scene.instances.len()];
+        if classes.contains(&LightClass::Area) {
+            for emitter in &on_gpu.emitters {
+                let instance = emitter.instance as usize;
+                if emitter_rows[instance] == NONE {
+                    let first = emitter_rows.len() as u32;
+                    emitter_rows[instance] = first;
+                    let mesh = &scene.meshes[scene.instances[instance].mesh];
+                    emitter_rows.resize(emitter_rows.len() + mesh.indices.len() / 3, NONE);
+                }
+                let first = emitter_rows[instance];
+                emitter_rows[(first + emitter.primitive) as usize] = rows.len() as u32;
+                rows.push(triangle_row(scene, emitter));
+                powers.push(emitter.power());
+            }
+        }
+        let mut sky = Sky::none();
+        if classes.contains(&LightClass::Environment)
+            && let Some(environment) = &scene.environment
+        {
+            sky = Sky::new(environment);
+            rows.push(Light {
+                kind: SKY,
+                ..Zeroable::zeroed()
+            });
+            powers.push(sky.luminance / 2.0);
+        }
+        let mut table = Self {
+            rows,
+            emitter_rows,
+            sky_probability: 0.0,
+            sky,
+        };
+        table.choose(&powers);
+        table
+    }
+
+    /// Fills in the alias table. What is near and what is far share the choice equally where both exist.
+    fn choose(&mut self, powers: &[f64]) {
+        let is_far = |row: &Light| row.kind == DIRECTIONAL || row.kind == SKY;
+        let total = |far: bool| -> f64 {
+            let of_kind = self.rows.iter().zip(powers);
+            of_kind
+                .filter(|(row, _)| is_far(row) == far)
+                .map(|(_, power)| power)
+                .sum()
+        };
+        let totals = [total(false), total(true)];
+        let weights: Vec<f64> = self
+            .rows
+            .iter()
+            .zip(powers)
+            .map(|(row, power)| power / totals[usize::from(is_far(row))].max(f64::MIN_POSITIVE))
+            .collect();
+        let entries = alias::table(&weights);
+        if entries.is_empty() {
+            self.rows.clear();
+            self.emitter_rows.fill(NONE);
+            return;
+        }
+        for (row, entry) in self.rows.iter_mut().zip(entries) {
+            row.threshold = entry.threshold;
+            row.alias_row = entry.alias;
+            row.probability = entry.probability;
+            if row.kind == SKY {
+                self.sky_probability = entry.probability;
+            }
+        }
+    }
+}
+
+fn luminance(color: Vec3) -> f64 {
+    f64::from(color.dot(Vec3::new(0.2126, 0.7152, 0.0722))).max(0.0)
+}
+
+fn punctual_row(light: &gpugi_scene::Light) -> Light {
+    let (kind, cone) = match light.kind {
+        LightKind::Point => (POINT, [0.0, 1.0]),
+        LightKind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        } => {
+            let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+            let scale = 1.0 / (inner - outer).max(1e-3);
+            (SPOT, [scale, -outer * scale])
+        }
+        LightKind::Directional => (DIRECTIONAL, [0.0, 1.0]),
+    };
+    Light {
+        position: light.position().to_array(),
+        kind,
+        direction: light.direction().to_array(),
+        emission: light.intensity.to_array(),
+        radius: light.radius,
+        cone_scale: cone[0],
+        cone_offset: cone[1],
+        inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
+        ..Zeroable::zeroed()
+    }
+}
+
+/// Power of a point or spot (W), irradiance of a direction (W/m^2).
+fn punctual_power(light: &gpugi_scene::Light) -> f64 {
+    let solid_angle = match light.kind {
+        LightKind::Point => 4.0 * std::f64::consts::PI,
+        LightKind::Spot {
+            outer_cone_angle, ..
+        } => std::f64::consts::TAU * (1.0 - f64::from(outer_cone_angle.cos())),
+        LightKind::Directional => 1.0,
+    };
+    luminance(light.intensity) * solid_angle
+}
+
+fn triangle_row(scene: &Scene, emitter: &Emitter) -> Light {
+    let instance = &scene.instances[emitter.instance as usize];
+    let textured = scene.materials[instance.material]
+        .emissive_texture
+        .is_some();
+    let [a, b, c] = emitter.corners;
+    let flag = |set: bool, flag: u32| if set { flag } else { 0 };
+    Light {
+        position: a.to_array(),
+        kind: TRIANGLE,
+        direction: (b - a).to_array(),
+        instance: emitter.instance,
+        edge: (c - a).to_array(),
+        primitive: emitter.primitive,
+        emission: emitter.radiance.to_array(),
+        flags: flag(emitter.two_sided, TWO_SIDED) | flag(textured, TEXTURED),
+        ..Zeroable::zeroed()
+    }
+}

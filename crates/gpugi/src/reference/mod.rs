@@ -1,0 +1,534 @@
+//! The path tracer: the ground truth. It shares the scene, the materials and the reflection models with every technique, and takes the same light
+//! paths, so that each technique can be compared with just the light that it claims.
+//!
+//! Unidirectional, with next-event estimation and multiple importance sampling. `docs/techniques/path-tracer.md` says what it samples and how.
+
+mod alias;
+mod lights;
+mod settings;
+mod sky;
+#[cfg(test)]
+mod tests;
+
+pub use settings::{FIELDS, Settings};
+
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec2;
+use gpugi_scene::{Camera, Scene};
+
+use crate::capture::View;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, PollType, read_buffer};
+use crate::light_paths::{LightClass, LightPaths};
+use crate::renderer::RenderError;
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::{Info, SettingError};
+use lights::LightTable;
+
+/// What the path tracer says of itself.
+pub const INFO: Info = Info {
+    name: "path-tracer",
+    summary: "the reference: every light path, by unidirectional path tracing",
+    source: "Kajiya 1986; Veach 1997; pbrt 4th edition, chapter 13",
+    paths: &[
+        LightPaths {
+            class: LightClass::Punctual,
+            pattern: "L.*E",
+        },
+        LightPaths {
+            class: LightClass::Area,
+            pattern: "L.*E",
+        },
+        LightPaths {
+            class: LightClass::Environment,
+            pattern: "L.*E",
+        },
+    ],
+};
+
+/// Largest side of a tile (pixels): its film then fits into the smallest storage binding that WebGPU promises, 128 MiB.
+const TILE_SIDE: u32 = 2048;
+/// Bytes of `Pixel` of reference/film.wesl.
+const PIXEL_BYTES: u64 = 32;
+/// What a dispatch should take (s): long enough to fill a GPU, short enough for any driver's watchdog.
+const DISPATCH_SECONDS: f64 = 0.04;
+/// Pixels of a workgroup, and pixels that one workgroup of reference/noise.wesl sums.
+const BLOCK_SIDE: u32 = 8;
+const NOISE_PIXELS: u32 = 1024;
+
+/// `Settings` of reference/path_tracer.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct Parameters {
+    tile_x: u32,
+    tile_y: u32,
+    tile_width: u32,
+    tile_height: u32,
+    first_block: u32,
+    block_count: u32,
+    samples: u32,
+    max_bounces: u32,
+    roulette_after: u32,
+    light_count: u32,
+    sky_probability: f32,
+    emission_classes: u32,
+}
+
+/// A part of the picture with its own film.
+#[derive(Debug)]
+struct Tile {
+    origin: [u32; 2],
+    size: [u32; 2],
+    film: wgpu::Buffer,
+    film_group: wgpu::BindGroup,
+    sums: wgpu::Buffer,
+    sums_group: wgpu::BindGroup,
+}
+
+impl Tile {
+    fn blocks(&self) -> u32 {
+        self.size[0].div_ceil(BLOCK_SIDE) * self.size[1].div_ceil(BLOCK_SIDE)
+    }
+
+    fn pixels(&self) -> u32 {
+        self.size[0] * self.size[1]
+    }
+}
+
+/// How far a picture is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Samples that every pixel has.
+    pub samples: u32,
+    /// Samples asked for.
+    pub of: u32,
+    /// Part of the work that is done, 0 to 1.
+    pub fraction: f64,
+    /// Estimated relative mean squared error, where it was last measured.
+    pub noise: Option<f64>,
+}
+
+/// Renders one scene at one size.
+#[derive(Debug)]
+pub struct PathTracer {
+    gpu: Gpu,
+    scene: GpuScene,
+    settings: Settings,
+    size: [u32; 2],
+    kernel: Kernel,
+    noise_kernel: Kernel,
+    view: wgpu::Buffer,
+    parameters: wgpu::Buffer,
+    light_group: wgpu::BindGroup,
+    tiles: Vec<Tile>,
+    light_count: u32,
+    sky_probability: f32,
+    samples: u32,
+    seed: u32,
+    /// Pixel samples a second that the last dispatches reached; 0 before the first.
+    rate: f64,
+}
+
+impl PathTracer {
+    /// A path tracer of `scene` for pictures of `size` pixels.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when scene or picture do not fit the adapter, with the numbers; [`RenderError::Setting`];
+    /// [`RenderError::Scene`] when a light or a material is not finite.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        settings: &Settings,
+    ) -> Result<Self, RenderError> {
+        let refused = |source: SettingError| RenderError::Setting {
+            technique: INFO.name.to_owned(),
+            source,
+        };
+        let value = |name: &str, value: &str, reason: String| {
+            refused(SettingError::Value {
+                name: name.to_owned(),
+                value: value.to_owned(),
+                reason,
+            })
+        };
+        let filter = settings
+            .filter()
+            .map_err(|error| value("paths", &settings.paths, error.to_string()))?;
+        let classes = settings
+            .classes()
+            .map_err(|reason| value("lights", &settings.lights, reason))?;
+        check(scene)?;
+        let on_gpu = GpuScene::with_rays(gpu, scene)?;
+        let table = LightTable::new(scene, &on_gpu, &classes);
+        let flag = |set: bool| f64::from(u8::from(set));
+        let has_transmission = scene
+            .instances
+            .iter()
+            .any(|instance| scene.materials[instance.material].transmission > 0.0);
+        let mut constants = vec![
+            ("HAS_TRANSMISSION", flag(has_transmission)),
+            ("HAS_PATH_FILTER", flag(settings.paths != Settings::default().paths)),
+        ];
+        constants.extend(on_gpu.ray_constants());
+        let kernel = Kernel::with_constants(
+            gpu,
+            &shader!("reference.path_tracer"),
+            "main",
+            Some(&on_gpu.layout),
+            &constants,
+        )?;
+        let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
+        let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
+        let view = uniform(
+            "path-tracer.view",
+            std::mem::size_of::<crate::capture::ViewUniform>() as u64,
+        )?;
+        let parameters = uniform(
+            "path-tracer.settings",
+            std::mem::size_of::<Parameters>() as u64,
+        )?;
+        let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
+        let rows = gpu.storage("path-tracer.lights [bytes]", &table.rows)?;
+        let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
+        let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
+        let light_group = kernel.bind(
+            gpu,
+            2,
+            &[
+                ("light_table", rows.as_entire_binding()),
+                ("emitter_rows", emitter_rows.as_entire_binding()),
+                ("sky_grid", sky.as_entire_binding()),
+            ],
+        )?;
+        let tiles = tiles(
+            gpu,
+            size,
+            &kernel,
+            &noise_kernel,
+            &[
+                ("seen", view.as_entire_binding()),
+                ("settings", parameters.as_entire_binding()),
+                ("automaton", automaton.as_entire_binding()),
+            ],
+        )?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            scene: on_gpu,
+            settings: settings.clone(),
+            size,
+            kernel,
+            noise_kernel,
+            view,
+            parameters,
+            light_group,
+            tiles,
+            light_count: table.rows.len() as u32,
+            sky_probability: table.sky_probability,
+            samples: 0,
+            seed: 0,
+            rate: 0.0,
+        })
+    }
+
+    /// The settings it was made with.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The scene on the GPU.
+    pub fn scene(&self) -> &GpuScene {
+        &self.scene
+    }
+
+    /// Seeds everything stochastic and begins anew. The same seed gives the same picture on the same adapter.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn restart(&mut self, seed: u32) -> Result<(), RenderError> {
+        self.seed = seed;
+        self.samples = 0;
+        let mut frame = Frame::new(&self.gpu, false);
+        for tile in &self.tiles {
+            frame.clear(&tile.film);
+        }
+        frame.submit()?;
+        Ok(())
+    }
+
+    /// Samples that every pixel has.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Adds samples of what `camera` sees until every pixel has `samples`, the noise setting is reached, or `report` breaks off; then pixels may
+    /// differ by the samples of one pass. `report` hears of progress after every dispatch.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn render(
+        &mut self,
+        camera: &Camera,
+        samples: u32,
+        report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
+    ) -> Result<Progress, RenderError> {
+        let view = View::new(
+            camera,
+            self.size,
+            Vec2::ZERO,
+            0,
+            self.seed,
+            self.scene.diagonal(),
+        );
+        self.gpu
+            .queue
+            .write_buffer(&self.view, 0, bytemuck::bytes_of(&view.uniform));
+        let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
+        let mut progress = Progress {
+            samples: self.samples,
+            of: samples,
+            fraction: 0.0,
+            noise: None,
+        };
+        while self.samples < samples {
+            // A pass: at most a quarter more samples, so that the picture grows evenly and the noise is looked at in time.
+            let affordable = (self.rate * DISPATCH_SECONDS / pixels) as u32;
+            let pass = affordable
+                .clamp(1, self.samples / 4 + 1)
+                .min(samples - self.samples);
+            let mut done = 0.0;
+            for tile in 0..self.tiles.len() {
+                let mut block = 0;
+                while block < self.tiles[tile].blocks() {
+                    let blocks = self.dispatch(tile, block, pass)?;
+                    block += blocks;
+                    done += f64::from(blocks * BLOCK_SIDE * BLOCK_SIDE) / pixels;
+                    progress.fraction = (f64::from(self.samples)
+                        + done.min(1.0) * f64::from(pass))
+                        / f64::from(samples);
+                    if report(&progress).is_break() {
+                        return Ok(progress);
+                    }
+                }
+            }
+            self.samples += pass;
+            progress.samples = self.samples;
+            // Too few samples cannot tell their own variance.
+            if self.settings.noise > 0.0 && self.samples >= 16 {
+                let noise = self.noise()?;
+                progress.noise = Some(noise);
+                if noise <= self.settings.noise {
+                    break;
+                }
+            }
+        }
+        progress.fraction = 1.0;
+        report(&progress).is_break();
+        Ok(progress)
+    }
+
+    /// Renders `samples` samples of some blocks of a tile; returns how many blocks, as many as should take [`DISPATCH_SECONDS`].
+    fn dispatch(&mut self, tile: usize, block: u32, samples: u32) -> Result<u32, GpuError> {
+        let tile = &self.tiles[tile];
+        let affordable =
+            self.rate * DISPATCH_SECONDS / f64::from(samples * BLOCK_SIDE * BLOCK_SIDE);
+        let blocks = (affordable as u32).max(64).min(tile.blocks() - block);
+        let parameters = Parameters {
+            tile_x: tile.origin[0],
+            tile_y: tile.origin[1],
+            tile_width: tile.size[0],
+            tile_height: tile.size[1],
+            first_block: block,
+            block_count: blocks,
+            samples,
+            max_bounces: self.settings.max_bounces,
+            roulette_after: self.settings.roulette_after,
+            light_count: self.light_count,
+            sky_probability: self.sky_probability,
+            emission_classes: self.emission_classes(),
+        };
+        let queue = &self.gpu.queue;
+        queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+        let started = Instant::now();
+        let mut frame = Frame::new(&self.gpu, false);
+        frame.compute("path-tracer", |pass| {
+            self.kernel.dispatch(
+                pass,
+                &[
+                    (0, &self.scene.bind_group),
+                    (1, &tile.film_group),
+                    (2, &self.light_group),
+                ],
+                [blocks * BLOCK_SIDE * BLOCK_SIDE, 1, 1],
+            );
+        });
+        frame.submit()?;
+        self.gpu
+            .device
+            .poll(PollType::wait_indefinitely())
+            .map_err(|error| GpuError::Lost {
+                reason: error.to_string(),
+            })?;
+        self.gpu.check_lost()?;
+        let seconds = started.elapsed().as_secs_f64().max(1e-5);
+        let work = f64::from(blocks * BLOCK_SIDE * BLOCK_SIDE) * f64::from(samples);
+        // Small dispatches do not fill the GPU: approach its rate from below.
+        self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
+        Ok(blocks)
+    }
+
+    /// Bits of `emission_classes`: which emission a path may end in.
+    fn emission_classes(&self) -> u32 {
+        let classes = self.settings.classes().unwrap_or_default();
+        u32::from(classes.contains(&LightClass::Area))
+            | u32::from(classes.contains(&LightClass::Environment)) << 1
+    }
+
+    /// Estimated relative mean squared error of the picture so far, as docs/measuring.md defines it, from the variance of its samples. An upper
+    /// estimate: the samples are spread more evenly than independent ones.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn noise(&self) -> Result<f64, RenderError> {
+        let sums = self.sums()?;
+        let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
+        Ok(sums.iter().map(|sum| f64::from(sum.0)).sum::<f64>() / pixels)
+    }
+
+    /// Path segments (closest-hit rays) followed so far; each pixel counts up to 2^32.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn segments(&self) -> Result<u64, RenderError> {
+        Ok(self.sums()?.iter().map(|sum| u64::from(sum.1)).sum())
+    }
+
+    /// Sums of relative variances and of segments, part by part.
+    fn sums(&self) -> Result<Vec<(f32, u32)>, GpuError> {
+        let mut all = Vec::new();
+        for tile in &self.tiles {
+            let mut frame = Frame::new(&self.gpu, false);
+            frame.compute("path-tracer.noise", |pass| {
+                let invocations = tile.pixels().div_ceil(NOISE_PIXELS) * 64;
+                self.noise_kernel
+                    .dispatch(pass, &[(1, &tile.sums_group)], [invocations, 1, 1]);
+            });
+            frame.submit()?;
+            let words: Vec<[u32; 2]> = read_buffer(&self.gpu, &tile.sums, sums_bytes(tile.pixels()))?;
+            all.extend(words.iter().map(|&[variance, segments]| (f32::from_bits(variance), segments)));
+        }
+        Ok(all)
+    }
+
+    /// Mean linear radiance, three floats a pixel, row by row from the top; black where a pixel has no sample yet.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn radiance(&self) -> Result<Vec<f32>, RenderError> {
+        let mut picture = vec![0.0; self.size[0] as usize * self.size[1] as usize * 3];
+        for tile in &self.tiles {
+            let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
+            let film: Vec<[f32; 8]> = read_buffer(&self.gpu, &tile.film, bytes)?;
+            for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
+                let first = (tile.origin[1] as usize + y) * self.size[0] as usize
+                    + tile.origin[0] as usize;
+                for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(row) {
+                    target.copy_from_slice(&pixel[..3]);
+                }
+            }
+        }
+        Ok(picture)
+    }
+}
+
+fn sums_bytes(pixels: u32) -> u64 {
+    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 8
+}
+
+/// Films for the whole picture.
+fn tiles(
+    gpu: &Gpu,
+    size: [u32; 2],
+    kernel: &Kernel,
+    noise_kernel: &Kernel,
+    shared: &[(&str, wgpu::BindingResource<'_>)],
+) -> Result<Vec<Tile>, GpuError> {
+    let needed = u64::from(size[0]) * u64::from(size[1]) * PIXEL_BYTES;
+    let too_large = || GpuError::TooLarge {
+        what: format!("film of {} x {} pixels [bytes]", size[0], size[1]),
+        needed,
+        limit: gpu.device.limits().max_buffer_size,
+        adapter: gpu.adapter.name.clone(),
+    };
+    // A software adapter's memory is the machine's, which it may promise without having it: ask first.
+    let mut probe: Vec<u8> = Vec::new();
+    probe
+        .try_reserve_exact(usize::try_from(needed).unwrap_or(usize::MAX))
+        .map_err(|_| too_large())?;
+    drop(probe);
+    let mut tiles = Vec::new();
+    for y in (0..size[1]).step_by(TILE_SIDE as usize) {
+        for x in (0..size[0]).step_by(TILE_SIDE as usize) {
+            let extent = [
+                (size[0] - x).min(TILE_SIDE),
+                (size[1] - y).min(TILE_SIDE),
+            ];
+            let pixels = extent[0] * extent[1];
+            let storage =
+                |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+            let film = storage("path-tracer.film [bytes]", u64::from(pixels) * PIXEL_BYTES)
+                .map_err(|error| match error {
+                    GpuError::OutOfMemory { .. } => too_large(),
+                    other => other,
+                })?;
+            let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
+            let mut resources = shared.to_vec();
+            resources.push(("pixels", film.as_entire_binding()));
+            tiles.push(Tile {
+                origin: [x, y],
+                size: extent,
+                film_group: kernel.bind(gpu, 1, &resources)?,
+                sums_group: noise_kernel.bind(
+                    gpu,
+                    1,
+                    &[
+                        ("pixels", film.as_entire_binding()),
+                        ("sums", sums.as_entire_binding()),
+                    ],
+                )?,
+                film,
+                sums,
+            });
+        }
+    }
+    Ok(tiles)
+}
+
+/// Refuses what would make the whole picture infinite or black without a word.
+fn check(scene: &Scene) -> Result<(), RenderError> {
+    let refuse = |what: String| Err(RenderError::Scene { what });
+    for light in &scene.lights {
+        if !(light.intensity.is_finite() && light.world_from_light.is_finite()) {
+            return refuse(format!("light {:?} is not finite", light.name));
+        }
+    }
+    for material in &scene.materials {
+        if !material.emissive.is_finite() {
+            return refuse(format!("the emission of material {:?} is not finite", material.name));
+        }
+    }
+    for mesh in &scene.meshes {
+        if let Some(vertex) = mesh.positions.iter().position(|at| !at.is_finite()) {
+            return refuse(format!("vertex {vertex} of mesh {:?} is not finite", mesh.name));
+        }
+    }
+    for instance in &scene.instances {
+        if !instance.world_from_mesh.is_finite() {
+            return refuse(format!("the transform of instance {:?} is not finite", instance.name));
+        }
+    }
+    Ok(())
+}

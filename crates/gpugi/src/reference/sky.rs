@@ -1,0 +1,103 @@
+//! The grid from which directions of the environment are drawn.
+
+use gpugi_scene::{Environment, Pixels};
+
+use super::alias;
+
+/// Rec. 709.
+const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+/// Most cells along each axis: 100 MiB, and finer than most maps.
+const MOST_CELLS: [usize; 2] = [4096, 2048];
+
+/// `Sky` of reference/sky.wesl, and how much light there is.
+#[derive(Debug)]
+pub struct Sky {
+    /// Width, height, padding; then a threshold, an alias and a probability for each cell.
+    pub words: Vec<u32>,
+    /// Integral of the luminance over the sphere [W/sr/m^2 sr].
+    pub luminance: f64,
+}
+
+impl Sky {
+    /// A grid that gives no direction any chance.
+    pub fn none() -> Self {
+        Self {
+            words: vec![1, 1, 0, 0, 0],
+            luminance: 0.0,
+        }
+    }
+
+    /// The grid of an environment. A cell's weight is what the map, interpolated between texels, sends from its solid angle, so that no
+    /// direction that gives light is without a chance.
+    pub fn new(environment: &Environment) -> Self {
+        let image = &environment.image;
+        let (width, height) = (image.width as usize, image.height as usize);
+        let luminance: Vec<f64> = (0..width * height)
+            .map(|texel| texel_luminance(&image.pixels, texel))
+            .collect();
+        // The integral of linear interpolation over a texel: 1/8, 3/4 and 1/8 of the three texels around along each axis.
+        let at = |x: usize, y: usize| luminance[y * width + x];
+        let across: Vec<f64> = (0..width * height)
+            .map(|texel| {
+                let (x, y) = (texel % width, texel / width);
+                (at((x + width - 1) % width, y) + 6.0 * at(x, y) + at((x + 1) % width, y)) / 8.0
+            })
+            .collect();
+        let step = [
+            width.div_ceil(MOST_CELLS[0]).max(1),
+            height.div_ceil(MOST_CELLS[1]).max(1),
+        ];
+        let cells = [width.div_ceil(step[0]), height.div_ceil(step[1])];
+        let mut weights = vec![0.0; cells[0] * cells[1]];
+        for y in 0..height {
+            let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+            let (top, bottom) = (row_angle(y, height), row_angle(y + 1, height));
+            let solid_angle = std::f64::consts::TAU / width as f64 * (top.cos() - bottom.cos());
+            for x in 0..width {
+                let mean = (across[above * width + x]
+                    + 6.0 * across[y * width + x]
+                    + across[below * width + x])
+                    / 8.0;
+                // A texel that lies in two cells counts in both, so that neither is without a chance.
+                let last_column = ((x + 1) * cells[0] - 1) / width;
+                let last_row = ((y + 1) * cells[1] - 1) / height;
+                for row in y * cells[1] / height..=last_row {
+                    for column in x * cells[0] / width..=last_column {
+                        weights[row * cells[0] + column] += mean * solid_angle;
+                    }
+                }
+            }
+        }
+        let table = alias::table(&weights);
+        if table.is_empty() || environment.intensity <= 0.0 {
+            return Self::none();
+        }
+        let mut words = vec![cells[0] as u32, cells[1] as u32];
+        for entry in table {
+            words.extend([
+                entry.threshold.to_bits(),
+                entry.alias,
+                entry.probability.to_bits(),
+            ]);
+        }
+        Self {
+            words,
+            luminance: weights.iter().sum::<f64>() * f64::from(environment.intensity),
+        }
+    }
+}
+
+fn row_angle(row: usize, height: usize) -> f64 {
+    std::f64::consts::PI * row as f64 / height as f64
+}
+
+/// Luminance of a texel as the GPU holds it, in half floats.
+fn texel_luminance(pixels: &Pixels, texel: usize) -> f64 {
+    let rgb: [f64; 3] = match pixels {
+        Pixels::Rgba32Float(values) => {
+            std::array::from_fn(|c| f64::from(values[texel * 4 + c].clamp(0.0, 65504.0)))
+        }
+        Pixels::Rgba8(values) => std::array::from_fn(|c| f64::from(values[texel * 4 + c]) / 255.0),
+    };
+    rgb.iter().zip(LUMINANCE).map(|(c, weight)| c * weight).sum()
+}
