@@ -6,6 +6,7 @@
 
 pub mod animation;
 pub mod builtin;
+pub mod bvh;
 pub mod camera;
 pub mod error;
 pub mod image;

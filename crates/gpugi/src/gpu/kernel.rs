@@ -143,6 +143,20 @@ impl Kernel {
         entry: &str,
         scene: Option<&wgpu::BindGroupLayout>,
     ) -> Result<Self, GpuError> {
+        Self::with_constants(gpu, shader, entry, scene, &[])
+    }
+
+    /// As [`Kernel::new`], with values for pipeline-overridable constants by the names that their WESL modules give them.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader does not compile or has no such constant.
+    pub fn with_constants(
+        gpu: &Gpu,
+        shader: &Shader,
+        entry: &str,
+        scene: Option<&wgpu::BindGroupLayout>,
+        constants: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
         let label = format!("{}.{entry}", shader.name);
         gpu.scoped(&label, || {
             let (interface, reflection) =
@@ -156,6 +170,15 @@ impl Kernel {
                     reason: "there is no such entry point".into(),
                 })?
                 .workgroup_size;
+            let constants =
+                linked_constants(&reflection, constants).map_err(|reason| GpuError::Pass {
+                    pass: label.clone(),
+                    reason,
+                })?;
+            let constants: Vec<_> = constants
+                .iter()
+                .map(|(name, value)| (name.as_str(), *value))
+                .collect();
             let pipeline = gpu
                 .device
                 .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -163,7 +186,10 @@ impl Kernel {
                     layout: Some(&interface.pipeline_layout),
                     module: &interface.module,
                     entry_point: Some(entry),
-                    compilation_options: Default::default(),
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants: &constants,
+                        ..Default::default()
+                    },
                     cache: None,
                 });
             Ok(Self {
@@ -208,6 +234,25 @@ impl Kernel {
         }
         pass.dispatch_workgroups(x, y, z);
     }
+}
+
+/// The names of overridable constants in a linked module, which carry their WESL module's path.
+fn linked_constants(
+    module: &naga::Module,
+    constants: &[(&str, f64)],
+) -> Result<Vec<(String, f64)>, String> {
+    constants
+        .iter()
+        .map(|&(name, value)| {
+            module
+                .overrides
+                .iter()
+                .filter_map(|(_, one)| one.name.as_deref())
+                .find(|linked| linked.ends_with(name))
+                .map(|linked| (linked.to_owned(), value))
+                .ok_or_else(|| format!("there is no overridable constant {name}"))
+        })
+        .collect()
 }
 
 /// Fixed-function state of a [`RasterKernel`].

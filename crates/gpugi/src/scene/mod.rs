@@ -3,17 +3,21 @@
 pub(crate) mod gpu;
 mod images;
 #[cfg(test)]
+mod ray_tests;
+mod rays;
+#[cfg(test)]
 mod tests;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::{
     AlphaMode, Bounds, Environment, Image, Instance, Light, Material, MaterialModel, Pixels, Scene,
-    TextureRef, Wrap, provoking::provoking_order,
+    TextureRef, Wrap, bvh::NODE_ROWS, provoking::provoking_order,
 };
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
 use images::ImageArrays;
+use rays::{Rays, hierarchy_buffer};
 
 /// Surface points keep a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;
@@ -106,6 +110,8 @@ pub struct GpuScene {
     pub emitters: Vec<Emitter>,
     /// The environment.
     pub environment: Option<Environment>,
+    /// Whether any instance has a material with alpha.
+    pub has_alpha: bool,
     /// What has changed how often.
     pub versions: Versions,
     /// Bytes of buffers and textures.
@@ -114,6 +120,7 @@ pub struct GpuScene {
     merge: Kernel,
     merge_group: wgpu::BindGroup,
     merged_version: u64,
+    rays: Option<Rays>,
 }
 
 /// Where a mesh lies in the geometry buffer, and what captures need of it.
@@ -126,12 +133,50 @@ struct PlacedMesh {
     bounds: Bounds,
 }
 
+impl PlacedMesh {
+    /// The corners of its triangles, from the geometry buffer's words.
+    fn triangles(&self, words: &[u32]) -> Vec<[Vec3; 3]> {
+        let position = |&index: &u32| {
+            let at = (self.first_vertex_word + index * VERTEX_WORDS) as usize;
+            Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(words[at + axis])))
+        };
+        let corners = |triangle: &[u32; 3]| triangle.each_ref().map(position);
+        self.indices.as_chunks().0.iter().map(corners).collect()
+    }
+}
+
+/// Words of a vertex in the geometry buffer.
+const VERTEX_WORDS: u32 = (std::mem::size_of::<gpu::Vertex>() / 4) as u32;
+
 impl GpuScene {
-    /// Uploads a scene.
+    /// Uploads a scene to be rasterized.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        Self::upload(gpu, scene, false, None)
+    }
+
+    /// Uploads a scene in which rays may be traced, too: shaders may use scene/bvh.wesl.
+    ///
+    /// # Errors
+    /// As [`GpuScene::new`].
+    pub fn with_rays(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        Self::upload(gpu, scene, true, None)
+    }
+
+    /// Pipeline constants of shaders that trace rays in this scene, as [`Kernel::with_constants`] takes them.
+    pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
+        [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]
+    }
+
+    /// `kept`: hierarchies of the same meshes, maybe differently placed.
+    fn upload(
+        gpu: &Gpu,
+        scene: &Scene,
+        wants_rays: bool,
+        kept: Option<Rays>,
+    ) -> Result<Self, GpuError> {
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -200,6 +245,11 @@ impl GpuScene {
         let material_rows = std::mem::size_of_val(&materials[..]) as u32 / 16;
         let environment = scene.environment.as_ref();
         let rotation = environment.map_or(0.0, |environment| environment.rotation);
+        let rays = match kept {
+            Some(rays) => Some(rays.moved(gpu, scene)?),
+            None if wants_rays => Some(Rays::new(gpu, scene, &meshes, &words)?),
+            None => None,
+        };
         let header = gpu::SceneHeader {
             instance_row: 0,
             material_row: instance_rows,
@@ -208,6 +258,10 @@ impl GpuScene {
             environment_rotation: [rotation.cos(), rotation.sin()],
             environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
             diagonal: bounds.diagonal(),
+            bvh_root: rays.as_ref().map_or(0, Rays::root),
+            padding_0: 0,
+            padding_1: 0,
+            padding_2: 0,
         };
         let mut tables: Vec<u8> = Vec::new();
         tables.extend(bytemuck::cast_slice::<gpu::Instance, u8>(&instances));
@@ -260,6 +314,11 @@ impl GpuScene {
             wgpu::BindingResource::TextureView(&environment_view),
         ];
         entries.extend(images.views.iter().map(wgpu::BindingResource::TextureView));
+        let hierarchy = match &rays {
+            Some(rays) => rays.buffer.clone(),
+            None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
+        };
+        entries.push(hierarchy.as_entire_binding());
         let entries: Vec<_> = entries
             .into_iter()
             .enumerate()
@@ -277,8 +336,8 @@ impl GpuScene {
         })?;
         let merge = Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?;
         let merge_group = merge.bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
-        let bytes =
-            geometry.size() + tables.size() + vertices.size() + indices.size() + images.bytes;
+        let buffers = [&geometry, &tables, &vertices, &indices, &hierarchy];
+        let bytes = buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.bytes;
         Ok(Self {
             layout,
             bind_group,
@@ -289,6 +348,10 @@ impl GpuScene {
             lights: scene.lights.clone(),
             emitters: emitters(scene),
             environment: scene.environment.clone(),
+            has_alpha: scene
+                .instances
+                .iter()
+                .any(|instance| scene.materials[instance.material].alpha_mode != AlphaMode::Opaque),
             versions: Versions {
                 geometry: 1,
                 materials: 1,
@@ -299,6 +362,7 @@ impl GpuScene {
             merge,
             merge_group,
             merged_version: 0,
+            rays,
         })
     }
 
@@ -332,7 +396,9 @@ impl GpuScene {
         }
         let versions = self.versions;
         if geometry || materials || before.environment != after.environment {
-            *self = Self::new(gpu, after)?;
+            let wants_rays = self.rays.is_some();
+            let kept = self.rays.take().filter(|_| before.meshes == after.meshes);
+            *self = Self::upload(gpu, after, wants_rays, kept)?;
         } else {
             self.lights = after.lights.clone();
         }

@@ -1,0 +1,124 @@
+//! The packed node: 80 bytes, five rows of four words, after Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on
+//! GPUs Through Compressed Wide BVHs" (HPG 2017).
+//!
+//! ```text
+//! row 0   origin x, y, z (f32)            | exponents of the grid along x, y, z (biased, 8 bits), mask of inner children
+//! row 1   row of first child, of first leaf item | eight bytes of meta, one a child
+//! row 2   smallest x of eight children (8 bytes) | largest x
+//! row 3   the same of y
+//! row 4   the same of z
+//! ```
+//! Child i spans origin + 2^exponent * [smallest, largest]. Meta of an inner child: 001 and 24 + slot; of a leaf: its number of
+//! items (0 to 3, unary) and the first item; of an empty slot: 0.
+
+use glam::DVec3;
+
+use super::{Row, tree::Tree};
+use crate::Bounds;
+
+/// Rows of a node.
+pub const NODE_ROWS: u32 = 5;
+
+/// Encodes a tree's nodes. `boxes`: of the primitives by number. `first_row`: where the nodes lie; leaf items of `item_rows` rows
+/// each follow them.
+pub(super) fn encode(tree: &Tree, boxes: &[Bounds], first_row: u32, item_rows: u32) -> Vec<Row> {
+    let first_item = first_row + tree.nodes.len() as u32 * NODE_ROWS;
+    let mut bounds = vec![Bounds::EMPTY; tree.nodes.len()];
+    let mut rows = vec![Row::default(); tree.nodes.len() * NODE_ROWS as usize];
+    // Children follow their parents, so that backwards every child's box is known in time.
+    for (index, node) in tree.nodes.iter().enumerate().rev() {
+        let mut children = [Bounds::EMPTY; 8];
+        for (slot, child) in children.iter_mut().enumerate() {
+            if node.is_child_empty(slot) {
+                continue;
+            }
+            *child = if node.is_leaf(slot) {
+                let (first, count) = node.child_primitives(slot);
+                let items = &tree.order[first as usize..(first + count) as usize];
+                items
+                    .iter()
+                    .fold(Bounds::EMPTY, |all, &item| all.union(boxes[item as usize]))
+            } else {
+                bounds[node.child_node_index(slot) as usize]
+            };
+            bounds[index] = bounds[index].union(*child);
+        }
+        let grid = Grid::around(&bounds[index]);
+        let mut planes = [[0_u8; 8]; 6];
+        for (slot, child) in children.iter().enumerate() {
+            if child.is_empty() {
+                continue;
+            }
+            let [min, max] = grid.cells(child);
+            for axis in 0..3 {
+                planes[axis * 2][slot] = min[axis];
+                planes[axis * 2 + 1][slot] = max[axis];
+            }
+        }
+        let words = |bytes: [u8; 8]| {
+            let (low, high) = bytes.split_at(4);
+            [low, high].map(|four| u32::from_le_bytes([four[0], four[1], four[2], four[3]]))
+        };
+        let [meta_low, meta_high] = words(node.child_meta);
+        let at = index * NODE_ROWS as usize;
+        let [x, y, z] = grid.origin.map(f32::to_bits);
+        let [ex, ey, ez] = grid.exponents.map(u32::from);
+        rows[at] = [
+            x,
+            y,
+            z,
+            ex | ey << 8 | ez << 16 | u32::from(node.imask) << 24,
+        ];
+        rows[at + 1] = [
+            first_row + node.child_base_idx * NODE_ROWS,
+            first_item + node.primitive_base_idx * item_rows,
+            meta_low,
+            meta_high,
+        ];
+        for axis in 0..3 {
+            let [min, max] = [words(planes[axis * 2]), words(planes[axis * 2 + 1])];
+            rows[at + 2 + axis] = [min[0], min[1], max[0], max[1]];
+        }
+    }
+    rows
+}
+
+/// The grid of 256 planes an axis on which a node's children are given.
+struct Grid {
+    origin: [f32; 3],
+    /// Biased by 127.
+    exponents: [u8; 3],
+}
+
+impl Grid {
+    fn around(bounds: &Bounds) -> Self {
+        if bounds.is_empty() {
+            return Self {
+                origin: [0.0; 3],
+                exponents: [127; 3],
+            };
+        }
+        let min = bounds.min.as_dvec3();
+        let extent = bounds.max.as_dvec3() - min;
+        // A flat node, too, has a grid of some height: rounding is a fraction of that.
+        let extent = extent.max(DVec3::splat(extent.max_element() * 2.0_f64.powi(-16)));
+        Self {
+            origin: bounds.min.to_array(),
+            exponents: extent
+                .to_array()
+                .map(|length| ((length / 255.0).log2().ceil().max(-120.0) as i32 + 127) as u8),
+        }
+    }
+
+    /// The planes around a box inside the grid, rounded outward.
+    fn cells(&self, child: &Bounds) -> [[u8; 3]; 2] {
+        let cell = |position: f32, axis: usize| {
+            let step = 2.0_f64.powi(i32::from(self.exponents[axis]) - 127);
+            (f64::from(position) - f64::from(self.origin[axis])) / step
+        };
+        [
+            std::array::from_fn(|axis| cell(child.min[axis], axis).floor().max(0.0) as u8),
+            std::array::from_fn(|axis| cell(child.max[axis], axis).ceil().min(255.0) as u8),
+        ]
+    }
+}

@@ -1,0 +1,268 @@
+//! Traversal on the CPU: the twin of scene/bvh.wesl of the renderer, over the same rows. Tests compare both.
+
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+use super::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
+
+/// A ray in world space: origin + t direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Where t is 0 (m).
+    pub origin: Vec3,
+    /// Hits lie beyond this t.
+    pub t_min: f32,
+    /// Not necessarily of unit length.
+    pub direction: Vec3,
+    /// Hits lie before this t.
+    pub t_max: f32,
+}
+
+/// Where a ray meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// In lengths of the ray's direction.
+    pub t: f32,
+    /// Which instance.
+    pub instance: u32,
+    /// Which triangle of its mesh.
+    pub primitive: u32,
+    /// Weights of the triangle's second and third vertex.
+    pub barycentrics: Vec2,
+}
+
+/// What a traversal came to.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Traversal {
+    /// The closest hit, or any.
+    pub hit: Option<Hit>,
+    /// Most entries that were on the stack.
+    pub stack: usize,
+}
+
+/// A ray in the space of the top level or of a mesh.
+struct Local {
+    origin: Vec3,
+    inverse: Vec3,
+    /// Three bits, each set where the direction is positive: 4 x, 2 y, 1 z. In every byte.
+    octant: u32,
+    /// Rows that project a point relative to the origin along the ray onto a plane (x, y), and measure it along the ray (z).
+    projection: [Vec3; 3],
+}
+
+impl Local {
+    fn new(origin: Vec3, direction: Vec3) -> Self {
+        let magnitude = direction.abs();
+        let largest = magnitude.max_element();
+        let tiny = largest * 2.0_f32.powi(-64);
+        let nonzero = |d: f32| match (d.abs() < tiny, d >= 0.0) {
+            (false, _) => d,
+            (true, true) => tiny,
+            (true, false) => -tiny,
+        };
+        let d = Vec3::from_array(direction.to_array().map(nonzero));
+        let bit = |d: f32, bit: u32| if d < 0.0 { 0 } else { bit };
+        let projection = if magnitude.z == largest {
+            [
+                Vec3::new(1.0, 0.0, -direction.x / direction.z),
+                Vec3::new(0.0, 1.0, -direction.y / direction.z),
+                Vec3::new(0.0, 0.0, 1.0 / direction.z),
+            ]
+        } else if magnitude.y == largest {
+            [
+                Vec3::new(1.0, -direction.x / direction.y, 0.0),
+                Vec3::new(0.0, -direction.z / direction.y, 1.0),
+                Vec3::new(0.0, 1.0 / direction.y, 0.0),
+            ]
+        } else {
+            [
+                Vec3::new(-direction.y / direction.x, 1.0, 0.0),
+                Vec3::new(-direction.z / direction.x, 0.0, 1.0),
+                Vec3::new(1.0 / direction.x, 0.0, 0.0),
+            ]
+        };
+        Self {
+            origin,
+            inverse: 1.0 / d,
+            octant: (bit(d.x, 4) | bit(d.y, 2) | bit(d.z, 1)) * 0x0101_0101,
+            projection,
+        }
+    }
+
+    /// Which children of the node at `row` the ray meets between the two t: bits 24 and up inner children in order of the ray's
+    /// octant, nearest highest; below, leaf items.
+    fn node(&self, rows: &[Row], row: u32, t_min: f32, t_max: f32) -> u32 {
+        let node = &rows[row as usize..(row + NODE_ROWS) as usize];
+        let origin = Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(node[0][axis])));
+        let step = Vec3::from_array(
+            [0, 8, 16].map(|shift| f32::from_bits(((node[0][3] >> shift) & 255) << 23)),
+        ) * self.inverse;
+        let base = (origin - self.origin) * self.inverse;
+        let slack = (base.abs() + 255.0 * step.abs()) * ROUNDING as f32;
+        let (near, far) = (base - slack, base + slack);
+        let mut hits = 0;
+        for child in 0..8 {
+            let byte = |words: [u32; 2]| (words[child / 4] >> (child % 4 * 8)) & 255;
+            let meta = byte([node[1][2], node[1][3]]);
+            let (mut enter, mut leave) = (t_min, t_max);
+            for axis in 0..3 {
+                let [a, b, c, d] = node[2 + axis];
+                let (mut low, mut high) = (byte([a, b]) as f32, byte([c, d]) as f32);
+                if self.inverse[axis] < 0.0 {
+                    (low, high) = (high, low);
+                }
+                enter = enter.max(low.mul_add(step[axis], near[axis]));
+                leave = leave.min(high.mul_add(step[axis], far[axis]));
+            }
+            if enter <= leave {
+                let index = if meta & 0x18 == 0x18 {
+                    meta ^ (self.octant & 7)
+                } else {
+                    meta
+                };
+                hits |= (meta >> 5) << (index & 31);
+            }
+        }
+        hits
+    }
+
+    /// Watertight: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013). Corners are projected by the same
+    /// operations in every triangle, and the edge function of an edge that two triangles share differs in nothing but its sign.
+    fn triangle(&self, rows: &[Row], row: u32) -> Option<(f32, Vec2)> {
+        let [a, b, c] = [0, 1, 2].map(|corner| {
+            let [x, y, z, _] = rows[(row + corner) as usize].map(f32::from_bits);
+            let v = Vec3::new(x, y, z) - self.origin;
+            Vec3::from_array(
+                self.projection
+                    .map(|r| r.x.mul_add(v.x, r.y.mul_add(v.y, r.z * v.z))),
+            )
+        });
+        // edge(p, q) = -edge(q, p) in every bit, whatever `mul_add` rounds.
+        let edge =
+            |p: Vec3, q: Vec3| p.x.mul_add(q.y, -(p.y * q.x)) - p.y.mul_add(q.x, -(p.x * q.y));
+        let weights = Vec3::new(edge(c, b), edge(a, c), edge(b, a));
+        let determinant = weights.x + weights.y + weights.z;
+        if weights.min_element() < 0.0 && weights.max_element() > 0.0 || determinant == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / determinant;
+        let t = (weights.x * a.z + weights.y * b.z + weights.z * c.z) * inverse;
+        Some((t, Vec2::new(weights.y, weights.z) * inverse))
+    }
+}
+
+/// The closest hit of `ray` in the hierarchy whose top level begins at row `root`. `exists` decides about candidates (instance,
+/// triangle, barycentrics) on instances with alpha.
+pub fn closest_hit(
+    rows: &[Row],
+    root: u32,
+    ray: &Ray,
+    exists: impl Fn(u32, u32, Vec2) -> bool,
+) -> Traversal {
+    traverse(rows, root, ray, exists, false)
+}
+
+/// Any hit of `ray`: as [`closest_hit`], but the first that is found.
+pub fn any_hit(
+    rows: &[Row],
+    root: u32,
+    ray: &Ray,
+    exists: impl Fn(u32, u32, Vec2) -> bool,
+) -> Traversal {
+    traverse(rows, root, ray, exists, true)
+}
+
+/// Nodes of a group that are still to visit.
+const INNER: u32 = 0xff00_0000;
+
+fn traverse(
+    rows: &[Row],
+    root: u32,
+    ray: &Ray,
+    exists: impl Fn(u32, u32, Vec2) -> bool,
+    any: bool,
+) -> Traversal {
+    let mut result = Traversal::default();
+    let mut t_max = ray.t_max;
+    let mut local = Local::new(ray.origin, ray.direction);
+    // A group is a row and bits: of nodes (bits 24 and up to visit, below them the mask of inner children) or of leaf items.
+    let mut stack: Vec<[u32; 2]> = Vec::new();
+    let mut nodes = [root, 0x8000_0000];
+    // Number, flags and stack height of the instance that is being traversed.
+    let mut inside: Option<(u32, u32, usize)> = None;
+    loop {
+        let mut items = [0, 0];
+        if nodes[1] & INNER != 0 {
+            let [first, bits] = nodes;
+            let bit = bits.ilog2();
+            nodes[1] &= !(1 << bit);
+            if nodes[1] & INNER != 0 {
+                stack.push(nodes);
+            }
+            let slot = (bit - 24) ^ (local.octant & 7);
+            let before = (bits & !(u32::MAX << slot)).count_ones();
+            let row = first + before * NODE_ROWS;
+            let hits = local.node(rows, row, ray.t_min, t_max);
+            let node = &rows[row as usize..];
+            nodes = [node[1][0], hits & INNER | node[0][3] >> 24];
+            items = [node[1][1], hits & !INNER];
+        } else {
+            std::mem::swap(&mut items, &mut nodes);
+        }
+        while items[1] != 0 {
+            let item = items[1].ilog2();
+            items[1] &= !(1 << item);
+            if let Some((instance, flags, _)) = inside {
+                let row = items[0] + item * TRIANGLE_ROWS;
+                let Some((t, barycentrics)) = local.triangle(rows, row) else {
+                    continue;
+                };
+                let primitive = rows[row as usize][3];
+                if t > ray.t_min
+                    && t < t_max
+                    && (flags & FLAG_ALPHA == 0 || exists(instance, primitive, barycentrics))
+                {
+                    t_max = t;
+                    result.hit = Some(Hit {
+                        t,
+                        instance,
+                        primitive,
+                        barycentrics,
+                    });
+                    if any {
+                        return result;
+                    }
+                }
+            } else {
+                let row = (items[0] + item * INSTANCE_ROWS) as usize;
+                if items[1] != 0 {
+                    stack.push(items);
+                }
+                if nodes[1] & INNER != 0 {
+                    stack.push(nodes);
+                }
+                let [x, y, z] =
+                    [0, 1, 2].map(|i| Vec4::from_array(rows[row + i].map(f32::from_bits)));
+                let mesh_from_world = Mat4::from_cols(x, y, z, Vec4::W).transpose();
+                local = Local::new(
+                    mesh_from_world.transform_point3(ray.origin),
+                    mesh_from_world.transform_vector3(ray.direction),
+                );
+                let [mesh, instance, flags, _] = rows[row + 3];
+                inside = Some((instance, flags, stack.len()));
+                nodes = [mesh, 0x8000_0000];
+                break;
+            }
+        }
+        result.stack = result.stack.max(stack.len());
+        if nodes[1] & INNER == 0 {
+            if inside.is_some_and(|(_, _, height)| height == stack.len()) {
+                inside = None;
+                local = Local::new(ray.origin, ray.direction);
+            }
+            match stack.pop() {
+                Some(group) => nodes = group,
+                None => return result,
+            }
+        }
+    }
+}

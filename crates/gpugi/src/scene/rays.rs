@@ -1,0 +1,117 @@
+//! The scene's bounding volume hierarchies on the GPU, for scenes in which somebody traces rays.
+
+use gpugi_scene::bvh::{
+    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, STACK_SIZE,
+};
+use gpugi_scene::{AlphaMode, Scene};
+
+use super::PlacedMesh;
+use crate::gpu::{Gpu, GpuError};
+
+/// Hierarchies of all meshes, and a top level over the instances behind them.
+#[derive(Debug)]
+pub(super) struct Rays {
+    bottom: BottomLevel,
+    pub buffer: wgpu::Buffer,
+}
+
+impl Rays {
+    /// Builds the hierarchies of meshes placed in the geometry buffer's `words`, and the top level.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        meshes: &[PlacedMesh],
+        words: &[u32],
+    ) -> Result<Self, GpuError> {
+        let triangles = meshes.iter().map(|mesh| mesh.triangles(words));
+        let (bottom, rows) = BottomLevel::new(triangles).map_err(|error| refused(gpu, error))?;
+        let capacity = rows.len() + top_capacity(scene);
+        let buffer = hierarchy_buffer(gpu, capacity)?;
+        gpu.queue
+            .write_buffer(&buffer, 0, bytemuck::cast_slice(&rows));
+        let rays = Self { bottom, buffer };
+        rays.write_top(gpu, scene)?;
+        Ok(rays)
+    }
+
+    /// Follows instances that moved, came or went; the meshes are the same as before.
+    pub fn moved(mut self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        let capacity = self.root() as usize + top_capacity(scene);
+        if self.buffer.size() < bytes(capacity) {
+            let larger = hierarchy_buffer(gpu, capacity)?;
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(
+                &self.buffer,
+                0,
+                &larger,
+                0,
+                Some(bytes(self.root() as usize)),
+            );
+            gpu.queue.submit([encoder.finish()]);
+            self.buffer = larger;
+        }
+        self.write_top(gpu, scene)?;
+        Ok(self)
+    }
+
+    /// Row of the top level's root.
+    pub fn root(&self) -> u32 {
+        self.bottom.root()
+    }
+
+    fn write_top(&self, gpu: &Gpu, scene: &Scene) -> Result<(), GpuError> {
+        let instances: Vec<BvhInstance> = scene
+            .instances
+            .iter()
+            .map(|instance| BvhInstance {
+                mesh: instance.mesh,
+                world_from_mesh: instance.world_from_mesh,
+                flags: match scene.materials[instance.material].alpha_mode {
+                    AlphaMode::Opaque => 0,
+                    AlphaMode::Mask { .. } | AlphaMode::Blend => FLAG_ALPHA,
+                },
+            })
+            .collect();
+        let rows = self
+            .bottom
+            .top_level(&instances)
+            .map_err(|error| refused(gpu, error))?;
+        gpu.queue.write_buffer(
+            &self.buffer,
+            bytes(self.root() as usize),
+            bytemuck::cast_slice(&rows),
+        );
+        Ok(())
+    }
+}
+
+/// Rows that a top level over the scene's instances takes at most: every node but the only one has two children or more.
+fn top_capacity(scene: &Scene) -> usize {
+    scene.instances.len().max(1) * (NODE_ROWS + INSTANCE_ROWS) as usize
+}
+
+fn bytes(rows: usize) -> u64 {
+    (rows * std::mem::size_of::<Row>()) as u64
+}
+
+/// A buffer for `rows` rows; zeros, which are an empty node.
+pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, GpuError> {
+    gpu.buffer(
+        "ray hierarchy [bytes]",
+        bytes(rows),
+        wgpu::BufferUsages::STORAGE,
+    )
+}
+
+fn refused(gpu: &Gpu, error: BvhError) -> GpuError {
+    let (needed, limit) = match error {
+        BvhError::TooDeep { depth } => (u64::from(depth), u64::from(STACK_SIZE)),
+        BvhError::TooLarge { rows } => (rows as u64, u64::from(u32::MAX)),
+    };
+    GpuError::TooLarge {
+        what: error.to_string(),
+        needed,
+        limit,
+        adapter: gpu.adapter.name.clone(),
+    }
+}
