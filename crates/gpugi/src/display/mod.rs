@@ -202,9 +202,7 @@ impl Display {
         for (part, seed) in parts.zip(settings.seed..) {
             let count = upload(part, seed);
             let mut frame = Frame::new(gpu, false);
-            frame.compute("display.encode", |pass| {
-                display.encode(pass, &bound, count)
-            });
+            frame.compute("display.encode", |pass| display.encode(pass, &bound, count));
             frame.submit()?;
             pixels.extend(read_buffer::<u8>(
                 gpu,

@@ -1,6 +1,6 @@
 //! Pipelines whose bind-group layouts come from shader reflection, so that a pass is a few lines of host code.
 
-use super::shader::{Declared, Shader};
+use super::shader::{Declared, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
 /// What every pipeline shares: the resources that a module declares, as bind-group layouts.
@@ -96,10 +96,7 @@ impl Interface {
             .map(|one| {
                 let resource = resources
                     .iter()
-                    .find(|(name, _)| {
-                        // The linker puts an imported module's path before the names of its resources.
-                        *name == one.name || one.name.ends_with(&format!("_{name}"))
-                    })
+                    .find(|(name, _)| is_linked_name(&one.name, name))
                     .ok_or_else(|| fail(format!("nothing is bound to {:?}", one.name)))?;
                 Ok(wgpu::BindGroupEntry {
                     binding: one.binding,
@@ -248,7 +245,7 @@ fn linked_constants(
                 .overrides
                 .iter()
                 .filter_map(|(_, one)| one.name.as_deref())
-                .find(|linked| linked.ends_with(name))
+                .find(|linked| is_linked_name(linked, name))
                 .map(|linked| (linked.to_owned(), value))
                 .ok_or_else(|| format!("there is no overridable constant {name}"))
         })

@@ -27,6 +27,19 @@ pub fn all_shaders() -> &'static [(&'static str, &'static str)] {
     include!(concat!(env!("OUT_DIR"), "/shaders.rs"))
 }
 
+/// Whether `linked` is how the linker writes `name`: as it is in the root module; of an imported one behind the module's path, where a
+/// part with n underscores reads `_npart`.
+pub(super) fn is_linked_name(linked: &str, name: &str) -> bool {
+    let part = match name.matches('_').count() {
+        0 => name.to_owned(),
+        count => format!("_{count}{name}"),
+    };
+    linked == name
+        || linked
+            .strip_suffix(&part)
+            .is_some_and(|path| path.ends_with('_'))
+}
+
 /// One resource that a shader declares.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Declared {

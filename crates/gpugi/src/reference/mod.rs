@@ -7,8 +7,6 @@ mod alias;
 mod lights;
 mod settings;
 mod sky;
-#[cfg(test)]
-mod tests;
 
 pub use settings::{FIELDS, Settings};
 
@@ -171,7 +169,10 @@ impl PathTracer {
             .any(|instance| scene.materials[instance.material].transmission > 0.0);
         let mut constants = vec![
             ("HAS_TRANSMISSION", flag(has_transmission)),
-            ("HAS_PATH_FILTER", flag(settings.paths != Settings::default().paths)),
+            (
+                "HAS_PATH_FILTER",
+                flag(settings.paths != Settings::default().paths),
+            ),
         ];
         constants.extend(on_gpu.ray_constants());
         let kernel = Kernel::with_constants(
@@ -306,8 +307,7 @@ impl PathTracer {
                     let blocks = self.dispatch(tile, block, pass)?;
                     block += blocks;
                     done += f64::from(blocks * BLOCK_SIDE * BLOCK_SIDE) / pixels;
-                    progress.fraction = (f64::from(self.samples)
-                        + done.min(1.0) * f64::from(pass))
+                    progress.fraction = (f64::from(self.samples) + done.min(1.0) * f64::from(pass))
                         / f64::from(samples);
                     if report(&progress).is_break() {
                         return Ok(progress);
@@ -417,8 +417,13 @@ impl PathTracer {
                     .dispatch(pass, &[(1, &tile.sums_group)], [invocations, 1, 1]);
             });
             frame.submit()?;
-            let words: Vec<[u32; 2]> = read_buffer(&self.gpu, &tile.sums, sums_bytes(tile.pixels()))?;
-            all.extend(words.iter().map(|&[variance, segments]| (f32::from_bits(variance), segments)));
+            let words: Vec<[u32; 2]> =
+                read_buffer(&self.gpu, &tile.sums, sums_bytes(tile.pixels()))?;
+            all.extend(
+                words
+                    .iter()
+                    .map(|&[variance, segments]| (f32::from_bits(variance), segments)),
+            );
         }
         Ok(all)
     }
@@ -433,8 +438,8 @@ impl PathTracer {
             let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
             let film: Vec<[f32; 8]> = read_buffer(&self.gpu, &tile.film, bytes)?;
             for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
-                let first = (tile.origin[1] as usize + y) * self.size[0] as usize
-                    + tile.origin[0] as usize;
+                let first =
+                    (tile.origin[1] as usize + y) * self.size[0] as usize + tile.origin[0] as usize;
                 for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(row) {
                     target.copy_from_slice(&pixel[..3]);
                 }
@@ -472,10 +477,7 @@ fn tiles(
     let mut tiles = Vec::new();
     for y in (0..size[1]).step_by(TILE_SIDE as usize) {
         for x in (0..size[0]).step_by(TILE_SIDE as usize) {
-            let extent = [
-                (size[0] - x).min(TILE_SIDE),
-                (size[1] - y).min(TILE_SIDE),
-            ];
+            let extent = [(size[0] - x).min(TILE_SIDE), (size[1] - y).min(TILE_SIDE)];
             let pixels = extent[0] * extent[1];
             let storage =
                 |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
@@ -517,17 +519,26 @@ fn check(scene: &Scene) -> Result<(), RenderError> {
     }
     for material in &scene.materials {
         if !material.emissive.is_finite() {
-            return refuse(format!("the emission of material {:?} is not finite", material.name));
+            return refuse(format!(
+                "the emission of material {:?} is not finite",
+                material.name
+            ));
         }
     }
     for mesh in &scene.meshes {
         if let Some(vertex) = mesh.positions.iter().position(|at| !at.is_finite()) {
-            return refuse(format!("vertex {vertex} of mesh {:?} is not finite", mesh.name));
+            return refuse(format!(
+                "vertex {vertex} of mesh {:?} is not finite",
+                mesh.name
+            ));
         }
     }
     for instance in &scene.instances {
         if !instance.world_from_mesh.is_finite() {
-            return refuse(format!("the transform of instance {:?} is not finite", instance.name));
+            return refuse(format!(
+                "the transform of instance {:?} is not finite",
+                instance.name
+            ));
         }
     }
     Ok(())

@@ -99,5 +99,8 @@ fn texel_luminance(pixels: &Pixels, texel: usize) -> f64 {
         }
         Pixels::Rgba8(values) => std::array::from_fn(|c| f64::from(values[texel * 4 + c]) / 255.0),
     };
-    rgb.iter().zip(LUMINANCE).map(|(c, weight)| c * weight).sum()
+    rgb.iter()
+        .zip(LUMINANCE)
+        .map(|(c, weight)| c * weight)
+        .sum()
 }
