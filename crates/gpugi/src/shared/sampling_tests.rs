@@ -75,7 +75,7 @@ fn check(gpu: &Gpu, case: &Case, lobe: usize) {
     };
     let midpoints = bins.midpoints();
     let directions: Vec<DVec3> = midpoints.iter().map(|(direction, _)| *direction).collect();
-    let densities = evaluate(gpu, case, &directions);
+    let densities = evaluate(gpu, &[*case], &directions);
     let mut expected = vec![0.0; RINGS * SECTORS];
     for (index, ((_, measure), density)) in midpoints.iter().zip(densities).enumerate() {
         expected[index / (STEPS * STEPS)] += f64::from(density[lobe][3]) * measure * SAMPLES as f64;
@@ -96,10 +96,10 @@ fn check(gpu: &Gpu, case: &Case, lobe: usize) {
         "draw",
         &[drawn],
         &[DVec3::Z],
-        [SAMPLES * 2, SAMPLES],
+        [SAMPLES * 3, SAMPLES],
     );
     let mut observed = vec![0.0; RINGS * SECTORS];
-    for row in rows.iter().skip(lobe).step_by(2) {
+    for row in rows.iter().skip(lobe).step_by(3) {
         let direction = DVec3::new(row[0].into(), row[1].into(), row[2].into());
         assert!(
             (direction.length() - 1.0).abs() < 1e-4,
