@@ -9,9 +9,9 @@ use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{Gpu, PollType};
 
 use crate::output::write_json;
-use crate::render::{apply_settings, usage};
+use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
-use crate::{Common, Usage};
+use crate::{Common, Usage, bench_path_tracer};
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x1024")]
     size: String,
-    /// Technique; the best real-time set when not given
+    /// Techniques, or path-tracer; the best real-time set when not given
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Keep the first N punctual lights and no other light
     #[arg(long, value_name = "N")]
     lights: Option<usize>,
-    /// Frames to measure
+    /// Frames to measure; of the path tracer, samples a pixel
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
     /// Write the table as JSON
@@ -89,6 +89,18 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     }
     let camera = scene_argument::camera(&scene, None, size[0] as f32 / size[1] as f32)?;
     let gpu = Gpu::open(&common.adapter)?;
+    if is_path_tracer(&arguments.technique)? {
+        return bench_path_tracer::run(
+            &gpu,
+            &arguments.scene,
+            &scene,
+            &camera,
+            size,
+            arguments.frames,
+            &path_tracer_settings(&arguments.set)?,
+            arguments.json.as_deref(),
+        );
+    }
     let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
     apply_settings(&mut renderer, &arguments.set)?;
     let display = DisplaySettings {

@@ -1,6 +1,7 @@
 //! The `gpugi` command: parse, call the library, print.
 
 mod bench;
+mod bench_path_tracer;
 mod doctor;
 mod interrupt;
 mod output;
