@@ -11,7 +11,7 @@ use gpugi::gpu::{Gpu, PollType};
 use crate::output::write_json;
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
-use crate::{Common, Usage, bench_path_tracer};
+use crate::{Common, Usage, bench_path_tracer, bench_rays};
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
@@ -25,10 +25,10 @@ pub struct Arguments {
     /// Environment map
     #[arg(long, value_name = "FILE")]
     environment: Option<PathBuf>,
-    /// Width and height in pixels
-    #[arg(long, value_name = "WxH", default_value = "1280x1024")]
-    size: String,
-    /// Techniques, or path-tracer; the best real-time set when not given
+    /// Width and height in pixels; 1280x1024 when not given, 1920x1080 for rays
+    #[arg(long, value_name = "WxH")]
+    size: Option<String>,
+    /// Techniques, or path-tracer; the best real-time set when not given; `bvh` measures rays a second
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -68,12 +68,17 @@ struct Measured {
 
 /// Measures.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
-    let size = arguments
-        .size
+    let rays = arguments.technique == ["bvh"];
+    let size = match (&arguments.size, rays) {
+        (Some(size), _) => size,
+        (None, false) => "1280x1024",
+        (None, true) => "1920x1080",
+    };
+    let size = size
         .split_once('x')
         .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]))
         .filter(|size| size.iter().all(|&side: &u32| side > 0))
-        .ok_or_else(|| Usage(format!("--size {}: expected WIDTHxHEIGHT", arguments.size)))?;
+        .ok_or_else(|| Usage(format!("--size {size}: expected WIDTHxHEIGHT")))?;
     let (mut scene, _) = scene_argument::load(&SceneArguments {
         scene: arguments.scene.clone(),
         detail: arguments.detail,
@@ -86,6 +91,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         for material in &mut scene.materials {
             material.emissive = glam::Vec3::ZERO;
         }
+    }
+    if rays {
+        let gpu = Gpu::open(&common.adapter)?;
+        return bench_rays::run(&gpu, &scene, size, arguments.json.as_deref());
     }
     let camera = scene_argument::camera(&scene, None, size[0] as f32 / size[1] as f32)?;
     let gpu = Gpu::open(&common.adapter)?;

@@ -2,6 +2,7 @@
 
 mod bench;
 mod bench_path_tracer;
+mod bench_rays;
 mod doctor;
 mod interrupt;
 mod output;

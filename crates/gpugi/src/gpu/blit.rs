@@ -22,7 +22,7 @@ impl Blit {
         let shader = shader!("gpu.blit");
         gpu.scoped(shader.name, || {
             let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
-            let (interface, _) = Interface::new(gpu, &shader, stages, None)?;
+            let (interface, _) = Interface::new(gpu, &shader, stages, None, false)?;
             let pipeline = gpu
                 .device
                 .create_render_pipeline(&wgpu::RenderPipelineDescriptor {

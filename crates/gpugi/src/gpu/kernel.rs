@@ -20,6 +20,7 @@ impl Interface {
         shader: &Shader,
         visibility: wgpu::ShaderStages,
         scene: Option<&wgpu::BindGroupLayout>,
+        unchecked: bool,
     ) -> Result<(Self, naga::Module), GpuError> {
         let reflection = shader.parse()?;
         let declared = shader.declared(&reflection)?;
@@ -58,12 +59,20 @@ impl Interface {
                 bind_group_layouts: &references,
                 immediate_size: 0,
             });
-        let module = gpu
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(shader.name),
-                source: wgpu::ShaderSource::Wgsl(shader.source.into()),
-            });
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(shader.name),
+            source: wgpu::ShaderSource::Wgsl(shader.source.into()),
+        };
+        let module = if unchecked {
+            // SAFETY: see `KernelOptions::unchecked`, which obliges whoever sets it.
+            #[allow(unsafe_code)]
+            unsafe {
+                let checks = wgpu::ShaderRuntimeChecks::unchecked();
+                gpu.device.create_shader_module_trusted(descriptor, checks)
+            }
+        } else {
+            gpu.device.create_shader_module(descriptor)
+        };
         let interface = Self {
             name: shader.name.to_owned(),
             declared,
@@ -121,6 +130,16 @@ impl Interface {
     }
 }
 
+/// How a [`Kernel`] is compiled.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct KernelOptions<'a> {
+    /// Values of pipeline-overridable constants, by the names that their WESL modules give them.
+    pub constants: &'a [(&'a str, f64)],
+    /// Leaves out the checks that naga adds: indices against the bounds of buffers and arrays, loops against running forever. Only
+    /// for shaders whose every index is in range and whose every loop ends, whatever scene is bound.
+    pub unchecked: bool,
+}
+
 /// A compute pipeline.
 #[derive(Debug, Clone)]
 pub struct Kernel {
@@ -140,24 +159,29 @@ impl Kernel {
         entry: &str,
         scene: Option<&wgpu::BindGroupLayout>,
     ) -> Result<Self, GpuError> {
-        Self::with_constants(gpu, shader, entry, scene, &[])
+        Self::with_options(gpu, shader, entry, scene, &KernelOptions::default())
     }
 
-    /// As [`Kernel::new`], with values for pipeline-overridable constants by the names that their WESL modules give them.
+    /// As [`Kernel::new`], with options.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the shader does not compile or has no such constant.
-    pub fn with_constants(
+    pub fn with_options(
         gpu: &Gpu,
         shader: &Shader,
         entry: &str,
         scene: Option<&wgpu::BindGroupLayout>,
-        constants: &[(&str, f64)],
+        options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
         let label = format!("{}.{entry}", shader.name);
         gpu.scoped(&label, || {
-            let (interface, reflection) =
-                Interface::new(gpu, shader, wgpu::ShaderStages::COMPUTE, scene)?;
+            let (interface, reflection) = Interface::new(
+                gpu,
+                shader,
+                wgpu::ShaderStages::COMPUTE,
+                scene,
+                options.unchecked,
+            )?;
             let workgroup_size = reflection
                 .entry_points
                 .iter()
@@ -167,11 +191,12 @@ impl Kernel {
                     reason: "there is no such entry point".into(),
                 })?
                 .workgroup_size;
-            let constants =
-                linked_constants(&reflection, constants).map_err(|reason| GpuError::Pass {
+            let constants = linked_constants(&reflection, options.constants).map_err(|reason| {
+                GpuError::Pass {
                     pass: label.clone(),
                     reason,
-                })?;
+                }
+            })?;
             let constants: Vec<_> = constants
                 .iter()
                 .map(|(name, value)| (name.as_str(), *value))
@@ -287,8 +312,13 @@ impl RasterKernel {
         state: &RasterState<'_>,
     ) -> Result<Self, GpuError> {
         gpu.scoped(shader.name, || {
-            let (interface, _) =
-                Interface::new(gpu, shader, wgpu::ShaderStages::VERTEX_FRAGMENT, scene)?;
+            let (interface, _) = Interface::new(
+                gpu,
+                shader,
+                wgpu::ShaderStages::VERTEX_FRAGMENT,
+                scene,
+                false,
+            )?;
             let targets: Vec<_> = state
                 .colors
                 .iter()

@@ -16,7 +16,7 @@ pub use buffer::{read_buffer, read_texture};
 pub use error::GpuError;
 pub use frame::{Frame, Timing};
 pub(crate) use kernel::scene_layout;
-pub use kernel::{Kernel, RasterKernel, RasterState};
+pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
 pub use shader::{BindingKind, Shader, all_shaders};
 pub use wgpu::{PollType, TextureAspect};
 

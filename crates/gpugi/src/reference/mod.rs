@@ -18,7 +18,7 @@ use glam::Vec2;
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, PollType, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, PollType, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::renderer::RenderError;
 use crate::scene::GpuScene;
@@ -175,12 +175,15 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
-        let kernel = Kernel::with_constants(
+        let kernel = Kernel::with_options(
             gpu,
             &shader!("reference.path_tracer"),
             "main",
             Some(&on_gpu.layout),
-            &constants,
+            &KernelOptions {
+                constants: &constants,
+                ..Default::default()
+            },
         )?;
         let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);

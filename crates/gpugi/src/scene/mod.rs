@@ -165,7 +165,7 @@ impl GpuScene {
         Self::upload(gpu, scene, true, None)
     }
 
-    /// Pipeline constants of shaders that trace rays in this scene, as [`Kernel::with_constants`] takes them.
+    /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
     pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
         [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]
     }

@@ -5,7 +5,7 @@ use gpugi_scene::bvh::traverse::Ray;
 use gpugi_scene::{Material, Mesh, Scene};
 
 use super::GpuScene;
-use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
 use crate::shader;
 use crate::testing::{Random, test_gpu};
 
@@ -31,12 +31,15 @@ fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
             [o.x, o.y, o.z, ray.t_min, d.x, d.y, d.z, ray.t_max]
         })
         .collect();
-    let kernel = Kernel::with_constants(
+    let kernel = Kernel::with_options(
         gpu,
         &shader!("testing.rays"),
         "main",
         Some(&scene.layout),
-        &scene.ray_constants(),
+        &KernelOptions {
+            constants: &scene.ray_constants(),
+            unchecked: false,
+        },
     )
     .unwrap();
     let input = gpu.storage("rays", &packed).unwrap();

@@ -1,0 +1,273 @@
+//! Rays a second: what `gpugi bench --technique bvh` measures.
+
+use std::time::Instant;
+
+use glam::Vec3;
+use gpugi_scene::Scene;
+
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// How the rays of one kind did.
+#[derive(Debug, Clone, serde::Serialize)]
+pub struct RayRate {
+    /// `primary`, `diffuse` or `shadow`.
+    pub kind: &'static str,
+    /// Whether the shader's accesses are checked against the bounds of buffers and arrays.
+    pub checked: bool,
+    /// Rays of a launch.
+    pub rays: u64,
+    /// Fraction of them that hit something.
+    pub hit_fraction: f64,
+    /// Milliseconds of the fastest launch.
+    pub best_ms: f64,
+    /// Milliseconds of the median launch.
+    pub median_ms: f64,
+    /// Millions of rays a second, fastest launch.
+    pub best_mrays: f64,
+    /// Millions of rays a second, median launch.
+    pub median_mrays: f64,
+    /// Nodes that a ray is tested against, on average.
+    pub nodes: f64,
+    /// Triangles that a ray is tested against, on average.
+    pub triangles: f64,
+    /// Instances that a ray enters, on average.
+    pub instances: f64,
+    /// Bytes of the hierarchy that a ray reads, on average.
+    pub bytes: f64,
+}
+
+/// Launches of each kind that are timed.
+const LAUNCHES: usize = 20;
+
+/// `Settings` of ray_bench/rays.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct Settings {
+    pub eye: [f32; 3],
+    pub width: u32,
+    pub direction: [f32; 3],
+    pub height: u32,
+    pub direction_dx: [f32; 3],
+    pub offset: f32,
+    pub direction_dy: [f32; 3],
+    pub seed: u32,
+    pub light: [f32; 3],
+    pub padding: u32,
+}
+
+impl Settings {
+    /// Looks at the middle of the scene from (0.25, 0.2, 1) x 1.1 diagonals beside it, 35 degrees high; the light is above.
+    fn new(scene: &Scene, [width, height]: [u32; 2]) -> Self {
+        let bounds = scene.bounds();
+        let diagonal = bounds.diagonal();
+        let eye = bounds.center() + Vec3::new(0.25, 0.2, 1.0) * 1.1 * diagonal;
+        let forward = (bounds.center() - eye).normalize_or(Vec3::NEG_Z);
+        let right = forward.cross(Vec3::Y).normalize_or(Vec3::X);
+        let down = forward.cross(right);
+        let pixel = 2.0 * 17.5_f32.to_radians().tan() / height as f32;
+        let corner = forward
+            - right * (pixel * 0.5 * (width as f32 - 1.0))
+            - down * (pixel * 0.5 * (height as f32 - 1.0));
+        Self {
+            eye: eye.to_array(),
+            width,
+            direction: corner.to_array(),
+            height,
+            direction_dx: (right * pixel).to_array(),
+            offset: 1e-4 * diagonal,
+            direction_dy: (down * pixel).to_array(),
+            seed: 1,
+            light: (bounds.center() + Vec3::new(0.3, 1.0, 0.4) * diagonal).to_array(),
+            padding: 0,
+        }
+    }
+}
+
+/// `Hit` of scene/bvh.wesl; of a counting launch nodes, triangles and instances.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Record {
+    t: f32,
+    nodes: u32,
+    triangles: u32,
+    padding: u32,
+    instances: f32,
+    padding_1: f32,
+}
+
+const RAY_BYTES: u64 = 32;
+
+/// Measures closest hits of primary rays and of one diffuse bounce, and shadow rays (any hit toward a point light above the scene),
+/// with the shader's bounds checks and without.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn measure(gpu: &Gpu, scene: &Scene, size: [u32; 2]) -> Result<Vec<RayRate>, GpuError> {
+    let pixels = u64::from(size[0]) * u64::from(size[1]);
+    let bench = Bench {
+        gpu,
+        scene: GpuScene::with_rays(gpu, scene)?,
+        size,
+        settings: gpu.uniform("bench settings", &Settings::new(scene, size))?,
+        hits: storage(gpu, pixels * std::mem::size_of::<Record>() as u64)?,
+        primary: storage(gpu, pixels * std::mem::size_of::<Record>() as u64)?,
+        rays: storage(gpu, pixels * RAY_BYTES)?,
+        count: storage(gpu, 4)?,
+    };
+    let mut rates = Vec::new();
+    for checked in [true, false] {
+        for (kind, list, trace) in [
+            ("primary", None, "primary"),
+            ("diffuse", Some("bounces"), "closest"),
+            ("shadow", Some("shadows"), "any"),
+        ] {
+            rates.push(bench.rate(kind, list, trace, checked)?);
+        }
+    }
+    Ok(rates)
+}
+
+fn storage(gpu: &Gpu, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+    gpu.buffer("bench rays [bytes]", bytes, wgpu::BufferUsages::STORAGE)
+}
+
+struct Bench<'a> {
+    gpu: &'a Gpu,
+    scene: GpuScene,
+    size: [u32; 2],
+    settings: wgpu::Buffer,
+    /// Written by the launches that are measured.
+    hits: wgpu::Buffer,
+    /// Hits of the primary rays, from which the others start.
+    primary: wgpu::Buffer,
+    rays: wgpu::Buffer,
+    count: wgpu::Buffer,
+}
+
+impl Bench<'_> {
+    fn rate(
+        &self,
+        kind: &'static str,
+        list: Option<&str>,
+        trace: &str,
+        checked: bool,
+    ) -> Result<RayRate, GpuError> {
+        let [width, height] = self.size;
+        let pixels = [width, height, 1];
+        let invocations = match list {
+            None => pixels,
+            Some(list) => {
+                self.launch("primary", &self.primary, pixels, true, false, 1)?;
+                self.gpu.queue.write_buffer(&self.count, 0, &[0; 4]);
+                self.launch(list, &self.primary, pixels, true, false, 1)?;
+                let count: Vec<u32> = read_buffer(self.gpu, &self.count, 4)?;
+                [count[0], 1, 1]
+            }
+        };
+        let rays = u64::from(invocations[0]) * u64::from(invocations[1]);
+        self.launch(trace, &self.hits, invocations, checked, true, 1)?;
+        let counted: Vec<Record> = self.records(rays)?;
+        let mean =
+            |of: fn(&Record) -> f64| counted.iter().map(of).sum::<f64>() / rays.max(1) as f64;
+        let [nodes, triangles, instances] = [
+            mean(|record| f64::from(record.nodes)),
+            mean(|record| f64::from(record.triangles)),
+            mean(|record| f64::from(record.instances)),
+        ];
+        self.launch(trace, &self.hits, invocations, checked, false, 3)?;
+        let mut times = self.launch(trace, &self.hits, invocations, checked, false, LAUNCHES)?;
+        times.sort_by(f64::total_cmp);
+        let hit = |record: &&Record| match trace {
+            "any" => record.t > 0.0,
+            _ => record.nodes != u32::MAX,
+        };
+        let hits = self.records(rays)?.iter().filter(hit).count();
+        let mrays = |milliseconds: f64| rays as f64 / milliseconds / 1e3;
+        let (best_ms, median_ms) = (times[0], times[times.len() / 2]);
+        Ok(RayRate {
+            kind,
+            checked,
+            rays,
+            hit_fraction: hits as f64 / rays.max(1) as f64,
+            best_ms,
+            median_ms,
+            best_mrays: mrays(best_ms),
+            median_mrays: mrays(median_ms),
+            nodes,
+            triangles,
+            instances,
+            bytes: nodes * 80.0 + triangles * 48.0 + instances * 64.0,
+        })
+    }
+
+    fn records(&self, count: u64) -> Result<Vec<Record>, GpuError> {
+        read_buffer(
+            self.gpu,
+            &self.hits,
+            count * std::mem::size_of::<Record>() as u64,
+        )
+    }
+
+    /// Runs the entry point `times` times; milliseconds of each.
+    fn launch(
+        &self,
+        entry: &str,
+        hits: &wgpu::Buffer,
+        invocations: [u32; 3],
+        checked: bool,
+        count_tests: bool,
+        times: usize,
+    ) -> Result<Vec<f64>, GpuError> {
+        let [alpha] = self.scene.ray_constants();
+        let kernel = Kernel::with_options(
+            self.gpu,
+            &shader!("ray_bench.rays"),
+            entry,
+            Some(&self.scene.layout),
+            &KernelOptions {
+                constants: &[alpha, ("COUNT_TESTS", f64::from(u8::from(count_tests)))],
+                unchecked: !checked,
+            },
+        )?;
+        let group = kernel.bind(
+            self.gpu,
+            1,
+            &[
+                ("settings", self.settings.as_entire_binding()),
+                ("hits", hits.as_entire_binding()),
+                ("rays", self.rays.as_entire_binding()),
+                ("ray_count", self.count.as_entire_binding()),
+            ],
+        )?;
+        let record = |frame: &mut Frame<'_>| {
+            frame.compute(entry, |pass| {
+                kernel.dispatch(
+                    pass,
+                    &[(0, &self.scene.bind_group), (1, &group)],
+                    invocations,
+                );
+            });
+        };
+        if !self.gpu.has_timestamps {
+            return (0..times)
+                .map(|_| {
+                    let started = Instant::now();
+                    let mut frame = Frame::new(self.gpu, false);
+                    record(&mut frame);
+                    frame.submit()?;
+                    // Waits for the launch.
+                    let _: Vec<u32> = read_buffer(self.gpu, &self.count, 4)?;
+                    Ok(started.elapsed().as_secs_f64() * 1e3)
+                })
+                .collect();
+        }
+        let mut frame = Frame::new(self.gpu, true);
+        for _ in 0..times {
+            record(&mut frame);
+        }
+        let timings = frame.submit()?;
+        Ok(timings.iter().map(|one| one.milliseconds).collect())
+    }
+}
