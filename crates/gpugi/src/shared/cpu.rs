@@ -150,6 +150,20 @@ impl Case {
         (2.0 * n.dot(wo) * n - wo, width)
     }
 
+    /// The same of the transmission: around the refracted direction, or along the surface where there is none.
+    pub fn transmitted_lobe(&self) -> (DVec3, f64) {
+        let (n, wo, eta) = (self.normal(), self.wo(), f64::from(self.eta));
+        if self.thin == 1 {
+            return (-wo, self.alpha());
+        }
+        let along = (n.dot(wo) * n - wo) / eta;
+        let down = (1.0 - along.length_squared()).max(0.1).sqrt();
+        (
+            (along - down * n).normalize(),
+            self.alpha() * (1.0 - eta).abs(),
+        )
+    }
+
     /// Fresnel reflectance of a facet in one channel.
     pub fn facet(&self, channel: usize, cosine: f64) -> f64 {
         if self.model == Self::CONDUCTOR {
@@ -327,7 +341,7 @@ pub fn dielectric(eta: f64, cosine: f64) -> f64 {
 }
 
 /// Columns: two tangents and `normal`.
-pub fn frame(normal: DVec3) -> glam::DMat3 {
+fn frame(normal: DVec3) -> glam::DMat3 {
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     glam::DMat3::from_cols(tangent, bitangent, normal)
 }

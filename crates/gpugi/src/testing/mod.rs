@@ -1,5 +1,7 @@
 //! What the tests share: the adapter, and tiny kernels (the `.wesl` files of this folder) that run one function on a buffer.
 
+pub(crate) mod chi_square;
+
 use std::sync::OnceLock;
 
 use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffer};

@@ -1,0 +1,229 @@
+//! Whether sampled directions are distributed as their density says: Pearson's chi-square test over bins of the sphere, with few
+//! expected samples pooled and Sidak's correction for many tests, as in pbrt's (Pharr, Jakob, Humphreys) and Mitsuba's tests.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DVec3};
+
+/// Bins of the sphere: rings around an axis, sectors around each.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Bins {
+    frame: DMat3,
+    width: f64,
+}
+
+const RINGS: usize = 16;
+const SECTORS: usize = 16;
+/// Midpoints along each side of a bin.
+const STEPS: usize = 16;
+/// Fewest samples to expect in a bin of its own.
+const FEW: f64 = 5.0;
+/// Chance that any of a family of tests fails although all is right.
+const SIGNIFICANCE: f64 = 0.01;
+/// How far quadrature may be off where a density ends abruptly, at a horizon (share of all samples).
+const QUADRATURE: f64 = 0.003;
+
+impl Bins {
+    /// The whole sphere alike, around +Z.
+    pub fn sphere() -> Self {
+        Self::around(DVec3::Z, 1.0)
+    }
+
+    /// Finer near `axis` (unit), for a lobe about as wide as an angle of 2 atan(`width`): half of the rings lie within. Even in
+    /// q = t / (t + width) with t = tan(psi / 2), psi the angle from the axis; which GGX's long tails need.
+    pub fn around(axis: DVec3, width: f64) -> Self {
+        let (tangent, bitangent) = axis.any_orthonormal_pair();
+        Self {
+            frame: DMat3::from_cols(tangent, bitangent, axis),
+            width,
+        }
+    }
+
+    fn of(&self, direction: DVec3) -> usize {
+        let local = self.frame.transpose() * direction;
+        // Without the difference 1 - cos, which for narrow lobes is below the rounding of cos.
+        let t = local.truncate().length() / (1.0 + local.z).max(1e-15);
+        let q = t / (t + self.width);
+        let turn = (local.y.atan2(local.x) / TAU).rem_euclid(1.0);
+        let ring = ((q * RINGS as f64) as usize).min(RINGS - 1);
+        ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
+    }
+
+    /// Midpoints of all bins, bin after bin, and the solid angle of each.
+    fn midpoints(&self) -> Vec<(DVec3, f64)> {
+        let mut points = Vec::with_capacity(RINGS * SECTORS * STEPS * STEPS);
+        for bin in 0..RINGS * SECTORS {
+            for i in 0..STEPS {
+                // tan(psi / 2) and 1 - cos psi at a fraction of a step.
+                let tangent = |fraction: f64| {
+                    let step = ((bin / SECTORS) * STEPS + i) as f64 + fraction;
+                    let q = step / (RINGS * STEPS) as f64;
+                    self.width * q / (1.0 - q).max(1e-15)
+                };
+                let height = |t: f64| 2.0 * t * t / (1.0 + t * t);
+                let t = tangent(0.5);
+                let (s, c) = (2.0 * t / (1.0 + t * t), 1.0 - height(t));
+                let measure =
+                    (height(tangent(1.0)) - height(tangent(0.0))) * TAU / (SECTORS * STEPS) as f64;
+                for j in 0..STEPS {
+                    let turn = (bin % SECTORS) as f64 + (j as f64 + 0.5) / STEPS as f64;
+                    let phi = TAU * turn / SECTORS as f64;
+                    let local = DVec3::new(s * phi.cos(), s * phi.sin(), c);
+                    points.push((self.frame * local, measure));
+                }
+            }
+        }
+        points
+    }
+}
+
+/// How well samples fit a density.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Fit {
+    /// Chance of a deviation as large as that seen, were the density right up to a factor.
+    pub p_value: f64,
+    /// The density's integral over the sphere.
+    pub mass: f64,
+    /// The share of samples that are directions, which the mass should be.
+    pub share: f64,
+    /// Bins after pooling.
+    pub bins: usize,
+}
+
+/// Compares `samples`, unit vectors or zero where sampling gave none, with a density over solid angle [1/sr], which `densities`
+/// evaluates for many directions at once. The density may integrate to less than 1: the rest are the samples that
+/// are none.
+///
+/// # Panics
+/// When a sample is neither a unit vector nor zero, or a density is negative, infinite or no number.
+pub(crate) fn chi_square(
+    bins: &Bins,
+    samples: &[DVec3],
+    densities: impl FnOnce(&[DVec3]) -> Vec<f64>,
+) -> Fit {
+    let midpoints = bins.midpoints();
+    let directions: Vec<DVec3> = midpoints.iter().map(|(direction, _)| *direction).collect();
+    let densities = densities(&directions);
+    // Expected and observed.
+    let mut cells = vec![(0.0, 0.0); RINGS * SECTORS];
+    for (index, ((direction, measure), density)) in midpoints.iter().zip(densities).enumerate() {
+        assert!(
+            density.is_finite() && density >= 0.0,
+            "a density of {density} toward {direction}"
+        );
+        cells[index / (STEPS * STEPS)].0 += density * measure;
+    }
+    let mass: f64 = cells.iter().map(|cell| cell.0).sum();
+    let mut drawn = 0.0;
+    for sample in samples.iter().filter(|sample| **sample != DVec3::ZERO) {
+        assert!(
+            (sample.length() - 1.0).abs() < 1e-4,
+            "{sample} is no unit vector"
+        );
+        cells[bins.of(*sample)].1 += 1.0;
+        drawn += 1.0;
+    }
+    cells.iter_mut().for_each(|cell| cell.0 *= drawn / mass);
+    cells.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut statistic, mut bins) = (0.0, 0);
+    let mut pool = (0.0, 0.0);
+    for (expected, observed) in cells {
+        pool = (pool.0 + expected, pool.1 + observed);
+        if pool.0 >= FEW {
+            statistic += (pool.1 - pool.0) * (pool.1 - pool.0) / pool.0;
+            bins += 1;
+            pool = (0.0, 0.0);
+        }
+    }
+    Fit {
+        p_value: upper_tail(statistic, bins.max(1) - 1),
+        mass,
+        share: drawn / samples.len() as f64,
+        bins,
+    }
+}
+
+/// Fails unless `samples` follow the density: see [`chi_square`]. `tests` is the number of tests in the family, for Sidak's
+/// correction; `what` is named in the message. Returns the fit, whose mass the caller may know more of.
+///
+/// # Panics
+/// When they do not.
+pub(crate) fn assert_follows(
+    what: &str,
+    tests: usize,
+    bins: &Bins,
+    samples: &[DVec3],
+    densities: impl FnOnce(&[DVec3]) -> Vec<f64>,
+) -> Fit {
+    let fit = chi_square(bins, samples, densities);
+    let least = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / tests as f64);
+    assert!(
+        (fit.mass - fit.share).abs() < QUADRATURE,
+        "the density integrates to another number than the share of samples that are directions, {fit:?}: {what}"
+    );
+    assert!(fit.bins > 12, "only {} bins in use: {what}", fit.bins);
+    assert!(
+        fit.p_value > least,
+        "samples do not follow their density, {fit:?}: {what}"
+    );
+    fit
+}
+
+/// Chance that a chi-square variable exceeds `statistic`: with an even number of degrees of freedom that a Poisson variable of
+/// mean statistic / 2 is less than half of them; with an odd one, one more is taken.
+fn upper_tail(statistic: f64, freedom: usize) -> f64 {
+    let mean = statistic / 2.0;
+    let mut logarithm = -mean;
+    let mut sum = 0.0;
+    for i in 0..freedom.div_ceil(2) {
+        if i > 0 {
+            logarithm += (mean / i as f64).ln();
+        }
+        sum += logarithm.exp();
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    #[test]
+    fn tails_are_those_of_the_tables() {
+        for (statistic, freedom, expected) in
+            [(18.307, 10, 0.05), (37.566, 20, 0.01), (124.342, 100, 0.05)]
+        {
+            let found = upper_tail(statistic, freedom);
+            assert!((found - expected).abs() < 1e-4, "{found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn right_densities_pass_and_wrong_ones_do_not() {
+        let mut random = Random(9);
+        let samples: Vec<DVec3> = (0..200_000)
+            .map(|index| match index % 4 {
+                // A quarter of the samples is none.
+                0 => DVec3::ZERO,
+                _ => random.direction().as_dvec3(),
+            })
+            .collect();
+        for bins in [
+            Bins::sphere(),
+            Bins::around(DVec3::new(0.6, 0.0, -0.8), 0.2),
+        ] {
+            let p_value = |tilt: f64| {
+                let density = |d: &DVec3| 0.75 / (2.0 * TAU) * (1.0 + tilt * d.x);
+                let densities = |all: &[DVec3]| all.iter().map(density).collect();
+                chi_square(&bins, &samples, densities).p_value
+            };
+            assert!(p_value(0.0) > 1e-3);
+            assert!(p_value(0.1) < 1e-6);
+            let fit = assert_follows("even", 8, &bins, &samples, |all| {
+                vec![0.75 / (2.0 * TAU); all.len()]
+            });
+            assert!((fit.mass - 0.75).abs() < 1e-9);
+        }
+    }
+}
