@@ -134,8 +134,10 @@ fn every_entry_point_becomes_a_pipeline() {
         // The module and the layout; the state of a raster pipeline is its pass's business.
         if !raster.is_empty() {
             let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
-            gpu.scoped(shader.name, || Interface::new(&gpu, &shader, stages, scene, false))
-                .unwrap_or_else(|error| panic!("{error}"));
+            gpu.scoped(shader.name, || {
+                Interface::new(&gpu, &shader, stages, scene, false)
+            })
+            .unwrap_or_else(|error| panic!("{error}"));
         }
         for point in compute {
             Kernel::new(&gpu, &shader, &point.name, scene)

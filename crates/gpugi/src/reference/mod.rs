@@ -182,7 +182,10 @@ impl PathTracer {
             Some(&on_gpu.layout),
             &KernelOptions {
                 constants: &constants,
-                ..Default::default()
+                // Worth 3 to 10 percent on an H200. Indices are in range: of the film by comparison with the tile, of the scene's tables because
+                // the host wrote them, of the traversal's stack because the host knows its depth. Loops end: paths by `max_bounces` and
+                // `MAX_CULLED`, traversal because a hierarchy is a tree.
+                unchecked: true,
             },
         )?;
         let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
@@ -196,7 +199,14 @@ impl PathTracer {
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
-        let rows = gpu.storage("path-tracer.lights [bytes]", &table.rows)?;
+        // A binding must hold one element, wanted or not.
+        let unlit = [bytemuck::Zeroable::zeroed()];
+        let rows: &[lights::Light] = if table.rows.is_empty() {
+            &unlit
+        } else {
+            &table.rows
+        };
+        let rows = gpu.storage("path-tracer.lights [bytes]", rows)?;
         let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
         let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
         let light_group = kernel.bind(
