@@ -4,9 +4,10 @@ mod common;
 
 use std::f64::consts::PI;
 
-use common::{Lit, floor, from_above, gpu, lit_by, meets, place, rel_mse, render};
+use common::{Lit, floor, from_above, gpu, lit_by, meets, place, render};
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::image::metrics::rel_mse;
 use gpugi_scene::{
     AlphaMode, Camera, Image, Light, LightKind, Material, Pixels, Scene, Texture, TextureRef, Wrap,
 };

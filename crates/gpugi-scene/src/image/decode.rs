@@ -42,8 +42,19 @@ pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, 
 /// [`Pixels::Rgba32Float`] with alpha 1. A texel that is not finite is an error; negative radiance becomes 0, with a
 /// warning in the log.
 pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
-    let mut image = match recognise(name, bytes)? {
-        Format::Ktx2 => ktx2::decode_radiance(name, bytes, limits)?,
+    let (mut image, _) = decode_linear(name, bytes, limits)?;
+    remove_negative(&mut image);
+    Ok(image)
+}
+
+/// Decodes as [`decode_radiance`] does, but keeps negative values. Also says whether the file was encoded for a display.
+pub(super) fn decode_linear(
+    name: &str,
+    bytes: &[u8],
+    limits: &Limits,
+) -> Result<(Image, bool), ImportError> {
+    let (image, encoded_as_srgb) = match recognise(name, bytes)? {
+        Format::Ktx2 => (ktx2::decode_radiance(name, bytes, limits)?, false),
         Format::Other(format) => {
             let decoded = decode(name, bytes, format, limits, RADIANCE_TEXEL)?;
             let encoded_as_srgb = matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
@@ -54,16 +65,17 @@ pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Imag
                 }
                 texel.0[3] = 1.0;
             }
-            Image {
+            let image = Image {
                 name: name.to_owned(),
                 width: texels.width(),
                 height: texels.height(),
                 pixels: Pixels::Rgba32Float(texels.into_raw()),
-            }
+            };
+            (image, encoded_as_srgb)
         }
     };
-    check_radiance(&mut image)?;
-    Ok(image)
+    check_finite(&image)?;
+    Ok((image, encoded_as_srgb))
 }
 
 /// Reads the file at `path` as [`decode_radiance`] does.
@@ -193,36 +205,55 @@ pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
     }
 }
 
-/// Refuses texels that are not finite. Negative ones become 0, with a warning: most measured environments that were
-/// resized with a sharp filter have some around their brightest lights, and no light is what they mean.
-fn check_radiance(image: &mut Image) -> Result<(), ImportError> {
-    let Pixels::Rgba32Float(values) = &mut image.pixels else {
+/// The inverse of [`linear_from_srgb`].
+pub(super) fn srgb_from_linear(linear: f32) -> f32 {
+    if linear <= 0.0031308 {
+        linear * 12.92
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// Refuses texels that are not finite.
+fn check_finite(image: &Image) -> Result<(), ImportError> {
+    let Pixels::Rgba32Float(values) = &image.pixels else {
         return Ok(());
     };
-    let width = image.width as usize;
-    let place = |at: usize| format!("texel ({}, {})", at % width, at / width);
+    let broken = |texel: &[f32]| texel.iter().any(|value| !value.is_finite());
+    match values.chunks_exact(4).enumerate().find(|(_, t)| broken(t)) {
+        Some((at, texel)) => Err(ImportError::new(
+            &image.name,
+            place(image.width, at),
+            format!("{:?} is no radiance: it is not finite", &texel[..3]),
+        )),
+        None => Ok(()),
+    }
+}
+
+/// Negative radiance becomes 0, with a warning: most measured environments that were resized with a sharp filter have
+/// some around their brightest lights, and no light is what they mean.
+fn remove_negative(image: &mut Image) {
+    let Pixels::Rgba32Float(values) = &mut image.pixels else {
+        return;
+    };
     let mut negative = None;
-    for (at, texel) in values.chunks_exact_mut(4).enumerate() {
-        if texel.iter().any(|value| !value.is_finite()) {
-            return Err(ImportError::new(
-                &image.name,
-                place(at),
-                format!("{:?} is no radiance: it is not finite", &texel[..3]),
-            ));
-        }
-        for value in texel {
-            if *value < 0.0 {
-                negative.get_or_insert((at, *value));
-                *value = 0.0;
-            }
+    for (at, value) in values.iter_mut().enumerate() {
+        if *value < 0.0 {
+            negative.get_or_insert((at / 4, *value));
+            *value = 0.0;
         }
     }
     if let Some((at, value)) = negative {
         tracing::warn!(
             "{}: {}: negative radiance ({value}, the first of its kind) is taken as 0",
             image.name,
-            place(at)
+            place(image.width, at)
         );
     }
-    Ok(())
+}
+
+/// A texel by its number, for messages.
+fn place(width: u32, at: usize) -> String {
+    let width = width as usize;
+    format!("texel ({}, {})", at % width, at / width)
 }

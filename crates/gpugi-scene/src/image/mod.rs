@@ -3,6 +3,7 @@
 mod decode;
 mod encode;
 mod ktx2;
+pub mod metrics;
 
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub use encode::{replace_file, save_exr, save_hdr, save_png};

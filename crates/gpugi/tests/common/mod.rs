@@ -122,15 +122,6 @@ pub fn render(gpu: &Gpu, scene: &Scene, camera: &Camera, size: u32, settings: &[
     picture(gpu, &mut renderer(gpu, scene, size, settings), camera)
 }
 
-/// Mean of (a - b)^2 / (b^2 + 0.01).
-pub fn rel_mse(pairs: impl Iterator<Item = (f32, f32)>) -> f32 {
-    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), (a, b)| {
-        (sum + (a - b) * (a - b) / (b * b + 0.01), count + 1)
-    });
-    assert!(count > 0, "nothing to compare");
-    sum / count as f32
-}
-
 /// Whether a segment meets an axis-aligned box.
 pub fn meets(from: Vec3, to: Vec3, min: Vec3, max: Vec3) -> bool {
     let inverse = (to - from).recip();
