@@ -3,6 +3,7 @@
 mod bench;
 mod bench_path_tracer;
 mod bench_rays;
+mod compare;
 mod doctor;
 mod interrupt;
 mod output;
@@ -56,6 +57,8 @@ pub struct Common {
 enum Command {
     /// Render a scene to a picture
     Render(render::Arguments),
+    /// Say how far a picture is from its reference
+    Compare(compare::Arguments),
     /// Say what a scene holds
     Info(scene_argument::SceneArguments),
     /// List techniques, built-in scenes or adapters
@@ -92,6 +95,7 @@ fn main() -> std::process::ExitCode {
     let common = &arguments.common;
     let result = match &arguments.command {
         Command::Render(render) => render::run(common, render),
+        Command::Compare(compare) => compare::run(common, compare),
         Command::Info(scene) => scene_argument::info(scene),
         Command::List { what } => {
             list(*what);
