@@ -185,7 +185,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
     let rendered = if with_path_tracer {
-        render_reference(common, arguments, &gpu, &scene, &camera, &mut notes)?
+        render_reference(common, arguments, &gpu, &scene, &camera, &notes)?
     } else {
         render_techniques(common, arguments, &gpu, &scene, &camera, &mut notes)?
     };
@@ -309,7 +309,7 @@ fn render_reference(
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
-    notes: &mut Vec<String>,
+    notes: &[String],
 ) -> anyhow::Result<Rendered> {
     let settings = path_tracer_settings(&arguments.set)?;
     if !arguments.aov.is_empty() || arguments.dump_maps.is_some() {
