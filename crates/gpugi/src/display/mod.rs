@@ -161,8 +161,17 @@ impl Display {
         radiance: &[f32],
         settings: &DisplaySettings,
     ) -> Result<Vec<u8>, GpuError> {
-        let parts = radiance.chunks((PART_PIXELS * 3) as usize);
-        let largest = radiance.len().min((PART_PIXELS * 3) as usize) as u32 / 3;
+        Self::picture_in_parts(gpu, radiance, settings, PART_PIXELS)
+    }
+
+    fn picture_in_parts(
+        gpu: &Gpu,
+        radiance: &[f32],
+        settings: &DisplaySettings,
+        part_pixels: u32,
+    ) -> Result<Vec<u8>, GpuError> {
+        let parts = radiance.chunks((part_pixels * 3) as usize);
+        let largest = radiance.len().min((part_pixels * 3) as usize) as u32 / 3;
         let display = Self::new(gpu, [largest, 1])?;
         let buffer = gpu.buffer(
             "display.radiance [bytes]",

@@ -487,6 +487,26 @@ fn a_large_picture_is_shown_to_its_last_pixel() {
 }
 
 #[test]
+fn a_picture_in_parts_is_the_picture() {
+    let gpu = gpu!();
+    // Parts of different brightness, which share one exposure, and a last one that is not full.
+    let radiance = ramp();
+    let floats: Vec<f32> = radiance.iter().flatten().copied().collect();
+    let settings = DisplaySettings {
+        exposure: Exposure::Auto,
+        ..plain()
+    };
+    let whole = show(&gpu, &radiance, &settings).concat();
+    assert!(radiance.len() % 7 != 0 && radiance.len() > 7);
+    for part_pixels in [7, 1 << 22] {
+        let parts = Display::picture_in_parts(&gpu, &floats, &settings, part_pixels);
+        assert_eq!(parts.expect("it fits"), whole, "{part_pixels}");
+    }
+    let none = Display::picture(&gpu, &[], &settings).expect("it fits");
+    assert!(none.is_empty());
+}
+
+#[test]
 fn a_display_follows_its_input() {
     let gpu = gpu!();
     let display = Display::new(&gpu, [2, 2]).expect("it fits");
