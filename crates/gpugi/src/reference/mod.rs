@@ -4,6 +4,8 @@
 //! Unidirectional, with next-event estimation and multiple importance sampling. `docs/techniques/path-tracer.md` says what it samples and how.
 
 mod alias;
+#[cfg(test)]
+mod light_tests;
 mod lights;
 mod settings;
 mod sky;

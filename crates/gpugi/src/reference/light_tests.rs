@@ -1,0 +1,189 @@
+//! Lights are drawn as their densities say.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{DVec3, Mat4, Vec3, vec3};
+use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::{Environment, Image, Material, Pixels, Scene};
+
+use super::lights::LightTable;
+use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
+use crate::light_paths::LightClass;
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::testing::chi_square::{Bins, assert_follows};
+use crate::testing::{Random, test_gpu};
+
+/// Few enough that the edges of lights, which cut through bins, do not show.
+const SAMPLES: usize = 1 << 15;
+const TESTS: usize = 4;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Question {
+    position: [f32; 3],
+    rows: u32,
+    sky_probability: f32,
+    count: u32,
+    padding: [u32; 2],
+}
+
+/// Runs `entry` of testing/lights.wesl: direction and density of each.
+fn ask(
+    gpu: &Gpu,
+    scene: &Scene,
+    position: Vec3,
+    entry: &str,
+    directions: &[[f32; 4]],
+) -> Vec<[f32; 4]> {
+    let on_gpu = GpuScene::with_rays(gpu, scene).unwrap();
+    let table = LightTable::new(scene, &on_gpu, &LightClass::ALL);
+    let kernel = Kernel::new(gpu, &shader!("testing.lights"), entry, Some(&on_gpu.layout)).unwrap();
+    let question = Question {
+        position: position.to_array(),
+        rows: table.rows.len() as u32,
+        sky_probability: table.sky_probability,
+        count: directions.len() as u32,
+        padding: [0; 2],
+    };
+    let question = gpu.uniform("question", &question).unwrap();
+    let input = gpu.storage("directions", directions).unwrap();
+    let output = gpu.storage("output", directions).unwrap();
+    let rows = gpu.storage("lights", &table.rows).unwrap();
+    let emitter_rows = gpu.storage("emitters", &table.emitter_rows).unwrap();
+    let sky = gpu.storage("sky", &table.sky.words).unwrap();
+    let own = [
+        ("question", question.as_entire_binding()),
+        ("directions", input.as_entire_binding()),
+        ("output", output.as_entire_binding()),
+    ];
+    let lights = [
+        ("light_table", rows.as_entire_binding()),
+        ("emitter_rows", emitter_rows.as_entire_binding()),
+        ("sky_grid", sky.as_entire_binding()),
+    ];
+    let groups = [
+        kernel.bind(gpu, 1, &own).unwrap(),
+        kernel.bind(gpu, 2, &lights).unwrap(),
+    ];
+    let mut frame = Frame::new(gpu, false);
+    frame.compute(entry, |pass| {
+        let groups = [(0, &on_gpu.bind_group), (1, &groups[0]), (2, &groups[1])];
+        kernel.dispatch(pass, &groups, [directions.len() as u32, 1, 1]);
+    });
+    frame.submit().unwrap();
+    read_buffer(gpu, &output, output.size()).unwrap()
+}
+
+/// Draws, and compares with the density: in distribution, and one by one with the density that came with each sample.
+fn assert_drawn_as_said(gpu: &Gpu, what: &str, scene: &Scene, position: Vec3) {
+    let drawn = ask(gpu, scene, position, "draw", &[[0.0; 4]; SAMPLES]);
+    let direction = |row: &[f32; 4]| DVec3::new(row[0].into(), row[1].into(), row[2].into());
+    let samples: Vec<DVec3> = drawn.iter().map(direction).collect();
+    assert_follows(
+        what,
+        TESTS,
+        &Bins::sphere().with_steps(96),
+        &samples,
+        |directions| {
+            let directions: Vec<[f32; 4]> = directions
+                .iter()
+                .map(|d| [d.x as f32, d.y as f32, d.z as f32, 0.0])
+                .collect();
+            let densities = ask(gpu, scene, position, "density", &directions);
+            densities.iter().map(|row| row[3].into()).collect()
+        },
+    );
+    // A sample comes with the density of its light alone, which where a lamp hangs before the sky is less than all.
+    if scene.environment.is_some() && !scene.instances.is_empty() {
+        return;
+    }
+    let again = ask(gpu, scene, position, "density", &drawn);
+    let agreeing = drawn
+        .iter()
+        .zip(&again)
+        .filter(|(drawn, again)| drawn[3] > 0.0 && (again[3] / drawn[3] - 1.0).abs() < 1e-3)
+        .count();
+    let real = drawn.iter().filter(|row| row[3] > 0.0).count();
+    // At the edges of triangles and texels rounding may find the neighbour.
+    assert!(
+        agreeing * 1000 > real * 995 && real > SAMPLES / 4,
+        "{what}: {agreeing} of {real} samples come with the density of their direction"
+    );
+}
+
+/// A map of random texels, one of them a sun, some black, turned.
+fn sky() -> Environment {
+    let mut random = Random(3);
+    let mut texels = Vec::new();
+    for texel in 0..24 * 12 {
+        let value = match texel {
+            100 => 30.0,
+            _ if texel % 5 == 0 => 0.0,
+            _ => random.next() as f32,
+        };
+        texels.extend([value, value * 0.5, 0.1 * value, 1.0]);
+    }
+    Environment {
+        image: Image {
+            name: String::new(),
+            width: 24,
+            height: 12,
+            pixels: Pixels::Rgba32Float(texels),
+        },
+        rotation: 0.7,
+        intensity: 2.0,
+    }
+}
+
+#[test]
+fn the_sky_is_drawn_as_its_density_says() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = Scene {
+        environment: Some(sky()),
+        ..Scene::default()
+    };
+    assert_drawn_as_said(&gpu, "sky", &scene, Vec3::ZERO);
+}
+
+#[test]
+fn triangles_and_sky_together_are_drawn_as_their_densities_say() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::default();
+    let bright = scene.add_material(Material::emitter("", Vec3::splat(5.0)));
+    let both = scene.add_material(Material {
+        double_sided: true,
+        ..Material::emitter("", vec3(1.0, 2.0, 0.5))
+    });
+    // A lamp above that shines down, one to the side that shines both ways, seen from its back; one that shines away gives nothing.
+    for (material, origin, u, v) in [
+        (
+            bright,
+            vec3(-1.0, 2.0, -1.0),
+            vec3(2.0, 0.0, 0.0),
+            vec3(0.0, 0.0, 2.0),
+        ),
+        (
+            both,
+            vec3(3.0, -1.0, -1.0),
+            vec3(0.0, 2.0, 0.0),
+            vec3(0.0, 0.0, 2.5),
+        ),
+        (
+            bright,
+            vec3(-1.0, -2.0, -1.0),
+            vec3(2.0, 0.0, 0.0),
+            vec3(0.0, 0.0, 2.0),
+        ),
+    ] {
+        let mesh = scene.add_mesh(quad(origin, u, v, 3));
+        let mirrored = if material == both {
+            Mat4::from_scale(vec3(1.0, 1.0, -1.0))
+        } else {
+            Mat4::IDENTITY
+        };
+        scene.add_instance("", mesh, material, mirrored);
+    }
+    assert_drawn_as_said(&gpu, "triangles", &scene, vec3(0.2, 0.1, -0.3));
+    scene.environment = Some(sky());
+    assert_drawn_as_said(&gpu, "triangles and sky", &scene, vec3(0.2, 0.1, -0.3));
+}
