@@ -5,6 +5,7 @@
 //! ```
 //! The top lies last, so that moving an instance writes that part alone. Row numbers in nodes are absolute.
 
+mod binary;
 mod node;
 pub mod traverse;
 mod tree;
@@ -29,36 +30,32 @@ pub const INSTANCE_ROWS: u32 = 4;
 /// Flag of an instance whose material has alpha: its hits are candidates.
 pub const FLAG_ALPHA: u32 = 1;
 
-/// Entries of a traversal's stack. A level holds one entry at most (siblings still to visit), except that entering an instance
-/// leaves two, so that the levels of the top and of the deepest mesh together bound what a ray needs.
-pub const STACK_SIZE: u32 = 32;
+/// Levels of a mesh's hierarchy at most: beyond, a balanced one replaces it.
+const MESH_LEVELS: u32 = 14;
+
+/// Levels of a top level at most, likewise.
+const TOP_LEVELS: u32 = 10;
+
+/// Entries of a traversal's stack. A level leaves one entry at most (the siblings still to visit), the first none; entering an instance
+/// leaves one more. So the levels of the top and of the deepest mesh together, less one, bound what a ray needs.
+pub const STACK_SIZE: u32 = MESH_LEVELS + TOP_LEVELS;
 
 /// Rounding of slab tests, of projected corners and of a ray's transform: boxes are grown by this fraction of the distances and
 /// extents that went into them. 2^-24 is one rounding; a chain has about ten.
 const ROUNDING: f64 = 1.0 / (1 << 20) as f64;
 
-/// A scene for which no hierarchy can be built.
+/// A scene with more rows than 32 bits can number.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq, Eq)]
-pub enum BvhError {
-    /// The stack would not suffice.
-    #[error("the ray hierarchy has {depth} levels and {STACK_SIZE} is the most")]
-    TooDeep {
-        /// Levels of top and deepest mesh.
-        depth: u32,
-    },
-    /// Row numbers would not suffice.
-    #[error("the ray hierarchy has {rows} rows and {} is the most", u32::MAX)]
-    TooLarge {
-        /// Rows of 16 bytes.
-        rows: usize,
-    },
+#[error("the ray hierarchy has {rows} rows and {} is the most", u32::MAX)]
+pub struct TooManyRows {
+    /// Rows of 16 bytes.
+    pub rows: usize,
 }
 
 /// Where a mesh's hierarchy lies.
 #[derive(Debug, Clone, Copy)]
 struct MeshTree {
     root: u32,
-    depth: u32,
     bounds: Bounds,
     /// Power of two that brings the mesh's largest coordinate to about one: products of tiny or huge ones would leave the range of
     /// 32-bit floats.
@@ -76,6 +73,15 @@ pub struct BvhInstance {
     pub flags: u32,
 }
 
+/// A top level over instances.
+#[derive(Debug, Clone)]
+pub struct TopLevel {
+    /// Its rows, to follow the meshes' rows.
+    pub rows: Vec<Row>,
+    /// Where rays start: a row and bits, see [`traverse`]. With a single instance, in that.
+    pub start: [u32; 2],
+}
+
 /// The hierarchies of meshes: what is needed to build top levels over them.
 #[derive(Debug, Clone, Default)]
 pub struct BottomLevel {
@@ -88,10 +94,10 @@ impl BottomLevel {
     /// and returns them with their rows.
     ///
     /// # Errors
-    /// [`BvhError::TooLarge`].
+    /// [`TooManyRows`].
     pub fn new(
         meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
-    ) -> Result<(Self, Vec<Row>), BvhError> {
+    ) -> Result<(Self, Vec<Row>), TooManyRows> {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
         for triangles in meshes {
@@ -104,52 +110,46 @@ impl BottomLevel {
         Ok((bottom, rows))
     }
 
-    /// Row of the top level's root: the number of rows of all meshes.
-    pub fn root(&self) -> u32 {
+    /// The first row of the top level: the number of rows of all meshes.
+    pub fn end(&self) -> u32 {
         self.rows
     }
 
-    /// The rows of a top level over `instances`, to follow the meshes' rows. Left out are instances of meshes without triangles and
-    /// those whose transform has no inverse in 32-bit floats.
+    /// A top level over `instances`. Left out are instances of meshes without triangles and those whose transform has no inverse in
+    /// 32-bit floats.
     ///
     /// # Errors
-    /// [`BvhError::TooDeep`], [`BvhError::TooLarge`].
-    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<Vec<Row>, BvhError> {
+    /// [`TooManyRows`].
+    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, TooManyRows> {
         let mut boxes = Vec::new();
         let mut items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
-        let mut depth = 0;
         for (number, instance) in instances.iter().enumerate() {
             let mesh = &self.meshes[instance.mesh];
             let Some((matrix, bounds)) = placed(mesh, &instance.world_from_mesh) else {
                 continue;
             };
             let row = |index: usize| matrix.row(index).to_array().map(f32::to_bits);
+            let links = [mesh.root, number as u32, instance.flags, 0];
             boxes.push(bounds);
-            items.push([
-                row(0),
-                row(1),
-                row(2),
-                [mesh.root, number as u32, instance.flags, 0],
-            ]);
-            depth = depth.max(mesh.depth);
+            items.push([row(0), row(1), row(2), links]);
         }
-        let tree = Tree::new(&boxes);
-        let depth = depth + tree.depth;
-        if depth > STACK_SIZE {
-            return Err(BvhError::TooDeep { depth });
-        }
+        let tree = Tree::new(&boxes, TOP_LEVELS);
         let mut rows = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
         rows.extend(tree.order.iter().flat_map(|&item| items[item as usize]));
         row_number(self.rows as usize + rows.len())?;
-        Ok(rows)
+        let start = match items.len() {
+            1 => [self.rows + NODE_ROWS, 1],
+            _ => [self.rows, traverse::FIRST_NODE],
+        };
+        Ok(TopLevel { rows, start })
     }
 }
 
-fn row_number(rows: usize) -> Result<u32, BvhError> {
-    u32::try_from(rows).map_err(|_| BvhError::TooLarge { rows })
+fn row_number(rows: usize) -> Result<u32, TooManyRows> {
+    u32::try_from(rows).map_err(|_| TooManyRows { rows })
 }
 
-fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, BvhError> {
+fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, TooManyRows> {
     let root = row_number(rows.len())?;
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
     let largest = if bounds.is_empty() {
@@ -168,7 +168,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         .iter()
         .map(|corners| Bounds::of(corners.map(scaled)))
         .collect();
-    let tree = Tree::new(&boxes);
+    let tree = Tree::new(&boxes, MESH_LEVELS);
     rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS));
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
@@ -180,7 +180,6 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     row_number(rows.len())?;
     Ok(MeshTree {
         root,
-        depth: tree.depth,
         bounds,
         units_from_mesh,
     })

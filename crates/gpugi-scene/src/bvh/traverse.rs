@@ -1,6 +1,6 @@
 //! Traversal on the CPU: the twin of scene/bvh.wesl of the renderer, over the same rows. Tests compare both.
 
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
 use super::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
 
@@ -39,21 +39,33 @@ pub struct Traversal {
     pub stack: usize,
 }
 
-/// A ray in the space of the top level or of a mesh.
+/// A ray in the space of the top level or in a mesh's units.
 struct Local {
     origin: Vec3,
     inverse: Vec3,
-    /// Three bits, each set where the direction is positive: 4 x, 2 y, 1 z. In every byte.
+    /// Three bits, each set where the direction is positive: 4 x, 2 y, 1 z.
     octant: u32,
-    /// Rows that project a point relative to the origin along the ray onto a plane (x, y), and measure it along the ray (z).
-    projection: [Vec3; 3],
+    /// The axis along which the direction is longest: made the third by turning the axes.
+    axis: usize,
+    /// The direction's other two components over its longest, negative.
+    slopes: Vec2,
+    /// One over its longest.
+    inverse_length: f32,
+}
+
+/// The axes turned so that `axis` is the third.
+fn turned(v: Vec3, axis: usize) -> Vec3 {
+    match axis {
+        0 => v.yzx(),
+        1 => v.zxy(),
+        _ => v,
+    }
 }
 
 impl Local {
     fn new(origin: Vec3, direction: Vec3) -> Self {
         let magnitude = direction.abs();
-        let largest = magnitude.max_element();
-        let tiny = largest * 2.0_f32.powi(-64);
+        let tiny = magnitude.max_element() * 2.0_f32.powi(-64);
         let nonzero = |d: f32| match (d.abs() < tiny, d >= 0.0) {
             (false, _) => d,
             (true, true) => tiny,
@@ -61,30 +73,19 @@ impl Local {
         };
         let d = Vec3::from_array(direction.to_array().map(nonzero));
         let bit = |d: f32, bit: u32| if d < 0.0 { 0 } else { bit };
-        let projection = if magnitude.z == largest {
-            [
-                Vec3::new(1.0, 0.0, -direction.x / direction.z),
-                Vec3::new(0.0, 1.0, -direction.y / direction.z),
-                Vec3::new(0.0, 0.0, 1.0 / direction.z),
-            ]
-        } else if magnitude.y == largest {
-            [
-                Vec3::new(1.0, -direction.x / direction.y, 0.0),
-                Vec3::new(0.0, -direction.z / direction.y, 1.0),
-                Vec3::new(0.0, 1.0 / direction.y, 0.0),
-            ]
+        let axis = if magnitude.z >= magnitude.x.max(magnitude.y) {
+            2
         } else {
-            [
-                Vec3::new(-direction.y / direction.x, 1.0, 0.0),
-                Vec3::new(-direction.z / direction.x, 0.0, 1.0),
-                Vec3::new(1.0 / direction.x, 0.0, 0.0),
-            ]
+            usize::from(magnitude.x < magnitude.y)
         };
+        let along = turned(direction, axis);
         Self {
             origin,
             inverse: 1.0 / d,
-            octant: (bit(d.x, 4) | bit(d.y, 2) | bit(d.z, 1)) * 0x0101_0101,
-            projection,
+            octant: bit(d.x, 4) | bit(d.y, 2) | bit(d.z, 1),
+            axis,
+            slopes: -along.xy() / along.z,
+            inverse_length: 1.0 / along.z,
         }
     }
 
@@ -115,7 +116,7 @@ impl Local {
             }
             if enter <= leave {
                 let index = if meta & 0x18 == 0x18 {
-                    meta ^ (self.octant & 7)
+                    meta ^ self.octant
                 } else {
                     meta
                 };
@@ -130,10 +131,11 @@ impl Local {
     fn triangle(&self, rows: &[Row], row: u32) -> Option<(f32, Vec2)> {
         let [a, b, c] = [0, 1, 2].map(|corner| {
             let [x, y, z, _] = rows[(row + corner) as usize].map(f32::from_bits);
-            let v = Vec3::new(x, y, z) - self.origin;
-            Vec3::from_array(
-                self.projection
-                    .map(|r| r.x.mul_add(v.x, r.y.mul_add(v.y, r.z * v.z))),
+            let p = turned(Vec3::new(x, y, z) - self.origin, self.axis);
+            Vec3::new(
+                self.slopes.x.mul_add(p.z, p.x),
+                self.slopes.y.mul_add(p.z, p.y),
+                self.inverse_length * p.z,
             )
         });
         // edge(p, q) = -edge(q, p) in every bit, whatever `mul_add` rounds.
@@ -150,33 +152,37 @@ impl Local {
     }
 }
 
-/// The closest hit of `ray` in the hierarchy whose top level begins at row `root`. `exists` decides about candidates (instance,
+/// The closest hit of `ray` in a hierarchy with the start that [`super::TopLevel`] gives. `exists` decides about candidates (instance,
 /// triangle, barycentrics) on instances with alpha.
 pub fn closest_hit(
     rows: &[Row],
-    root: u32,
+    start: [u32; 2],
     ray: &Ray,
     exists: impl Fn(u32, u32, Vec2) -> bool,
 ) -> Traversal {
-    traverse(rows, root, ray, exists, false)
+    traverse(rows, start, ray, exists, false)
 }
 
 /// Any hit of `ray`: as [`closest_hit`], but the first that is found.
 pub fn any_hit(
     rows: &[Row],
-    root: u32,
+    start: [u32; 2],
     ray: &Ray,
     exists: impl Fn(u32, u32, Vec2) -> bool,
 ) -> Traversal {
-    traverse(rows, root, ray, exists, true)
+    traverse(rows, start, ray, exists, true)
 }
 
-/// Nodes of a group that are still to visit.
+/// Bits of a group that stand for nodes still to visit.
 const INNER: u32 = 0xff00_0000;
 
+/// Bits of a group that is one node.
+pub(super) const FIRST_NODE: u32 = 0x8000_0000;
+
+/// A group is a row and bits: of nodes (24 and up to visit, below them the mask of inner children), or of leaf items.
 fn traverse(
     rows: &[Row],
-    root: u32,
+    start: [u32; 2],
     ray: &Ray,
     exists: impl Fn(u32, u32, Vec2) -> bool,
     any: bool,
@@ -184,34 +190,32 @@ fn traverse(
     let mut result = Traversal::default();
     let mut t_max = ray.t_max;
     let mut local = Local::new(ray.origin, ray.direction);
-    // A group is a row and bits: of nodes (bits 24 and up to visit, below them the mask of inner children) or of leaf items.
     let mut stack: Vec<[u32; 2]> = Vec::new();
-    let mut nodes = [root, 0x8000_0000];
+    let mut nodes = start;
     // Number, flags and stack height of the instance that is being traversed.
     let mut inside: Option<(u32, u32, usize)> = None;
     loop {
-        let mut items = [0, 0];
-        if nodes[1] & INNER != 0 {
-            let [first, bits] = nodes;
+        let mut items = nodes;
+        nodes = [0, 0];
+        if items[1] & INNER != 0 {
+            let [first, bits] = items;
             let bit = bits.ilog2();
-            nodes[1] &= !(1 << bit);
-            if nodes[1] & INNER != 0 {
-                stack.push(nodes);
+            let others = bits & !(1 << bit);
+            if others & INNER != 0 {
+                stack.push([first, others]);
             }
-            let slot = (bit - 24) ^ (local.octant & 7);
+            let slot = (bit - 24) ^ local.octant;
             let before = (bits & !(u32::MAX << slot)).count_ones();
             let row = first + before * NODE_ROWS;
             let hits = local.node(rows, row, ray.t_min, t_max);
             let node = &rows[row as usize..];
             nodes = [node[1][0], hits & INNER | node[0][3] >> 24];
             items = [node[1][1], hits & !INNER];
-        } else {
-            std::mem::swap(&mut items, &mut nodes);
         }
-        while items[1] != 0 {
-            let item = items[1].ilog2();
-            items[1] &= !(1 << item);
-            if let Some((instance, flags, _)) = inside {
+        if let Some((instance, flags, _)) = inside {
+            while items[1] != 0 {
+                let item = items[1].ilog2();
+                items[1] &= !(1 << item);
                 let row = items[0] + item * TRIANGLE_ROWS;
                 let Some((t, barycentrics)) = local.triangle(rows, row) else {
                     continue;
@@ -232,26 +236,26 @@ fn traverse(
                         return result;
                     }
                 }
-            } else {
-                let row = (items[0] + item * INSTANCE_ROWS) as usize;
-                if items[1] != 0 {
-                    stack.push(items);
-                }
-                if nodes[1] & INNER != 0 {
-                    stack.push(nodes);
-                }
-                let [x, y, z] =
-                    [0, 1, 2].map(|i| Vec4::from_array(rows[row + i].map(f32::from_bits)));
-                let mesh_from_world = Mat4::from_cols(x, y, z, Vec4::W).transpose();
-                local = Local::new(
-                    mesh_from_world.transform_point3(ray.origin),
-                    mesh_from_world.transform_vector3(ray.direction),
-                );
-                let [mesh, instance, flags, _] = rows[row + 3];
-                inside = Some((instance, flags, stack.len()));
-                nodes = [mesh, 0x8000_0000];
-                break;
             }
+        } else if items[1] != 0 {
+            let item = items[1].ilog2();
+            let others = items[1] & !(1 << item);
+            if others != 0 {
+                stack.push([items[0], others]);
+            }
+            if nodes[1] & INNER != 0 {
+                stack.push(nodes);
+            }
+            let row = (items[0] + item * INSTANCE_ROWS) as usize;
+            let [x, y, z] = [0, 1, 2].map(|i| Vec4::from_array(rows[row + i].map(f32::from_bits)));
+            let mesh_from_world = Mat4::from_cols(x, y, z, Vec4::W).transpose();
+            local = Local::new(
+                mesh_from_world.transform_point3(ray.origin),
+                mesh_from_world.transform_vector3(ray.direction),
+            );
+            let [mesh, instance, flags, _] = rows[row + 3];
+            inside = Some((instance, flags, stack.len()));
+            nodes = [mesh, FIRST_NODE];
         }
         result.stack = result.stack.max(stack.len());
         if nodes[1] & INNER == 0 {

@@ -1,15 +1,17 @@
-//! The shape of a tree over boxes, from obvhs: which boxes lie below which of eight children.
+//! The shape of an eight-wide tree over boxes: which boxes lie below which child.
 
-use glam::DVec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
+use super::binary;
 use crate::Bounds;
 
 /// Primitives of a leaf at most: what the node format can say.
 const MAX_LEAF: u32 = 3;
+
+/// Fraction of the binary tree's nodes that are tried at better places.
+const REINSERTED: f32 = 0.2;
 
 /// An eight-wide tree. Boxes of nodes are encoded elsewhere.
 pub(super) struct Tree {
@@ -22,28 +24,25 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// A tree over boxes that are finite; none give one node without children.
-    pub fn new(boxes: &[Bounds]) -> Self {
+    /// A tree of at most `most_levels` (10 or more) levels over boxes that are finite; none give one node without children.
+    pub fn new(boxes: &[Bounds], most_levels: u32) -> Self {
         if boxes.is_empty() {
-            return Self {
-                nodes: vec![CwBvhNode::default()],
-                order: Vec::new(),
-                depth: 1,
-            };
+            return Self::of(vec![CwBvhNode::default()], Vec::new());
         }
-        let boxes = distinct(boxes);
-        let order = (0..boxes.len() as u32).collect();
-        let mut binary = PlocBuilder::new().build(
-            PlocSearchDistance::High,
-            &boxes,
-            order,
-            SortPrecision::U64,
-            0,
-        );
-        ReinsertionOptimizer::default().run(&mut binary, 0.2, None);
+        let mut binary = binary::build(&normalized(boxes));
+        ReinsertionOptimizer::default().run(&mut binary, REINSERTED, None);
         let wide = bvh2_to_cwbvh(&binary, MAX_LEAF, true, false);
-        let mut levels = vec![1; wide.nodes.len()];
-        for (index, node) in wide.nodes.iter().enumerate() {
+        let tree = Self::of(wide.nodes, wide.primitive_indices);
+        if tree.depth <= most_levels {
+            tree
+        } else {
+            Self::balanced(binary.primitive_indices)
+        }
+    }
+
+    fn of(nodes: Vec<CwBvhNode>, order: Vec<u32>) -> Self {
+        let mut levels = vec![1; nodes.len()];
+        for (index, node) in nodes.iter().enumerate() {
             for child in 0..8 {
                 if !node.is_child_empty(child) && !node.is_leaf(child) {
                     levels[node.child_node_index(child) as usize] = levels[index] + 1;
@@ -51,29 +50,55 @@ impl Tree {
             }
         }
         Self {
-            nodes: wide.nodes,
-            order: wide.primitive_indices,
+            nodes,
+            order,
             depth: levels.into_iter().max().unwrap_or(1),
         }
     }
+
+    /// The tree that divides `order` into eight equal parts again and again: 2^32 primitives give 10 levels.
+    fn balanced(order: Vec<u32>) -> Self {
+        let mut nodes = vec![CwBvhNode::default()];
+        let mut ranges = vec![0..order.len()];
+        let mut at = 0;
+        while at < nodes.len() {
+            let range = ranges[at].clone();
+            let mut node = CwBvhNode {
+                child_base_idx: nodes.len() as u32,
+                primitive_base_idx: range.start as u32,
+                ..CwBvhNode::default()
+            };
+            let are_leaves = range.len() <= 8 * MAX_LEAF as usize;
+            for slot in 0..8 {
+                let part = |slot: usize| range.start + range.len() * slot / 8;
+                let (first, end) = (part(slot), part(slot + 1));
+                if are_leaves {
+                    let unary = [0, 0b001, 0b011, 0b111][end - first];
+                    let offset = if unary == 0 { 0 } else { first - range.start };
+                    node.child_meta[slot] = unary << 5 | offset as u8;
+                } else {
+                    node.child_meta[slot] = 0b001 << 5 | (24 + slot as u8);
+                    node.imask |= 1 << slot;
+                    nodes.push(CwBvhNode::default());
+                    ranges.push(first..end);
+                }
+            }
+            nodes[at] = node;
+            at += 1;
+        }
+        Self::of(nodes, order)
+    }
 }
 
-/// The boxes scaled into the unit cube and grown by a little that differs from box to box: where costs tie, clustering merges one
-/// pair a round.
-fn distinct(boxes: &[Bounds]) -> Vec<Aabb> {
+/// The boxes in the unit cube: areas of tiny or huge ones would leave the range of 32-bit floats.
+fn normalized(boxes: &[Bounds]) -> Vec<Aabb> {
     let all = boxes.iter().fold(Bounds::EMPTY, |all, one| all.union(*one));
     let origin = all.min.as_dvec3();
     let extent = (all.max.as_dvec3() - origin).max_element();
     let scale = if extent > 0.0 { 1.0 / extent } else { 1.0 };
+    let place = |corner: glam::Vec3| ((corner.as_dvec3() - origin) * scale).as_vec3a();
     boxes
         .iter()
-        .enumerate()
-        .map(|(index, one)| {
-            let min = (one.min.as_dvec3() - origin) * scale;
-            let max = (one.max.as_dvec3() - origin) * scale;
-            let random = (index as f64 * 0.618_033_988_75).fract();
-            let grown = DVec3::splat((max - min).max_element() / 512.0 + 1e-6) * random;
-            Aabb::new((min - grown).as_vec3a(), (max + grown).as_vec3a())
-        })
+        .map(|one| Aabb::new(place(one.min), place(one.max)))
         .collect()
 }

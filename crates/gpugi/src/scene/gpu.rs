@@ -13,10 +13,9 @@ pub struct SceneHeader {
     pub environment_rotation: [f32; 2],
     pub environment_intensity: f32,
     pub diagonal: f32,
-    pub bvh_root: u32,
+    pub bvh_start: [u32; 2],
     pub padding_0: u32,
     pub padding_1: u32,
-    pub padding_2: u32,
 }
 
 /// `Instance` of scene/tables.wesl.

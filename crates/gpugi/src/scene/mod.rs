@@ -258,10 +258,9 @@ impl GpuScene {
             environment_rotation: [rotation.cos(), rotation.sin()],
             environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
             diagonal: bounds.diagonal(),
-            bvh_root: rays.as_ref().map_or(0, Rays::root),
+            bvh_start: rays.as_ref().map_or([0; 2], |rays| rays.start),
             padding_0: 0,
             padding_1: 0,
-            padding_2: 0,
         };
         let mut tables: Vec<u8> = Vec::new();
         tables.extend(bytemuck::cast_slice::<gpu::Instance, u8>(&instances));

@@ -1,7 +1,7 @@
 //! The scene's bounding volume hierarchies on the GPU, for scenes in which somebody traces rays.
 
 use gpugi_scene::bvh::{
-    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, STACK_SIZE,
+    BottomLevel, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, TooManyRows,
 };
 use gpugi_scene::{AlphaMode, Scene};
 
@@ -13,6 +13,8 @@ use crate::gpu::{Gpu, GpuError};
 pub(super) struct Rays {
     bottom: BottomLevel,
     pub buffer: wgpu::Buffer,
+    /// Where rays start: `bvh_start` of the scene's header.
+    pub start: [u32; 2],
 }
 
 impl Rays {
@@ -29,14 +31,18 @@ impl Rays {
         let buffer = hierarchy_buffer(gpu, capacity)?;
         gpu.queue
             .write_buffer(&buffer, 0, bytemuck::cast_slice(&rows));
-        let rays = Self { bottom, buffer };
+        let mut rays = Self {
+            bottom,
+            buffer,
+            start: [0; 2],
+        };
         rays.write_top(gpu, scene)?;
         Ok(rays)
     }
 
     /// Follows instances that moved, came or went; the meshes are the same as before.
     pub fn moved(mut self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        let capacity = self.root() as usize + top_capacity(scene);
+        let capacity = self.bottom.end() as usize + top_capacity(scene);
         if self.buffer.size() < bytes(capacity) {
             let larger = hierarchy_buffer(gpu, capacity)?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -45,7 +51,7 @@ impl Rays {
                 0,
                 &larger,
                 0,
-                Some(bytes(self.root() as usize)),
+                Some(bytes(self.bottom.end() as usize)),
             );
             gpu.queue.submit([encoder.finish()]);
             self.buffer = larger;
@@ -54,12 +60,7 @@ impl Rays {
         Ok(self)
     }
 
-    /// Row of the top level's root.
-    pub fn root(&self) -> u32 {
-        self.bottom.root()
-    }
-
-    fn write_top(&self, gpu: &Gpu, scene: &Scene) -> Result<(), GpuError> {
+    fn write_top(&mut self, gpu: &Gpu, scene: &Scene) -> Result<(), GpuError> {
         let instances: Vec<BvhInstance> = scene
             .instances
             .iter()
@@ -72,15 +73,16 @@ impl Rays {
                 },
             })
             .collect();
-        let rows = self
+        let top = self
             .bottom
             .top_level(&instances)
             .map_err(|error| refused(gpu, error))?;
         gpu.queue.write_buffer(
             &self.buffer,
-            bytes(self.root() as usize),
-            bytemuck::cast_slice(&rows),
+            bytes(self.bottom.end() as usize),
+            bytemuck::cast_slice(&top.rows),
         );
+        self.start = top.start;
         Ok(())
     }
 }
@@ -103,15 +105,11 @@ pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, G
     )
 }
 
-fn refused(gpu: &Gpu, error: BvhError) -> GpuError {
-    let (needed, limit) = match error {
-        BvhError::TooDeep { depth } => (u64::from(depth), u64::from(STACK_SIZE)),
-        BvhError::TooLarge { rows } => (rows as u64, u64::from(u32::MAX)),
-    };
+fn refused(gpu: &Gpu, TooManyRows { rows }: TooManyRows) -> GpuError {
     GpuError::TooLarge {
-        what: error.to_string(),
-        needed,
-        limit,
+        what: "rows of the ray hierarchy".into(),
+        needed: rows as u64,
+        limit: u64::from(u32::MAX),
         adapter: gpu.adapter.name.clone(),
     }
 }

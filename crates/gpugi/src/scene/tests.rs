@@ -57,7 +57,7 @@ macro_rules! layout {
 fn uniforms_and_storage_structs_have_one_layout() {
     let gather = shader!("techniques.shadow_map.gather");
     let header = layout!(SceneHeader: instance_row material_row texture_row instance_count environment_rotation
-        environment_intensity diagonal bvh_root padding_0 padding_1 padding_2);
+        environment_intensity diagonal bvh_start padding_0 padding_1);
     assert_eq!(reflected(&shader!("scene.bindings"), "SceneHeader"), header);
     let view = layout!(ViewUniform: origin width origin_dx height origin_dy sample_index direction seed direction_dx
         padding_0 direction_dy padding_1);
