@@ -69,7 +69,7 @@ fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
     );
     let extent = centers.diagonal();
     let scale = Vec3A::select(
-        extent.cmpgt(Vec3A::ZERO),
+        extent.cmpgt(Vec3A::splat(1e-30)),
         BINS as f32 * 0.9999 / extent,
         Vec3A::ZERO,
     );

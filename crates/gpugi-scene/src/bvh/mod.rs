@@ -7,6 +7,8 @@
 
 mod binary;
 mod node;
+#[cfg(test)]
+mod tests;
 pub mod traverse;
 mod tree;
 
@@ -31,10 +33,10 @@ pub const INSTANCE_ROWS: u32 = 4;
 pub const FLAG_ALPHA: u32 = 1;
 
 /// Levels of a mesh's hierarchy at most: beyond, a balanced one replaces it.
-const MESH_LEVELS: u32 = 14;
+const MESH_LEVELS: u32 = 13;
 
 /// Levels of a top level at most, likewise.
-const TOP_LEVELS: u32 = 10;
+const TOP_LEVELS: u32 = 11;
 
 /// Entries of a traversal's stack. A level leaves one entry at most (the siblings still to visit), the first none; entering an instance
 /// leaves one more. So the levels of the top and of the deepest mesh together, less one, bound what a ray needs.
@@ -133,7 +135,7 @@ impl BottomLevel {
             boxes.push(bounds);
             items.push([row(0), row(1), row(2), links]);
         }
-        let tree = Tree::new(&boxes, TOP_LEVELS);
+        let tree = Tree::new(&boxes, TOP_LEVELS, 1);
         let mut rows = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
         rows.extend(tree.order.iter().flat_map(|&item| items[item as usize]));
         row_number(self.rows as usize + rows.len())?;
@@ -168,7 +170,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         .iter()
         .map(|corners| Bounds::of(corners.map(scaled)))
         .collect();
-    let tree = Tree::new(&boxes, MESH_LEVELS);
+    let tree = Tree::new(&boxes, MESH_LEVELS, 3);
     rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS));
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());

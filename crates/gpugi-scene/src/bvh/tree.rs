@@ -1,17 +1,10 @@
 //! The shape of an eight-wide tree over boxes: which boxes lie below which child.
 
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
 
 use super::binary;
 use crate::Bounds;
-
-/// Primitives of a leaf at most: what the node format can say.
-const MAX_LEAF: u32 = 3;
-
-/// Fraction of the binary tree's nodes that are tried at better places.
-const REINSERTED: f32 = 0.2;
 
 /// An eight-wide tree. Boxes of nodes are encoded elsewhere.
 pub(super) struct Tree {
@@ -24,19 +17,19 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// A tree of at most `most_levels` (10 or more) levels over boxes that are finite; none give one node without children.
-    pub fn new(boxes: &[Bounds], most_levels: u32) -> Self {
+    /// A tree of at most `most_levels` (11 or more) levels and `most_items` (1 to 3) primitives a leaf over boxes that are finite;
+    /// none give one node without children.
+    pub fn new(boxes: &[Bounds], most_levels: u32, most_items: u32) -> Self {
         if boxes.is_empty() {
             return Self::of(vec![CwBvhNode::default()], Vec::new());
         }
-        let mut binary = binary::build(&normalized(boxes));
-        ReinsertionOptimizer::default().run(&mut binary, REINSERTED, None);
-        let wide = bvh2_to_cwbvh(&binary, MAX_LEAF, true, false);
+        let binary = binary::build(&normalized(boxes));
+        let wide = bvh2_to_cwbvh(&binary, most_items, true, false);
         let tree = Self::of(wide.nodes, wide.primitive_indices);
         if tree.depth <= most_levels {
             tree
         } else {
-            Self::balanced(binary.primitive_indices)
+            Self::balanced(binary.primitive_indices, most_items)
         }
     }
 
@@ -56,8 +49,8 @@ impl Tree {
         }
     }
 
-    /// The tree that divides `order` into eight equal parts again and again: 2^32 primitives give 10 levels.
-    fn balanced(order: Vec<u32>) -> Self {
+    /// The tree that divides `order` into eight equal parts again and again: 2^32 primitives give 11 levels at most.
+    fn balanced(order: Vec<u32>, most_items: u32) -> Self {
         let mut nodes = vec![CwBvhNode::default()];
         let mut ranges = vec![0..order.len()];
         let mut at = 0;
@@ -68,7 +61,7 @@ impl Tree {
                 primitive_base_idx: range.start as u32,
                 ..CwBvhNode::default()
             };
-            let are_leaves = range.len() <= 8 * MAX_LEAF as usize;
+            let are_leaves = range.len() <= 8 * most_items as usize;
             for slot in 0..8 {
                 let part = |slot: usize| range.start + range.len() * slot / 8;
                 let (first, end) = (part(slot), part(slot + 1));

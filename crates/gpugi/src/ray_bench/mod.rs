@@ -223,7 +223,13 @@ impl Bench<'_> {
         let [alpha] = self.scene.ray_constants();
         let kernel = Kernel::with_options(
             self.gpu,
-            &shader!("ray_bench.rays"),
+            &match std::env::var("GPUGI_BENCH_WGSL") {
+                Ok(path) => crate::gpu::Shader {
+                    name: "variant",
+                    source: Box::leak(std::fs::read_to_string(path).unwrap().into_boxed_str()),
+                },
+                Err(_) => shader!("ray_bench.rays"),
+            },
             entry,
             Some(&self.scene.layout),
             &KernelOptions {

@@ -1,0 +1,335 @@
+//! Hierarchies hold every triangle in boxes that contain it, within their levels, whatever the input; rays slip through no edge.
+
+use std::time::Instant;
+
+use glam::{Mat4, Quat, Vec3};
+
+use super::traverse::{Ray, Traversal, any_hit, closest_hit};
+use super::*;
+
+/// Numbers in [0, 1): an additive recurrence, the same everywhere.
+struct Random(u32);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        let word = ((self.0 >> ((self.0 >> 28) + 4)) ^ self.0).wrapping_mul(277_803_737);
+        ((word >> 22 ^ word) >> 8) as f32 / (1 << 24) as f32
+    }
+
+    fn vector(&mut self) -> Vec3 {
+        Vec3::from_array([0; 3].map(|_| self.next() * 2.0 - 1.0))
+    }
+}
+
+struct Built {
+    rows: Vec<Row>,
+    start: [u32; 2],
+    bottom: BottomLevel,
+}
+
+fn build(meshes: &[Vec<[Vec3; 3]>], instances: &[(usize, Mat4)]) -> Built {
+    let (bottom, mut rows) = BottomLevel::new(meshes.iter().cloned()).unwrap();
+    let instances: Vec<BvhInstance> = instances
+        .iter()
+        .map(|&(mesh, world_from_mesh)| BvhInstance {
+            mesh,
+            world_from_mesh,
+            flags: 0,
+        })
+        .collect();
+    let top = bottom.top_level(&instances).unwrap();
+    rows.extend(top.rows);
+    Built {
+        rows,
+        start: top.start,
+        bottom,
+    }
+}
+
+impl Built {
+    fn closest(&self, origin: Vec3, direction: Vec3) -> Traversal {
+        let ray = Ray {
+            origin,
+            t_min: 0.0,
+            direction,
+            t_max: f32::MAX,
+        };
+        let found = closest_hit(&self.rows, self.start, &ray, |_, _, _| true);
+        let any = any_hit(&self.rows, self.start, &ray, |_, _, _| true);
+        assert_eq!(found.hit.is_some(), any.hit.is_some(), "{ray:?}");
+        found
+    }
+
+    /// Checks the boxes of a mesh's nodes and counts its levels; every triangle must occur once.
+    fn check_mesh(&self, mesh: usize, triangles: usize) -> u32 {
+        let mut seen = vec![false; triangles];
+        let levels = self.check_node(self.bottom.meshes[mesh].root, None, &mut seen);
+        assert!(seen.into_iter().all(|seen| seen));
+        levels
+    }
+
+    /// `within`: the box that the parent gives this node.
+    fn check_node(&self, row: u32, within: Option<[DVec3; 2]>, seen: &mut [bool]) -> u32 {
+        let node = &self.rows[row as usize..(row + NODE_ROWS) as usize];
+        let origin = DVec3::from_array([0, 1, 2].map(|axis| f32::from_bits(node[0][axis]).into()));
+        let exponent = |axis: usize| (node[0][3] >> (8 * axis)) & 255;
+        let step =
+            DVec3::from_array([0, 1, 2].map(|axis| f32::from_bits(exponent(axis) << 23).into()));
+        let byte = |words: &[u32], slot: usize| words[slot / 4] >> (slot % 4 * 8) & 255;
+        let mut levels = 1;
+        let mut inner = 0;
+        for slot in 0..8 {
+            let meta = byte(&node[1][2..], slot);
+            let corner = |first: usize| {
+                let cells = [2, 3, 4].map(|axis| byte(&node[axis][first..], slot).into());
+                origin + DVec3::from_array(cells) * step
+            };
+            let bounds = [corner(0), corner(2)];
+            let inside =
+                |point: DVec3| point.cmpge(bounds[0]).all() && point.cmple(bounds[1]).all();
+            if meta & 0x18 == 0x18 {
+                let child = node[1][0] + inner * NODE_ROWS;
+                inner += 1;
+                levels = levels.max(1 + self.check_node(child, Some(bounds), seen));
+            } else {
+                for item in meta & 31..(meta & 31) + (meta >> 5).count_ones() {
+                    let row = (node[1][1] + item * TRIANGLE_ROWS) as usize;
+                    let number = self.rows[row][3] as usize;
+                    assert!(!std::mem::replace(&mut seen[number], true));
+                    for corner in &self.rows[row..row + 3] {
+                        let corner = [0, 1, 2].map(|axis| f32::from_bits(corner[axis]).into());
+                        let corner = DVec3::from_array(corner);
+                        assert!(inside(corner), "{corner} outside {bounds:?}");
+                        let [min, max] = within.unwrap_or(bounds);
+                        assert!(corner.cmpge(min).all() && corner.cmple(max).all());
+                    }
+                }
+            }
+        }
+        assert_eq!(inner, (node[0][3] >> 24).count_ones());
+        levels
+    }
+}
+
+fn soup(count: usize, size: f32, random: &mut Random) -> Vec<[Vec3; 3]> {
+    (0..count)
+        .map(|_| {
+            let at = random.vector();
+            [0; 3].map(|_| at + random.vector() * size)
+        })
+        .collect()
+}
+
+#[test]
+fn boxes_hold_their_triangles_at_every_scale() {
+    let mut random = Random(1);
+    for scale in [1e-18, 1e-6, 1.0, 1e6, 1e18] {
+        for offset in [Vec3::ZERO, Vec3::new(100.0, -5.0, 0.0)] {
+            let mut triangles = soup(1500, 0.1, &mut random);
+            // Flat, thin, single points, equal ones.
+            for index in 0..100 {
+                triangles[index]
+                    .iter_mut()
+                    .for_each(|corner| corner.y = 0.25);
+                triangles[index + 100][1] = triangles[index + 100][0];
+                triangles[index + 200] = [triangles[index][0]; 3];
+                triangles[index + 300] = triangles[299];
+            }
+            for corner in triangles.as_flattened_mut() {
+                *corner = (*corner + offset) * scale;
+            }
+            let built = build(&[triangles], &[(0, Mat4::IDENTITY)]);
+            let levels = built.check_mesh(0, 1500);
+            assert!(levels < 8, "{levels} levels");
+        }
+    }
+}
+
+#[test]
+fn no_input_is_slow_or_deep() {
+    const COUNT: usize = 100_000;
+    let triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    let point = |x: f32| [Vec3::X * x; 3];
+    let inputs: [(&str, Vec<[Vec3; 3]>); 5] = [
+        ("equal", vec![triangle; COUNT]),
+        (
+            "nested",
+            (0..COUNT)
+                .map(|i| triangle.map(|corner| corner * 1.0002_f32.powi(i as i32)))
+                .collect(),
+        ),
+        (
+            "a row of points",
+            (0..COUNT).map(|i| point(i as f32)).collect(),
+        ),
+        (
+            "ever farther",
+            (0..COUNT)
+                .map(|i| point(1.001_f32.powi(i as i32 % 80_000)))
+                .collect(),
+        ),
+        (
+            "a fan",
+            (0..COUNT)
+                .map(|i| {
+                    [
+                        Vec3::ZERO,
+                        Vec3::new(i as f32, 1.0, 0.0),
+                        Vec3::new(i as f32 + 1.0, 1.0, 0.0),
+                    ]
+                })
+                .collect(),
+        ),
+    ];
+    for (name, triangles) in inputs {
+        let started = Instant::now();
+        let built = build(
+            &[triangles],
+            &[(0, Mat4::IDENTITY), (0, Mat4::from_scale(Vec3::splat(2.0)))],
+        );
+        assert!(
+            started.elapsed().as_secs() < 20,
+            "{name}: {:?}",
+            started.elapsed()
+        );
+        let levels = built.check_mesh(0, COUNT);
+        assert!(levels <= MESH_LEVELS, "{name}: {levels} levels");
+        let mut random = Random(5);
+        for _ in 0..20 {
+            let found = built.closest(random.vector() * 3.0, random.vector());
+            assert!(found.stack < STACK_SIZE as usize, "{name}: {}", found.stack);
+        }
+    }
+}
+
+#[test]
+fn a_balanced_tree_is_as_deep_as_it_says() {
+    let mut random = Random(2);
+    for (count, most_items) in [(1, 1), (2, 3), (24, 3), (25, 3), (193, 3), (5000, 1)] {
+        let boxes: Vec<Bounds> = (0..count).map(|_| Bounds::of([random.vector()])).collect();
+        // One level is never enough: the tree becomes balanced.
+        let tree = Tree::new(&boxes, 0, most_items);
+        let mut order = tree.order.clone();
+        order.sort_unstable();
+        assert!(order.iter().copied().eq(0..count), "{count}");
+        let leaves = f64::from(count) / f64::from(most_items);
+        let levels = (leaves.log2() / 3.0).ceil().max(1.0) as u32;
+        assert!(tree.depth <= levels + 1, "{count}: {} levels", tree.depth);
+        let items: u32 = tree
+            .nodes
+            .iter()
+            .flat_map(|node| node.child_meta)
+            .filter(|meta| meta & 0x18 != 0x18)
+            .map(|meta| (meta >> 5).count_ones())
+            .sum();
+        assert_eq!(items, count);
+    }
+}
+
+/// A cube's surface with corners on whole numbers from -n to n: rays along whole numbers meet edges and corners exactly.
+fn lattice_cube(n: i32) -> Vec<[Vec3; 3]> {
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        for side in [-n, n] {
+            for i in -n..n {
+                for j in -n..n {
+                    let corner = |a: i32, b: i32| {
+                        let mut p = [0.0; 3];
+                        p[axis] = side as f32;
+                        p[(axis + 1) % 3] = a as f32;
+                        p[(axis + 2) % 3] = b as f32;
+                        Vec3::from_array(p)
+                    };
+                    let [p, q, r, s] = [
+                        corner(i, j),
+                        corner(i + 1, j),
+                        corner(i + 1, j + 1),
+                        corner(i, j + 1),
+                    ];
+                    triangles.push([p, q, r]);
+                    triangles.push([r, s, p]);
+                }
+            }
+        }
+    }
+    triangles
+}
+
+#[test]
+fn no_ray_slips_through_an_edge_or_a_corner() {
+    const N: i32 = 8;
+    let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7);
+    let places = [
+        Mat4::IDENTITY,
+        Mat4::from_scale_rotation_translation(
+            Vec3::new(0.3, 2.0, -1.0),
+            turn,
+            Vec3::new(40.0, -3.0, 7.0),
+        ),
+        Mat4::from_scale_rotation_translation(Vec3::splat(1e-9), turn, Vec3::ZERO),
+        Mat4::from_scale(Vec3::splat(1e12)),
+    ];
+    let cube = lattice_cube(N);
+    for place in places {
+        let built = build(std::slice::from_ref(&cube), &[(0, place)]);
+        let mut random = Random(3);
+        for from in [
+            Vec3::ZERO,
+            Vec3::new(0.5, 0.0, -3.0),
+            random.vector() * 7.0,
+            random.vector() * 7.99,
+        ] {
+            let origin = place.transform_point3(from);
+            for corners in &cube {
+                for (u, v) in [
+                    (0.0, 0.0),
+                    (0.5, 0.0),
+                    (0.5, 0.5),
+                    (0.25, 0.75),
+                    (random.next(), 0.0),
+                ] {
+                    let target =
+                        corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
+                    let direction = place.transform_vector3(target - from);
+                    let found = built.closest(origin, direction);
+                    assert!(
+                        found.hit.is_some(),
+                        "{origin} toward {direction} in {place}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_to_hit_is_nothing_hit() {
+    let triangle = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]];
+    let toward = (Vec3::new(0.25, 0.25, 1.0), Vec3::NEG_Z);
+    let hit = |built: Built| built.closest(toward.0, toward.1).hit;
+    assert_eq!(hit(build(&[], &[])), None);
+    assert_eq!(hit(build(&[Vec::new()], &[(0, Mat4::IDENTITY)])), None);
+    let found = hit(build(
+        std::slice::from_ref(&triangle),
+        &[(0, Mat4::IDENTITY)],
+    ))
+    .unwrap();
+    assert_eq!((found.t, found.instance, found.primitive), (1.0, 0, 0));
+    assert_eq!(found.barycentrics.to_array(), [0.25, 0.25]);
+    // Instances without an inverse are left out; the others keep their numbers.
+    let flat = Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0));
+    let endless = Mat4::from_translation(Vec3::new(f32::INFINITY, 0.0, 0.0));
+    let undefined = Mat4::from_scale(Vec3::splat(f32::NAN));
+    let tiny = Mat4::from_scale(Vec3::splat(1e-30));
+    let places =
+        [flat, endless, undefined, tiny, Mat4::ZERO, Mat4::IDENTITY].map(|place| (0, place));
+    let found = hit(build(std::slice::from_ref(&triangle), &places)).unwrap();
+    assert_eq!(found.instance, 5);
+    // Rays that are none.
+    let built = build(&[triangle], &[(0, Mat4::IDENTITY)]);
+    for direction in [Vec3::ZERO, Vec3::NAN, Vec3::INFINITY] {
+        assert_eq!(built.closest(toward.0, direction).hit, None);
+        assert_eq!(built.closest(direction * f32::NAN, toward.1).hit, None);
+    }
+}
