@@ -4,11 +4,14 @@
 //! Unidirectional, with next-event estimation and multiple importance sampling. `docs/techniques/path-tracer.md` says what it samples and how.
 
 mod alias;
+mod check;
 #[cfg(test)]
 mod light_tests;
 mod lights;
 mod settings;
 mod sky;
+#[cfg(test)]
+mod tests;
 
 pub use settings::{FIELDS, Settings};
 
@@ -137,12 +140,23 @@ impl PathTracer {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] when scene or picture do not fit the adapter, with the numbers; [`RenderError::Setting`];
-    /// [`RenderError::Scene`] when a light or a material is not finite.
+    /// [`RenderError::Scene`] when something in the scene is not finite or the picture has no pixels.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         settings: &Settings,
+    ) -> Result<Self, RenderError> {
+        Self::with_tiles(gpu, scene, size, settings, TILE_SIDE)
+    }
+
+    /// [`PathTracer::new`] with tiles of another side (pixels).
+    fn with_tiles(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        settings: &Settings,
+        tile_side: u32,
     ) -> Result<Self, RenderError> {
         let refused = |source: SettingError| RenderError::Setting {
             technique: INFO.name.to_owned(),
@@ -161,7 +175,7 @@ impl PathTracer {
         let classes = settings
             .classes()
             .map_err(|reason| value("lights", &settings.lights, reason))?;
-        check(scene)?;
+        check::check(scene, size)?;
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
         let table = LightTable::new(scene, &on_gpu, &classes);
         let flag = |set: bool| f64::from(u8::from(set));
@@ -223,6 +237,7 @@ impl PathTracer {
         let tiles = tiles(
             gpu,
             size,
+            tile_side,
             &kernel,
             &noise_kernel,
             &[
@@ -472,11 +487,13 @@ fn sums_bytes(pixels: u32) -> u64 {
 fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
+    tile_side: u32,
     kernel: &Kernel,
     noise_kernel: &Kernel,
     shared: &[(&str, wgpu::BindingResource<'_>)],
 ) -> Result<Vec<Tile>, GpuError> {
-    let needed = u64::from(size[0]) * u64::from(size[1]) * PIXEL_BYTES;
+    let pixels = u64::from(size[0]) * u64::from(size[1]);
+    let needed = pixels.saturating_mul(PIXEL_BYTES);
     let too_large = || GpuError::TooLarge {
         what: format!("film of {} x {} pixels [bytes]", size[0], size[1]),
         needed,
@@ -490,9 +507,9 @@ fn tiles(
         .map_err(|_| too_large())?;
     drop(probe);
     let mut tiles = Vec::new();
-    for y in (0..size[1]).step_by(TILE_SIDE as usize) {
-        for x in (0..size[0]).step_by(TILE_SIDE as usize) {
-            let extent = [(size[0] - x).min(TILE_SIDE), (size[1] - y).min(TILE_SIDE)];
+    for y in (0..size[1]).step_by(tile_side as usize) {
+        for x in (0..size[0]).step_by(tile_side as usize) {
+            let extent = [(size[0] - x).min(tile_side), (size[1] - y).min(tile_side)];
             let pixels = extent[0] * extent[1];
             let storage =
                 |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
@@ -522,39 +539,4 @@ fn tiles(
         }
     }
     Ok(tiles)
-}
-
-/// Refuses what would make the whole picture infinite or black without a word.
-fn check(scene: &Scene) -> Result<(), RenderError> {
-    let refuse = |what: String| Err(RenderError::Scene { what });
-    for light in &scene.lights {
-        if !(light.intensity.is_finite() && light.world_from_light.is_finite()) {
-            return refuse(format!("light {:?} is not finite", light.name));
-        }
-    }
-    for material in &scene.materials {
-        if !material.emissive.is_finite() {
-            return refuse(format!(
-                "the emission of material {:?} is not finite",
-                material.name
-            ));
-        }
-    }
-    for mesh in &scene.meshes {
-        if let Some(vertex) = mesh.positions.iter().position(|at| !at.is_finite()) {
-            return refuse(format!(
-                "vertex {vertex} of mesh {:?} is not finite",
-                mesh.name
-            ));
-        }
-    }
-    for instance in &scene.instances {
-        if !instance.world_from_mesh.is_finite() {
-            return refuse(format!(
-                "the transform of instance {:?} is not finite",
-                instance.name
-            ));
-        }
-    }
-    Ok(())
 }

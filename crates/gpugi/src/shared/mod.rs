@@ -1,7 +1,7 @@
 //! Tests of the WESL functions of this folder, run by the kernels of `testing/`.
 
 mod brdf_tests;
-mod cpu;
+pub(crate) mod cpu;
 mod octahedral_tests;
 mod sampling_tests;
 mod sobol_tests;

@@ -1,0 +1,92 @@
+//! What no picture can be made of.
+
+use gpugi_scene::{Material, MaterialModel, Pixels, Scene};
+
+use crate::renderer::RenderError;
+
+/// Refuses what would make the whole picture infinite or black without a word, and a picture without pixels.
+pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
+    let refuse = |what: String| Err(RenderError::Scene { what });
+    if size.contains(&0) {
+        return refuse(format!(
+            "a picture of {} x {} pixels shows nothing",
+            size[0], size[1]
+        ));
+    }
+    for light in &scene.lights {
+        let is_finite = light.intensity.is_finite()
+            && light.world_from_light.is_finite()
+            && light.radius.is_finite()
+            && !light.range.is_some_and(f32::is_nan);
+        if !is_finite {
+            return refuse(format!("light {:?} is not finite", light.name));
+        }
+    }
+    for material in &scene.materials {
+        if !material.emissive.is_finite() {
+            return refuse(format!(
+                "the emission of material {:?} is not finite",
+                material.name
+            ));
+        }
+        if !reflects_finitely(material) {
+            return refuse(format!(
+                "what material {:?} reflects or transmits is not finite",
+                material.name
+            ));
+        }
+    }
+    for mesh in &scene.meshes {
+        if let Some(vertex) = mesh.positions.iter().position(|at| !at.is_finite()) {
+            return refuse(format!(
+                "vertex {vertex} of mesh {:?} is not finite",
+                mesh.name
+            ));
+        }
+    }
+    for instance in &scene.instances {
+        if !instance.world_from_mesh.is_finite() {
+            return refuse(format!(
+                "the transform of instance {:?} is not finite",
+                instance.name
+            ));
+        }
+    }
+    if let Some(environment) = &scene.environment {
+        if !(environment.intensity.is_finite() && environment.rotation.is_finite()) {
+            return refuse("the environment's intensity or rotation is not finite".to_owned());
+        }
+        if let Pixels::Rgba32Float(values) = &environment.image.pixels
+            && let Some(value) = values.iter().position(|value| !value.is_finite())
+        {
+            return refuse(format!(
+                "texel {} of environment {:?} is not finite",
+                value / 4,
+                environment.image.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn reflects_finitely(material: &Material) -> bool {
+    let of_model = match material.model {
+        MaterialModel::MetallicRoughness => true,
+        MaterialModel::Phong { kd, ks, shininess } => {
+            kd.is_finite() && ks.is_finite() && shininess.is_finite()
+        }
+        MaterialModel::Conductor { n, k } => n.is_finite() && k.is_finite(),
+    };
+    let numbers = [
+        material.metallic,
+        material.roughness,
+        material.normal_scale,
+        material.ior,
+        material.specular,
+        material.transmission,
+    ];
+    of_model
+        && material.base_color.is_finite()
+        && material.specular_color.is_finite()
+        && numbers.iter().all(|number| number.is_finite())
+}

@@ -1,0 +1,220 @@
+//! What needs to see inside: albedos against the quadratures of shared/cpu.rs, and tiles of other sizes.
+
+use std::ops::ControlFlow;
+
+use glam::{Vec3, Vec4, vec3};
+use gpugi_scene::builtin::shapes::{quad, sphere};
+use gpugi_scene::{
+    AlphaMode, Camera, Environment, Image, Material, MaterialModel, Pixels, Projection, Scene,
+    Volume,
+};
+
+use super::{PathTracer, Settings, TILE_SIDE};
+use crate::gpu::Gpu;
+use crate::shared::cpu::{Case, GOLD};
+use crate::testing::test_gpu;
+
+fn white() -> Environment {
+    Environment {
+        image: Image {
+            name: "white".to_owned(),
+            width: 1,
+            height: 1,
+            pixels: Pixels::Rgba32Float(vec![1.0; 4]),
+        },
+        rotation: 0.0,
+        intensity: 1.0,
+    }
+}
+
+fn picture(tracer: &mut PathTracer, camera: &Camera, samples: u32, seed: u32) -> Vec<f32> {
+    tracer.restart(seed).unwrap();
+    let progress = tracer.render(camera, samples, &mut |_| ControlFlow::Continue(()));
+    assert_eq!(progress.unwrap().samples, samples);
+    tracer.radiance().unwrap()
+}
+
+/// A material and what it sends to the eye at `degrees` of white light from everywhere.
+type Sample = (String, Material, Box<dyn Fn(f64) -> [f64; 3]>);
+
+fn reflecting(name: &str, material: Material, case: Case) -> Sample {
+    let albedo = move |degrees: f64| {
+        let seen = case.seen_at(degrees);
+        [0, 1, 2].map(|channel| seen.diffuse_albedo(channel) + seen.glossy_albedo(channel))
+    };
+    (
+        format!("{name} {}", case.roughness),
+        material,
+        Box::new(albedo),
+    )
+}
+
+fn samples() -> Vec<Sample> {
+    let transmissive = |roughness: f32, volume: Option<Volume>| Material {
+        transmission: 1.0,
+        roughness,
+        volume,
+        ..Material::default()
+    };
+    let clear = Volume {
+        attenuation_distance: f32::INFINITY,
+        attenuation_color: Vec3::ONE,
+    };
+    let mut samples = Vec::new();
+    for roughness in [0.15, 0.5, 1.0] {
+        let dielectric = Material {
+            roughness,
+            ..Material::default()
+        };
+        samples.push(reflecting(
+            "dielectric",
+            dielectric,
+            Case::dielectric(roughness),
+        ));
+        let metal = Material::metal("", vec3(1.0, 0.7, 0.2), roughness);
+        samples.push(reflecting("metal", metal, Case::metal(roughness)));
+        let pane = Case::pane(roughness);
+        samples.push((
+            format!("pane {roughness}"),
+            transmissive(roughness, None),
+            Box::new(move |degrees| {
+                let seen = pane.seen_at(degrees);
+                [0, 1, 2].map(|c| seen.glossy_albedo(c) + seen.transmitted_albedo())
+            }),
+        ));
+        let glass = Case::glass(roughness, 1.5);
+        samples.push((
+            format!("glass {roughness}"),
+            transmissive(roughness, Some(clear)),
+            // White light behind the surface is as bright as before it, and loses n^2 on its way out.
+            Box::new(move |degrees| {
+                let seen = glass.seen_at(degrees);
+                [0, 1, 2].map(|c| seen.glossy_albedo(c) + seen.transmitted_albedo() / 2.25)
+            }),
+        ));
+    }
+    let gold = Material {
+        model: MaterialModel::Conductor {
+            n: GOLD.0.into(),
+            k: GOLD.1.into(),
+        },
+        roughness: 0.3,
+        ..Material::default()
+    };
+    samples.push(reflecting("gold", gold, Case::gold(0.3)));
+    let phong = Material {
+        model: MaterialModel::Phong {
+            kd: vec3(0.3, 0.0, 1.0),
+            ks: vec3(0.7, 1.0, 0.0),
+            shininess: 30.0,
+        },
+        ..Material::default()
+    };
+    samples.push(reflecting("Phong", phong, Case::phong(30.0)));
+    let veil = |alpha_mode| Material {
+        base_color: Vec4::new(0.5, 0.5, 0.5, 0.3),
+        alpha_mode,
+        ..Material::matt("", Vec3::splat(0.5))
+    };
+    for (name, alpha_mode, seen) in [
+        ("blend", AlphaMode::Blend, 0.3 * 0.5 + 0.7),
+        ("masked away", AlphaMode::Mask { cutoff: 0.31 }, 1.0),
+        ("mask kept", AlphaMode::Mask { cutoff: 0.29 }, 0.5),
+    ] {
+        samples.push((
+            name.to_owned(),
+            veil(alpha_mode),
+            Box::new(move |_| [seen; 3]),
+        ));
+    }
+    samples
+}
+
+/// Strips of materials side by side in one plane, where none sees another: their albedos for an eye at an angle.
+#[test]
+fn albedos_are_their_quadratures() {
+    let Some(gpu) = test_gpu() else { return };
+    const SEEDS: u32 = 8;
+    const HEIGHT: usize = 8;
+    let samples = samples();
+    let mut scene = Scene::new("strips");
+    scene.environment = Some(white());
+    let count = samples.len();
+    for (at, (_, material, _)) in samples.iter().enumerate() {
+        let strip = quad(vec3(at as f32, 0.0, 50.0), Vec3::X, Vec3::NEG_Z * 100.0, 1);
+        let mesh = scene.add_mesh(strip);
+        let material = scene.add_material(material.clone());
+        scene.add_instance("", mesh, material, glam::Mat4::IDENTITY);
+    }
+    let size = [count as u32 * 2, HEIGHT as u32];
+    let mut tracer = PathTracer::new(&gpu, &scene, size, &Settings::default()).unwrap();
+    for degrees in [10.0_f64, 45.0, 75.0] {
+        // Two pixels a strip, whatever the angle.
+        let middle = Vec3::X * (count as f32 / 2.0);
+        let angle = degrees.to_radians() as f32;
+        let eye = middle + vec3(0.0, angle.cos(), angle.sin()) * 10.0;
+        let camera = Camera {
+            projection: Projection::Orthographic {
+                height: HEIGHT as f32 / 2.0,
+            },
+            ..Camera::look_at("", eye, middle, 1.0)
+        };
+        let pictures: Vec<Vec<f32>> = (1..=SEEDS)
+            .map(|seed| picture(&mut tracer, &camera, 128, seed))
+            .collect();
+        for (at, (name, _, expected)) in samples.iter().enumerate() {
+            for (channel, expected) in expected(degrees).into_iter().enumerate() {
+                let means: Vec<f64> = pictures
+                    .iter()
+                    .map(|picture| {
+                        let pixels = picture.chunks(3).enumerate();
+                        let own = pixels.filter(|(pixel, _)| pixel % (2 * count) / 2 == at);
+                        let sum: f64 = own.map(|(_, color)| f64::from(color[channel])).sum();
+                        sum / (2 * HEIGHT) as f64
+                    })
+                    .collect();
+                let mean = means.iter().sum::<f64>() / f64::from(SEEDS);
+                let squares: f64 = means.iter().map(|one| (one - mean).powi(2)).sum();
+                let error = (squares / f64::from(SEEDS * (SEEDS - 1))).sqrt();
+                println!("{name} at {degrees}: {mean} of {expected}, error {error}");
+                assert!(4.0 * error < 0.016, "{name}: an error of {error}");
+                assert!(
+                    (mean - expected).abs() < 0.016,
+                    "{name} at {degrees} degrees, channel {channel}: {mean}, not {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// Tiles change nothing, in no bit: neither along one axis nor along both.
+#[test]
+fn tiles_are_invisible() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::new("ball");
+    scene.environment = Some(white());
+    let mesh = scene.add_mesh(sphere(1.0, 8));
+    let material = scene.add_material(Material::metal("", vec3(0.9, 0.5, 0.3), 0.4));
+    scene.add_instance("", mesh, material, glam::Mat4::IDENTITY);
+    let camera = Camera::look_at("", vec3(0.4, 1.0, 3.0), Vec3::ZERO, 0.8);
+    let size = [37, 22];
+    let with_tiles = |gpu: &Gpu, side: u32| {
+        let settings = Settings::default();
+        let tracer = PathTracer::with_tiles(gpu, &scene, size, &settings, side);
+        let mut tracer = tracer.unwrap();
+        let count = size[0].div_ceil(side) * size[1].div_ceil(side);
+        assert_eq!(tracer.tiles.len(), count as usize);
+        let picture = picture(&mut tracer, &camera, 5, 4);
+        (picture, tracer.segments().unwrap(), tracer.noise().unwrap())
+    };
+    let (whole, segments, noise) = with_tiles(&gpu, TILE_SIDE);
+    for side in [8, 16, 30] {
+        let tiled = with_tiles(&gpu, side);
+        assert!(
+            tiled.0 == whole,
+            "tiles of {side} pixels give another picture"
+        );
+        assert_eq!(tiled.1, segments);
+        assert!((tiled.2 / noise - 1.0).abs() < 1e-4, "{} {noise}", tiled.2);
+    }
+}
