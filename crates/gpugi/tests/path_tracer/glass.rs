@@ -1,0 +1,173 @@
+//! Dielectrics against Fresnel, Snell and Beer-Lambert.
+
+use glam::{DVec3, Vec3, vec3};
+use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::{Camera, Material, Projection, Scene, Volume};
+
+use super::{Estimate, bounces, fresnel, parallel, trace, white};
+use crate::common::{gpu, place};
+
+/// Smooth glass of an index that lets `color` pass a metre.
+fn solid(ior: f32, color: Vec3) -> Material {
+    Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        ior,
+        volume: Some(Volume {
+            attenuation_distance: 1.0,
+            attenuation_color: color,
+        }),
+        ..Material::default()
+    }
+}
+
+/// A slab between two heights, wide enough that nothing meets its sides.
+fn slab(scene: &mut Scene, low: f32, high: f32, material: Material) {
+    let mesh = cuboid(vec3(-50.0, low, -50.0), vec3(50.0, high, 50.0), 1);
+    place(scene, mesh, material);
+}
+
+/// Looks at the origin from `degrees` off the vertical, toward -X.
+fn at_angle(degrees: f64, height: f32) -> Camera {
+    let angle = degrees.to_radians() as f32;
+    parallel(Vec3::ZERO, vec3(angle.sin(), angle.cos(), 0.0), height)
+}
+
+/// Black glass in a white furnace shows its reflectance alone.
+#[test]
+fn the_surface_of_glass_reflects_as_fresnel_says() {
+    let Some(gpu) = gpu() else { return };
+    let brewster = 1.5_f64.atan().to_degrees();
+    for (ior, degrees) in [(1.5, 0.0), (1.5, brewster), (1.5, 85.0), (2.4, 45.0)] {
+        let mut scene = Scene::new("black glass");
+        scene.environment = Some(white());
+        slab(&mut scene, -20.0, 0.0, solid(ior, Vec3::splat(1e-6)));
+        let camera = at_angle(degrees, 0.5);
+        let batches = trace(&gpu, &scene, &camera, [16, 16], 64, &bounces(8));
+        let expected = fresnel(ior.into(), degrees.to_radians());
+        let what = format!("index {ior} at {degrees} degrees");
+        batches
+            .mean()
+            .check(&what, DVec3::splat(expected), 0.0015 + 0.002 * expected);
+    }
+}
+
+/// The eye in glass sees a lamp in the glass mirrored by the surface above: a part of it up to the critical angle, all of it beyond.
+#[test]
+fn light_is_reflected_whole_beyond_the_critical_angle() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("in glass");
+    slab(&mut scene, -0.5, 0.5, solid(1.5, Vec3::ONE));
+    let lamp = quad(vec3(-5.0, -0.4, 5.0), Vec3::X * 10.0, Vec3::Z * -10.0, 1);
+    place(&mut scene, lamp, Material::emitter("", Vec3::splat(2.0)));
+    let critical = (1.0_f64 / 1.5).asin().to_degrees();
+    for degrees in [10.0, 35.0, critical - 0.3, critical + 0.3, 70.0] {
+        let angle = degrees.to_radians() as f32;
+        // From the middle of the slab up to its surface.
+        let eye = Camera {
+            projection: Projection::Orthographic { height: 0.02 },
+            ..Camera::look_at("", Vec3::ZERO, vec3(angle.sin(), angle.cos(), 0.0), 1.0)
+        };
+        let batches = trace(&gpu, &scene, &eye, [16, 16], 16, &bounces(1));
+        let expected = 2.0 * fresnel(1.0 / 1.5, degrees.to_radians());
+        let what = format!("from within at {degrees} degrees");
+        batches.mean().check(&what, DVec3::splat(expected), 0.012);
+        if degrees > critical {
+            assert_eq!(batches.mean().value, DVec3::splat(2.0), "{what}");
+        }
+    }
+}
+
+/// The edge of a lamp at a depth in glass is seen where Snell says, and its light is weaker by 1 / n^2 on its way out.
+#[test]
+fn light_bends_as_snell_says() {
+    let Some(gpu) = gpu() else { return };
+    const DEPTH: f64 = 0.5;
+    for (ior, degrees) in [(1.0_f32, 45.0), (1.33, 60.0), (1.5, 45.0), (2.4, 75.0)] {
+        let mut scene = Scene::new("a lamp in glass");
+        slab(&mut scene, -2.0, 0.0, solid(ior, Vec3::ONE));
+        // Half a plane, x < 0; the lines of sight go toward -x.
+        let lamp = quad(
+            vec3(-9.0, -DEPTH as f32, 9.0),
+            Vec3::X * 9.0,
+            Vec3::Z * -18.0,
+            1,
+        );
+        place(&mut scene, lamp, Material::emitter("", Vec3::ONE));
+        let camera = at_angle(degrees, 1.0);
+        let batches = trace(&gpu, &scene, &camera, [32, 32], 16, &bounces(1));
+        let incidence = degrees.to_radians();
+        let refracted = (incidence.sin() / f64::from(ior)).asin();
+        // The picture covers 1 m across the line of sight, 1 / cos of the surface; where x < d tan(refracted) the lamp is hit.
+        let covered = 1.0 / incidence.cos();
+        let share = 0.5 + DEPTH * refracted.tan() / covered;
+        assert!(share < 1.0);
+        let passed = (1.0 - fresnel(ior.into(), incidence)) / f64::from(ior * ior);
+        let what = format!("index {ior} at {degrees} degrees");
+        let expected = DVec3::splat(share * passed);
+        batches.mean().check(&what, expected, 0.005 * expected.x);
+    }
+}
+
+fn attenuated(color: Vec3, distance: f64) -> DVec3 {
+    color.as_dvec3().powf(distance)
+}
+
+fn check(what: &str, estimate: Estimate, expected: DVec3) {
+    estimate.check(what, expected, 1e-4);
+}
+
+/// Solids of index 1 do nothing but absorb: T = exp(-sigma d), nested solids each on their own part of the way.
+#[test]
+fn glass_absorbs_as_beer_and_lambert_say() {
+    let Some(gpu) = gpu() else { return };
+    let (outer, inner) = (vec3(0.5, 0.9, 1.0), vec3(0.2, 0.6, 0.8));
+    for degrees in [0.0_f64, 50.0] {
+        let mut scene = Scene::new("slab");
+        scene.environment = Some(white());
+        slab(&mut scene, -0.5, 0.5, solid(1.0, outer));
+        let slope = 1.0 / degrees.to_radians().cos();
+        let camera = at_angle(degrees, 0.1);
+        let mean = trace(&gpu, &scene, &camera, [8, 8], 4, &bounces(8)).mean();
+        check("a slab", mean, attenuated(outer, slope));
+
+        // The eye within: it leaves by the surface below.
+        let mut within = camera.clone();
+        within.world_from_view.w_axis = Vec3::ZERO.extend(1.0);
+        within.projection = Projection::Perspective { vertical_fov: 1e-3 };
+        let mean = trace(&gpu, &scene, &within, [8, 8], 4, &bounces(8)).mean();
+        check("from within a slab", mean, attenuated(outer, 0.5 * slope));
+
+        slab(&mut scene, -0.1, 0.2, solid(1.0, inner));
+        let mean = trace(&gpu, &scene, &camera, [8, 8], 4, &bounces(8)).mean();
+        let expected = attenuated(outer, 0.7 * slope) * attenuated(inner, 0.3 * slope);
+        check("nested slabs", mean, expected);
+    }
+}
+
+/// What two indices reflect depends on their ratio: the same glass within glass is invisible, and an index that matches its surroundings
+/// reflects nothing.
+#[test]
+fn nested_glass_reflects_by_the_ratio_of_the_indices() {
+    let Some(gpu) = gpu() else { return };
+    for (outer, inner) in [(1.5, 1.5), (1.33, 1.5), (1.5, 1.0), (1.0, 1.5)] {
+        // The eye looks into the outer slab from outside, straight down; the inner one is black within.
+        let mut scene = Scene::new("nested");
+        scene.environment = Some(white());
+        slab(&mut scene, -30.0, 0.0, solid(outer, Vec3::ONE));
+        slab(&mut scene, -25.0, -1.0, solid(inner, Vec3::splat(1e-6)));
+        let camera = at_angle(0.0, 0.5);
+        let batches = trace(&gpu, &scene, &camera, [16, 16], 32, &bounces(16));
+        let (first, second) = (
+            fresnel(outer.into(), 0.0),
+            fresnel(f64::from(inner) / f64::from(outer), 0.0),
+        );
+        // Light bounces between the two surfaces: R = F1 + (1 - F1)^2 F2 / (1 - F1 F2).
+        let expected = first + (1.0 - first).powi(2) * second / (1.0 - first * second);
+        batches.mean().check(
+            &format!("{inner} in {outer}"),
+            DVec3::splat(expected),
+            0.003,
+        );
+    }
+}
