@@ -177,7 +177,7 @@ fn albedos_are_their_quadratures() {
                 let squares: f64 = means.iter().map(|one| (one - mean).powi(2)).sum();
                 let error = (squares / f64::from(SEEDS * (SEEDS - 1))).sqrt();
                 println!("{name} at {degrees}: {mean} of {expected}, error {error}");
-                assert!(error < 0.005, "{name}: an error of {error}");
+                assert!(error < 0.01, "{name}: an error of {error}");
                 // The quadratures are good to about 0.001.
                 let tolerance = 0.0015 + 5.0 * error;
                 assert!(
