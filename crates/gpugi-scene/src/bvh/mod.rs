@@ -32,26 +32,30 @@ pub const INSTANCE_ROWS: u32 = 4;
 /// Flag of an instance whose material has alpha: its hits are candidates.
 pub const FLAG_ALPHA: u32 = 1;
 
-/// Levels of a mesh's hierarchy at most: beyond, a balanced one replaces it.
-const MESH_LEVELS: u32 = 13;
+/// Levels of a mesh's hierarchy at most: beyond, a balanced one replaces it, which holds 10^11 triangles.
+const MESH_LEVELS: u32 = 12;
 
-/// Levels of a top level at most, likewise.
-const TOP_LEVELS: u32 = 11;
+/// Levels of a top level at most, likewise: 10^7 instances.
+const TOP_LEVELS: u32 = 8;
 
 /// Entries of a traversal's stack. A level leaves one entry at most (the siblings still to visit), the first none; entering an instance
-/// leaves one more. So the levels of the top and of the deepest mesh together, less one, bound what a ray needs.
-pub const STACK_SIZE: u32 = MESH_LEVELS + TOP_LEVELS;
+/// leaves one more. So the levels of the top and of the deepest mesh together, less one, are what a ray needs at most.
+pub const STACK_SIZE: u32 = MESH_LEVELS + TOP_LEVELS - 1;
 
 /// Rounding of slab tests, of projected corners and of a ray's transform: boxes are grown by this fraction of the distances and
 /// extents that went into them. 2^-24 is one rounding; a chain has about ten.
 const ROUNDING: f64 = 1.0 / (1 << 20) as f64;
 
-/// A scene with more rows than 32 bits can number.
+/// A scene for which there is no hierarchy.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq, Eq)]
-#[error("the ray hierarchy has {rows} rows and {} is the most", u32::MAX)]
-pub struct TooManyRows {
-    /// Rows of 16 bytes.
-    pub rows: usize,
+#[error("{what} of the ray hierarchy: {needed} needed, {limit} is the most")]
+pub struct BvhTooLarge {
+    /// Rows (of 16 bytes) or levels.
+    pub what: &'static str,
+    /// How many it would have.
+    pub needed: u64,
+    /// How many it may have.
+    pub limit: u64,
 }
 
 /// Where a mesh's hierarchy lies.
@@ -96,10 +100,10 @@ impl BottomLevel {
     /// and returns them with their rows.
     ///
     /// # Errors
-    /// [`TooManyRows`].
+    /// [`BvhTooLarge`].
     pub fn new(
         meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
-    ) -> Result<(Self, Vec<Row>), TooManyRows> {
+    ) -> Result<(Self, Vec<Row>), BvhTooLarge> {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
         for triangles in meshes {
@@ -121,8 +125,8 @@ impl BottomLevel {
     /// 32-bit floats.
     ///
     /// # Errors
-    /// [`TooManyRows`].
-    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, TooManyRows> {
+    /// [`BvhTooLarge`].
+    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, BvhTooLarge> {
         let mut boxes = Vec::new();
         let mut items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
         for (number, instance) in instances.iter().enumerate() {
@@ -136,6 +140,7 @@ impl BottomLevel {
             items.push([row(0), row(1), row(2), links]);
         }
         let tree = Tree::new(&boxes, TOP_LEVELS, 1);
+        at_most("levels", tree.depth as usize, TOP_LEVELS)?;
         let mut rows = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
         rows.extend(tree.order.iter().flat_map(|&item| items[item as usize]));
         row_number(self.rows as usize + rows.len())?;
@@ -147,11 +152,22 @@ impl BottomLevel {
     }
 }
 
-fn row_number(rows: usize) -> Result<u32, TooManyRows> {
-    u32::try_from(rows).map_err(|_| TooManyRows { rows })
+fn at_most(what: &'static str, needed: usize, limit: u32) -> Result<u32, BvhTooLarge> {
+    match u32::try_from(needed) {
+        Ok(number) if number <= limit => Ok(number),
+        _ => Err(BvhTooLarge {
+            what,
+            needed: needed as u64,
+            limit: limit.into(),
+        }),
+    }
 }
 
-fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, TooManyRows> {
+fn row_number(rows: usize) -> Result<u32, BvhTooLarge> {
+    at_most("rows", rows, u32::MAX)
+}
+
+fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, BvhTooLarge> {
     let root = row_number(rows.len())?;
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
     let largest = if bounds.is_empty() {
@@ -171,6 +187,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         .map(|corners| Bounds::of(corners.map(scaled)))
         .collect();
     let tree = Tree::new(&boxes, MESH_LEVELS, 3);
+    at_most("levels", tree.depth as usize, MESH_LEVELS)?;
     rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS));
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());

@@ -17,8 +17,8 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// A tree of at most `most_levels` (11 or more) levels and `most_items` (1 to 3) primitives a leaf over boxes that are finite;
-    /// none give one node without children.
+    /// A tree of at most `most_items` (1 to 3) primitives a leaf over boxes that are finite; none give one node without children. A
+    /// balanced one where it would have more than `most_levels` levels.
     pub fn new(boxes: &[Bounds], most_levels: u32, most_items: u32) -> Self {
         if boxes.is_empty() {
             return Self::of(vec![CwBvhNode::default()], Vec::new());
@@ -49,7 +49,7 @@ impl Tree {
         }
     }
 
-    /// The tree that divides `order` into eight equal parts again and again: 2^32 primitives give 11 levels at most.
+    /// The tree that divides `order` into eight equal parts again and again: n levels hold 8^n leaves.
     fn balanced(order: Vec<u32>, most_items: u32) -> Self {
         let mut nodes = vec![CwBvhNode::default()];
         let mut ranges = vec![0..order.len()];

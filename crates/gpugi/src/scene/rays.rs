@@ -1,7 +1,7 @@
 //! The scene's bounding volume hierarchies on the GPU, for scenes in which somebody traces rays.
 
 use gpugi_scene::bvh::{
-    BottomLevel, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, TooManyRows,
+    BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row,
 };
 use gpugi_scene::{AlphaMode, Scene};
 
@@ -105,11 +105,11 @@ pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, G
     )
 }
 
-fn refused(gpu: &Gpu, TooManyRows { rows }: TooManyRows) -> GpuError {
+fn refused(gpu: &Gpu, error: BvhTooLarge) -> GpuError {
     GpuError::TooLarge {
-        what: "rows of the ray hierarchy".into(),
-        needed: rows as u64,
-        limit: u64::from(u32::MAX),
+        what: format!("ray hierarchy [{}]", error.what),
+        needed: error.needed,
+        limit: error.limit,
         adapter: gpu.adapter.name.clone(),
     }
 }
