@@ -52,28 +52,27 @@ impl Tree {
     /// The tree that divides `order` into eight equal parts again and again: n levels hold 8^n leaves.
     fn balanced(order: Vec<u32>, most_items: u32) -> Self {
         let mut nodes = vec![CwBvhNode::default()];
-        let mut ranges = vec![0..order.len()];
+        let mut ranges = vec![(0, order.len())];
         let mut at = 0;
         while at < nodes.len() {
-            let range = ranges[at].clone();
+            let (first, end) = ranges[at];
             let mut node = CwBvhNode {
                 child_base_idx: nodes.len() as u32,
-                primitive_base_idx: range.start as u32,
+                primitive_base_idx: first as u32,
                 ..CwBvhNode::default()
             };
-            let are_leaves = range.len() <= 8 * most_items as usize;
+            let part = |slot: usize| (end - first) * slot / 8;
+            let are_leaves = end - first <= 8 * most_items as usize;
             for slot in 0..8 {
-                let part = |slot: usize| range.start + range.len() * slot / 8;
-                let (first, end) = (part(slot), part(slot + 1));
-                if are_leaves {
-                    let unary = [0, 0b001, 0b011, 0b111][end - first];
-                    let offset = if unary == 0 { 0 } else { first - range.start };
-                    node.child_meta[slot] = unary << 5 | offset as u8;
-                } else {
+                let (from, to) = (part(slot), part(slot + 1));
+                if !are_leaves {
                     node.child_meta[slot] = 0b001 << 5 | (24 + slot as u8);
                     node.imask |= 1 << slot;
                     nodes.push(CwBvhNode::default());
-                    ranges.push(first..end);
+                    ranges.push((first + from, first + to));
+                } else if to > from {
+                    let unary = [0b001, 0b011, 0b111][to - from - 1];
+                    node.child_meta[slot] = unary << 5 | from as u8;
                 }
             }
             nodes[at] = node;
