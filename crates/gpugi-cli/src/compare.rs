@@ -141,7 +141,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn print_line(metric: Metric, result: &Comparison) {
+/// One line: name, value, and what it was computed with.
+pub fn print_line(metric: Metric, result: &Comparison) {
     let unit = if metric == Metric::Psnr { "dB" } else { "" };
     let parameters: Vec<String> = result
         .parameters
@@ -157,7 +158,8 @@ fn print_line(metric: Metric, result: &Comparison) {
     println!("{}", line.trim_end());
 }
 
-fn in_json(result: &Comparison) -> Value {
+/// A metric's value and parameters; an infinite value is null.
+pub fn in_json(result: &Comparison) -> Value {
     let value = ("value".to_owned(), json!(result.value));
     let parameters = result.parameters.iter();
     std::iter::once(value)

@@ -6,6 +6,7 @@ mod bench_rays;
 mod compare;
 mod doctor;
 mod interrupt;
+mod measure;
 mod output;
 mod progress;
 mod render;
@@ -59,6 +60,8 @@ enum Command {
     Render(render::Arguments),
     /// Say how far a picture is from its reference
     Compare(compare::Arguments),
+    /// Say how far techniques are from the path tracer on the same light paths, and what they cost
+    Measure(measure::Arguments),
     /// Say what a scene holds
     Info(scene_argument::SceneArguments),
     /// List techniques, built-in scenes or adapters
@@ -96,6 +99,7 @@ fn main() -> std::process::ExitCode {
     let result = match &arguments.command {
         Command::Render(render) => render::run(common, render),
         Command::Compare(compare) => compare::run(common, compare),
+        Command::Measure(measure) => measure::run(common, measure),
         Command::Info(scene) => scene_argument::info(scene),
         Command::List { what } => {
             list(*what);

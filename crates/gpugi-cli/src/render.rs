@@ -62,7 +62,8 @@ pub struct Arguments {
     aov: Vec<Aov>,
 }
 
-fn parse_size(text: &str) -> Result<[u32; 2], String> {
+/// Width and height from `WIDTHxHEIGHT`.
+pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse::<u32>().ok().filter(|&side| side > 0);
     text.split_once('x')
         .and_then(|(width, height)| Some([side(width)?, side(height)?]))
@@ -230,7 +231,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn print_notes(common: &Common, notes: &[String]) {
+/// Prints what a user should know.
+pub fn print_notes(common: &Common, notes: &[String]) {
     if !common.quiet {
         for note in notes {
             eprintln!("note: {note}");

@@ -8,6 +8,7 @@ pub mod animation;
 pub mod builtin;
 pub mod bvh;
 pub mod camera;
+mod digest;
 pub mod error;
 pub mod image;
 pub mod import;

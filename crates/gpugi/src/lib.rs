@@ -15,6 +15,7 @@ pub mod capture;
 pub mod display;
 pub mod gpu;
 pub mod light_paths;
+pub mod measure;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;

@@ -6,7 +6,7 @@ use gpugi_scene::{Camera, Scene};
 use crate::capture::{CameraCapture, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
-use crate::light_paths::{LightClass, left_out, overlap};
+use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Map, REGISTRY, SettingError, Technique};
@@ -193,6 +193,30 @@ impl Renderer {
         self.samples = 0;
     }
 
+    /// Width and height of the picture (pixels).
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Light that the techniques in use add.
+    pub fn light_paths(&self) -> Vec<LightPaths> {
+        let techniques = self.techniques.iter();
+        techniques
+            .flat_map(|technique| technique.info().paths)
+            .copied()
+            .collect()
+    }
+
+    /// Classes of light that the scene has.
+    pub fn light_classes(&self) -> Vec<LightClass> {
+        light_classes(&self.scene)
+    }
+
+    /// Bytes that the picture takes: surface points and radiance.
+    pub fn picture_bytes(&self) -> u64 {
+        self.surface_points().size() + self.target.radiance.size()
+    }
+
     /// The techniques in use.
     pub fn techniques(&self) -> &[Box<dyn Technique>] {
         &self.techniques
@@ -214,13 +238,7 @@ impl Renderer {
 
     /// Light that exists in the scene and that no technique in use adds: a few words each.
     pub fn left_out(&self) -> Vec<String> {
-        let covered: Vec<_> = self
-            .techniques
-            .iter()
-            .flat_map(|technique| technique.info().paths)
-            .copied()
-            .collect();
-        left_out(&covered, &light_classes(&self.scene))
+        left_out(&self.light_paths(), &self.light_classes())
     }
 
     /// Samples accumulated so far.

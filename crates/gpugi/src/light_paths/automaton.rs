@@ -57,6 +57,37 @@ impl PathAutomaton {
         self.accepting[state]
     }
 
+    /// Most vertices between light and eye that a path L[DGS]*E of the pattern has; `None` where there is no most. 0 where there is no such
+    /// path at all.
+    pub fn most_vertices(&self) -> Option<u32> {
+        // A path that visits a state twice can be lengthened without end, if the light can be reached from there: so those that cannot are left
+        // out first. What remains without a cycle is walked in as many steps as there are states.
+        let ends = |state: usize| self.accepting[self.transitions[state][LIGHT] as usize];
+        let lobes = |state: usize| LOBES.map(|symbol| self.transitions[state][symbol] as usize);
+        let count = self.transitions.len();
+        let mut is_useful: Vec<bool> = (0..count).map(ends).collect();
+        for _ in 0..count {
+            for state in 0..count {
+                is_useful[state] |= lobes(state).iter().any(|&next| is_useful[next]);
+            }
+        }
+        let mut reached = vec![self.transitions[0][EYE] as usize];
+        let mut most = 0;
+        for vertices in 0..=count as u32 {
+            reached.retain(|&state| is_useful[state]);
+            if reached.is_empty() {
+                return Some(most);
+            }
+            if reached.iter().any(|&state| ends(state)) {
+                most = vertices;
+            }
+            reached = reached.into_iter().flat_map(lobes).collect();
+            reached.sort_unstable();
+            reached.dedup();
+        }
+        None
+    }
+
     /// The automaton for a shader, [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words a state: the next state after L, D, G, S and E,
     /// then flags. Flag bit 0: accepting, which matters after the light's symbol; bit 1: dead, no continuation is accepted. State 0
     /// is the start.

@@ -15,6 +15,9 @@ pub use pattern::PatternError;
 
 use automaton::shortest_path;
 
+/// What emitters and the sky send straight to the eye: belongs to the frame, whatever the techniques.
+pub const SEEN_DIRECTLY: &str = "LE";
+
 /// A class of lights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -141,6 +144,42 @@ pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
         }
     }
     missing
+}
+
+/// A part of a picture's light: classes of lights whose paths match one pattern.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Part {
+    /// Where the paths begin.
+    pub classes: Vec<LightClass>,
+    /// Which they are: for each class the same.
+    pub pattern: String,
+}
+
+/// The fewest parts that make up a picture with the paths in `covered` and what is seen directly, of the classes of light that a scene has.
+///
+/// # Panics
+/// As [`overlap`].
+pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
+    let mut parts: Vec<(PathAutomaton, Part)> = Vec::new();
+    for &class in present {
+        let mut patterns = vec![SEEN_DIRECTLY];
+        for one in covered.iter().filter(|one| one.class == class) {
+            if !patterns.contains(&one.pattern) {
+                patterns.push(one.pattern);
+            }
+        }
+        let pattern = patterns.join("|");
+        // Smallest automata are equal where the patterns mean the same paths.
+        let automaton = compiled(&pattern);
+        match parts.iter_mut().find(|(other, _)| *other == automaton) {
+            Some((_, part)) => part.classes.push(class),
+            None => {
+                let classes = vec![class];
+                parts.push((automaton, Part { classes, pattern }));
+            }
+        }
+    }
+    parts.into_iter().map(|(_, part)| part).collect()
 }
 
 /// The patterns of one class in a set, compiled.

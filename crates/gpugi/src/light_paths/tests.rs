@@ -286,6 +286,57 @@ fn what_is_left_out_is_named() {
 }
 
 #[test]
+fn the_longest_path_is_known_where_there_is_one() {
+    for (pattern, most) in [
+        ("LE", Some(0)),
+        ("L[DG]E", Some(1)),
+        ("LE|L[DG]E", Some(1)),
+        ("L.{2,3}E", Some(3)),
+        ("LD?S?G?E|LDDE", Some(3)),
+        ("L.*E", None),
+        ("LS+[DG]E", None),
+        ("LE|LDD*E", None),
+        // Nothing but paths counts: these are none, or none that end.
+        ("LD*", Some(0)),
+        ("", Some(0)),
+        ("LDE|LE*E|L.L*DE", Some(2)),
+        ("LDE|ED*E", Some(1)),
+    ] {
+        let found = PathAutomaton::compile(pattern).unwrap().most_vertices();
+        assert_eq!(found, most, "{pattern}");
+    }
+}
+
+#[test]
+fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
+    use LightClass::{Area, Environment, Punctual};
+    let paths = |class, pattern| LightPaths { class, pattern };
+    let part = |classes: &[LightClass], pattern: &str| Part {
+        classes: classes.to_vec(),
+        pattern: pattern.to_owned(),
+    };
+    let covered = [paths(Punctual, "L[DG]E"), paths(Area, "L(G|D)E")];
+    assert_eq!(
+        parts(&covered, &LightClass::ALL),
+        [
+            part(&[Punctual, Area], "LE|L[DG]E"),
+            part(&[Environment], "LE")
+        ]
+    );
+    assert_eq!(parts(&covered, &[Area]), [part(&[Area], "LE|L(G|D)E")]);
+    let more = [
+        paths(Environment, "L[DG]E"),
+        paths(Environment, "LSE"),
+        paths(Area, "L.E"),
+    ];
+    assert_eq!(
+        parts(&more, &[Area, Environment]),
+        [part(&[Area, Environment], "LE|L.E")]
+    );
+    assert_eq!(parts(&more, &[]), []);
+}
+
+#[test]
 fn every_technique_declares_patterns() {
     for (info, _) in REGISTRY {
         for paths in info.paths {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::light_paths::{LightClass, PathFilter};
+use crate::light_paths::{LightClass, Part, PathFilter, PatternError};
 use crate::techniques::{Field, SettingError, settings};
 
 /// Settings of the path tracer.
@@ -63,6 +63,22 @@ pub const FIELDS: &[Field] = &[
 ];
 
 impl Settings {
+    /// The settings that render a part of a picture's light, following no path further than the part's longest.
+    ///
+    /// # Errors
+    /// As the pattern's compiler says.
+    pub fn of_part(part: &Part) -> Result<Self, PatternError> {
+        let default = Self::default();
+        let longest = PathFilter::new(&part.pattern)?.automaton().most_vertices();
+        let classes: Vec<String> = part.classes.iter().map(LightClass::to_string).collect();
+        Ok(Self {
+            max_bounces: longest.map_or(default.max_bounces, |most| most.min(default.max_bounces)),
+            paths: part.pattern.clone(),
+            lights: classes.join(","),
+            ..default
+        })
+    }
+
     /// Sets one field from text.
     ///
     /// # Errors
@@ -85,7 +101,7 @@ impl Settings {
     ///
     /// # Errors
     /// As the pattern's compiler says.
-    pub fn filter(&self) -> Result<PathFilter, crate::light_paths::PatternError> {
+    pub fn filter(&self) -> Result<PathFilter, PatternError> {
         PathFilter::new(&self.paths)
     }
 

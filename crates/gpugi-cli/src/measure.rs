@@ -1,0 +1,307 @@
+//! `gpugi measure`.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use gpugi::Renderer;
+use gpugi::display::{Display, DisplaySettings};
+use gpugi::gpu::Gpu;
+use gpugi::measure::{
+    Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
+};
+use gpugi_scene::image::metrics::{Metric, heat_map};
+use serde_json::{Map, Value};
+
+use crate::compare::{in_json, print_line};
+use crate::output::{write_json, write_png};
+use crate::progress::Progress;
+use crate::render::{apply_settings, is_path_tracer, parse_size, print_notes, usage};
+use crate::scene_argument::{self, SceneArguments};
+use crate::{Common, Usage, interrupt};
+
+/// Options of `gpugi measure`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Techniques, separated by commas; the best real-time set when not given
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    technique: Vec<String>,
+    /// A technique's setting (repeatable)
+    #[arg(long, value_name = "technique.key=value")]
+    set: Vec<String>,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = parse_size)]
+    size: [u32; 2],
+    /// Camera of the scene by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    #[arg(long)]
+    camera: Option<String>,
+    /// Samples a pixel of the techniques
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: u32,
+    /// Samples a pixel of the path tracer; 1024 when neither this nor --noise is given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=16_777_216))]
+    reference_samples: Option<u32>,
+    /// Stop the path tracer when its estimated rel-mse falls to this
+    #[arg(long, value_name = "REL-MSE")]
+    noise: Option<f64>,
+    /// Seed of all that is stochastic
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Folder that keeps the path tracer's pictures; gpugi in the user's cache folder when not given
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Neither read nor keep pictures of the path tracer
+    #[arg(long, conflicts_with = "cache")]
+    no_cache: bool,
+    /// Write the result as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write a heat map of each pixel's relative error
+    #[arg(long, value_name = "FILE.png")]
+    diff: Option<PathBuf>,
+    /// Write the techniques' picture, the path tracer's at the same exposure, and the heat map side by side
+    #[arg(long, value_name = "FILE.png")]
+    side_by_side: Option<PathBuf>,
+}
+
+/// What `--json` writes.
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    scene: &'a str,
+    techniques: Map<String, Value>,
+    size: [u32; 2],
+    samples: u32,
+    seed: u32,
+    adapter: &'a str,
+    driver: &'a str,
+    metrics: Map<String, Value>,
+    passes: &'a [PassTime],
+    memory_bytes: Memory,
+    reference: Reference<'a>,
+    notes: &'a [String],
+}
+
+#[derive(serde::Serialize)]
+struct Reference<'a> {
+    estimated_rel_mse: f64,
+    seconds: f64,
+    cached: bool,
+    parts: &'a [TracedPart],
+}
+
+/// Measures, prints and writes what was asked for.
+pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    for (option, path) in [
+        ("--diff", &arguments.diff),
+        ("--side-by-side", &arguments.side_by_side),
+    ] {
+        let is_png = |path: &PathBuf| {
+            path.extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
+        };
+        if let Some(path) = path.as_ref().filter(|path| !is_png(path)) {
+            let message = format!("{option} {}: the name must end in .png", path.display());
+            return Err(Usage(message).into());
+        }
+    }
+    let options = options(arguments)?;
+    if is_path_tracer(&arguments.technique)? {
+        let message =
+            "--technique path-tracer: it is the reference; name what to compare with it".into();
+        return Err(Usage(message).into());
+    }
+    let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
+    let size = arguments.size;
+    let aspect = size[0] as f32 / size[1] as f32;
+    let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
+    let gpu = Gpu::open(&common.adapter)?;
+    let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
+    apply_settings(&mut renderer, &arguments.set)?;
+    interrupt::catch();
+
+    let mut shown = (String::new(), Progress::new(common.quiet));
+    let measured = measure(
+        &gpu,
+        &scene,
+        &camera,
+        &mut renderer,
+        &options,
+        &mut |progress| {
+            if shown.0 != progress.stage {
+                shown.1.finish();
+                shown = (progress.stage.clone(), Progress::new(common.quiet));
+            }
+            let message = format!("{}: {}", progress.stage, progress.state);
+            shown.1.show(progress.fraction, &message);
+            if interrupt::asked() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        },
+    )
+    .map_err(|error| match error {
+        MeasureError::Render(error) => usage(error),
+        other => other.into(),
+    })?;
+    shown.1.finish();
+
+    notes.extend(measured.notes.iter().cloned());
+    print_notes(common, &notes);
+    if !common.quiet {
+        print(&gpu, arguments, &renderer, &measured);
+    }
+    let errors = error_colors(&measured);
+    if let Some(path) = &arguments.diff {
+        write_png(path, size, &errors)?;
+    }
+    if let Some(path) = &arguments.side_by_side {
+        let (size, pixels) = side_by_side(&gpu, &measured, &errors)?;
+        write_png(path, size, &pixels)?;
+    }
+    if let Some(path) = &arguments.json {
+        let metrics = measured.metrics.iter();
+        let report = Report {
+            scene: &arguments.scene.scene,
+            techniques: renderer
+                .techniques()
+                .iter()
+                .map(|technique| (technique.info().name.to_owned(), technique.settings()))
+                .collect(),
+            size,
+            samples: arguments.samples,
+            seed: arguments.seed,
+            adapter: &gpu.adapter.name,
+            driver: &gpu.adapter.driver,
+            metrics: metrics
+                .map(|(metric, result)| (metric.name().to_owned(), in_json(result)))
+                .collect(),
+            passes: &measured.passes,
+            memory_bytes: measured.memory,
+            reference: Reference {
+                estimated_rel_mse: measured.truth.rel_mse(),
+                seconds: measured.truth.seconds(),
+                cached: measured.truth.is_cached(),
+                parts: &measured.truth.parts,
+            },
+            notes: &notes,
+        };
+        write_json(path, &report)?;
+    }
+    Ok(())
+}
+
+fn options(arguments: &Arguments) -> anyhow::Result<Options> {
+    let noise = arguments.noise.unwrap_or(0.0);
+    if !(noise.is_finite() && noise >= 0.0) || arguments.noise == Some(0.0) {
+        return Err(Usage(format!("--noise {noise}: a number above 0 is needed")).into());
+    }
+    let default = Quality::default().samples;
+    let samples = match (arguments.reference_samples, arguments.noise) {
+        (Some(samples), _) => samples,
+        (None, Some(_)) => 16_777_216,
+        (None, None) => default,
+    };
+    let cache = match (&arguments.cache, arguments.no_cache) {
+        (_, true) => None,
+        (Some(folder), false) => Some(Cache::new(folder)),
+        // Without a home there is nowhere to keep anything.
+        (None, false) => etcetera::base_strategy::choose_native_strategy()
+            .ok()
+            .map(|folders| etcetera::BaseStrategy::cache_dir(&folders).join("gpugi"))
+            .map(Cache::new),
+    };
+    Ok(Options {
+        samples: arguments.samples,
+        reference: Quality { samples, noise },
+        seed: arguments.seed,
+        cache,
+    })
+}
+
+fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measured) {
+    let [width, height] = measured.size;
+    let names: Vec<&str> = renderer
+        .techniques()
+        .iter()
+        .map(|technique| technique.info().name)
+        .collect();
+    println!(
+        "{}: {} against the path tracer, {width}x{height}, {} samples, on {} ({})",
+        arguments.scene.scene,
+        names.join(", "),
+        arguments.samples,
+        gpu.adapter.name,
+        gpu.adapter.driver
+    );
+    for (metric, comparison) in &measured.metrics {
+        print_line(*metric, comparison);
+    }
+    println!(
+        "reference: estimated rel-mse {:.2e}, {:.2} s",
+        measured.truth.rel_mse(),
+        measured.truth.seconds()
+    );
+    for part in &measured.truth.parts {
+        let classes: Vec<String> = part.part.classes.iter().map(ToString::to_string).collect();
+        let origin = if part.cached { ", from the cache" } else { "" };
+        println!(
+            "  {} ({}): {} samples on {}{origin}",
+            part.part.pattern,
+            classes.join(", "),
+            part.samples,
+            part.adapter
+        );
+    }
+    if !measured.passes.is_empty() {
+        println!("time, median of the samples that a pass ran in:");
+    }
+    for pass in &measured.passes {
+        println!(
+            "  {:34} {:9.4} ms GPU, {} of {}",
+            pass.pass, pass.milliseconds, pass.ran, arguments.samples
+        );
+    }
+    let memory = measured.memory;
+    let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    println!(
+        "memory: scene {:.1} MiB, maps {:.1} MiB, picture {:.1} MiB",
+        mebibytes(memory.scene),
+        mebibytes(memory.maps),
+        mebibytes(memory.picture)
+    );
+}
+
+/// Heat map of the relative error.
+fn error_colors(measured: &Measured) -> Vec<u8> {
+    let mut metrics = measured.metrics.iter();
+    let map = metrics
+        .find(|(metric, _)| *metric == Metric::RelMse)
+        .map_or(&[][..], |(_, comparison)| &comparison.map);
+    heat_map(Metric::RelMse, map)
+}
+
+/// The techniques' picture, the path tracer's, and the heat map, with a strip of white between them.
+fn side_by_side(
+    gpu: &Gpu,
+    measured: &Measured,
+    errors: &[u8],
+) -> anyhow::Result<([u32; 2], Vec<u8>)> {
+    const GAP: usize = 4;
+    let [width, height] = measured.size;
+    // As one picture, so that both have one exposure.
+    let both: Vec<f32> = [&measured.radiance[..], &measured.truth.radiance].concat();
+    let shown = Display::picture(gpu, &both, &DisplaySettings::default())?;
+    let (test, truth) = shown.split_at(shown.len() / 2);
+    let row = width as usize * 4;
+    let gap = [255; GAP * 4];
+    let pixels = (0..height as usize)
+        .flat_map(|y| {
+            let [test, truth, errors] =
+                [test, truth, errors].map(|picture| &picture[y * row..][..row]);
+            [test, &gap, truth, &gap, errors].concat()
+        })
+        .collect();
+    Ok(([width * 3 + 2 * GAP as u32, height], pixels))
+}

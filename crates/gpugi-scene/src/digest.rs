@@ -1,0 +1,340 @@
+//! What a picture depends on, as one number: a hash of everything in a scene that can change what a camera sees. Names, cameras, warnings
+//! and what would move at another time do not count.
+//!
+//! Structs are taken apart field by field, so that a new field does not compile before somebody decides whether it counts.
+
+use blake3::Hasher;
+use bytemuck::NoUninit;
+use glam::{Affine2, Mat4};
+
+use crate::{
+    AlphaMode, Camera, Environment, Image, Instance, Light, LightKind, Material, MaterialModel,
+    Mesh, Pixels, Projection, Scene, Texture, TextureRef, Volume, Wrap,
+};
+
+impl Scene {
+    /// BLAKE3 of meshes, instances, materials, textures, images, lights and environment. Equal for scenes that look equal from everywhere
+    /// because they hold the same values, on any machine with the same byte order.
+    pub fn digest(&self) -> [u8; 32] {
+        let Self {
+            name: _,
+            meshes,
+            instances,
+            materials,
+            textures,
+            images,
+            lights,
+            cameras: _,
+            environment,
+            rig: _,
+            warnings: _,
+        } = self;
+        let mut hasher = Hasher::new();
+        meshes.feed(&mut hasher);
+        instances.feed(&mut hasher);
+        materials.feed(&mut hasher);
+        textures.feed(&mut hasher);
+        images.feed(&mut hasher);
+        lights.feed(&mut hasher);
+        environment.feed(&mut hasher);
+        *hasher.finalize().as_bytes()
+    }
+}
+
+impl Camera {
+    /// BLAKE3 of where the camera is and how it projects.
+    pub fn digest(&self) -> [u8; 32] {
+        let Self {
+            name: _,
+            world_from_view,
+            projection,
+            node: _,
+        } = self;
+        let mut hasher = Hasher::new();
+        world_from_view.feed(&mut hasher);
+        match projection {
+            Projection::Perspective { vertical_fov } => plain(&mut hasher, &[0.0, *vertical_fov]),
+            Projection::Orthographic { height } => plain(&mut hasher, &[1.0, *height]),
+        }
+        *hasher.finalize().as_bytes()
+    }
+}
+
+/// Adds its values to a hash, in a way from which they could be read back: what has several lengths or forms says which.
+trait Feed {
+    fn feed(&self, hasher: &mut Hasher);
+}
+
+/// A value's bytes.
+fn plain<T: NoUninit>(hasher: &mut Hasher, values: &[T]) {
+    hasher.update(bytemuck::cast_slice(values));
+}
+
+/// How many there are, and their bytes.
+fn list<T: NoUninit>(hasher: &mut Hasher, values: &[T]) {
+    values.len().feed(hasher);
+    plain(hasher, values);
+}
+
+impl Feed for usize {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &[*self as u64]);
+    }
+}
+
+impl Feed for f32 {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &[*self]);
+    }
+}
+
+impl Feed for bool {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &[u8::from(*self)]);
+    }
+}
+
+impl Feed for Mat4 {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &self.to_cols_array());
+    }
+}
+
+impl Feed for Affine2 {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &self.to_cols_array());
+    }
+}
+
+impl<T: Feed> Feed for Option<T> {
+    fn feed(&self, hasher: &mut Hasher) {
+        self.is_some().feed(hasher);
+        if let Some(value) = self {
+            value.feed(hasher);
+        }
+    }
+}
+
+impl<T: Feed> Feed for Vec<T> {
+    fn feed(&self, hasher: &mut Hasher) {
+        self.len().feed(hasher);
+        for value in self {
+            value.feed(hasher);
+        }
+    }
+}
+
+impl Feed for Mesh {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            positions,
+            normals,
+            tangents,
+            uvs,
+            colors,
+            indices,
+        } = self;
+        list(hasher, positions);
+        list(hasher, normals);
+        list(hasher, tangents);
+        list(hasher, &uvs[0]);
+        list(hasher, &uvs[1]);
+        list(hasher, colors);
+        list(hasher, indices);
+    }
+}
+
+impl Feed for Instance {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            mesh,
+            material,
+            world_from_mesh,
+            node: _,
+        } = self;
+        mesh.feed(hasher);
+        material.feed(hasher);
+        world_from_mesh.feed(hasher);
+    }
+}
+
+impl Feed for Material {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            model,
+            base_color,
+            base_color_texture,
+            metallic,
+            roughness,
+            metallic_roughness_texture,
+            normal_texture,
+            normal_scale,
+            emissive,
+            emissive_texture,
+            ior,
+            specular,
+            specular_texture,
+            specular_color,
+            specular_color_texture,
+            transmission,
+            transmission_texture,
+            volume,
+            alpha_mode,
+            double_sided,
+        } = self;
+        match model {
+            MaterialModel::MetallicRoughness => plain(hasher, &[0_u8]),
+            MaterialModel::Phong { kd, ks, shininess } => {
+                plain(hasher, &[1_u8]);
+                plain(hasher, &[*kd, *ks]);
+                shininess.feed(hasher);
+            }
+            MaterialModel::Conductor { n, k } => {
+                plain(hasher, &[2_u8]);
+                plain(hasher, &[*n, *k]);
+            }
+        }
+        plain(hasher, &[*base_color]);
+        plain(hasher, &[*emissive, *specular_color]);
+        for factor in [
+            metallic,
+            roughness,
+            normal_scale,
+            ior,
+            specular,
+            transmission,
+        ] {
+            factor.feed(hasher);
+        }
+        for texture in [
+            base_color_texture,
+            metallic_roughness_texture,
+            normal_texture,
+            emissive_texture,
+            specular_texture,
+            specular_color_texture,
+            transmission_texture,
+        ] {
+            texture.feed(hasher);
+        }
+        volume.feed(hasher);
+        let (mode, cutoff) = match alpha_mode {
+            AlphaMode::Opaque => (0_u8, 0.0),
+            AlphaMode::Mask { cutoff } => (1, *cutoff),
+            AlphaMode::Blend => (2, 0.0),
+        };
+        plain(hasher, &[mode]);
+        cutoff.feed(hasher);
+        double_sided.feed(hasher);
+    }
+}
+
+impl Feed for Volume {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            attenuation_distance,
+            attenuation_color,
+        } = self;
+        attenuation_distance.feed(hasher);
+        plain(hasher, &[*attenuation_color]);
+    }
+}
+
+impl Feed for TextureRef {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            texture,
+            uv_set,
+            uv_from_mesh,
+        } = self;
+        texture.feed(hasher);
+        plain(hasher, &[*uv_set]);
+        uv_from_mesh.feed(hasher);
+    }
+}
+
+impl Feed for Texture {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            image,
+            wrap,
+            nearest,
+        } = self;
+        image.feed(hasher);
+        for wrap in wrap {
+            let mode = match wrap {
+                Wrap::Repeat => 0_u8,
+                Wrap::MirroredRepeat => 1,
+                Wrap::ClampToEdge => 2,
+            };
+            plain(hasher, &[mode]);
+        }
+        nearest.feed(hasher);
+    }
+}
+
+impl Feed for Image {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            width,
+            height,
+            pixels,
+        } = self;
+        plain(hasher, &[*width, *height]);
+        match pixels {
+            Pixels::Rgba8(values) => {
+                plain(hasher, &[0_u8]);
+                list(hasher, values);
+            }
+            Pixels::Rgba32Float(values) => {
+                plain(hasher, &[1_u8]);
+                list(hasher, values);
+            }
+        }
+    }
+}
+
+impl Feed for Light {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            kind,
+            intensity,
+            range,
+            radius,
+            world_from_light,
+            node: _,
+        } = self;
+        let (shape, angles) = match kind {
+            LightKind::Point => (0_u8, [0.0; 2]),
+            LightKind::Spot {
+                inner_cone_angle,
+                outer_cone_angle,
+            } => (1, [*inner_cone_angle, *outer_cone_angle]),
+            LightKind::Directional => (2, [0.0; 2]),
+        };
+        plain(hasher, &[shape]);
+        plain(hasher, &angles);
+        plain(hasher, &[*intensity]);
+        range.feed(hasher);
+        radius.feed(hasher);
+        world_from_light.feed(hasher);
+    }
+}
+
+impl Feed for Environment {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            image,
+            rotation,
+            intensity,
+        } = self;
+        image.feed(hasher);
+        rotation.feed(hasher);
+        intensity.feed(hasher);
+    }
+}

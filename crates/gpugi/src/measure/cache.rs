@@ -1,0 +1,186 @@
+//! Pictures of the path tracer, kept in a folder from one measurement to the next. A file is named by the hash of all that decides its
+//! picture, appears complete or not at all, and is believed only when its checksum is right. Files may be deleted at any time.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::reference::Settings;
+use crate::shader;
+
+/// First bytes of a file; the digit is the format's version.
+const MAGIC: &[u8; 16] = b"gpugi reference1";
+/// Bytes of the checksum: BLAKE3 of all that follows it.
+const CHECKSUM: usize = 32;
+/// Most bytes of a header.
+const MOST_HEADER: u64 = 1 << 16;
+
+/// Raise it when the path tracer's host code comes to show something else: which lights there are, how they shine, what geometry is. Its
+/// shaders count by themselves.
+const ALGORITHM: u32 = 1;
+
+/// All that decides a picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Key {
+    size: [u32; 2],
+    /// Everything, as JSON.
+    text: String,
+}
+
+impl Key {
+    /// The key of what the path tracer shows with these settings. `digests`: of the scene and of the camera.
+    pub fn new(
+        digests: [[u8; 32]; 2],
+        size: [u32; 2],
+        settings: &Settings,
+        samples: u32,
+        seed: u32,
+    ) -> Self {
+        let shaders = [shader!("reference.path_tracer"), shader!("reference.noise")];
+        let shaders: Vec<String> = shaders
+            .iter()
+            .map(|shader| blake3::hash(shader.source.as_bytes()).to_string())
+            .collect();
+        let [scene, camera] = digests.map(|digest| blake3::Hash::from_bytes(digest).to_string());
+        let text = serde_json::json!({
+            "algorithm": ALGORITHM,
+            "shaders": shaders,
+            "scene": scene,
+            "camera": camera,
+            "size": size,
+            "settings": settings,
+            "samples": samples,
+            "seed": seed,
+        })
+        .to_string();
+        Self { size, text }
+    }
+
+    fn file_name(&self) -> String {
+        format!("{}.reference", blake3::hash(self.text.as_bytes()))
+    }
+
+    fn values(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1]) * 3
+    }
+}
+
+/// A picture and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// Linear radiance, three floats a pixel.
+    pub radiance: Vec<f32>,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Estimated relative mean squared error.
+    pub rel_mse: f64,
+    /// Time to render it (s).
+    pub seconds: f64,
+    /// What it was rendered on.
+    pub adapter: String,
+}
+
+/// What stands before the picture, as JSON.
+#[derive(Debug, Serialize, Deserialize)]
+struct Header {
+    /// [`Key::text`].
+    key: String,
+    samples: u32,
+    rel_mse: f64,
+    seconds: f64,
+    adapter: String,
+}
+
+/// A folder of references.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cache {
+    folder: PathBuf,
+}
+
+impl Cache {
+    /// References in `folder`, which is made when there is something to keep.
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            folder: folder.into(),
+        }
+    }
+
+    /// The picture of `key`, if there is one. The error says which file is damaged and how.
+    pub fn read(&self, key: &Key) -> Result<Option<Entry>, String> {
+        let path = self.folder.join(key.file_name());
+        let damaged = |how: &str| format!("{}: {how}", path.display());
+        let cannot = |error: io::Error| damaged(&format!("cannot be read ({error})"));
+        let file = match File::open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(cannot(error)),
+        };
+        // No more is read than a whole file has.
+        let prefix = (MAGIC.len() + CHECKSUM + 4) as u64;
+        let most = prefix + MOST_HEADER + key.values() * 4;
+        let mut bytes = Vec::new();
+        file.take(most + 1)
+            .read_to_end(&mut bytes)
+            .map_err(cannot)?;
+        let rest = bytes
+            .strip_prefix(MAGIC)
+            .ok_or_else(|| damaged("is no reference of this version"))?;
+        let (checksum, content) = rest
+            .split_first_chunk::<CHECKSUM>()
+            .ok_or_else(|| damaged("is cut off"))?;
+        if blake3::hash(content) != blake3::Hash::from_bytes(*checksum) {
+            return Err(damaged("is damaged: its checksum is wrong"));
+        }
+        parse(key, content)
+            .map(Some)
+            .ok_or_else(|| damaged("does not hold what its name says"))
+    }
+
+    /// Keeps a picture.
+    pub fn write(&self, key: &Key, entry: &Entry) -> io::Result<()> {
+        let is_finite = |value: &f32| value.is_finite();
+        if !(entry.rel_mse.is_finite() && entry.radiance.iter().all(is_finite)) {
+            return Err(io::Error::other("it holds values that are not finite"));
+        }
+        std::fs::create_dir_all(&self.folder)?;
+        let header = serde_json::to_string(&Header {
+            key: key.text.clone(),
+            samples: entry.samples,
+            rel_mse: entry.rel_mse,
+            seconds: entry.seconds,
+            adapter: entry.adapter.clone(),
+        })?;
+        let mut content = (header.len() as u32).to_le_bytes().to_vec();
+        content.extend(header.as_bytes());
+        content.extend(entry.radiance.iter().flat_map(|value| value.to_le_bytes()));
+        gpugi_scene::image::replace_file(&self.folder.join(key.file_name()), |file| {
+            file.write_all(MAGIC)?;
+            file.write_all(blake3::hash(&content).as_bytes())?;
+            file.write_all(&content)
+        })
+    }
+}
+
+/// What follows the checksum; none where it is not the picture of `key`.
+fn parse(key: &Key, content: &[u8]) -> Option<Entry> {
+    let (length, rest) = content.split_first_chunk::<4>()?;
+    let (header, texels) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    let header: Header = serde_json::from_slice(header).ok()?;
+    let (texels, odd) = texels.as_chunks::<4>();
+    let radiance: Vec<f32> = texels.iter().copied().map(f32::from_le_bytes).collect();
+    let is_right = header.key == key.text
+        && odd.is_empty()
+        && radiance.len() as u64 == key.values()
+        && radiance.iter().all(|value| value.is_finite())
+        && header.rel_mse >= 0.0
+        && header.seconds >= 0.0;
+    is_right.then_some(Entry {
+        radiance,
+        samples: header.samples,
+        rel_mse: header.rel_mse,
+        seconds: header.seconds,
+        adapter: header.adapter,
+    })
+}

@@ -1,0 +1,212 @@
+//! What the path tracer shows of some parts of a scene's light, rendered or read from the cache.
+
+use std::time::Instant;
+
+use gpugi_scene::{Camera, Scene};
+
+use super::cache::{Entry, Key};
+use super::{MeasureError, Options, Progress, Report};
+use crate::gpu::Gpu;
+use crate::light_paths::{Part, PatternError};
+use crate::reference::{self, PathTracer, Settings};
+use crate::renderer::RenderError;
+use crate::techniques::SettingError;
+
+/// How good a reference has to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quality {
+    /// Most samples a pixel, at least 16: fewer cannot tell how noisy they are.
+    pub samples: u32,
+    /// Enough when the whole reference's estimated rel-mse falls to this; 0: at the number of samples only.
+    pub noise: f64,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self {
+            samples: 1024,
+            noise: 0.0,
+        }
+    }
+}
+
+/// One run of the path tracer.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct TracedPart {
+    /// Classes of lights and light paths.
+    #[serde(flatten)]
+    pub part: Part,
+    /// Longest paths followed (vertices between light and eye).
+    pub max_bounces: u32,
+    /// Samples a pixel.
+    pub samples: u32,
+    /// Its own error: estimated relative mean squared error.
+    pub estimated_rel_mse: f64,
+    /// Time to render it (s), when it was rendered.
+    pub seconds: f64,
+    /// What it was rendered on.
+    pub adapter: String,
+    /// Whether it was read from the cache.
+    pub cached: bool,
+}
+
+/// What is looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject<'a> {
+    /// What exists.
+    pub scene: &'a Scene,
+    /// From where.
+    pub camera: &'a Camera,
+    /// Width and height of the picture (pixels).
+    pub size: [u32; 2],
+}
+
+/// The path tracer's picture of some parts of a scene's light.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// Linear radiance, three floats a pixel, row by row from the top: the sum of the parts.
+    pub radiance: Vec<f32>,
+    /// What it is the sum of.
+    pub parts: Vec<TracedPart>,
+    /// What is wrong with the cache, and where too much noise remains.
+    pub notes: Vec<String>,
+}
+
+impl Truth {
+    /// Its own error: estimated relative mean squared error. An upper estimate, because it adds those of the parts, of which each is relative to
+    /// a darker picture than the whole.
+    pub fn rel_mse(&self) -> f64 {
+        self.parts.iter().map(|part| part.estimated_rel_mse).sum()
+    }
+
+    /// Time to render it (s), when it was rendered.
+    pub fn seconds(&self) -> f64 {
+        self.parts.iter().map(|part| part.seconds).sum()
+    }
+
+    /// Whether nothing had to be rendered.
+    pub fn is_cached(&self) -> bool {
+        self.parts.iter().all(|part| part.cached)
+    }
+}
+
+/// Renders what the camera sees of `parts`, or reads what is in the cache.
+///
+/// # Errors
+/// [`MeasureError::Render`], [`MeasureError::Interrupted`].
+pub fn trace(
+    gpu: &Gpu,
+    subject: &Subject<'_>,
+    parts: &[Part],
+    options: &Options,
+    report: Report<'_>,
+) -> Result<Truth, MeasureError> {
+    let size = subject.size;
+    let mut truth = Truth {
+        radiance: vec![0.0; size[0] as usize * size[1] as usize * 3],
+        parts: Vec::new(),
+        notes: Vec::new(),
+    };
+    let digests = [subject.scene.digest(), subject.camera.digest()];
+    for part in parts {
+        let settings = Settings {
+            noise: options.reference.noise / parts.len() as f64,
+            ..Settings::of_part(part).map_err(|error| no_pattern(part, &error))?
+        };
+        let key = Key::new(
+            digests,
+            size,
+            &settings,
+            options.reference.samples,
+            options.seed,
+        );
+        let mut kept = None;
+        if let Some(cache) = &options.cache {
+            kept = cache.read(&key).unwrap_or_else(|damage| {
+                truth.notes.push(format!("{damage}; rendered anew"));
+                None
+            });
+        }
+        let cached = kept.is_some();
+        let entry = match kept {
+            Some(entry) => entry,
+            None => {
+                let entry = render(gpu, subject, part, &settings, options, report)?;
+                if let Some(cache) = &options.cache
+                    && let Err(error) = cache.write(&key, &entry)
+                {
+                    let note = format!("the reference is not kept for next time: {error}");
+                    truth.notes.push(note);
+                }
+                entry
+            }
+        };
+        if settings.noise > 0.0 && entry.rel_mse > settings.noise {
+            truth.notes.push(format!(
+                "after {} samples the reference's part {} still has an estimated rel-mse of {:.1e}",
+                entry.samples, part.pattern, entry.rel_mse
+            ));
+        }
+        for (sum, value) in truth.radiance.iter_mut().zip(&entry.radiance) {
+            *sum += value;
+        }
+        truth.parts.push(TracedPart {
+            part: part.clone(),
+            max_bounces: settings.max_bounces,
+            samples: entry.samples,
+            estimated_rel_mse: entry.rel_mse,
+            seconds: entry.seconds,
+            adapter: entry.adapter,
+            cached,
+        });
+    }
+    Ok(truth)
+}
+
+fn no_pattern(part: &Part, error: &PatternError) -> RenderError {
+    RenderError::Setting {
+        technique: reference::INFO.name.to_owned(),
+        source: SettingError::Value {
+            name: "paths".to_owned(),
+            value: part.pattern.clone(),
+            reason: error.to_string(),
+        },
+    }
+}
+
+fn render(
+    gpu: &Gpu,
+    subject: &Subject<'_>,
+    part: &Part,
+    settings: &Settings,
+    options: &Options,
+    report: Report<'_>,
+) -> Result<Entry, MeasureError> {
+    let mut tracer = PathTracer::new(gpu, subject.scene, subject.size, settings)?;
+    tracer.restart(options.seed)?;
+    let classes: Vec<String> = part.classes.iter().map(ToString::to_string).collect();
+    let stage = format!("path tracer, {} ({})", part.pattern, classes.join(", "));
+    let started = Instant::now();
+    let mut is_interrupted = false;
+    let done = tracer.render(subject.camera, options.reference.samples, &mut |progress| {
+        // Noise falls at least as 1 / samples.
+        let toward_noise = progress.noise.map_or(0.0, |noise| settings.noise / noise);
+        let flow = report(&Progress {
+            stage: stage.clone(),
+            fraction: progress.fraction.max(toward_noise).min(1.0),
+            state: format!("{} of {} samples", progress.samples, progress.of),
+        });
+        is_interrupted |= flow.is_break();
+        flow
+    })?;
+    if is_interrupted {
+        return Err(MeasureError::Interrupted);
+    }
+    Ok(Entry {
+        radiance: tracer.radiance()?,
+        samples: done.samples,
+        rel_mse: tracer.noise()?,
+        seconds: started.elapsed().as_secs_f64(),
+        adapter: gpu.adapter.name.clone(),
+    })
+}
