@@ -1,23 +1,30 @@
 //! A scene on the GPU: bind group 0, and merged world-space triangles for captures.
 
+mod emitters;
+mod environment;
 pub(crate) mod gpu;
 mod images;
 #[cfg(test)]
 mod ray_tests;
 mod rays;
+mod rows;
 #[cfg(test)]
 mod tests;
 
-use glam::{Mat4, Vec3};
+use glam::Vec3;
 use gpugi_scene::{
-    AlphaMode, Bounds, Environment, Image, Instance, Light, Material, MaterialModel, Pixels, Scene,
-    TextureRef, Wrap, bvh::NODE_ROWS, provoking::provoking_order,
+    AlphaMode, Bounds, Environment, Instance, Light, Scene, bvh::NODE_ROWS,
+    provoking::provoking_order,
 };
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
+pub use emitters::Emitter;
+use emitters::emitters;
+use environment::environment_texture;
 use images::ImageArrays;
 use rays::{Rays, hierarchy_buffer};
+use rows::{instance_row, material_row};
 
 /// Surface points keep a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;
@@ -57,36 +64,6 @@ pub struct Versions {
     pub materials: u64,
     /// Lights, emitters and the environment.
     pub lights: u64,
-}
-
-/// A triangle that emits, world space.
-#[derive(Debug, Clone, Copy)]
-pub struct Emitter {
-    /// Index of its instance.
-    pub instance: u32,
-    /// Number of the triangle in its mesh.
-    pub primitive: u32,
-    /// Corners (m), counterclockwise seen from the front.
-    pub corners: [Vec3; 3],
-    /// Mean emitted radiance [W/sr/m^2].
-    pub radiance: Vec3,
-    /// Emits from its back, too.
-    pub two_sided: bool,
-}
-
-impl Emitter {
-    /// Luminous power: pi L A, of both sides where both emit.
-    pub fn power(&self) -> f64 {
-        let [a, b, c] = self.corners;
-        let area = f64::from((b - a).cross(c - a).length()) / 2.0;
-        let sides = if self.two_sided { 2.0 } else { 1.0 };
-        std::f64::consts::PI * f64::from(self.luminance()) * area * sides
-    }
-
-    /// Luminance of the mean radiance.
-    pub fn luminance(&self) -> f32 {
-        self.radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722))
-    }
 }
 
 /// A scene on the GPU.
@@ -475,256 +452,5 @@ fn draw_class(scene: &Scene, meshes: &[PlacedMesh], instance: &Instance) -> Draw
         (false, true) => DrawClass::DoubleSided,
         (false, false) if meshes[instance.mesh].closed => DrawClass::Closed,
         (false, false) => DrawClass::Open,
-    }
-}
-
-fn instance_row(instance: &Instance, mesh: &PlacedMesh, first_merged_vertex: u32) -> gpu::Instance {
-    let matrix = instance.world_from_mesh;
-    gpu::Instance {
-        world_from_mesh_0: matrix.row(0).to_array(),
-        world_from_mesh_1: matrix.row(1).to_array(),
-        world_from_mesh_2: matrix.row(2).to_array(),
-        first_vertex_word: mesh.first_vertex_word,
-        first_index_word: mesh.first_index_word,
-        first_merged_vertex,
-        material: instance.material as u32,
-        vertex_count: mesh.vertex_count,
-        mirrored: u32::from(is_mirrored(&matrix)),
-        closed: u32::from(mesh.closed),
-        padding: 0,
-    }
-}
-
-fn is_mirrored(matrix: &Mat4) -> bool {
-    glam::Mat3::from_mat4(*matrix).determinant() < 0.0
-}
-
-fn material_row(
-    scene: &Scene,
-    material: &Material,
-    images: &ImageArrays,
-    textures: &mut Vec<gpu::TextureReference>,
-) -> gpu::Material {
-    let mut reference = |texture: &Option<TextureRef>, space: usize| match texture {
-        None => u32::MAX,
-        Some(texture) => {
-            textures.push(texture_row(scene, texture, images, space));
-            textures.len() as u32 - 1
-        }
-    };
-    let (model, model_a, model_b, shininess) = match material.model {
-        MaterialModel::MetallicRoughness => (0, Vec3::ZERO, Vec3::ZERO, 0.0),
-        MaterialModel::Phong { kd, ks, shininess } => (1, kd, ks, shininess),
-        MaterialModel::Conductor { n, k } => (2, n, k, 0.0),
-    };
-    // KHR_materials_ior: an index of 0 stands for a normal reflectance of 1.
-    let dielectric_f0 = if material.ior == 0.0 {
-        1.0
-    } else {
-        ((material.ior - 1.0) / (material.ior + 1.0)).powi(2)
-    };
-    let (alpha_mode, alpha_cutoff) = match material.alpha_mode {
-        AlphaMode::Opaque => (0, 0.0),
-        AlphaMode::Mask { cutoff } => (1, cutoff),
-        AlphaMode::Blend => (2, 0.0),
-    };
-    gpu::Material {
-        base_color: material.base_color.to_array(),
-        emissive: material.emissive.to_array(),
-        alpha_cutoff,
-        metallic: material.metallic,
-        roughness: material.roughness,
-        dielectric_f0,
-        specular: material.specular,
-        specular_color: material.specular_color.to_array(),
-        transmission: material.transmission,
-        model_a: model_a.to_array(),
-        shininess,
-        model_b: model_b.to_array(),
-        normal_scale: material.normal_scale,
-        model,
-        alpha_mode,
-        double_sided: u32::from(material.double_sided),
-        base_color_texture: reference(&material.base_color_texture, 0),
-        metallic_roughness_texture: reference(&material.metallic_roughness_texture, 1),
-        normal_texture: reference(&material.normal_texture, 1),
-        emissive_texture: reference(&material.emissive_texture, 0),
-        specular_texture: reference(&material.specular_texture, 1),
-        specular_color_texture: reference(&material.specular_color_texture, 0),
-        transmission_texture: reference(&material.transmission_texture, 1),
-        solid: u32::from(material.volume.is_some()),
-        padding: 0,
-        absorption: material
-            .volume
-            .map_or(Vec3::ZERO, |volume| volume.absorption())
-            .to_array(),
-        ior: material.ior,
-    }
-}
-
-fn texture_row(
-    scene: &Scene,
-    reference: &TextureRef,
-    images: &ImageArrays,
-    space: usize,
-) -> gpu::TextureReference {
-    let texture = &scene.textures[reference.texture];
-    let image = &scene.images[texture.image];
-    let place =
-        images.places[texture.image][space].unwrap_or(images::ImagePlace { class: 0, layer: 0 });
-    let wrap = |wrap: Wrap| match wrap {
-        Wrap::Repeat => 0,
-        Wrap::MirroredRepeat => 1,
-        Wrap::ClampToEdge => 2,
-    };
-    gpu::TextureReference {
-        uv_from_mesh: reference.uv_from_mesh.matrix2.to_cols_array(),
-        translation: reference.uv_from_mesh.translation.to_array(),
-        mode: place.class
-            | u32::from(texture.nearest) << 3
-            | wrap(texture.wrap[0]) << 4
-            | wrap(texture.wrap[1]) << 6
-            | reference.uv_set.min(1) << 8,
-        layer: place.layer,
-        width: image.width,
-        height: image.height,
-        padding_0: 0,
-        padding_1: 0,
-    }
-}
-
-/// The environment as a half-float texture (values above 65,504 are cut); one black texel without one.
-fn environment_texture(
-    gpu: &Gpu,
-    environment: Option<&Environment>,
-) -> Result<wgpu::TextureView, GpuError> {
-    let black = Image {
-        name: String::new(),
-        width: 1,
-        height: 1,
-        pixels: Pixels::Rgba32Float(vec![0.0; 4]),
-    };
-    let image = environment.map_or(&black, |environment| &environment.image);
-    let halves: Vec<u16> = match &image.pixels {
-        Pixels::Rgba32Float(values) => values
-            .iter()
-            .map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits())
-            .collect(),
-        Pixels::Rgba8(values) => values
-            .iter()
-            .map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits())
-            .collect(),
-    };
-    let size = wgpu::Extent3d {
-        width: image.width,
-        height: image.height,
-        depth_or_array_layers: 1,
-    };
-    let texture = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("environment"),
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    })?;
-    gpu.queue.write_texture(
-        texture.as_image_copy(),
-        bytemuck::cast_slice(&halves),
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(image.width * 8),
-            rows_per_image: None,
-        },
-        size,
-    );
-    Ok(texture.create_view(&Default::default()))
-}
-
-/// Every emissive triangle in world space, with the mean of its emissive texture taken at its corners and centre.
-fn emitters(scene: &Scene) -> Vec<Emitter> {
-    let mut emitters = Vec::new();
-    for (instance_index, instance) in (0..).zip(&scene.instances) {
-        let material = &scene.materials[instance.material];
-        if material.emissive == Vec3::ZERO {
-            continue;
-        }
-        let mesh = &scene.meshes[instance.mesh];
-        let mirrored = is_mirrored(&instance.world_from_mesh);
-        for (primitive, triangle) in (0..).zip(mesh.indices.chunks_exact(3)) {
-            let mut corners = [0, 1, 2].map(|corner| {
-                instance
-                    .world_from_mesh
-                    .transform_point3(mesh.positions[triangle[corner] as usize])
-            });
-            if mirrored {
-                corners.swap(1, 2);
-            }
-            let radiance = material.emissive * mean_emission(scene, material, mesh, triangle);
-            if radiance.max_element() > 0.0 {
-                emitters.push(Emitter {
-                    instance: instance_index,
-                    primitive,
-                    corners,
-                    radiance,
-                    two_sided: material.double_sided,
-                });
-            }
-        }
-    }
-    emitters
-}
-
-/// Mean of the emissive texture over a triangle from a fixed pattern of 36 points.
-fn mean_emission(
-    scene: &Scene,
-    material: &Material,
-    mesh: &gpugi_scene::Mesh,
-    triangle: &[u32],
-) -> Vec3 {
-    let Some(reference) = &material.emissive_texture else {
-        return Vec3::ONE;
-    };
-    let uvs = &mesh.uvs[reference.uv_set.min(1) as usize];
-    let image = &scene.images[scene.textures[reference.texture].image];
-    let Pixels::Rgba8(texels) = &image.pixels else {
-        return Vec3::ONE;
-    };
-    let corner = |index: usize| {
-        uvs.get(triangle[index] as usize)
-            .copied()
-            .unwrap_or_default()
-    };
-    const STEPS: usize = 8;
-    let mut sum = Vec3::ZERO;
-    let mut count = 0.0;
-    for i in 0..STEPS {
-        for j in 0..STEPS - i {
-            let (u, v) = (
-                (i as f32 + 1.0 / 3.0) / STEPS as f32,
-                (j as f32 + 1.0 / 3.0) / STEPS as f32,
-            );
-            let uv = corner(0) * (1.0 - u - v) + corner(1) * u + corner(2) * v;
-            let uv = reference.uv_from_mesh.transform_point2(uv);
-            let texel = |coordinate: f32, size: u32| {
-                ((coordinate.rem_euclid(1.0) * size as f32) as u32).min(size - 1) as usize
-            };
-            let at =
-                (texel(uv.y, image.height) * image.width as usize + texel(uv.x, image.width)) * 4;
-            sum += Vec3::from_array([0, 1, 2].map(|channel| srgb_to_linear(texels[at + channel])));
-            count += 1.0;
-        }
-    }
-    sum / count
-}
-
-fn srgb_to_linear(value: u8) -> f32 {
-    let value = f32::from(value) / 255.0;
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
     }
 }

@@ -1,0 +1,122 @@
+//! Emissive triangles: the area lights.
+
+use glam::Vec3;
+use gpugi_scene::{Material, Pixels, Scene};
+
+use super::rows::is_mirrored;
+
+/// A triangle that emits, world space.
+#[derive(Debug, Clone, Copy)]
+pub struct Emitter {
+    /// Index of its instance.
+    pub instance: u32,
+    /// Number of the triangle in its mesh.
+    pub primitive: u32,
+    /// Corners (m), counterclockwise seen from the front.
+    pub corners: [Vec3; 3],
+    /// Mean emitted radiance [W/sr/m^2].
+    pub radiance: Vec3,
+    /// Emits from its back, too.
+    pub two_sided: bool,
+}
+
+impl Emitter {
+    /// Luminous power: pi L A, of both sides where both emit.
+    pub fn power(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        let area = f64::from((b - a).cross(c - a).length()) / 2.0;
+        let sides = if self.two_sided { 2.0 } else { 1.0 };
+        std::f64::consts::PI * f64::from(self.luminance()) * area * sides
+    }
+
+    /// Luminance of the mean radiance.
+    pub fn luminance(&self) -> f32 {
+        self.radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+    }
+}
+
+/// Every emissive triangle in world space, with the mean of its emissive texture taken at its corners and centre.
+pub(super) fn emitters(scene: &Scene) -> Vec<Emitter> {
+    let mut emitters = Vec::new();
+    for (instance_index, instance) in (0..).zip(&scene.instances) {
+        let material = &scene.materials[instance.material];
+        if material.emissive == Vec3::ZERO {
+            continue;
+        }
+        let mesh = &scene.meshes[instance.mesh];
+        let mirrored = is_mirrored(&instance.world_from_mesh);
+        for (primitive, triangle) in (0..).zip(mesh.indices.chunks_exact(3)) {
+            let mut corners = [0, 1, 2].map(|corner| {
+                instance
+                    .world_from_mesh
+                    .transform_point3(mesh.positions[triangle[corner] as usize])
+            });
+            if mirrored {
+                corners.swap(1, 2);
+            }
+            let radiance = material.emissive * mean_emission(scene, material, mesh, triangle);
+            if radiance.max_element() > 0.0 {
+                emitters.push(Emitter {
+                    instance: instance_index,
+                    primitive,
+                    corners,
+                    radiance,
+                    two_sided: material.double_sided,
+                });
+            }
+        }
+    }
+    emitters
+}
+
+/// Mean of the emissive texture over a triangle from a fixed pattern of 36 points.
+fn mean_emission(
+    scene: &Scene,
+    material: &Material,
+    mesh: &gpugi_scene::Mesh,
+    triangle: &[u32],
+) -> Vec3 {
+    let Some(reference) = &material.emissive_texture else {
+        return Vec3::ONE;
+    };
+    let uvs = &mesh.uvs[reference.uv_set.min(1) as usize];
+    let image = &scene.images[scene.textures[reference.texture].image];
+    let Pixels::Rgba8(texels) = &image.pixels else {
+        return Vec3::ONE;
+    };
+    let corner = |index: usize| {
+        uvs.get(triangle[index] as usize)
+            .copied()
+            .unwrap_or_default()
+    };
+    const STEPS: usize = 8;
+    let mut sum = Vec3::ZERO;
+    let mut count = 0.0;
+    for i in 0..STEPS {
+        for j in 0..STEPS - i {
+            let (u, v) = (
+                (i as f32 + 1.0 / 3.0) / STEPS as f32,
+                (j as f32 + 1.0 / 3.0) / STEPS as f32,
+            );
+            let uv = corner(0) * (1.0 - u - v) + corner(1) * u + corner(2) * v;
+            let uv = reference.uv_from_mesh.transform_point2(uv);
+            let texel = |coordinate: f32, size: u32| {
+                ((coordinate.rem_euclid(1.0) * size as f32) as u32).min(size - 1) as usize
+            };
+            let at =
+                (texel(uv.y, image.height) * image.width as usize + texel(uv.x, image.width)) * 4;
+            sum += Vec3::from_array([0, 1, 2].map(|channel| srgb_to_linear(texels[at + channel])));
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+fn srgb_to_linear(value: u8) -> f32 {
+    let value = f32::from(value) / 255.0;
+    if value <= 0.04045 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
+    }
+}

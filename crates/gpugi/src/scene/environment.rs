@@ -1,0 +1,55 @@
+//! The environment's texture.
+
+use gpugi_scene::{Environment, Image, Pixels};
+
+use crate::gpu::{Gpu, GpuError};
+
+/// The environment as a half-float texture (values above 65,504 are cut); one black texel without one.
+pub(super) fn environment_texture(
+    gpu: &Gpu,
+    environment: Option<&Environment>,
+) -> Result<wgpu::TextureView, GpuError> {
+    let black = Image {
+        name: String::new(),
+        width: 1,
+        height: 1,
+        pixels: Pixels::Rgba32Float(vec![0.0; 4]),
+    };
+    let image = environment.map_or(&black, |environment| &environment.image);
+    let halves: Vec<u16> = match &image.pixels {
+        Pixels::Rgba32Float(values) => values
+            .iter()
+            .map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits())
+            .collect(),
+        Pixels::Rgba8(values) => values
+            .iter()
+            .map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits())
+            .collect(),
+    };
+    let size = wgpu::Extent3d {
+        width: image.width,
+        height: image.height,
+        depth_or_array_layers: 1,
+    };
+    let texture = gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("environment"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })?;
+    gpu.queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&halves),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(image.width * 8),
+            rows_per_image: None,
+        },
+        size,
+    );
+    Ok(texture.create_view(&Default::default()))
+}
