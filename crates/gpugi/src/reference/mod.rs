@@ -10,6 +10,7 @@ mod light_tests;
 mod lights;
 mod settings;
 mod sky;
+mod surroundings;
 #[cfg(test)]
 mod tests;
 
@@ -19,7 +20,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
@@ -78,6 +79,7 @@ struct Parameters {
     light_count: u32,
     sky_probability: f32,
     emission_classes: u32,
+    solids: [u32; 4],
 }
 
 /// A part of the picture with its own film.
@@ -129,6 +131,9 @@ pub struct PathTracer {
     tiles: Vec<Tile>,
     light_count: u32,
     sky_probability: f32,
+    solids: Vec<surroundings::Solid>,
+    /// Materials of the solids around the eye.
+    around_eye: [u32; 4],
     samples: u32,
     seed: u32,
     /// Pixel samples a second that the last dispatches reached; 0 before the first.
@@ -259,6 +264,8 @@ impl PathTracer {
             tiles,
             light_count: table.rows.len() as u32,
             sky_probability: table.sky_probability,
+            around_eye: surroundings::around(&[], Vec3::ZERO),
+            solids: surroundings::solids(scene),
             samples: 0,
             seed: 0,
             rate: 0.0,
@@ -317,6 +324,8 @@ impl PathTracer {
         self.gpu
             .queue
             .write_buffer(&self.view, 0, bytemuck::bytes_of(&view.uniform));
+        let eye = camera.world_from_view.w_axis.truncate();
+        self.around_eye = surroundings::around(&self.solids, eye);
         let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
         let mut progress = Progress {
             samples: self.samples,
@@ -379,6 +388,7 @@ impl PathTracer {
             light_count: self.light_count,
             sky_probability: self.sky_probability,
             emission_classes: self.emission_classes(),
+            solids: self.around_eye,
         };
         let queue = &self.gpu.queue;
         queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));

@@ -139,10 +139,39 @@ fn glass_absorbs_as_beer_and_lambert_say() {
         check("from within a slab", mean, attenuated(outer, 0.5 * slope));
 
         slab(&mut scene, -0.1, 0.2, solid(1.0, inner));
+        within.world_from_view.w_axis = (Vec3::Y * 0.35).extend(1.0);
+        let mean = trace(&gpu, &scene, &within, [8, 8], 4, &bounces(8)).mean();
+        let expected = attenuated(outer, 0.55 * slope) * attenuated(inner, 0.3 * slope);
+        check("from within the outer of nested slabs", mean, expected);
+        within.world_from_view.w_axis = (Vec3::Y * 0.1).extend(1.0);
+        let mean = trace(&gpu, &scene, &within, [8, 8], 4, &bounces(8)).mean();
+        let expected = attenuated(outer, 0.4 * slope) * attenuated(inner, 0.2 * slope);
+        check("from within the inner of nested slabs", mean, expected);
         let mean = trace(&gpu, &scene, &camera, [8, 8], 4, &bounces(8)).mean();
         let expected = attenuated(outer, 0.7 * slope) * attenuated(inner, 0.3 * slope);
         check("nested slabs", mean, expected);
     }
+}
+
+/// The eye under water, as it were: what lies in the same solid is seen through it, and so is the light that falls on it.
+#[test]
+fn what_lies_in_the_same_solid_is_seen_through_it() {
+    let Some(gpu) = gpu() else { return };
+    let color = vec3(0.3, 0.6, 0.9);
+    let mut scene = Scene::new("under water");
+    slab(&mut scene, -3.0, 1.0, solid(1.33, color));
+    let floor = quad(vec3(-9.0, -2.0, 9.0), Vec3::X * 18.0, Vec3::Z * -18.0, 1);
+    place(&mut scene, floor, Material::emitter("", Vec3::splat(2.0)));
+    // The back of a single-sided wall, which the eye does not see, hangs between.
+    let culled = quad(vec3(-9.0, -1.0, -9.0), Vec3::X * 18.0, Vec3::Z * 18.0, 1);
+    assert!(culled.normals[0].y < 0.0);
+    place(&mut scene, culled, Material::matt("", Vec3::splat(0.5)));
+    let eye = Camera {
+        projection: Projection::Perspective { vertical_fov: 1e-3 },
+        ..Camera::look_at("", Vec3::ZERO, Vec3::NEG_Y, 1.0)
+    };
+    let mean = trace(&gpu, &scene, &eye, [8, 8], 4, &bounces(0)).mean();
+    check("a lamp in water", mean, 2.0 * attenuated(color, 2.0));
 }
 
 /// What two indices reflect depends on their ratio: the same glass within glass is invisible, and an index that matches its surroundings

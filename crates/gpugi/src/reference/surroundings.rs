@@ -1,0 +1,142 @@
+//! Which solids the eye is inside of: where the paths' stack of media begins.
+
+use glam::{DVec3, Vec3};
+use gpugi_scene::{Bounds, Scene};
+
+/// Solids that a stack of reference/medium.wesl holds, and its mark of an empty place.
+const DEPTH: usize = 4;
+const NONE: u32 = u32::MAX;
+
+/// A closed mesh that light enters and that has an inside (KHR_materials_volume), in world space.
+#[derive(Debug)]
+pub struct Solid {
+    material: u32,
+    bounds: Bounds,
+    triangles: Vec<[Vec3; 3]>,
+}
+
+/// The solids of a scene.
+pub fn solids(scene: &Scene) -> Vec<Solid> {
+    let mut solids = Vec::new();
+    for instance in &scene.instances {
+        let material = &scene.materials[instance.material];
+        let mesh = &scene.meshes[instance.mesh];
+        if material.transmission <= 0.0 || material.volume.is_none() || !mesh.is_closed() {
+            continue;
+        }
+        let place = |&index: &u32| {
+            let position = mesh.positions[index as usize];
+            instance.world_from_mesh.transform_point3(position)
+        };
+        let triangles = mesh.indices.as_chunks::<3>().0.iter();
+        let triangles: Vec<_> = triangles.map(|one| one.each_ref().map(place)).collect();
+        solids.push(Solid {
+            material: instance.material as u32,
+            bounds: Bounds::of(triangles.iter().flatten().copied()),
+            triangles,
+        });
+    }
+    solids
+}
+
+/// Materials of the solids around `eye` (world space (m)), the innermost first, as a stack of reference/medium.wesl.
+pub fn around(solids: &[Solid], eye: Vec3) -> [u32; DEPTH] {
+    let mut found: Vec<(f64, u32)> = solids
+        .iter()
+        .filter_map(|solid| Some((solid.way_out(eye)?, solid.material)))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut stack = [NONE; DEPTH];
+    for (place, (_, material)) in stack.iter_mut().zip(found) {
+        *place = material;
+    }
+    stack
+}
+
+impl Solid {
+    /// The distance to where a ray from `eye` first leaves the solid (m); none when it is not inside, where it crosses the surface an even number
+    /// of times.
+    fn way_out(&self, eye: Vec3) -> Option<f64> {
+        let Bounds { min, max } = self.bounds;
+        if !(eye.cmpge(min).all() && eye.cmple(max).all()) {
+            return None;
+        }
+        // Along no axis and no diagonal, where edges of models often lie.
+        let direction = DVec3::new(0.267_309_1, 0.801_783_7, 0.534_522_5).normalize();
+        let (mut count, mut nearest) = (0, f64::INFINITY);
+        for triangle in &self.triangles {
+            if let Some(t) = crossing(triangle, eye.as_dvec3(), direction) {
+                count += 1;
+                nearest = nearest.min(t);
+            }
+        }
+        (count % 2 == 1).then_some(nearest)
+    }
+}
+
+/// Where a ray crosses a triangle (Moeller and Trumbore, "Fast, Minimum Storage Ray-Triangle Intersection", 1997).
+fn crossing(triangle: &[Vec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+    let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let p = direction.cross(e2);
+    let determinant = e1.dot(p);
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
+    let q = s.cross(e1);
+    let v = direction.dot(q) / determinant;
+    let t = e2.dot(q) / determinant;
+    // Not a number where the determinant is 0.
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat4, vec3};
+    use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
+    use gpugi_scene::{Material, Volume};
+
+    use super::*;
+
+    #[test]
+    fn the_innermost_solid_comes_first() {
+        let glass = Material {
+            transmission: 1.0,
+            volume: Some(Volume {
+                attenuation_distance: 1.0,
+                attenuation_color: Vec3::ONE,
+            }),
+            ..Material::default()
+        };
+        let mut scene = Scene::new("nested");
+        let meshes = [
+            cuboid(Vec3::splat(-1.0), Vec3::ONE, 2),
+            sphere(0.5, 16),
+            quad(vec3(-3.0, 0.9, 3.0), Vec3::X * 6.0, Vec3::NEG_Z * 6.0, 1),
+        ]
+        .map(|mesh| scene.add_mesh(mesh));
+        for mesh in meshes {
+            let material = scene.add_material(glass.clone());
+            scene.add_instance("", mesh, material, Mat4::from_translation(Vec3::X));
+        }
+        // A block that is not transmissive, and one without an inside.
+        for material in [
+            Material::default(),
+            Material {
+                volume: None,
+                ..glass
+            },
+        ] {
+            let material = scene.add_material(material);
+            scene.add_instance("", meshes[0], material, Mat4::from_translation(Vec3::X));
+        }
+        let solids = solids(&scene);
+        let at = |x: f32| around(&solids, vec3(x, 0.0, 0.0));
+        assert_eq!(at(-0.5), [NONE; 4]);
+        assert_eq!(at(0.2), [0, NONE, NONE, NONE]);
+        assert_eq!(at(1.0), [1, 0, NONE, NONE]);
+        assert_eq!(at(1.4), [1, 0, NONE, NONE]);
+        assert_eq!(at(1.9), [0, NONE, NONE, NONE]);
+        assert_eq!(at(2.1), [NONE; 4]);
+        assert_eq!(around(&solids, Vec3::NAN), [NONE; 4]);
+    }
+}
