@@ -169,9 +169,12 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
             }
         }
         let pattern = patterns.join("|");
-        // Smallest automata are equal where the patterns mean the same paths.
         let automaton = compiled(&pattern);
-        match parts.iter_mut().find(|(other, _)| *other == automaton) {
+        let means_the_same = |other: &PathAutomaton| {
+            let both = [automaton.clone(), other.clone()];
+            shortest_path(&both, |accepted| accepted[0] != accepted[1]).is_none()
+        };
+        match parts.iter_mut().find(|(other, _)| means_the_same(other)) {
             Some((_, part)) => part.classes.push(class),
             None => {
                 let classes = vec![class];
