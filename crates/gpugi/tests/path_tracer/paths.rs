@@ -237,3 +237,20 @@ fn a_mirror_throws_a_caustic() {
     assert!(expected.value.x > 0.0 && expected.error.x < 0.01 * expected.value.x);
     caustic.check("the caustic", expected.value, 0.12 * expected.value.x);
 }
+
+/// Half metal, half matt, under a white sky: a path that must tell its lobes apart goes on with one of them, and both get their share.
+#[test]
+fn two_lobes_of_a_surface_share_its_light() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    scene.materials[0] = Material {
+        metallic: 0.5,
+        roughness: 0.5,
+        ..Material::matt("", Vec3::splat(0.9))
+    };
+    scene.environment = Some(super::white());
+    let camera = super::parallel(Vec3::ZERO, vec3(0.0, 1.0, 1.0), 1.0);
+    let of = |paths: &str| trace(&gpu, &scene, &camera, [16, 16], 32, &keeping(paths));
+    let parts = ["LDE", "LGE"].map(of);
+    check_sum("two lobes", &of("L.*E"), &parts, 0.008);
+}
