@@ -36,7 +36,7 @@ pub fn run(gpu: &Gpu, scene: &Scene, size: [u32; 2], json: Option<&Path>) -> any
         measured.scene, measured.triangles
     );
     println!(
-        "  {:8} {:9} {:>9} {:>6} {:>11} {:>11} {:>6} {:>9} {:>9} {:>7}",
+        "  {:8} {:9} {:>9} {:>6} {:>15} {:>15} {:>6} {:>9} {:>9} {:>7}",
         "rays",
         "checks",
         "launch",
@@ -50,7 +50,7 @@ pub fn run(gpu: &Gpu, scene: &Scene, size: [u32; 2], json: Option<&Path>) -> any
     );
     for rate in &measured.rates {
         println!(
-            "  {:8} {:9} {:9} {:5.1}% {:5.0} Mrays/s {:5.0} Mrays/s {:6.2} {:9.2} {:9.2} {:7.0}",
+            "  {:8} {:9} {:9} {:5.1}% {:7.1} Mrays/s {:7.1} Mrays/s {:6.2} {:9.2} {:9.2} {:7.0}",
             rate.kind,
             if rate.checked { "checked" } else { "unchecked" },
             rate.rays,
