@@ -116,6 +116,37 @@ fn radiance_files_hold_what_the_exposure_does_not_touch() {
 }
 
 #[test]
+fn measures_rays_a_second() {
+    if skip_gpu() {
+        return;
+    }
+    let json = folder("rays").join("rays.json");
+    let output = gpugi(&[
+        "bench",
+        "--technique",
+        "bvh",
+        "--scene",
+        "cornell",
+        "--size",
+        "24x16",
+        "--json",
+        &json.display().to_string(),
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    for kind in ["primary", "diffuse", "shadow", "Mrays/s"] {
+        assert!(table.contains(kind), "no {kind} in {table}");
+    }
+    let json = std::fs::read_to_string(json).expect("the table as JSON");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["rates"][0]["rays"], 24 * 16);
+}
+
+#[test]
 fn wrong_arguments_exit_with_2_and_say_what_there_is() {
     for (arguments, part) in [
         (vec!["render", "nowhere", "-o", "x.png"], "cornell"),

@@ -277,3 +277,44 @@ impl Bench<'_> {
         Ok(timings.iter().map(|one| one.milliseconds).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::test_gpu;
+
+    #[test]
+    fn rates_are_of_the_rays_that_were_asked_for() {
+        let Some(gpu) = test_gpu() else { return };
+        let scene = gpugi_scene::builtin::builtin("cornell", 1).expect("a built-in scene");
+        let rates = measure(&gpu, &scene, [40, 30]).unwrap();
+        let kinds = rates.iter().map(|rate| (rate.kind, rate.checked));
+        let all = [true, false]
+            .map(|checked| ["primary", "diffuse", "shadow"].map(|kind| (kind, checked)));
+        assert!(kinds.eq(all.into_iter().flatten()));
+        for rates in rates.chunks(3) {
+            let [primary, diffuse, shadow] = rates else {
+                panic!()
+            };
+            assert_eq!(primary.rays, 40 * 30);
+            let hits = primary.hit_fraction * primary.rays as f64;
+            assert!(hits > 100.0 && hits < 1100.0, "{hits}");
+            assert_eq!([diffuse.rays, shadow.rays], [hits.round() as u64; 2]);
+            // The box is open toward the eye alone, and the light is outside.
+            assert!(diffuse.hit_fraction > 0.5 && diffuse.hit_fraction < 1.0);
+            assert!(shadow.hit_fraction > 0.5, "{}", shadow.hit_fraction);
+            for rate in rates {
+                assert!(rate.nodes >= 1.0 && rate.triangles > 0.0 && rate.instances > 0.0);
+                assert!(rate.best_ms > 0.0 && rate.best_ms <= rate.median_ms);
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_scene_has_rates() {
+        let Some(gpu) = test_gpu() else { return };
+        let rates = measure(&gpu, &Scene::new("empty"), [8, 8]).unwrap();
+        assert_eq!(rates[0].hit_fraction, 0.0);
+        assert_eq!((rates[1].rays, rates[1].nodes), (0, 0.0));
+    }
+}

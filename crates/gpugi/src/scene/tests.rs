@@ -3,6 +3,7 @@
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform, depth::DepthViewUniform};
 use crate::gpu::Shader;
+use crate::ray_bench;
 use crate::shader;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{run_kernel, test_gpu};
@@ -86,6 +87,8 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "LightSample"), sample);
     let range = layout!(GatherRange: first_light end_light first_point end_point);
     assert_eq!(reflected(&gather, "GatherRange"), range);
+    let bench = layout!(ray_bench::Settings: eye width direction height direction_dx offset direction_dy seed light padding);
+    assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
     let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);
     assert_eq!(reflected(&gather, "GatherSettings"), settings);
 }
