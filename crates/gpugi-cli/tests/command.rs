@@ -44,7 +44,7 @@ fn renders_a_picture_with_report_and_quantities() {
         "--dump-maps",
         &path("maps"),
         "--set",
-        "shadow-map.area_samples=4",
+        "shadow-map.area-samples=4",
     ]);
     assert!(
         output.status.success(),
@@ -83,7 +83,7 @@ fn renders_a_picture_with_report_and_quantities() {
     let report = std::fs::read_to_string(path("report.json")).expect("the report");
     let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
     assert_eq!(report["samples"], 2);
-    assert_eq!(report["techniques"]["shadow-map"]["area_samples"], 4);
+    assert_eq!(report["techniques"]["shadow-map"]["area-samples"], 4);
 }
 
 #[test]

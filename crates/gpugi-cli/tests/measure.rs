@@ -145,7 +145,7 @@ fn settings_change_the_error_and_the_cache_can_be_left_alone() {
             .expect("a number")
     };
     let many = error(&[]);
-    let few = error(&["--set", "shadow-map.area_samples=1"]);
+    let few = error(&["--set", "shadow-map.area-samples=1"]);
     assert!(few > 2.0 * many, "{few} with one sample, {many} with 64");
     let files = std::fs::read_dir(&folder).expect("the folder").count();
     assert_eq!(files, 1, "more than the report");

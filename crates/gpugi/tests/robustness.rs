@@ -53,7 +53,7 @@ fn degenerate_scenes_stay_finite() {
     let settings = [
         "shadow-map.resolution=64",
         "shadow-map.filter=pcss",
-        "shadow-map.area_samples=4",
+        "shadow-map.area-samples=4",
     ];
     let mut empty = Scene::new("empty");
     empty.lights = lights().to_vec();
@@ -172,12 +172,12 @@ fn maps_are_made_again_only_when_something_changed() {
     assert!(generates(&mut renderer), "a light moved");
     assert!(!generates(&mut renderer), "nothing changed since");
     renderer
-        .set("shadow-map", "filter_radius", "3")
+        .set("shadow-map", "filter-radius", "3")
         .expect("a setting");
     assert!(generates(&mut renderer), "a setting changed");
     // The picture after the update is the picture of the changed scene.
     renderer
-        .set("shadow-map", "filter_radius", "1.5")
+        .set("shadow-map", "filter-radius", "1.5")
         .expect("a setting");
     let updated = picture(&gpu, &mut renderer, &looking_down());
     let fresh = render(&gpu, &after, &looking_down(), 16, &[]);

@@ -110,7 +110,7 @@ fn a_point_light_casts_shadows_to_all_six_sides() {
             let mut camera = Camera::look_at("", outward * 1.35, outward * 2.0, 2.4);
             camera.world_from_view.w_axis = (outward * 1.35).extend(1.0);
             for second_depth in [false, true] {
-                let setting = format!("shadow-map.second_depth={second_depth}");
+                let setting = format!("shadow-map.second-depth={second_depth}");
                 let picture = render(
                     &gpu,
                     &scene,
@@ -157,7 +157,7 @@ fn spot_and_sun_cast_the_projection_of_a_box() {
         spot(vec3(2.0, 3.0, 1.0), Vec3::ZERO, 30.0, 45.0, 40.0),
         sun(vec3(1.0, 2.0, 0.7), 3.0),
     ] {
-        for setting in ["second_depth=true", "second_depth=false"] {
+        for setting in ["second-depth=true", "second-depth=false"] {
             let mut scene = lit_by(floor(2.0), light.clone());
             place(
                 &mut scene,
@@ -239,7 +239,7 @@ fn lit_surfaces_have_no_acne() {
                 scene.lights.push(light.clone());
                 let settings = [
                     format!("shadow-map.filter={filter}"),
-                    format!("shadow-map.second_depth={second_depth}"),
+                    format!("shadow-map.second-depth={second_depth}"),
                     "shadow-map.resolution=512".to_owned(),
                 ];
                 let settings: Vec<&str> = settings.iter().map(String::as_str).collect();

@@ -57,7 +57,7 @@ fn lamp_irradiance(at: Vec3, x_from: f64, x_to: f64) -> f64 {
 }
 
 fn samples(count: u32) -> String {
-    format!("shadow-map.area_samples={count}")
+    format!("shadow-map.area-samples={count}")
 }
 
 fn floor_of(lit: &Lit) -> bool {
@@ -133,7 +133,7 @@ fn emitters_light_the_sides_that_emit() {
         let mut camera =
             Camera::look_at("", Vec3::Y * (HEIGHT + 0.3), Vec3::Y * (HEIGHT + 2.0), 1.0);
         camera.projection = gpugi_scene::Projection::Orthographic { height: 3.0 };
-        let settings = [&samples(256)[..], "shadow-map.area_resolution=128"];
+        let settings = [&samples(256)[..], "shadow-map.area-resolution=128"];
         let above = render(&gpu, &scene, &camera, 32, &settings);
         let below = render(&gpu, &scene, &below_the_lamp(3.0), 32, &settings);
         assert_eq!(above.lit().filter(|lit| lit.instance == 2).count(), 32 * 32);
@@ -413,8 +413,8 @@ fn every_face_of_a_hemicube_casts() {
         );
         camera.projection = gpugi_scene::Projection::Orthographic { height: 4.8 };
         let settings = [
-            "shadow-map.area_samples=4",
-            "shadow-map.area_resolution=512",
+            "shadow-map.area-samples=4",
+            "shadow-map.area-resolution=512",
         ];
         let picture = render(&gpu, &scene, &camera, 96, &settings);
         let mut dark = [0; 4];

@@ -135,7 +135,7 @@ fn area_lights_agree_with_shadow_maps() {
     );
     let reference = traced(&gpu, &scene, 256);
     let chosen = vec![true; (SIZE * SIZE) as usize];
-    let technique = rasterized(&gpu, &scene, &["shadow-map.area_samples=256"]);
+    let technique = rasterized(&gpu, &scene, &["shadow-map.area-samples=256"]);
     let found = error(&technique, &reference, &chosen);
     let off = error(&vec![0.0; reference.len()], &reference, &chosen);
     println!("area: rel-mse {found} of all pixels, without the light {off}");

@@ -28,7 +28,7 @@ pub const INFO: Info = Info {
 
 /// Settings of image-based lighting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
     /// Directions.
     pub samples: u32,

@@ -55,7 +55,7 @@ pub enum Filter {
 
 /// Settings of shadow mapping.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
     /// Side of a depth map (texels).
     pub resolution: u32,
@@ -111,7 +111,7 @@ const FIELDS: &[Field] = &[
         range: None,
     },
     Field {
-        name: "filter_radius",
+        name: "filter-radius",
         summary: "radius of the filter disc [texels]",
         range: Some((0.0, 16.0)),
     },
@@ -121,12 +121,12 @@ const FIELDS: &[Field] = &[
         range: Some((1.0, 256.0)),
     },
     Field {
-        name: "normal_offset",
+        name: "normal-offset",
         summary: "bias along the normal [texels]",
         range: Some((0.0, 16.0)),
     },
     Field {
-        name: "second_depth",
+        name: "second-depth",
         summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet",
         range: None,
     },
@@ -141,17 +141,17 @@ const FIELDS: &[Field] = &[
         range: Some((1.0, 4.0)),
     },
     Field {
-        name: "area_samples",
+        name: "area-samples",
         summary: "sample points on all area lights",
         range: Some((1.0, 4096.0)),
     },
     Field {
-        name: "area_resolution",
+        name: "area-resolution",
         summary: "side of an area sample's hemicube [texels]",
         range: Some((16.0, 2048.0)),
     },
     Field {
-        name: "area_taps",
+        name: "area-taps",
         summary: "comparisons a lookup for area lights",
         range: Some((1.0, 256.0)),
     },
