@@ -292,7 +292,12 @@ fn side_by_side(
     let [width, height] = measured.size;
     // As one picture, so that both have one exposure.
     let both: Vec<f32> = [&measured.radiance[..], &measured.truth.radiance].concat();
-    let shown = Display::picture(gpu, &both, &DisplaySettings::default())?;
+    let display = DisplaySettings {
+        // Noise of its own has no place beside an error, and takes most of a file's bytes.
+        dither: false,
+        ..Default::default()
+    };
+    let shown = Display::picture(gpu, &both, &display)?;
     let (test, truth) = shown.split_at(shown.len() / 2);
     let row = width as usize * 4;
     let gap = [255; GAP * 4];
