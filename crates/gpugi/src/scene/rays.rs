@@ -27,40 +27,19 @@ impl Rays {
     ) -> Result<Self, GpuError> {
         let triangles = meshes.iter().map(|mesh| mesh.triangles(words));
         let (bottom, rows) = BottomLevel::new(triangles).map_err(|error| refused(gpu, error))?;
-        let capacity = rows.len() + top_capacity(scene);
-        let buffer = hierarchy_buffer(gpu, capacity)?;
+        let buffer = hierarchy_buffer(gpu, rows.len() + usual_rows(scene))?;
         gpu.queue
             .write_buffer(&buffer, 0, bytemuck::cast_slice(&rows));
-        let mut rays = Self {
+        let rays = Self {
             bottom,
             buffer,
             start: [0; 2],
         };
-        rays.write_top(gpu, scene)?;
-        Ok(rays)
+        rays.moved(gpu, scene)
     }
 
     /// Follows instances that moved, came or went; the meshes are the same as before.
     pub fn moved(mut self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        let capacity = self.bottom.end() as usize + top_capacity(scene);
-        if self.buffer.size() < bytes(capacity) {
-            let larger = hierarchy_buffer(gpu, capacity)?;
-            let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            encoder.copy_buffer_to_buffer(
-                &self.buffer,
-                0,
-                &larger,
-                0,
-                Some(bytes(self.bottom.end() as usize)),
-            );
-            gpu.queue.submit([encoder.finish()]);
-            self.buffer = larger;
-        }
-        self.write_top(gpu, scene)?;
-        Ok(self)
-    }
-
-    fn write_top(&mut self, gpu: &Gpu, scene: &Scene) -> Result<(), GpuError> {
         let instances: Vec<BvhInstance> = scene
             .instances
             .iter()
@@ -77,18 +56,23 @@ impl Rays {
             .bottom
             .top_level(&instances)
             .map_err(|error| refused(gpu, error))?;
-        gpu.queue.write_buffer(
-            &self.buffer,
-            bytes(self.bottom.end() as usize),
-            bytemuck::cast_slice(&top.rows),
-        );
+        let end = self.bottom.end() as usize;
+        if self.buffer.size() < bytes(end + top.rows.len()) {
+            let larger = hierarchy_buffer(gpu, end + top.rows.len().max(usual_rows(scene)))?;
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(&self.buffer, 0, &larger, 0, Some(bytes(end)));
+            gpu.queue.submit([encoder.finish()]);
+            self.buffer = larger;
+        }
+        gpu.queue
+            .write_buffer(&self.buffer, bytes(end), bytemuck::cast_slice(&top.rows));
         self.start = top.start;
-        Ok(())
+        Ok(self)
     }
 }
 
-/// Rows that a top level over the scene's instances takes at most: every node but the only one has two children or more.
-fn top_capacity(scene: &Scene) -> usize {
+/// Rows that a top level over the scene's instances seldom exceeds: nodes have two children or more.
+fn usual_rows(scene: &Scene) -> usize {
     scene.instances.len().max(1) * (NODE_ROWS + INSTANCE_ROWS) as usize
 }
 
