@@ -497,7 +497,7 @@ fn a_picture_in_parts_is_the_picture() {
         ..plain()
     };
     let whole = show(&gpu, &radiance, &settings).concat();
-    assert!(radiance.len() % 7 != 0 && radiance.len() > 7);
+    assert!(!radiance.len().is_multiple_of(7) && radiance.len() > 7);
     for part_pixels in [7, 1 << 22] {
         let parts = Display::picture_in_parts(&gpu, &floats, &settings, part_pixels);
         assert_eq!(parts.expect("it fits"), whole, "{part_pixels}");
