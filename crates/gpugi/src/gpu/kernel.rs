@@ -243,10 +243,7 @@ impl Kernel {
         groups: &[(u32, &wgpu::BindGroup)],
         invocations: [u32; 3],
     ) {
-        pass.set_pipeline(&self.pipeline);
-        for (index, group) in groups {
-            pass.set_bind_group(*index, *group, &[]);
-        }
+        self.set(pass, groups);
         let [mut x, mut y, z] = std::array::from_fn(|axis| {
             invocations[axis].div_ceil(self.workgroup_size[axis]).max(1)
         });
@@ -255,6 +252,25 @@ impl Kernel {
             x = x.div_ceil(y);
         }
         pass.dispatch_workgroups(x, y, z);
+    }
+
+    /// Runs as many workgroups along each axis as the three words at `offset` (bytes) of `arguments` say, at most 65,535: nobody checks.
+    pub fn dispatch_indirect(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        groups: &[(u32, &wgpu::BindGroup)],
+        arguments: &wgpu::Buffer,
+        offset: u64,
+    ) {
+        self.set(pass, groups);
+        pass.dispatch_workgroups_indirect(arguments, offset);
+    }
+
+    fn set(&self, pass: &mut wgpu::ComputePass<'_>, groups: &[(u32, &wgpu::BindGroup)]) {
+        pass.set_pipeline(&self.pipeline);
+        for (index, group) in groups {
+            pass.set_bind_group(*index, *group, &[]);
+        }
     }
 }
 

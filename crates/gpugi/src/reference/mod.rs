@@ -13,6 +13,7 @@ mod sky;
 mod surroundings;
 #[cfg(test)]
 mod tests;
+mod wavefront;
 
 pub use settings::{FIELDS, Settings};
 
@@ -24,13 +25,14 @@ use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, PollType, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::renderer::RenderError;
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Info, SettingError};
 use lights::LightTable;
+use wavefront::Wavefront;
 
 /// What the path tracer says of itself.
 pub const INFO: Info = Info {
@@ -57,13 +59,14 @@ pub const INFO: Info = Info {
 const TILE_SIDE: u32 = 2048;
 /// Bytes of `Pixel` of reference/film.wesl.
 const PIXEL_BYTES: u64 = 32;
-/// What a dispatch should take (s): long enough to fill a GPU, short enough for any driver's watchdog.
-const DISPATCH_SECONDS: f64 = 0.04;
+/// What a batch should take (s): long enough to fill a GPU; each of its many dispatches is short enough for any driver's watchdog.
+const BATCH_SECONDS: f64 = 0.2;
 /// Pixels of a workgroup, and pixels that one workgroup of reference/noise.wesl sums.
 const BLOCK_SIDE: u32 = 8;
+const BLOCK_PIXELS: u32 = BLOCK_SIDE * BLOCK_SIDE;
 const NOISE_PIXELS: u32 = 1024;
 
-/// `Settings` of reference/path_tracer.wesl.
+/// `Settings` of reference/path_state.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Parameters {
@@ -72,8 +75,8 @@ struct Parameters {
     tile_width: u32,
     tile_height: u32,
     first_block: u32,
-    block_count: u32,
     samples: u32,
+    first_sample: u32,
     max_bounces: u32,
     roulette_after: u32,
     light_count: u32,
@@ -103,6 +106,16 @@ impl Tile {
     }
 }
 
+/// A pass over the picture, and how far it is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pass {
+    /// Samples that it adds to each pixel; 0: none has begun.
+    samples: u32,
+    /// Next tile, and block in it.
+    tile: usize,
+    block: u32,
+}
+
 /// How far a picture is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
@@ -123,11 +136,10 @@ pub struct PathTracer {
     scene: GpuScene,
     settings: Settings,
     size: [u32; 2],
-    kernel: Kernel,
+    wavefront: Wavefront,
     noise_kernel: Kernel,
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
-    light_group: wgpu::BindGroup,
     tiles: Vec<Tile>,
     light_count: u32,
     sky_probability: f32,
@@ -135,8 +147,9 @@ pub struct PathTracer {
     /// Materials of the solids around the eye.
     around_eye: [u32; 4],
     samples: u32,
+    pass: Pass,
     seed: u32,
-    /// Pixel samples a second that the last dispatches reached; 0 before the first.
+    /// Pixel samples a second that the last batches reached; 0 before the first.
     rate: f64,
 }
 
@@ -196,19 +209,6 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
-        let kernel = Kernel::with_options(
-            gpu,
-            &shader!("reference.path_tracer"),
-            "main",
-            Some(&on_gpu.layout),
-            &KernelOptions {
-                constants: &constants,
-                // Worth 3 to 10 percent on an H200. Indices are in range: of the film by comparison with the tile, of the scene's tables because
-                // the host wrote them, of the traversal's stack because the host knows its depth. Loops end: paths by `max_bounces` and
-                // `MAX_CULLED`, traversal because a hierarchy is a tree.
-                unchecked: true,
-            },
-        )?;
         let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let view = uniform(
@@ -230,43 +230,37 @@ impl PathTracer {
         let rows = gpu.storage("path-tracer.lights [bytes]", rows)?;
         let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
         let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
-        let light_group = kernel.bind(
+        let wavefront = Wavefront::new(
             gpu,
-            2,
+            &on_gpu,
+            u64::from(size[0]) * u64::from(size[1]),
+            &constants,
             &[
-                ("light_table", rows.as_entire_binding()),
-                ("emitter_rows", emitter_rows.as_entire_binding()),
-                ("sky_grid", sky.as_entire_binding()),
+                ("seen", &view),
+                ("settings", &parameters),
+                ("automaton", &automaton),
+                ("light_table", &rows),
+                ("emitter_rows", &emitter_rows),
+                ("sky_grid", &sky),
             ],
         )?;
-        let tiles = tiles(
-            gpu,
-            size,
-            tile_side,
-            &kernel,
-            &noise_kernel,
-            &[
-                ("seen", view.as_entire_binding()),
-                ("settings", parameters.as_entire_binding()),
-                ("automaton", automaton.as_entire_binding()),
-            ],
-        )?;
+        let tiles = tiles(gpu, size, tile_side, &wavefront, &parameters, &noise_kernel)?;
         Ok(Self {
             gpu: gpu.clone(),
             scene: on_gpu,
             settings: settings.clone(),
             size,
-            kernel,
+            wavefront,
             noise_kernel,
             view,
             parameters,
-            light_group,
             tiles,
             light_count: table.rows.len() as u32,
             sky_probability: table.sky_probability,
             around_eye: surroundings::around(&[], Vec3::ZERO),
             solids: surroundings::solids(scene),
             samples: 0,
+            pass: Pass::default(),
             seed: 0,
             rate: 0.0,
         })
@@ -289,6 +283,7 @@ impl PathTracer {
     pub fn restart(&mut self, seed: u32) -> Result<(), RenderError> {
         self.seed = seed;
         self.samples = 0;
+        self.pass = Pass::default();
         let mut frame = Frame::new(&self.gpu, false);
         for tile in &self.tiles {
             frame.clear(&tile.film);
@@ -303,7 +298,7 @@ impl PathTracer {
     }
 
     /// Adds samples of what `camera` sees until every pixel has `samples`, the noise setting is reached, or `report` breaks off; then pixels may
-    /// differ by the samples of one pass. `report` hears of progress after every dispatch.
+    /// differ by the samples of one pass, which the next call finishes first. `report` hears of progress after every batch.
     ///
     /// # Errors
     /// [`RenderError::Gpu`].
@@ -334,26 +329,28 @@ impl PathTracer {
             noise: None,
         };
         while self.samples < samples {
-            // A pass: at most a quarter more samples, so that the picture grows evenly and the noise is looked at in time.
-            let affordable = (self.rate * DISPATCH_SECONDS / pixels) as u32;
-            let pass = affordable
-                .clamp(1, self.samples / 4 + 1)
-                .min(samples - self.samples);
-            let mut done = 0.0;
-            for tile in 0..self.tiles.len() {
-                let mut block = 0;
-                while block < self.tiles[tile].blocks() {
-                    let blocks = self.dispatch(tile, block, pass)?;
-                    block += blocks;
-                    done += f64::from(blocks * BLOCK_SIDE * BLOCK_SIDE) / pixels;
-                    progress.fraction = (f64::from(self.samples) + done.min(1.0) * f64::from(pass))
-                        / f64::from(samples);
-                    if report(&progress).is_break() {
-                        return Ok(progress);
-                    }
+            if self.pass.samples == 0 {
+                // At most a quarter more samples, so that the picture grows evenly and the noise is looked at in time.
+                let affordable = (self.rate * BATCH_SECONDS / pixels) as u32;
+                self.pass.samples = affordable
+                    .clamp(1, self.samples / 4 + 1)
+                    .min(samples - self.samples)
+                    .min(self.wavefront.items() / BLOCK_PIXELS);
+            }
+            while self.pass.tile < self.tiles.len() {
+                self.batch()?;
+                let whole = self.tiles[..self.pass.tile].iter();
+                let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
+                let done = (whole + f64::from(self.pass.block * BLOCK_PIXELS)) / pixels;
+                progress.fraction = (f64::from(self.samples)
+                    + done.min(1.0) * f64::from(self.pass.samples))
+                    / f64::from(samples);
+                if report(&progress).is_break() {
+                    return Ok(progress);
                 }
             }
-            self.samples += pass;
+            self.samples += self.pass.samples;
+            self.pass = Pass::default();
             progress.samples = self.samples;
             // Too few samples cannot tell their own variance.
             if self.settings.noise > 0.0 && self.samples >= 16 {
@@ -369,20 +366,27 @@ impl PathTracer {
         Ok(progress)
     }
 
-    /// Renders `samples` samples of some blocks of a tile; returns how many blocks, as many as should take [`DISPATCH_SECONDS`].
-    fn dispatch(&mut self, tile: usize, block: u32, samples: u32) -> Result<u32, GpuError> {
+    /// Goes on with the pass by as many blocks as should take [`BATCH_SECONDS`].
+    fn batch(&mut self) -> Result<(), GpuError> {
+        let Pass {
+            samples,
+            tile,
+            block,
+        } = self.pass;
         let tile = &self.tiles[tile];
-        let affordable =
-            self.rate * DISPATCH_SECONDS / f64::from(samples * BLOCK_SIDE * BLOCK_SIDE);
-        let blocks = (affordable as u32).max(64).min(tile.blocks() - block);
+        let affordable = self.rate * BATCH_SECONDS / f64::from(samples * BLOCK_PIXELS);
+        let blocks = (affordable as u32)
+            .max(64)
+            .min(self.wavefront.items() / (samples * BLOCK_PIXELS))
+            .min(tile.blocks() - block);
         let parameters = Parameters {
             tile_x: tile.origin[0],
             tile_y: tile.origin[1],
             tile_width: tile.size[0],
             tile_height: tile.size[1],
             first_block: block,
-            block_count: blocks,
             samples,
+            first_sample: self.samples,
             max_bounces: self.settings.max_bounces,
             roulette_after: self.settings.roulette_after,
             light_count: self.light_count,
@@ -393,31 +397,18 @@ impl PathTracer {
         let queue = &self.gpu.queue;
         queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
         let started = Instant::now();
-        let mut frame = Frame::new(&self.gpu, false);
-        frame.compute("path-tracer", |pass| {
-            self.kernel.dispatch(
-                pass,
-                &[
-                    (0, &self.scene.bind_group),
-                    (1, &tile.film_group),
-                    (2, &self.light_group),
-                ],
-                [blocks * BLOCK_SIDE * BLOCK_SIDE, 1, 1],
-            );
-        });
-        frame.submit()?;
-        self.gpu
-            .device
-            .poll(PollType::wait_indefinitely())
-            .map_err(|error| GpuError::Lost {
-                reason: error.to_string(),
-            })?;
-        self.gpu.check_lost()?;
+        self.wavefront
+            .run(&self.gpu, &self.scene, &tile.film_group, blocks, samples)?;
         let seconds = started.elapsed().as_secs_f64().max(1e-5);
-        let work = f64::from(blocks * BLOCK_SIDE * BLOCK_SIDE) * f64::from(samples);
-        // Small dispatches do not fill the GPU: approach its rate from below.
+        let work = f64::from(blocks * BLOCK_PIXELS) * f64::from(samples);
+        // Small batches do not fill the GPU: approach its rate from below.
         self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
-        Ok(blocks)
+        self.pass.block += blocks;
+        if self.pass.block == tile.blocks() {
+            self.pass.tile += 1;
+            self.pass.block = 0;
+        }
+        Ok(())
     }
 
     /// Bits of `emission_classes`: which emission a path may end in.
@@ -498,9 +489,9 @@ fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
     tile_side: u32,
-    kernel: &Kernel,
+    wavefront: &Wavefront,
+    parameters: &wgpu::Buffer,
     noise_kernel: &Kernel,
-    shared: &[(&str, wgpu::BindingResource<'_>)],
 ) -> Result<Vec<Tile>, GpuError> {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
     let needed = pixels.saturating_mul(PIXEL_BYTES);
@@ -529,12 +520,10 @@ fn tiles(
                     other => other,
                 })?;
             let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
-            let mut resources = shared.to_vec();
-            resources.push(("pixels", film.as_entire_binding()));
             tiles.push(Tile {
                 origin: [x, y],
                 size: extent,
-                film_group: kernel.bind(gpu, 1, &resources)?,
+                film_group: wavefront.film_group(gpu, parameters, &film)?,
                 sums_group: noise_kernel.bind(
                     gpu,
                     1,
