@@ -184,3 +184,116 @@ fn parse(key: &Key, content: &[u8]) -> Option<Entry> {
         adapter: header.adapter,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(change: impl FnOnce(&mut Settings)) -> Key {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        Key::new([[1; 32], [2; 32]], [4, 2], &settings, 64, 0)
+    }
+
+    fn entry() -> Entry {
+        Entry {
+            radiance: (0..24).map(|value| value as f32 * 0.37).collect(),
+            samples: 64,
+            rel_mse: 1.0 / 3.0,
+            seconds: 0.1,
+            adapter: "a GPU".into(),
+        }
+    }
+
+    /// An empty cache of this test's own.
+    fn cache(name: &str) -> Cache {
+        let name = format!("gpugi-cache-{name}-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
+        std::fs::remove_dir_all(&folder).ok();
+        Cache::new(folder)
+    }
+
+    #[test]
+    fn what_is_kept_is_read_and_all_that_decides_it_counts() {
+        let cache = cache("keys");
+        let kept = key(|_| {});
+        assert_eq!(cache.read(&kept), Ok(None));
+        cache.write(&kept, &entry()).expect("kept");
+        assert_eq!(cache.read(&kept), Ok(Some(entry())));
+        let digests = [[1; 32], [2; 32]];
+        let settings = Settings::default();
+        for other in [
+            key(|settings| settings.max_bounces = 3),
+            key(|settings| settings.roulette_after = 3),
+            key(|settings| settings.paths = "LE".into()),
+            key(|settings| settings.lights = "area".into()),
+            key(|settings| settings.noise = 1e-9),
+            Key::new([[3; 32], [2; 32]], [4, 2], &settings, 64, 0),
+            Key::new([[1; 32], [3; 32]], [4, 2], &settings, 64, 0),
+            Key::new(digests, [2, 4], &settings, 64, 0),
+            Key::new(digests, [4, 2], &settings, 65, 0),
+            Key::new(digests, [4, 2], &settings, 64, 1),
+        ] {
+            assert_eq!(cache.read(&other), Ok(None), "{other:?}");
+        }
+        std::fs::remove_dir_all(&cache.folder).expect("removed");
+    }
+
+    #[test]
+    fn damage_is_named_and_not_believed() {
+        let cache = cache("damage");
+        let kept = key(|_| {});
+        cache.write(&kept, &entry()).expect("kept");
+        let path = cache.folder.join(kept.file_name());
+        let whole = std::fs::read(&path).expect("the file");
+        let refused = |what: &str, bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("the damage");
+            let message = cache.read(&kept).expect_err(what);
+            assert!(message.contains(&path.display().to_string()), "{message}");
+        };
+        for at in 0..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 4;
+            refused("a flipped bit", &bytes);
+            refused("a file cut off", &whole[..at]);
+        }
+        refused("a longer file", &[&whole[..], &[0; 4]].concat());
+        refused("a much longer file", &[&whole[..], &[0; 1 << 20]].concat());
+
+        // Whole by its checksum, but not what its name says.
+        let with_checksum = |content: &[u8]| {
+            let checksum = blake3::hash(content);
+            [MAGIC, &checksum.as_bytes()[..], content].concat()
+        };
+        let content = &whole[MAGIC.len() + CHECKSUM..];
+        assert_eq!(with_checksum(content), whole);
+        for (what, content) in [
+            ("nothing", Vec::new()),
+            ("an endless header", vec![255; 40]),
+            ("a texel less", content[..content.len() - 4].to_vec()),
+            ("half a texel", content[..content.len() - 2].to_vec()),
+            ("a texel more", [content, &[0; 4]].concat()),
+            (
+                "a texel that is not a number",
+                [&content[..content.len() - 4], &[255; 4]].concat(),
+            ),
+        ] {
+            refused(what, &with_checksum(&content));
+        }
+        let other = key(|settings| settings.max_bounces = 3);
+        cache.write(&other, &entry()).expect("kept");
+        let others = std::fs::read(cache.folder.join(other.file_name())).expect("the file");
+        refused("another reference", &others);
+
+        // What is not finite would be refused when read: it is not kept.
+        for spoil in [
+            |entry: &mut Entry| entry.radiance[3] = f32::NAN,
+            |entry: &mut Entry| entry.rel_mse = f64::INFINITY,
+        ] {
+            let mut entry = entry();
+            spoil(&mut entry);
+            assert!(cache.write(&kept, &entry).is_err());
+        }
+        std::fs::remove_dir_all(&cache.folder).expect("removed");
+    }
+}
