@@ -57,7 +57,7 @@ impl PathAutomaton {
         self.accepting[state]
     }
 
-    /// Most vertices between light and eye that a path L[DGS]*E of the pattern has; `None` where there is no most. 0 where there is no such
+    /// Most vertices between light and eye that a path `L[DGS]*E` of the pattern has; `None` where there is no most. 0 where there is no such
     /// path at all.
     pub fn most_vertices(&self) -> Option<u32> {
         // A path that visits a state twice can be lengthened without end, if the light can be reached from there: so those that cannot are left

@@ -85,7 +85,7 @@ pub struct Entry {
 /// What stands before the picture, as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
-    /// [`Key::text`].
+    /// All that decides the picture.
     key: String,
     samples: u32,
     rel_mse: f64,
