@@ -22,7 +22,7 @@ use crate::Bounds;
 /// Four words of the packed hierarchy.
 pub type Row = [u32; 4];
 
-/// Rows of a triangle in a leaf: three corners in the mesh's units (see [`MeshTree`]), the first followed by its number.
+/// Rows of a triangle in a leaf: three corners in the mesh's units, the first followed by its number.
 pub const TRIANGLE_ROWS: u32 = 3;
 
 /// Rows of an instance in a leaf: three of the affine transform from world space to the mesh's units, then the row of the mesh's
