@@ -9,6 +9,19 @@ use std::path::{Path, PathBuf};
 fn main() {
     let source = Path::new("src");
     let out = PathBuf::from(std::env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
+    // A shader that is gone must not be found any more.
+    for old in std::fs::read_dir(&out)
+        .expect("OUT_DIR is readable")
+        .flatten()
+    {
+        if old
+            .path()
+            .extension()
+            .is_some_and(|extension| extension == "wgsl")
+        {
+            std::fs::remove_file(old.path()).expect("OUT_DIR is writable");
+        }
+    }
     let mut modules = Vec::new();
     collect(source, &mut modules);
     modules.sort();

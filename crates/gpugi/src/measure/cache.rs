@@ -38,7 +38,13 @@ impl Key {
         samples: u32,
         seed: u32,
     ) -> Self {
-        let shaders = [shader!("reference.path_tracer"), shader!("reference.noise")];
+        let shaders = [
+            shader!("reference.wavefront.plan"),
+            shader!("reference.wavefront.trace"),
+            shader!("reference.wavefront.shade"),
+            shader!("reference.wavefront.resolve"),
+            shader!("reference.noise"),
+        ];
         let shaders: Vec<String> = shaders
             .iter()
             .map(|shader| blake3::hash(shader.source.as_bytes()).to_string())
