@@ -92,6 +92,12 @@ struct Reference<'a> {
 
 /// Measures, prints and writes what was asked for.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    crate::output::check_folders(
+        [&arguments.json, &arguments.diff, &arguments.side_by_side]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path),
+    )?;
     for (option, path) in [
         ("--diff", &arguments.diff),
         ("--side-by-side", &arguments.side_by_side),

@@ -34,6 +34,23 @@ pub fn format(path: &Path) -> anyhow::Result<Format> {
     }
 }
 
+/// Refuses paths whose folder does not exist, before hours are spent on what they are to hold.
+pub fn check_folders<'a>(paths: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    for path in paths {
+        let folder = match path.parent() {
+            Some(folder) if folder != Path::new("") => folder,
+            _ => Path::new("."),
+        };
+        anyhow::ensure!(
+            folder.is_dir(),
+            "{}: there is no folder {}",
+            path.display(),
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
 /// Writes display pixels: 8-bit sRGB, RGBA.
 pub fn write_png(path: &Path, [width, height]: [u32; 2], pixels: &[u8]) -> anyhow::Result<()> {
     save_png(path, width, height, pixels).with_context(|| cannot_write(path))

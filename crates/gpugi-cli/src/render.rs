@@ -174,6 +174,12 @@ pub fn path_tracer_settings(options: &[String]) -> anyhow::Result<reference::Set
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let started = std::time::Instant::now();
     let format = output::format(&arguments.output)?;
+    output::check_folders(
+        [Some(&arguments.output), arguments.report.as_ref()]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path),
+    )?;
     let display = display_settings(arguments)?;
     let with_path_tracer = is_path_tracer(&arguments.technique)?;
     let (scene, mut notes) = scene_argument::load(&arguments.scene)?;

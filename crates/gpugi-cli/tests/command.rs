@@ -5,6 +5,8 @@ use std::process::{Command, Output};
 
 fn gpugi(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gpugi"))
+        // Mesa's software driver complains where there is none.
+        .env("XDG_RUNTIME_DIR", std::env::temp_dir())
         .args(arguments)
         .output()
         .expect("the binary runs")
@@ -210,6 +212,45 @@ fn damaged_files_exit_with_1_and_leave_the_picture_alone() {
     assert_eq!(output.status.code(), Some(1), "{message}");
     assert!(message.contains("damaged.glb"), "{message}");
     assert_eq!(std::fs::read(&picture).expect("still there"), b"precious");
+}
+
+#[test]
+fn a_folder_that_is_missing_is_said_before_the_work() {
+    let started = std::time::Instant::now();
+    for arguments in [
+        vec![
+            "render",
+            "cornell",
+            "-o",
+            "nowhere/x.png",
+            "--samples",
+            "16777216",
+        ],
+        vec![
+            "render",
+            "cornell",
+            "-o",
+            "x.png",
+            "--report",
+            "nowhere/x.json",
+            "--samples",
+            "16777216",
+        ],
+        vec![
+            "measure",
+            "cornell",
+            "--technique",
+            "shadow-map",
+            "--json",
+            "nowhere/x.json",
+        ],
+    ] {
+        let output = gpugi(&arguments);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert!(message.contains("there is no folder nowhere"), "{message}");
+    }
+    assert!(started.elapsed().as_secs() < 30);
 }
 
 #[test]

@@ -137,7 +137,7 @@ pub struct KernelOptions<'a> {
     pub constants: &'a [(&'a str, f64)],
     /// Leaves out the checks that naga adds: indices against the bounds of buffers and arrays, loops against running forever. Only
     /// for shaders whose every index is in range and whose every loop ends, whatever scene is bound.
-    pub unchecked: bool,
+    pub(crate) unchecked: bool,
 }
 
 /// A compute pipeline.

@@ -189,11 +189,9 @@ fn render(
     let started = Instant::now();
     let mut is_interrupted = false;
     let done = tracer.render(subject.camera, options.reference.samples, &mut |progress| {
-        // Noise falls at least as 1 / samples.
-        let toward_noise = progress.noise.map_or(0.0, |noise| settings.noise / noise);
         let flow = report(&Progress {
             stage: stage.clone(),
-            fraction: progress.fraction.max(toward_noise).min(1.0),
+            fraction: progress.fraction,
             state: format!("{} of {} samples", progress.samples, progress.of),
         });
         is_interrupted |= flow.is_break();

@@ -1,6 +1,6 @@
 //! What no picture can be made of.
 
-use gpugi_scene::{Material, MaterialModel, Pixels, Scene};
+use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
 
 use crate::renderer::RenderError;
 
@@ -17,7 +17,8 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
         let is_finite = light.intensity.is_finite()
             && light.world_from_light.is_finite()
             && light.radius.is_finite()
-            && !light.range.is_some_and(f32::is_nan);
+            && !light.range.is_some_and(f32::is_nan)
+            && has_finite_cone(&light.kind);
         if !is_finite {
             return refuse(format!("light {:?} is not finite", light.name));
         }
@@ -37,11 +38,8 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
         }
     }
     for mesh in &scene.meshes {
-        if let Some(vertex) = mesh.positions.iter().position(|at| !at.is_finite()) {
-            return refuse(format!(
-                "vertex {vertex} of mesh {:?} is not finite",
-                mesh.name
-            ));
+        if let Err(reason) = mesh.check() {
+            return refuse(format!("mesh {:?}: {reason}", mesh.name));
         }
     }
     for instance in &scene.instances {
@@ -67,6 +65,16 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
         }
     }
     Ok(())
+}
+
+fn has_finite_cone(kind: &LightKind) -> bool {
+    match kind {
+        LightKind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        } => inner_cone_angle.is_finite() && outer_cone_angle.is_finite(),
+        LightKind::Point | LightKind::Directional => true,
+    }
 }
 
 fn reflects_finitely(material: &Material) -> bool {

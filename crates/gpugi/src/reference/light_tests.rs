@@ -1,9 +1,11 @@
 //! Lights are drawn as their densities say.
 
+use std::f64::consts::PI;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::quad;
-use gpugi_scene::{Environment, Image, Material, Pixels, Scene};
+use gpugi_scene::{Environment, Image, Light, LightKind, Material, Pixels, Scene};
 
 use super::lights::LightTable;
 use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
@@ -15,7 +17,7 @@ use crate::testing::{Random, test_gpu};
 
 /// Few enough that the edges of lights, which cut through bins, do not show.
 const SAMPLES: usize = 1 << 15;
-const TESTS: usize = 4;
+const TESTS: usize = 6;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -133,6 +135,51 @@ fn sky() -> Environment {
         rotation: 0.7,
         intensity: 2.0,
     }
+}
+
+/// The scene with one light and nothing else.
+fn lit_by(light: Light) -> Scene {
+    Scene {
+        lights: vec![light],
+        ..Scene::default()
+    }
+}
+
+/// Draws from a light that rays cannot hit, and compares with a density.
+fn assert_spread(gpu: &Gpu, what: &str, scene: &Scene, density: impl Fn(DVec3) -> f64) {
+    let drawn = ask(gpu, scene, Vec3::ZERO, "draw", &[[0.0; 4]; SAMPLES]);
+    let samples: Vec<DVec3> = drawn
+        .iter()
+        .map(|row| DVec3::new(row[0].into(), row[1].into(), row[2].into()))
+        .collect();
+    let bins = Bins::sphere().with_steps(96);
+    assert_follows(what, TESTS, &bins, &samples, |directions| {
+        directions
+            .iter()
+            .map(|&direction| density(direction))
+            .collect()
+    });
+}
+
+#[test]
+fn soft_points_and_directions_are_spread_evenly() {
+    let Some(gpu) = test_gpu() else { return };
+    // Seen from its own centre, a soft point lies in every direction alike.
+    let point = Light {
+        radius: 2.0,
+        ..Light::new("", LightKind::Point, Vec3::ONE)
+    };
+    assert_spread(&gpu, "soft point", &lit_by(point), |_| 0.25 / PI);
+    // Shines along -Z, so that its cap lies around +Z.
+    let radius = 1.1_f64;
+    let direction = Light {
+        radius: radius as f32,
+        ..Light::new("", LightKind::Directional, Vec3::ONE)
+    };
+    let inside = 1.0 / (2.0 * PI * (1.0 - radius.cos()));
+    assert_spread(&gpu, "soft direction", &lit_by(direction), |d| {
+        if d.z > radius.cos() { inside } else { 0.0 }
+    });
 }
 
 #[test]

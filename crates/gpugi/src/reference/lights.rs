@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
-use gpugi_scene::{LightKind, Scene};
+use gpugi_scene::{AlphaMode, LightKind, Scene};
 
 use super::alias;
 use super::sky::Sky;
@@ -70,6 +70,11 @@ impl LightTable {
         if classes.contains(&LightClass::Area) {
             for emitter in &on_gpu.emitters {
                 let instance = emitter.instance as usize;
+                // How much of a lamp with alpha exists, rays find out: it is left to those that hit it.
+                let material = &scene.materials[scene.instances[instance].material];
+                if material.alpha_mode != AlphaMode::Opaque {
+                    continue;
+                }
                 if emitter_rows[instance] == NONE {
                     let first = emitter_rows.len() as u32;
                     emitter_rows[instance] = first;

@@ -143,6 +143,8 @@ pub struct PathTracer {
     tiles: Vec<Tile>,
     light_count: u32,
     sky_probability: f32,
+    /// Which emission a path may end in: bit 0 of surfaces, bit 1 of the sky.
+    emission_classes: u32,
     solids: Vec<surroundings::Solid>,
     /// Materials of the solids around the eye.
     around_eye: [u32; 4],
@@ -257,6 +259,8 @@ impl PathTracer {
             tiles,
             light_count: table.rows.len() as u32,
             sky_probability: table.sky_probability,
+            emission_classes: u32::from(classes.contains(&LightClass::Area))
+                | u32::from(classes.contains(&LightClass::Environment)) << 1,
             around_eye: surroundings::around(&[], Vec3::ZERO),
             solids: surroundings::solids(scene),
             samples: 0,
@@ -342,9 +346,12 @@ impl PathTracer {
                 let whole = self.tiles[..self.pass.tile].iter();
                 let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
                 let done = (whole + f64::from(self.pass.block * BLOCK_PIXELS)) / pixels;
-                progress.fraction = (f64::from(self.samples)
-                    + done.min(1.0) * f64::from(self.pass.samples))
-                    / f64::from(samples);
+                let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
+                // Noise falls at least as 1 / samples.
+                let enough = progress.noise.map_or(f64::INFINITY, |noise| {
+                    f64::from(self.samples) * noise / self.settings.noise
+                });
+                progress.fraction = (taken / f64::from(samples).min(enough)).min(1.0);
                 if report(&progress).is_break() {
                     return Ok(progress);
                 }
@@ -391,7 +398,7 @@ impl PathTracer {
             roulette_after: self.settings.roulette_after,
             light_count: self.light_count,
             sky_probability: self.sky_probability,
-            emission_classes: self.emission_classes(),
+            emission_classes: self.emission_classes,
             solids: self.around_eye,
         };
         let queue = &self.gpu.queue;
@@ -411,13 +418,6 @@ impl PathTracer {
         Ok(())
     }
 
-    /// Bits of `emission_classes`: which emission a path may end in.
-    fn emission_classes(&self) -> u32 {
-        let classes = self.settings.classes().unwrap_or_default();
-        u32::from(classes.contains(&LightClass::Area))
-            | u32::from(classes.contains(&LightClass::Environment)) << 1
-    }
-
     /// Estimated relative mean squared error of the picture so far, as docs/measuring.md defines it, from the variance of its samples. An upper
     /// estimate: the samples are spread more evenly than independent ones.
     ///
@@ -434,11 +434,11 @@ impl PathTracer {
     /// # Errors
     /// [`RenderError::Gpu`].
     pub fn segments(&self) -> Result<u64, RenderError> {
-        Ok(self.sums()?.iter().map(|sum| u64::from(sum.1)).sum())
+        Ok(self.sums()?.iter().map(|sum| sum.1).sum())
     }
 
     /// Sums of relative variances and of segments, part by part.
-    fn sums(&self) -> Result<Vec<(f32, u32)>, GpuError> {
+    fn sums(&self) -> Result<Vec<(f32, u64)>, GpuError> {
         let mut all = Vec::new();
         for tile in &self.tiles {
             let mut frame = Frame::new(&self.gpu, false);
@@ -448,13 +448,12 @@ impl PathTracer {
                     .dispatch(pass, &[(1, &tile.sums_group)], [invocations, 1, 1]);
             });
             frame.submit()?;
-            let words: Vec<[u32; 2]> =
+            let words: Vec<[u32; 3]> =
                 read_buffer(&self.gpu, &tile.sums, sums_bytes(tile.pixels()))?;
-            all.extend(
-                words
-                    .iter()
-                    .map(|&[variance, segments]| (f32::from_bits(variance), segments)),
-            );
+            all.extend(words.iter().map(|&[variance, low, high]| {
+                let segments = u64::from(low) + (u64::from(high) << 16);
+                (f32::from_bits(variance), segments)
+            }));
         }
         Ok(all)
     }
@@ -481,7 +480,7 @@ impl PathTracer {
 }
 
 fn sums_bytes(pixels: u32) -> u64 {
-    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 8
+    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 12
 }
 
 /// Films for the whole picture.
@@ -495,17 +494,21 @@ fn tiles(
 ) -> Result<Vec<Tile>, GpuError> {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
     let needed = pixels.saturating_mul(PIXEL_BYTES);
-    let too_large = || GpuError::TooLarge {
-        what: format!("film of {} x {} pixels [bytes]", size[0], size[1]),
-        needed,
-        limit: gpu.device.limits().max_buffer_size,
-        adapter: gpu.adapter.name.clone(),
+    let no_memory = || GpuError::OutOfMemory {
+        pass: format!(
+            "the film of {} x {} pixels, which takes {needed} bytes",
+            size[0], size[1]
+        ),
     };
-    // A software adapter's memory is the machine's, which it may promise without having it: ask first.
+    // A software adapter's memory is the machine's, which it may promise without having it: ask first. Of the picture on the host, too.
+    let on_host = match gpu.adapter.device_type {
+        wgpu::DeviceType::Cpu => needed,
+        _ => pixels.saturating_mul(12),
+    };
     let mut probe: Vec<u8> = Vec::new();
     probe
-        .try_reserve_exact(usize::try_from(needed).unwrap_or(usize::MAX))
-        .map_err(|_| too_large())?;
+        .try_reserve_exact(usize::try_from(on_host).unwrap_or(usize::MAX))
+        .map_err(|_| no_memory())?;
     drop(probe);
     let mut tiles = Vec::new();
     for y in (0..size[1]).step_by(tile_side as usize) {
@@ -516,7 +519,7 @@ fn tiles(
                 |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
             let film = storage("path-tracer.film [bytes]", u64::from(pixels) * PIXEL_BYTES)
                 .map_err(|error| match error {
-                    GpuError::OutOfMemory { .. } => too_large(),
+                    GpuError::OutOfMemory { .. } => no_memory(),
                     other => other,
                 })?;
             let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;

@@ -98,6 +98,16 @@ pub struct GpuScene {
     merge_group: wgpu::BindGroup,
     merged_version: u64,
     rays: Option<Rays>,
+    use_of: Use,
+}
+
+/// What a scene on the GPU is for: nothing else is uploaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Use {
+    /// Captures draw merged triangles.
+    Captures,
+    /// Shaders trace rays.
+    Rays,
 }
 
 /// Where a mesh lies in the geometry buffer, and what captures need of it.
@@ -131,15 +141,16 @@ impl GpuScene {
     /// # Errors
     /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        Self::upload(gpu, scene, false, None)
+        Self::upload(gpu, scene, Use::Captures, None)
     }
 
-    /// Uploads a scene in which rays may be traced, too: shaders may use scene/bvh.wesl.
+    /// Uploads a scene in which rays are traced: shaders may use scene/bvh.wesl. Captures see nothing of it: merged triangles would take memory for
+    /// every instance, hierarchies only for every mesh.
     ///
     /// # Errors
     /// As [`GpuScene::new`].
     pub fn with_rays(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        Self::upload(gpu, scene, true, None)
+        Self::upload(gpu, scene, Use::Rays, None)
     }
 
     /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
@@ -148,12 +159,7 @@ impl GpuScene {
     }
 
     /// `kept`: hierarchies of the same meshes, maybe differently placed.
-    fn upload(
-        gpu: &Gpu,
-        scene: &Scene,
-        wants_rays: bool,
-        kept: Option<Rays>,
-    ) -> Result<Self, GpuError> {
+    fn upload(gpu: &Gpu, scene: &Scene, use_of: Use, kept: Option<Rays>) -> Result<Self, GpuError> {
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -176,10 +182,14 @@ impl GpuScene {
         let mut draws = Vec::new();
         // Instances keep their numbers; vertices are merged in that order so that a vertex finds its instance by search.
         let mut vertex_count: u64 = 0;
+        let mut index_count: u64 = 0;
         for (index, instance) in scene.instances.iter().enumerate() {
             let mesh = &meshes[instance.mesh];
             instances[index] = instance_row(instance, mesh, vertex_count as u32);
-            vertex_count += u64::from(mesh.vertex_count);
+            if use_of == Use::Captures {
+                vertex_count += u64::from(mesh.vertex_count);
+                index_count += mesh.indices.len() as u64;
+            }
         }
         if vertex_count > u64::from(u32::MAX / 2) {
             return Err(GpuError::TooLarge {
@@ -188,6 +198,18 @@ impl GpuScene {
                 limit: u64::from(u32::MAX / 2),
                 adapter: gpu.adapter.name.clone(),
             });
+        }
+        let limit = gpu.device.limits().max_buffer_size;
+        if index_count * 4 > limit {
+            return Err(GpuError::TooLarge {
+                what: "merged indices [bytes]".into(),
+                needed: index_count * 4,
+                limit,
+                adapter: gpu.adapter.name.clone(),
+            });
+        }
+        if use_of == Use::Rays {
+            order.clear();
         }
         for &index in &order {
             let instance = &scene.instances[index];
@@ -224,7 +246,7 @@ impl GpuScene {
         let rotation = environment.map_or(0.0, |environment| environment.rotation);
         let rays = match kept {
             Some(rays) => Some(rays.moved(gpu, scene)?),
-            None if wants_rays => Some(Rays::new(gpu, scene, &meshes, &words)?),
+            None if use_of == Use::Rays => Some(Rays::new(gpu, scene, &meshes, &words)?),
             None => None,
         };
         let header = gpu::SceneHeader {
@@ -339,6 +361,7 @@ impl GpuScene {
             merge_group,
             merged_version: 0,
             rays,
+            use_of,
         })
     }
 
@@ -372,9 +395,8 @@ impl GpuScene {
         }
         let versions = self.versions;
         if geometry || materials || before.environment != after.environment {
-            let wants_rays = self.rays.is_some();
             let kept = self.rays.take().filter(|_| before.meshes == after.meshes);
-            *self = Self::upload(gpu, after, wants_rays, kept)?;
+            *self = Self::upload(gpu, after, self.use_of, kept)?;
         } else {
             self.lights = after.lights.clone();
         }

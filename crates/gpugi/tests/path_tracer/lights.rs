@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
 use gpugi_scene::builtin::shapes::quad;
 use gpugi_scene::{
-    Camera, Image, Light, LightKind, Material, Mesh, Pixels, Scene, Texture, TextureRef, Wrap,
+    AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Pixels, Scene, Texture, TextureRef,
+    Wrap,
 };
 
 use super::{bounces, parallel, picture, trace, tracer};
@@ -40,6 +41,32 @@ fn parallel_squares_exchange_their_form_factor() {
         batches
             .mean()
             .check(&what, DVec3::splat(expected), 0.005 * expected);
+    }
+}
+
+#[test]
+fn of_a_lamp_with_alpha_shines_what_exists() {
+    let Some(gpu) = gpu() else { return };
+    let distance = 0.5;
+    let expected = 0.5 * form_factor(distance);
+    for (alpha_mode, alpha, share) in [
+        (AlphaMode::Mask { cutoff: 0.5 }, 0.2, 0.0),
+        (AlphaMode::Mask { cutoff: 0.5 }, 0.8, 1.0),
+        (AlphaMode::Blend, 0.25, 0.25),
+    ] {
+        let mut scene = floor(0.5);
+        let material = Material {
+            alpha_mode,
+            base_color: Vec3::ZERO.extend(alpha),
+            ..Material::emitter("", Vec3::ONE)
+        };
+        place(&mut scene, lamp(distance as f32), material);
+        let camera = from_above(1.0, 5.0);
+        let batches = trace(&gpu, &scene, &camera, [16, 16], 256, &bounces(1));
+        let what = format!("{alpha_mode:?} of {alpha}");
+        batches
+            .mean()
+            .check(&what, DVec3::splat(share * expected), 0.03 * expected);
     }
 }
 

@@ -24,6 +24,8 @@ const PATHS_IN_SOFTWARE: u64 = 1 << 13;
 const ITEMS_PER_PATH: u64 = 16;
 /// Steps to go on with where a batch took more than the one before.
 const MORE_STEPS: u32 = 8;
+/// Steps that a driver's watchdog sees as one piece of work: a millisecond each on a large GPU, some ten on a small one.
+const STEPS_A_SUBMISSION: u32 = 16;
 
 /// `Pool` of pool.wesl, without its rows.
 #[repr(C)]
@@ -204,13 +206,18 @@ impl Wavefront {
         let rounds = f64::from(header.items) / f64::from(self.capacity) + 1.0;
         let mut steps = (self.steps_per_round * rounds) as u32 + MORE_STEPS / 2;
         loop {
-            let mut frame = Frame::new(gpu, false);
-            frame.compute("path-tracer", |pass| {
-                for _ in 0..steps {
-                    self.step(pass, scene);
-                }
-            });
-            frame.submit()?;
+            let mut left = steps;
+            while left > 0 {
+                let portion = left.min(STEPS_A_SUBMISSION);
+                let mut frame = Frame::new(gpu, false);
+                frame.compute("path-tracer", |pass| {
+                    for _ in 0..portion {
+                        self.step(pass, scene);
+                    }
+                });
+                frame.submit()?;
+                left -= portion;
+            }
             let size = std::mem::size_of::<Header>() as u64;
             let after: Vec<Header> = read_buffer(gpu, &self.pool, size)?;
             let begun = after[0].first_item + after[0].alive - after[0].kept;

@@ -70,7 +70,7 @@ fn expected(gpu: &Gpu, tracer: &PathTracer, constants: &[(&str, f64)]) -> Film {
         roulette_after: tracer.settings.roulette_after,
         light_count: tracer.light_count,
         sky_probability: tracer.sky_probability,
-        emission_classes: tracer.emission_classes(),
+        emission_classes: tracer.emission_classes,
         ..bytemuck::Zeroable::zeroed()
     };
     let parameters = gpu.uniform("settings", &parameters).unwrap();
