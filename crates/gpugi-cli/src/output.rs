@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use gpugi::gpu::{Gpu, read_buffer, read_texture};
+use gpugi::gpu::{Gpu, TextureAspect, read_buffer, read_texture};
 use gpugi::{Renderer, capture};
 use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
@@ -132,14 +132,18 @@ pub fn write_aovs(
     Ok(())
 }
 
-/// Writes each technique's depth maps as EXR: reversed depth, as stored.
+/// Writes each technique's maps as EXR: reversed depth, as stored, and numbers as grey.
 pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: cannot be made", folder.display()))?;
     for map in renderer.maps() {
-        let depth: Vec<f32> =
-            read_texture(gpu, &map.texture, gpugi::gpu::TextureAspect::DepthOnly, 0)?;
-        let texels: Vec<f32> = depth.iter().flat_map(|&depth| [depth; 3]).collect();
+        let values: Vec<f32> = if map.texture.format().is_depth_stencil_format() {
+            read_texture(gpu, &map.texture, TextureAspect::DepthOnly, 0)?
+        } else {
+            let numbers: Vec<u32> = read_texture(gpu, &map.texture, TextureAspect::All, 0)?;
+            numbers.iter().map(|&number| number as f32).collect()
+        };
+        let texels: Vec<f32> = values.iter().flat_map(|&value| [value; 3]).collect();
         let path = folder.join(format!("{}.exr", map.name));
         save_exr(&path, map.texture.width(), map.texture.height(), &texels)
             .with_context(|| format!("{}: cannot be written", path.display()))?;

@@ -24,6 +24,13 @@ pub struct Frame<'a> {
     passes: Vec<String>,
 }
 
+fn encoder(gpu: &Gpu) -> wgpu::CommandEncoder {
+    gpu.device
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+            label: Some("frame"),
+        })
+}
+
 impl<'a> Frame<'a> {
     /// An empty frame. `timed` asks for timestamps, which some adapters lack.
     pub fn new(gpu: &'a Gpu, timed: bool) -> Self {
@@ -36,11 +43,7 @@ impl<'a> Frame<'a> {
         });
         Self {
             gpu,
-            encoder: gpu
-                .device
-                .create_command_encoder(&wgpu::CommandEncoderDescriptor {
-                    label: Some("frame"),
-                }),
+            encoder: encoder(gpu),
             queries,
             passes: Vec::new(),
         }
@@ -131,6 +134,35 @@ impl<'a> Frame<'a> {
     /// Fills a buffer with zeros.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
         self.encoder.clear_buffer(buffer, 0, None);
+    }
+
+    /// Fills a texture from a buffer whose rows lie `bytes_per_row` apart (a multiple of 256).
+    pub fn fill(&mut self, texture: &wgpu::Texture, buffer: &wgpu::Buffer, bytes_per_row: u32) {
+        self.encoder.copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo {
+                buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(bytes_per_row),
+                    rows_per_image: None,
+                },
+            },
+            texture.as_image_copy(),
+            texture.size(),
+        );
+    }
+
+    /// Hands what is recorded so far to the GPU, so that it can be read back, and goes on.
+    ///
+    /// # Errors
+    /// As [`Frame::submit`].
+    pub fn flush(&mut self) -> Result<(), GpuError> {
+        let gpu = self.gpu;
+        gpu.scoped("frame", || {
+            let done = std::mem::replace(&mut self.encoder, encoder(gpu));
+            gpu.queue.submit([done.finish()]);
+            Ok(())
+        })
     }
 
     /// Hands the frame to the GPU. Returns the passes' times when the frame was timed (and then waits for them).

@@ -64,6 +64,8 @@ pub struct Versions {
     pub materials: u64,
     /// Lights, emitters and the environment.
     pub lights: u64,
+    /// The environment's texels alone.
+    pub environment: u64,
 }
 
 /// A scene on the GPU.
@@ -354,6 +356,7 @@ impl GpuScene {
                 geometry: 1,
                 materials: 1,
                 lights: 1,
+                environment: 1,
             },
             bytes,
             vertex_count: vertex_count as u32,
@@ -393,6 +396,10 @@ impl GpuScene {
         if !(geometry || materials || lights) {
             return Ok(());
         }
+        let texels = match (&before.environment, &after.environment) {
+            (Some(before), Some(after)) => before.image != after.image,
+            (before, after) => before.is_some() != after.is_some(),
+        };
         let versions = self.versions;
         if geometry || materials || before.environment != after.environment {
             let kept = self.rays.take().filter(|_| before.meshes == after.meshes);
@@ -406,6 +413,7 @@ impl GpuScene {
             materials: grown(versions.materials, materials),
             // Emitters move with their instances.
             lights: grown(versions.lights, lights || geometry || materials),
+            environment: grown(versions.environment, texels),
         };
         Ok(())
     }
@@ -415,6 +423,7 @@ impl GpuScene {
         self.versions.geometry += 1;
         self.versions.materials += 1;
         self.versions.lights += 1;
+        self.versions.environment += 1;
     }
 
     /// Length of the scene's diagonal (m), positive even for an empty scene.

@@ -5,6 +5,7 @@ use crate::capture::{SURFACE_POINT_BYTES, ViewUniform, depth::DepthViewUniform};
 use crate::gpu::Shader;
 use crate::ray_bench;
 use crate::shader;
+use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{run_kernel, test_gpu};
 
@@ -91,6 +92,17 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
     let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);
     assert_eq!(reflected(&gather, "GatherSettings"), settings);
+    let reduce = shader!("techniques.image_based_lighting.reduce");
+    let grid = layout!(domains::Grid: width height stride padding);
+    assert_eq!(reflected(&reduce, "Grid"), grid);
+    let decompose = shader!("techniques.image_based_lighting.domains");
+    let settings =
+        layout!(domains::Settings: width height stride side count squared warm tolerance);
+    assert_eq!(reflected(&decompose, "Settings"), settings);
+    let state = layout!(domains::State: most share moving movement);
+    assert_eq!(reflected(&decompose, "State"), state);
+    let domain = layout!(domains::Domain: direction solid_angle flux_density padding);
+    assert_eq!(reflected(&decompose, "Domain"), domain);
 }
 
 #[test]

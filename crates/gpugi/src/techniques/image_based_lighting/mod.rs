@@ -1,13 +1,19 @@
 //! Image-based lighting: the environment as directional lights with shadows (tutorial section 3.2.3).
 //!
-//! Draws N directions in proportion to the power of the environment's texels, stratified; each is a parallel light with a depth
-//! map that covers the scene, gathered by the same pass as shadow-map's lights.
+//! The environment is cut into N directional domains; the light of each is a parallel light with a depth map that covers the scene,
+//! gathered by the same pass as shadow-map's lights.
+
+mod domains;
+pub(crate) mod gpu;
+#[cfg(test)]
+mod tests;
 
 use glam::{Mat3, Vec3};
-use gpugi_scene::{Environment, Pixels};
 use serde::{Deserialize, Serialize};
 
-use super::shadow_map::lights::{LightList, low_discrepancy};
+pub use domains::{Decomposition, Domain};
+
+use super::shadow_map::lights::LightList;
 use super::shadow_map::shadows::Shadows;
 use super::{Field, Info, Map, SettingError, Technique, settings, shadow_map};
 use crate::capture::{SurfacePoints, Target, View};
@@ -19,12 +25,22 @@ use crate::scene::{GpuScene, Versions};
 pub const INFO: Info = Info {
     name: "image-based-lighting",
     summary: "direct light of the environment with shadows",
-    source: "tutorial section 3.2.3; Agarwal et al. 2003",
+    source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
     paths: &[LightPaths {
         class: LightClass::Environment,
         pattern: "L[DG]E",
     }],
 };
+
+/// How relaxation spreads directions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Spread {
+    /// In the end as densely as there is power: centroids weighted by the square of the radiance.
+    Power,
+    /// In the end as densely as the root of the power: centroids weighted by the radiance.
+    Root,
+}
 
 /// Settings of image-based lighting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,6 +48,10 @@ pub const INFO: Info = Info {
 pub struct Settings {
     /// Directions.
     pub samples: u32,
+    /// Most steps of relaxation.
+    pub iterations: u32,
+    /// What relaxation tends to.
+    pub spread: Spread,
     /// Side of each direction's depth map (texels).
     pub resolution: u32,
 }
@@ -40,6 +60,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             samples: 128,
+            iterations: 4,
+            spread: Spread::Root,
             resolution: 512,
         }
     }
@@ -52,6 +74,16 @@ const FIELDS: &[Field] = &[
         range: Some((1.0, 2048.0)),
     },
     Field {
+        name: "iterations",
+        summary: "most steps of Lloyd's relaxation",
+        range: Some((0.0, 256.0)),
+    },
+    Field {
+        name: "spread",
+        summary: "relaxed directions lie as densely as the power, or as its root: power or root",
+        range: None,
+    },
+    Field {
         name: "resolution",
         summary: "side of a direction's depth map [texels]",
         range: Some((16.0, 4096.0)),
@@ -62,6 +94,9 @@ const FIELDS: &[Field] = &[
 #[derive(Debug)]
 pub struct ImageBasedLighting {
     settings: Settings,
+    decomposition: Decomposition,
+    /// Of the environment's texels at a version, with settings.
+    domains: Option<(u64, Settings, Vec<Domain>)>,
     shadows: Shadows,
     made: Option<(Versions, Settings)>,
 }
@@ -74,90 +109,44 @@ impl ImageBasedLighting {
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
             settings: Settings::default(),
+            decomposition: Decomposition::new(gpu, scene)?,
+            domains: None,
             shadows: Shadows::new(gpu, scene)?,
             made: None,
         })
     }
-}
 
-/// A direction of an environment.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DirectionSample {
-    /// Unit direction toward the light, world space.
-    pub toward: Vec3,
-    /// Irradiance on a facing surface [W/m^2].
-    pub irradiance: Vec3,
-}
-
-/// Draws `count` directions in proportion to luminance times solid angle. Each carries the same share of that power, in its texel's colour, so
-/// that the sum of irradiances estimates the integral of the radiance over the sphere without bias.
-pub fn sample_directions(environment: &Environment, count: u32) -> Vec<DirectionSample> {
-    let (width, height) = (
-        environment.image.width as usize,
-        environment.image.height as usize,
-    );
-    let texel = |index: usize| match &environment.image.pixels {
-        Pixels::Rgba32Float(data) => Vec3::from_slice(&data[index * 4..]),
-        Pixels::Rgba8(data) => {
-            Vec3::from_array([0, 1, 2].map(|channel| f32::from(data[index * 4 + channel]) / 255.0))
-        }
-    };
-    let luminance = |color: Vec3| color.dot(Vec3::new(0.2126, 0.7152, 0.0722)).max(0.0);
-    // Rows by their power, texels by theirs within the row.
-    let step = std::f64::consts::PI / height as f64;
-    let solid_angle = |row: usize| {
-        std::f64::consts::TAU / width as f64
-            * ((row as f64 * step).cos() - ((row + 1) as f64 * step).cos())
-    };
-    let row_power: Vec<f64> = (0..height)
-        .map(|row| {
-            let sum: f64 = (0..width)
-                .map(|x| f64::from(luminance(texel(row * width + x))))
-                .sum();
-            sum * solid_angle(row)
-        })
-        .collect();
-    let total: f64 = row_power.iter().sum();
-    if !(total > 0.0 && total.is_finite()) {
-        return Vec::new();
+    /// The domains, decomposed anew only when texels or settings changed: a rotation or another intensity leaves them.
+    fn domains(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<&[Domain], GpuError> {
+        let (version, settings) = (scene.versions.environment, &self.settings);
+        let kept = self
+            .domains
+            .take()
+            .filter(|(at, of, _)| *at == version && of == settings);
+        let domains = match kept {
+            Some((_, _, domains)) => domains,
+            None => self.decomposition.decompose(frame, scene, settings)?,
+        };
+        let (_, _, domains) = self.domains.insert((version, settings.clone(), domains));
+        Ok(domains)
     }
-    let rotation = Mat3::from_rotation_y(environment.rotation);
-    let mut before = 0.0;
-    let mut row = 0;
-    (0..count)
-        .map(|index| {
-            let at = (f64::from(index) + 0.5) / f64::from(count) * total;
-            while row + 1 < height && before + row_power[row] <= at {
-                before += row_power[row];
-                row += 1;
-            }
-            let uniform = low_discrepancy(index);
-            let row_total = row_power[row] / solid_angle(row);
-            let mut left = f64::from(uniform.x) * row_total;
-            let mut x = 0;
-            while x + 1 < width {
-                let power = f64::from(luminance(texel(row * width + x)));
-                if left < power {
-                    break;
+
+    /// A parallel light for each domain that has any.
+    fn lights(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<LightList, GpuError> {
+        let resolution = self.settings.resolution;
+        let mut list = LightList::default();
+        if let Some(environment) = &scene.environment {
+            let world_from_map = Mat3::from_rotation_y(environment.rotation);
+            for domain in self.domains(frame, scene)? {
+                let irradiance = domain.flux_density * environment.intensity;
+                if irradiance != Vec3::ZERO {
+                    let toward = world_from_map * domain.toward;
+                    list.add_direction(-toward, irradiance, 0.0, resolution, &scene.bounds);
                 }
-                left -= power;
-                x += 1;
             }
-            let radiance = texel(row * width + x);
-            let phi = std::f32::consts::TAU * ((x as f32 + 0.5) / width as f32 - 0.5);
-            let theta = (row as f32 + uniform.y) * step as f32;
-            let local = Vec3::new(
-                phi.sin() * theta.sin(),
-                theta.cos(),
-                -phi.cos() * theta.sin(),
-            );
-            let share = (total / f64::from(count)) as f32 / luminance(radiance).max(1e-20);
-            DirectionSample {
-                toward: (rotation * local).normalize(),
-                irradiance: radiance * share * environment.intensity,
-            }
-        })
-        .collect()
+        }
+        Ok(list)
+    }
 }
 
 impl Technique for ImageBasedLighting {
@@ -187,18 +176,7 @@ impl Technique for ImageBasedLighting {
         if self.made.as_ref() == Some(&made) {
             return Ok(());
         }
-        let mut list = LightList::default();
-        if let Some(environment) = &scene.environment {
-            for sample in sample_directions(environment, self.settings.samples) {
-                list.add_direction(
-                    -sample.toward,
-                    sample.irradiance,
-                    0.0,
-                    self.settings.resolution,
-                    &scene.bounds,
-                );
-            }
-        }
+        let list = self.lights(frame, scene)?;
         let gather = shadow_map::gpu::GatherSettings {
             // Many directions smooth the shadow together: few comparisons each, turned from pixel to pixel.
             taps: 4,
@@ -230,13 +208,18 @@ impl Technique for ImageBasedLighting {
     }
 
     fn maps(&self) -> Vec<Map> {
-        let atlas = self.shadows.atlas();
-        atlas
-            .map(|atlas| Map {
-                name: "image-based-lighting.atlas".into(),
-                texture: atlas.texture.clone(),
+        let atlas = self.shadows.atlas().map(|atlas| &atlas.texture);
+        [
+            ("image-based-lighting.atlas", atlas),
+            ("image-based-lighting.domains", self.decomposition.owners()),
+        ]
+        .into_iter()
+        .filter_map(|(name, texture)| {
+            Some(Map {
+                name: name.into(),
+                texture: texture?.clone(),
             })
-            .into_iter()
-            .collect()
+        })
+        .collect()
     }
 }

@@ -1,0 +1,329 @@
+//! Directional domains of an environment, made on the GPU: domains.wesl says how.
+
+use glam::Vec3;
+
+use super::gpu;
+use super::{Settings, Spread};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Most cells along each axis. Larger maps are reduced to as many, their sums kept.
+const MOST_CELLS: [u32; 2] = [512, 256];
+/// Fewest cells along each axis: texels of smaller maps are cut, so that their light does not all come from few directions.
+const FEWEST_CELLS: [u32; 2] = [64, 32];
+/// Rounds that find what one sample stands for: enough unless nearly all the power lies in fewer cells than there are samples, when some
+/// samples coincide and fall away.
+const SHARE_ROUNDS: u32 = 8;
+/// Relaxation ends when no sample moves by more than this part of the mean distance between samples.
+const LITTLE: f32 = 0.01;
+
+/// A directional domain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Domain {
+    /// Unit direction toward its light, in the map's own frame: before the environment's rotation.
+    pub toward: Vec3,
+    /// Integral of the map's radiance over it, before the environment's intensity: irradiance of a facing surface (W/m^2).
+    pub flux_density: Vec3,
+    /// Solid angle (sr).
+    pub solid_angle: f32,
+}
+
+/// The kernels that decompose environments, and the last decomposition, from which the next one begins.
+#[derive(Debug)]
+pub struct Decomposition {
+    reduce: Kernel,
+    steps: Steps,
+    made: Option<Made>,
+}
+
+/// The entry points of domains.wesl.
+#[derive(Debug)]
+struct Steps {
+    start: Kernel,
+    sum_tile: Kernel,
+    share_out: Kernel,
+    limit: Kernel,
+    draw: Kernel,
+    wake: Kernel,
+    assign: Kernel,
+    relax: Kernel,
+    settle: Kernel,
+    sum_domain: Kernel,
+}
+
+/// What a size of map and a choice of settings need.
+#[derive(Debug)]
+struct Made {
+    map: [u32; 2],
+    settings: Settings,
+    grid: gpu::Grid,
+    side: u32,
+    uniform: wgpu::Buffer,
+    owners: wgpu::Buffer,
+    domains: wgpu::Buffer,
+    texture: wgpu::Texture,
+    reduce_group: wgpu::BindGroup,
+    group: wgpu::BindGroup,
+    /// Whether the samples lie where an earlier map left them.
+    warm: bool,
+}
+
+impl Decomposition {
+    /// Compiles the kernels.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let step = |entry| {
+            let shader = shader!("techniques.image_based_lighting.domains");
+            Kernel::new(gpu, &shader, entry, None)
+        };
+        Ok(Self {
+            reduce: Kernel::new(
+                gpu,
+                &shader!("techniques.image_based_lighting.reduce"),
+                "main",
+                Some(&scene.layout),
+            )?,
+            steps: Steps {
+                start: step("start")?,
+                sum_tile: step("sum_tile")?,
+                share_out: step("share_out")?,
+                limit: step("limit")?,
+                draw: step("draw")?,
+                wake: step("wake")?,
+                assign: step("assign")?,
+                relax: step("relax")?,
+                settle: step("settle")?,
+                sum_domain: step("sum_domain")?,
+            },
+            made: None,
+        })
+    }
+
+    /// Decomposes the scene's environment and waits for the domains, one a sample; those without light belong to samples that are not
+    /// in use. Begins where the last decomposition ended when size and settings are the same, so that samples follow a changing sky instead of
+    /// jumping. Hands in what `frame` holds so far.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn decompose(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        settings: &Settings,
+    ) -> Result<Vec<Domain>, GpuError> {
+        let Some(environment) = &scene.environment else {
+            self.made = None;
+            return Ok(Vec::new());
+        };
+        let map = [environment.image.width, environment.image.height];
+        let is_kept = self
+            .made
+            .as_ref()
+            .is_some_and(|made| made.map == map && made.settings == *settings);
+        if !is_kept {
+            self.made = None;
+        }
+        let made = match self.made.take() {
+            Some(made) => made,
+            None => Made::new(frame.gpu, &self.reduce, &self.steps.assign, map, settings)?,
+        };
+        let rows = self
+            .record(frame, scene, &made)
+            .and_then(|()| read_buffer(frame.gpu, &made.domains, made.domains.size()))?;
+        self.made = Some(Made { warm: true, ..made });
+        let rows: &[gpu::Domain] = &rows;
+        Ok(rows[..settings.samples as usize]
+            .iter()
+            .map(|row| Domain {
+                toward: row.direction.into(),
+                flux_density: row.flux_density.into(),
+                solid_angle: row.solid_angle,
+            })
+            .collect())
+    }
+
+    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &Made) -> Result<(), GpuError> {
+        let count = made.settings.samples;
+        // The mean area of a domain is 4 pi / N.
+        let tolerance = LITTLE * LITTLE * 4.0 * std::f32::consts::PI / count as f32;
+        let settings = gpu::Settings {
+            width: made.grid.width,
+            height: made.grid.height,
+            stride: made.grid.stride,
+            side: made.side,
+            count,
+            squared: u32::from(made.settings.spread == Spread::Power),
+            warm: u32::from(made.warm),
+            tolerance,
+        };
+        let queue = &frame.gpu.queue;
+        queue.write_buffer(&made.uniform, 0, bytemuck::bytes_of(&settings));
+        let cells = made.grid.stride * made.grid.height;
+        let tiled = 2 * made.side * made.side;
+        let steps = &self.steps;
+        frame.compute("image-based-lighting.decompose", |pass| {
+            self.reduce.dispatch(
+                pass,
+                &[(0, &scene.bind_group), (3, &made.reduce_group)],
+                [cells, 1, 1],
+            );
+            let mut run = |kernel: &Kernel, invocations: u32| {
+                kernel.dispatch(pass, &[(3, &made.group)], [invocations, 1, 1]);
+            };
+            run(&steps.start, 1);
+            for round in 0..SHARE_ROUNDS {
+                if round > 0 {
+                    run(&steps.limit, 1);
+                }
+                run(&steps.sum_tile, tiled);
+                run(&steps.share_out, LANES);
+            }
+            run(&steps.draw, count);
+            run(&steps.wake, 1);
+            for _ in 0..made.settings.iterations {
+                run(&steps.assign, cells);
+                run(&steps.relax, count * LANES);
+                run(&steps.settle, 1);
+            }
+            run(&steps.wake, 1);
+            run(&steps.assign, cells);
+            run(&steps.sum_domain, count * LANES);
+        });
+        frame.fill(&made.texture, &made.owners, made.grid.stride * 4);
+        frame.flush()
+    }
+
+    /// The number of the domain of each cell of the map, once decomposed.
+    pub fn owners(&self) -> Option<&wgpu::Texture> {
+        self.made.as_ref().map(|made| &made.texture)
+    }
+}
+
+/// `LANES` of domains.wesl.
+const LANES: u32 = 256;
+
+impl Made {
+    fn new(
+        gpu: &Gpu,
+        reduce: &Kernel,
+        step: &Kernel,
+        map: [u32; 2],
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let [width, height] = [0, 1].map(|axis| {
+            let parts = FEWEST_CELLS[axis].div_ceil(map[axis]);
+            (map[axis] * parts).min(MOST_CELLS[axis])
+        });
+        let grid = gpu::Grid {
+            width,
+            height,
+            // Textures are copied from rows of whole 256 bytes.
+            stride: width.next_multiple_of(64),
+            padding: 0,
+        };
+        let side = width.div_ceil(2).max(height).next_power_of_two().max(16);
+        let cell_count = u64::from(grid.stride * height);
+        let count = u64::from(settings.samples);
+        let storage = |label: &str, size: u64| gpu.buffer(label, size, wgpu::BufferUsages::STORAGE);
+        let cells = storage("cells of the environment [bytes]", cell_count * 16)?;
+        let tiles = storage(
+            "tiles of the environment [bytes]",
+            u64::from(side * side / 32),
+        )?;
+        let samples = storage("environment samples [bytes]", count * 16)?;
+        let owners = storage("owners of the environment's cells [bytes]", cell_count * 4)?;
+        let domains = storage("environment domains [bytes]", count * 32)?;
+        let state = storage(
+            "state of decomposition [bytes]",
+            size_of::<gpu::State>() as u64,
+        )?;
+        let zones = gpu.storage("zones [bytes]", &zones(map[1], height))?;
+        let grid_uniform = gpu.uniform("grid of the environment", &grid)?;
+        let uniform = gpu.buffer(
+            "settings of decomposition",
+            size_of::<gpu::Settings>() as u64,
+            wgpu::BufferUsages::UNIFORM,
+        )?;
+        let texture = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("domains of the environment"),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        })?;
+        let reduce_group = reduce.bind(
+            gpu,
+            3,
+            &[
+                ("grid", grid_uniform.as_entire_binding()),
+                ("zones", zones.as_entire_binding()),
+                ("cells", cells.as_entire_binding()),
+            ],
+        )?;
+        let group = step.bind(
+            gpu,
+            3,
+            &[
+                ("settings", uniform.as_entire_binding()),
+                ("cells", cells.as_entire_binding()),
+                ("tiles", tiles.as_entire_binding()),
+                ("samples", samples.as_entire_binding()),
+                ("owners", owners.as_entire_binding()),
+                ("domains", domains.as_entire_binding()),
+                ("state", state.as_entire_binding()),
+            ],
+        )?;
+        Ok(Self {
+            map,
+            settings: settings.clone(),
+            grid,
+            side,
+            uniform,
+            owners,
+            domains,
+            texture,
+            reduce_group,
+            group,
+            warm: false,
+        })
+    }
+}
+
+/// Solid angles of the zones where rows of texels and rows of cells overlap, a full turn each, at texel row + cell row (sr): 2 pi (cos a - cos b), as a product,
+/// which keeps its digits near the poles.
+fn zones(texels: u32, cells: u32) -> Vec<f32> {
+    let mut zones = vec![0.0; (texels + cells) as usize];
+    let all = u64::from(texels) * u64::from(cells);
+    let (mut texel, mut cell, mut top) = (0, 0, 0);
+    while texel < texels && cell < cells {
+        // In units of 1 / (texels x cells) of the way from pole to pole.
+        let ends = [
+            (texel + 1) as u64 * u64::from(cells),
+            (cell + 1) as u64 * u64::from(texels),
+        ];
+        let bottom = ends[0].min(ends[1]);
+        let angle = |at: u64| std::f64::consts::PI * at as f64 / all as f64;
+        let (middle, half) = (
+            (angle(top) + angle(bottom)) / 2.0,
+            (angle(bottom) - angle(top)) / 2.0,
+        );
+        zones[(texel + cell) as usize] =
+            (4.0 * std::f64::consts::PI * middle.sin() * half.sin()) as f32;
+        texel += u32::from(ends[0] == bottom);
+        cell += u32::from(ends[1] == bottom);
+        top = bottom;
+    }
+    zones
+}

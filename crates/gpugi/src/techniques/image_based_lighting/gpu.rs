@@ -1,0 +1,47 @@
+//! Structs that host and shaders share; a test compares them with the shaders'.
+
+use bytemuck::{Pod, Zeroable};
+
+/// `Grid` of reduce.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Grid {
+    pub width: u32,
+    pub height: u32,
+    pub stride: u32,
+    pub padding: u32,
+}
+
+/// `Settings` of domains.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Settings {
+    pub width: u32,
+    pub height: u32,
+    pub stride: u32,
+    pub side: u32,
+    pub count: u32,
+    pub squared: u32,
+    pub warm: u32,
+    pub tolerance: f32,
+}
+
+/// `State` of domains.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct State {
+    pub most: f32,
+    pub share: f32,
+    pub moving: u32,
+    pub movement: u32,
+}
+
+/// `Domain` of domains.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Domain {
+    pub direction: [f32; 3],
+    pub solid_angle: f32,
+    pub flux_density: [f32; 3],
+    pub padding: u32,
+}

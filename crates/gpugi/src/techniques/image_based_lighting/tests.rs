@@ -1,0 +1,340 @@
+//! Domains of environments whose light is known.
+
+use std::f64::consts::PI;
+
+use glam::{Mat3, Vec3};
+use gpugi_scene::{Environment, Image, Pixels, Scene};
+
+use super::{Decomposition, Domain, Settings, Spread};
+use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
+use crate::scene::GpuScene;
+use crate::testing::{Random, test_gpu};
+
+/// A scene of nothing but an environment.
+fn sky([width, height]: [u32; 2], texel: impl Fn(u32, u32) -> Vec3) -> Scene {
+    let texels = (0..width * height).flat_map(|index| {
+        let Vec3 { x, y, z } = texel(index % width, index / width);
+        // What the GPU holds, so that sums can be compared.
+        [x, y, z, 1.0].map(|value| half::f16::from_f32(value).to_f32())
+    });
+    let mut scene = Scene::new("sky");
+    scene.environment = Some(Environment {
+        image: Image {
+            name: "sky".into(),
+            width,
+            height,
+            pixels: Pixels::Rgba32Float(texels.collect()),
+        },
+        rotation: 0.0,
+        intensity: 1.0,
+    });
+    scene
+}
+
+/// Unit direction of a texel's centre.
+fn direction([width, height]: [u32; 2], x: u32, y: u32) -> Vec3 {
+    let phi = 2.0 * PI * ((f64::from(x) + 0.5) / f64::from(width) - 0.5);
+    let theta = PI * (f64::from(y) + 0.5) / f64::from(height);
+    glam::dvec3(
+        phi.sin() * theta.sin(),
+        theta.cos(),
+        -phi.cos() * theta.sin(),
+    )
+    .as_vec3()
+}
+
+/// A smooth sky of every brightness, with a sun of a few texels.
+fn sunny(size: [u32; 2]) -> Scene {
+    sky(size, |x, y| {
+        let d = direction(size, x, y);
+        let sun = d.dot(Vec3::new(0.3, 0.8, -0.5).normalize());
+        let sun = if sun > 0.997 { 400.0 } else { 0.0 };
+        Vec3::new(0.6, 0.8, 1.0) * (0.3 + (2.0 * d.x).exp() + sun)
+    })
+}
+
+fn settings(samples: u32) -> Settings {
+    Settings {
+        samples,
+        ..Default::default()
+    }
+}
+
+fn decompose(
+    gpu: &Gpu,
+    made: &mut Decomposition,
+    scene: &GpuScene,
+    settings: &Settings,
+) -> Vec<Domain> {
+    let mut frame = Frame::new(gpu, false);
+    let domains = made.decompose(&mut frame, scene, settings).unwrap();
+    frame.submit().unwrap();
+    domains
+}
+
+/// The domains of a scene's environment from a fresh start, and the owner of each cell.
+fn domains(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Vec<Domain>, Vec<u32>, [u32; 2]) {
+    let scene = GpuScene::new(gpu, scene).unwrap();
+    let mut made = Decomposition::new(gpu, &scene).unwrap();
+    let domains = decompose(gpu, &mut made, &scene, settings);
+    let texture = made.owners().unwrap();
+    let owners = read_texture(gpu, texture, TextureAspect::All, 0).unwrap();
+    (domains, owners, [texture.width(), texture.height()])
+}
+
+/// Integral of the radiance over the sphere, in double precision.
+fn integral(scene: &Scene) -> [f64; 3] {
+    let image = &scene.environment.as_ref().unwrap().image;
+    let Pixels::Rgba32Float(texels) = &image.pixels else {
+        panic!("floats");
+    };
+    let (width, height) = (image.width as usize, image.height as usize);
+    let edge = |row: usize| (PI * row as f64 / height as f64).cos();
+    std::array::from_fn(|channel| {
+        (0..width * height)
+            .map(|index| {
+                let row = index / width;
+                let solid_angle = 2.0 * PI / width as f64 * (edge(row) - edge(row + 1));
+                solid_angle * f64::from(texels[index * 4 + channel])
+            })
+            .sum()
+    })
+}
+
+fn assert_conserved(scene: &Scene, domains: &[Domain], what: &str) {
+    for (channel, exact) in integral(scene).into_iter().enumerate() {
+        let sum = |value: &dyn Fn(&Domain) -> f32| -> f64 {
+            domains.iter().map(|domain| f64::from(value(domain))).sum()
+        };
+        let found = sum(&|domain| domain.flux_density[channel]);
+        let error = found / exact - 1.0;
+        assert!(error.abs() < 1e-5, "{what}: {found}, not {exact}: {error}");
+        let sphere = sum(&|domain| domain.solid_angle) / (4.0 * PI) - 1.0;
+        assert!(
+            sphere.abs() < 1e-5,
+            "{what}: solid angles are off by {sphere}"
+        );
+    }
+}
+
+#[test]
+fn domains_hold_all_the_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut random = Random(7);
+    let noise: Vec<f32> = (0..1024 * 512)
+        .map(|_| (8.0 * random.next() - 4.0).exp() as f32)
+        .collect();
+    // As large as the cells, smaller, reduced by whole numbers and not, and of strange shapes.
+    for (size, count) in [
+        ([64, 32], 1),
+        ([64, 32], 300),
+        ([1, 1], 300),
+        ([3, 5], 60),
+        ([600, 300], 40),
+        ([1024, 512], 7),
+        ([700, 4], 60),
+    ] {
+        let scene = sky(size, |x, y| {
+            let at = |shift: u32| noise[((x + y * size[0] + shift) % (1024 * 512)) as usize];
+            Vec3::new(at(0), at(17), at(99))
+        });
+        let short = Settings {
+            iterations: 1,
+            ..settings(count)
+        };
+        let (domains, _, cells) = domains(&gpu, &scene, &short);
+        assert!(cells[0] <= 512 && cells[1] <= 256, "{cells:?}");
+        assert_eq!(domains.len(), count as usize);
+        assert_conserved(&scene, &domains, &format!("{size:?}, {count} samples"));
+        // Few samples coincide or are crowded out.
+        let used = domains.iter().filter(|one| one.solid_angle > 0.0).count();
+        assert!(used * 10 >= count as usize * 9, "{used} of {count} in use");
+    }
+}
+
+#[test]
+fn cells_belong_to_the_nearest_sample() {
+    let Some(gpu) = test_gpu() else { return };
+    let even = sky([64, 32], |_, _| Vec3::ONE);
+    // Of an even sky, relaxed samples lie at their domains' centres of power.
+    let relaxed = Settings {
+        iterations: 256,
+        ..settings(40)
+    };
+    let (domains, owners, cells) = domains(&gpu, &even, &relaxed);
+    let mut wrong = 0;
+    for (index, &owner) in owners.iter().enumerate() {
+        let here = direction(cells, index as u32 % cells[0], index as u32 / cells[0]);
+        let nearest = domains.iter().map(|one| one.toward.dot(here));
+        let nearest = nearest.fold(-1.0, f32::max);
+        // Relaxation leaves samples a little beside the centres.
+        wrong += usize::from(domains[owner as usize].toward.dot(here) < nearest - 2e-3);
+    }
+    assert!(wrong == 0, "{wrong} cells belong to a sample farther away");
+    // And domains are about as large as each other.
+    let mean = 4.0 * PI as f32 / 40.0;
+    for domain in &domains {
+        let size = domain.solid_angle / mean;
+        assert!((0.7..1.4).contains(&size), "{size} of the mean size");
+    }
+}
+
+#[test]
+fn relaxation_tends_to_the_density_asked_for() {
+    let Some(gpu) = test_gpu() else { return };
+    // Two hemispheres, one 16 times as bright: as densely as power 16 : 1, as its root 4 : 1, which many steps only come nearer to.
+    let scene = sky([128, 64], |_, y| {
+        Vec3::splat(if y < 32 { 16.0 } else { 1.0 })
+    });
+    for (spread, low, high) in [(Spread::Power, 12.5, 20.0), (Spread::Root, 3.5, 11.0)] {
+        let settings = Settings {
+            iterations: 256,
+            spread,
+            ..settings(85)
+        };
+        let (domains, ..) = domains(&gpu, &scene, &settings);
+        let above = domains.iter().filter(|one| one.toward.y > 0.0).count() as f32;
+        let ratio = above / (85.0 - above);
+        println!("{spread:?}: {ratio}");
+        assert!((low..high).contains(&ratio), "{spread:?}: {ratio}");
+    }
+}
+
+#[test]
+fn a_sun_of_a_texel_takes_one_sample() {
+    let Some(gpu) = test_gpu() else { return };
+    let size = [64, 32];
+    let sun = |dim: f32| {
+        sky(size, move |x, y| {
+            Vec3::splat(if (x, y) == (40, 9) { 5000.0 } else { dim })
+        })
+    };
+    let toward = direction(size, 40, 9);
+    // Alone in the dark, whatever the number of samples.
+    for count in [1, 16, 500] {
+        let (domains, ..) = domains(&gpu, &sun(0.0), &settings(count));
+        assert_conserved(&sun(0.0), &domains, "sun alone");
+        let lit: Vec<_> = domains
+            .iter()
+            .filter(|one| one.flux_density.x > 0.0)
+            .collect();
+        assert_eq!(lit.len(), 1);
+        assert!((lit[0].toward - toward).length() < 1e-5, "{lit:?}");
+    }
+    // Above a dim sky: the samples that it does not take light the rest.
+    let (domains, ..) = domains(&gpu, &sun(0.5), &settings(64));
+    let bright = domains
+        .iter()
+        .filter(|one| one.flux_density.x > 2.0)
+        .count();
+    assert_eq!(bright, 1);
+    let lit = domains
+        .iter()
+        .filter(|one| one.flux_density.x > 0.0)
+        .count();
+    assert!(lit >= 62, "{lit} of 64");
+    assert_conserved(&sun(0.5), &domains, "sun and sky");
+}
+
+#[test]
+fn dark_skies_have_dark_domains() {
+    let Some(gpu) = test_gpu() else { return };
+    for size in [[1, 1], [64, 32]] {
+        let (domains, ..) = domains(&gpu, &sky(size, |_, _| Vec3::ZERO), &settings(16));
+        assert!(domains.iter().all(|one| one.flux_density == Vec3::ZERO));
+    }
+    // More samples than cells with light.
+    let few = sky([64, 32], |x, y| {
+        Vec3::splat(if y == 10 && x < 5 {
+            1.0 + x as f32
+        } else {
+            0.0
+        })
+    });
+    let (domains, ..) = domains(&gpu, &few, &settings(200));
+    let lit = domains
+        .iter()
+        .filter(|one| one.flux_density.x > 0.0)
+        .count();
+    assert!((1..=5).contains(&lit), "{lit}");
+    assert_conserved(&few, &domains, "few cells");
+}
+
+#[test]
+fn the_same_sky_has_the_same_domains() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = sunny([128, 64]);
+    let first = domains(&gpu, &scene, &settings(64));
+    assert_eq!(first, domains(&gpu, &scene, &settings(64)));
+}
+
+#[test]
+fn samples_follow_a_changing_sky() {
+    let Some(gpu) = test_gpu() else { return };
+    let size = [128, 64];
+    let before = sunny(size);
+    let mut after = before.clone();
+    if let Some(environment) = &mut after.environment
+        && let Pixels::Rgba32Float(texels) = &mut environment.image.pixels
+    {
+        // A cloud: a twentieth of the light less over a part of the sky.
+        for (index, texel) in texels.chunks_exact_mut(4).enumerate() {
+            if index % 128 < 30 {
+                texel[..3].iter_mut().for_each(|value| *value *= 0.95);
+            }
+        }
+    }
+    let settings = Settings {
+        iterations: 64,
+        ..settings(60)
+    };
+    let mut scene = GpuScene::new(&gpu, &before).unwrap();
+    let mut made = Decomposition::new(&gpu, &scene).unwrap();
+    let first = decompose(&gpu, &mut made, &scene, &settings);
+    scene.update(&gpu, &before, &after).unwrap();
+    let second = decompose(&gpu, &mut made, &scene, &settings);
+    let (fresh, ..) = domains(&gpu, &after, &settings);
+    let jump = |other: &[Domain]| {
+        let lengths = first.iter().zip(other);
+        let lengths = lengths.map(|(a, b)| a.toward.distance(b.toward));
+        lengths.fold(0.0, f32::max)
+    };
+    let spacing = (4.0 * PI as f32 / 60.0).sqrt();
+    assert!(
+        jump(&second) < 0.2 * spacing,
+        "{} of {spacing}",
+        jump(&second)
+    );
+    // A fresh start shows that it is the earlier samples that keep them there.
+    assert!(jump(&fresh) > 0.5 * spacing, "{}", jump(&fresh));
+}
+
+#[test]
+fn a_turned_sky_keeps_its_domains() {
+    let Some(gpu) = test_gpu() else { return };
+    let before = sunny([64, 32]);
+    let mut after = before.clone();
+    if let Some(environment) = &mut after.environment {
+        environment.rotation = 0.02;
+        environment.intensity = 3.0;
+    }
+    let mut scene = GpuScene::new(&gpu, &before).unwrap();
+    let mut technique = super::ImageBasedLighting::new(&gpu, &scene).unwrap();
+    let lights = |technique: &mut super::ImageBasedLighting, scene: &GpuScene| {
+        let mut frame = Frame::new(&gpu, false);
+        let list = technique.lights(&mut frame, scene).unwrap();
+        frame.submit().unwrap();
+        list.samples
+    };
+    let first = lights(&mut technique, &scene);
+    scene.update(&gpu, &before, &after).unwrap();
+    let second = lights(&mut technique, &scene);
+    assert_eq!(first.len(), second.len());
+    let turn = Mat3::from_rotation_y(0.02);
+    for (before, after) in first.iter().zip(&second) {
+        let turned = turn * Vec3::from(before.direction);
+        assert!((turned - Vec3::from(after.direction)).length() < 1e-6);
+        let brighter = Vec3::from(before.intensity) * 3.0;
+        assert_eq!(brighter, Vec3::from(after.intensity));
+    }
+}
