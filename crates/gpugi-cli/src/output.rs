@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::Context;
-use gpugi::gpu::{Gpu, TextureAspect, read_buffer, read_texture};
+use gpugi::gpu::TextureAspect::{All, DepthOnly};
+use gpugi::gpu::{Gpu, read_buffer, read_texture};
 use gpugi::{Renderer, capture};
 use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
@@ -132,20 +133,36 @@ pub fn write_aovs(
     Ok(())
 }
 
-/// Writes each technique's maps as EXR: reversed depth, as stored, and numbers as grey.
+/// Writes each technique's maps as EXR, the finest level: depth reversed, as stored; numbers as grey; faces of a cube below each other.
 pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: cannot be made", folder.display()))?;
     for map in renderer.maps() {
-        let values: Vec<f32> = if map.texture.format().is_depth_stencil_format() {
-            read_texture(gpu, &map.texture, TextureAspect::DepthOnly, 0)?
-        } else {
-            let numbers: Vec<u32> = read_texture(gpu, &map.texture, TextureAspect::All, 0)?;
-            numbers.iter().map(|&number| number as f32).collect()
-        };
-        let texels: Vec<f32> = values.iter().flat_map(|&value| [value; 3]).collect();
+        let texture = &map.texture;
+        let layers = texture.depth_or_array_layers();
+        let mut texels: Vec<f32> = Vec::new();
+        for layer in 0..layers {
+            match texture.format() {
+                format if format.is_depth_stencil_format() => {
+                    let depth: Vec<f32> = read_texture(gpu, texture, DepthOnly, layer, 0)?;
+                    texels.extend(depth.iter().flat_map(|&depth| [depth; 3]));
+                }
+                format if format.block_copy_size(None) == Some(4) => {
+                    let numbers: Vec<u32> = read_texture(gpu, texture, All, layer, 0)?;
+                    texels.extend(numbers.iter().flat_map(|&number| [number as f32; 3]));
+                }
+                _ => {
+                    let colors: Vec<[half::f16; 4]> = read_texture(gpu, texture, All, layer, 0)?;
+                    texels.extend(
+                        colors
+                            .iter()
+                            .flat_map(|[r, g, b, _]| [r, g, b].map(|value| value.to_f32())),
+                    );
+                }
+            }
+        }
         let path = folder.join(format!("{}.exr", map.name));
-        save_exr(&path, map.texture.width(), map.texture.height(), &texels)
+        save_exr(&path, texture.width(), texture.height() * layers, &texels)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     Ok(())

@@ -108,8 +108,14 @@ impl Renderer {
             if !wanted {
                 continue;
             }
+            let covered: Vec<LightPaths> = techniques
+                .iter()
+                .flat_map(|technique| technique.paths())
+                .copied()
+                .collect();
+            let made = make(gpu, &scene, &covered)?;
             for other in &techniques {
-                if let Some((class, path)) = overlap(info.paths, other.info().paths) {
+                if let Some((class, path)) = overlap(made.paths(), other.paths()) {
                     return Err(RenderError::Overlap {
                         first: other.info().name.into(),
                         second: info.name.into(),
@@ -118,7 +124,7 @@ impl Renderer {
                     });
                 }
             }
-            techniques.push(make(gpu, &scene)?);
+            techniques.push(made);
         }
         let capture = CameraCapture::new(gpu, &scene, size)?;
         let target = Target {
@@ -202,7 +208,7 @@ impl Renderer {
     pub fn light_paths(&self) -> Vec<LightPaths> {
         let techniques = self.techniques.iter();
         techniques
-            .flat_map(|technique| technique.info().paths)
+            .flat_map(|technique| technique.paths())
             .copied()
             .collect()
     }

@@ -32,7 +32,7 @@ pub fn read_buffer<T: bytemuck::Pod>(
     Ok(bytemuck::pod_collect_to_vec(&bytes))
 }
 
-/// Copies one layer of a texture's finest level to the host, rows tightly packed.
+/// Copies one layer of one mip level of a texture to the host, rows tightly packed.
 ///
 /// # Errors
 /// As [`read_buffer`].
@@ -41,16 +41,18 @@ pub fn read_texture<T: bytemuck::Pod>(
     texture: &wgpu::Texture,
     aspect: wgpu::TextureAspect,
     layer: u32,
+    level: u32,
 ) -> Result<Vec<T>, GpuError> {
     let texel = texture.format().block_copy_size(Some(aspect)).unwrap_or(4);
-    let row = texture.width() * texel;
+    let extent = texture.size().mip_level_size(level, texture.dimension());
+    let row = extent.width * texel;
     let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let size = u64::from(padded) * u64::from(texture.height());
+    let size = u64::from(padded) * u64::from(extent.height);
     let bytes = pollster::block_on(read(gpu, size, |encoder, staging| {
         encoder.copy_texture_to_buffer(
             wgpu::TexelCopyTextureInfo {
                 texture,
-                mip_level: 0,
+                mip_level: level,
                 origin: wgpu::Origin3d {
                     z: layer,
                     ..Default::default()
@@ -66,8 +68,8 @@ pub fn read_texture<T: bytemuck::Pod>(
                 },
             },
             wgpu::Extent3d {
-                width: texture.width(),
-                height: texture.height(),
+                width: extent.width,
+                height: extent.height,
                 depth_or_array_layers: 1,
             },
         );

@@ -60,6 +60,8 @@ pub enum BindingKind {
     Storage,
     /// Sampled texture: dimension, sample type.
     Texture(wgpu::TextureViewDimension, wgpu::TextureSampleType),
+    /// Storage texture that shaders only write: dimension, format.
+    StorageTexture(wgpu::TextureViewDimension, wgpu::TextureFormat),
     /// Filtering sampler.
     Sampler,
     /// Comparison sampler.
@@ -127,6 +129,14 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
                     (naga::ImageDimension::D3, _) => wgpu::TextureViewDimension::D3,
                     _ => return None,
                 };
+                if let naga::ImageClass::Storage { format, access } = class {
+                    let format = match format {
+                        naga::StorageFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
+                        _ => return None,
+                    };
+                    return (access == naga::StorageAccess::STORE)
+                        .then_some(BindingKind::StorageTexture(dimension, format));
+                }
                 let sample_type = match class {
                     naga::ImageClass::Depth { multi: false } => wgpu::TextureSampleType::Depth,
                     naga::ImageClass::Sampled {
@@ -167,6 +177,11 @@ impl BindingKind {
                 },
                 view_dimension,
                 multisampled: false,
+            },
+            Self::StorageTexture(view_dimension, format) => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format,
+                view_dimension,
             },
             Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Self::ComparisonSampler => {

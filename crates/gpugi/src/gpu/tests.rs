@@ -96,6 +96,11 @@ fn every_shader_stays_within_the_default_limits() {
                 limits.max_sampled_textures_per_shader_stage.min(16),
             ),
             (
+                "storage textures",
+                count(|kind| matches!(kind, BindingKind::StorageTexture(..))),
+                limits.max_storage_textures_per_shader_stage.min(4),
+            ),
+            (
                 "samplers",
                 count(is_sampler),
                 limits.max_samplers_per_shader_stage.min(16),
@@ -372,7 +377,7 @@ fn textures_of_any_size_come_back_as_they_were() {
             .write_texture(texture.as_image_copy(), &bytes, layout, size);
         for layer in 0..3 {
             let back: Vec<u8> =
-                read_texture(&gpu, &texture, wgpu::TextureAspect::All, layer).unwrap();
+                read_texture(&gpu, &texture, wgpu::TextureAspect::All, layer, 0).unwrap();
             let start = layer as usize * layer_bytes;
             assert!(
                 back == bytes[start..start + layer_bytes],

@@ -4,7 +4,8 @@ use gpugi_scene::{Environment, Image, Pixels};
 
 use crate::gpu::{Gpu, GpuError};
 
-/// The environment as a half-float texture (values above 65,504 are cut); one black texel without one.
+/// The environment as a half-float texture; one black texel without one. Values above 65,504, infinite ones too, are cut; what is negative
+/// or no number is no light.
 pub(super) fn environment_texture(
     gpu: &Gpu,
     environment: Option<&Environment>,
@@ -19,7 +20,9 @@ pub(super) fn environment_texture(
     let halves: Vec<u16> = match &image.pixels {
         Pixels::Rgba32Float(values) => values
             .iter()
-            .map(|&value| half::f16::from_f32(value.min(65504.0)).to_bits())
+            .map(|&value| {
+                half::f16::from_f32(if value > 0.0 { value.min(65504.0) } else { 0.0 }).to_bits()
+            })
             .collect(),
         Pixels::Rgba8(values) => values
             .iter()

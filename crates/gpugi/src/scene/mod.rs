@@ -393,13 +393,11 @@ impl GpuScene {
             || before.textures != after.textures
             || before.images != after.images;
         let lights = before.lights != after.lights || before.environment != after.environment;
+        let texels = before.environment.as_ref().map(|one| &one.image)
+            != after.environment.as_ref().map(|one| &one.image);
         if !(geometry || materials || lights) {
             return Ok(());
         }
-        let texels = match (&before.environment, &after.environment) {
-            (Some(before), Some(after)) => before.image != after.image,
-            (before, after) => before.is_some() != after.is_some(),
-        };
         let versions = self.versions;
         if geometry || materials || before.environment != after.environment {
             let kept = self.rays.take().filter(|_| before.meshes == after.meshes);

@@ -5,6 +5,7 @@ use crate::capture::{SURFACE_POINT_BYTES, ViewUniform, depth::DepthViewUniform};
 use crate::gpu::Shader;
 use crate::ray_bench;
 use crate::shader;
+use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{run_kernel, test_gpu};
@@ -103,6 +104,12 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&decompose, "State"), state);
     let domain = layout!(domains::Domain: direction solid_angle flux_density padding);
     assert_eq!(reflected(&decompose, "Domain"), domain);
+    let lobe = layout!(Lobe: kind width samples padding);
+    let prefilter = shader!("techniques.environment_map.prefilter");
+    assert_eq!(reflected(&prefilter, "Lobe"), lobe);
+    let lookup = layout!(LookupSettings: irradiance phong_cosine last_level padding);
+    let gather = shader!("techniques.environment_map.gather");
+    assert_eq!(reflected(&gather, "LookupSettings"), lookup);
 }
 
 #[test]

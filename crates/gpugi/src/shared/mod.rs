@@ -2,6 +2,7 @@
 
 mod brdf_tests;
 pub(crate) mod cpu;
+mod cube_tests;
 mod octahedral_tests;
 mod sampling_tests;
 mod sobol_tests;

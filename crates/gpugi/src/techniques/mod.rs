@@ -39,6 +39,11 @@ pub trait Technique: std::fmt::Debug {
     /// Name, source and light paths.
     fn info(&self) -> &'static Info;
 
+    /// The light that it adds: [`Info::paths`], or what is left of them beside the techniques that it was made with.
+    fn paths(&self) -> &'static [LightPaths] {
+        self.info().paths
+    }
+
     /// Settings and their present values, as JSON.
     fn settings(&self) -> serde_json::Value;
 
@@ -78,20 +83,22 @@ pub trait Technique: std::fmt::Debug {
     fn maps(&self) -> Vec<Map>;
 }
 
-/// How the registry makes a technique.
-type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
+/// How the registry makes a technique, given the light that earlier ones in use add.
+type Make = fn(&Gpu, &GpuScene, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
 
 /// Every technique in the order of the frame.
 pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene| {
+    (&shadow_map::INFO, |gpu, scene, _| {
         Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
     }),
-    (&image_based_lighting::INFO, |gpu, scene| {
+    (&image_based_lighting::INFO, |gpu, scene, _| {
         Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
             gpu, scene,
         )?))
     }),
-    (&environment_map::INFO, |gpu, scene| {
-        Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
+    (&environment_map::INFO, |gpu, scene, covered| {
+        Ok(Box::new(environment_map::EnvironmentMap::new(
+            gpu, scene, covered,
+        )?))
     }),
 ];

@@ -61,7 +61,7 @@ fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)
         kernel.dispatch(pass, &[(0, &on_gpu.bind_group), (1, &group)], [count, 1, 1]);
     });
     frame.submit().unwrap();
-    let hits: Vec<u32> = read_texture(gpu, &capture.hits, wgpu::TextureAspect::All, 0).unwrap();
+    let hits: Vec<u32> = read_texture(gpu, &capture.hits, wgpu::TextureAspect::All, 0, 0).unwrap();
     let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, u64::from(count) * 64).unwrap();
     let vector = |row: [u32; 4]| {
         Vec3::new(
