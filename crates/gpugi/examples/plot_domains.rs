@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     frame.submit()?;
     let owners = decomposition.owners().ok_or("no domains")?;
     let (cells, rows) = (owners.width(), owners.height());
-    let owners: Vec<u32> = read_texture(&gpu, owners, TextureAspect::All, 0)?;
+    let owners: Vec<u32> = read_texture(&gpu, owners, TextureAspect::All, 0, 0)?;
     let Pixels::Rgba32Float(texels) = &sky.image.pixels else {
         return Err("the default sky holds floats".into());
     };

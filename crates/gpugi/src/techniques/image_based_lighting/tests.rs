@@ -78,7 +78,7 @@ fn domains(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Vec<Domain>, Vec<u
     let mut made = Decomposition::new(gpu, &scene).unwrap();
     let domains = decompose(gpu, &mut made, &scene, settings);
     let texture = made.owners().unwrap();
-    let owners = read_texture(gpu, texture, TextureAspect::All, 0).unwrap();
+    let owners = read_texture(gpu, texture, TextureAspect::All, 0, 0).unwrap();
     (domains, owners, [texture.width(), texture.height()])
 }
 
