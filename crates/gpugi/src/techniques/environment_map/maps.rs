@@ -174,8 +174,8 @@ impl Maps {
         )?);
         for (kind, map) in [(Lobe::GGX, &ggx), (Lobe::PHONG, &phong)] {
             for level in 0..glossy_levels {
-                let roughness = level as f32 / (glossy_levels - 1) as f32;
-                let lobe = gpu.uniform("glossy lobe", &lobe(kind, roughness, settings))?;
+                let lobe =
+                    gpu.uniform("glossy lobe", &lobe(kind, level, glossy_levels, settings))?;
                 steps.push(Step::new(
                     gpu,
                     &generator.prefilter,
@@ -258,17 +258,19 @@ impl Maps {
     }
 }
 
-/// The lobe that a level of roughness `roughness` holds.
-pub fn lobe(kind: u32, roughness: f32, settings: &Settings) -> Lobe {
+/// The lobe that a level of the glossy maps holds.
+fn lobe(kind: u32, level: u32, levels: u32, settings: &Settings) -> Lobe {
+    let roughness = level as f32 / (levels - 1) as f32;
     let alpha = roughness * roughness;
     Lobe {
-        kind: if roughness > 0.0 { kind } else { Lobe::MIRROR },
+        kind: if level > 0 { kind } else { Lobe::MIRROR },
         width: match kind {
             Lobe::GGX => alpha,
             // glossy_level.wesl; the cosine of the surface, which faces the lobe, is one more.
             _ => 2.0 / (alpha * alpha) - 2.0 + f32::from(u8::from(settings.phong_cosine)),
         },
-        samples: settings.samples,
+        // Wider lobes need more, and a coarser level has a quarter of the texels.
+        samples: settings.samples << level.saturating_sub(1),
         padding: 0,
     }
 }

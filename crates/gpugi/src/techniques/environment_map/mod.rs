@@ -56,7 +56,7 @@ pub struct Settings {
     pub resolution: u32,
     /// How irradiance is kept.
     pub irradiance: Irradiance,
-    /// Directions a texel of the glossy maps.
+    /// Directions a texel of the glossy maps' first blurred level; of each coarser level twice as many.
     pub samples: u32,
     /// Whether Phong lobes keep the surface's cosine; without as the tutorial has it.
     pub phong_cosine: bool,
@@ -86,8 +86,8 @@ const FIELDS: &[Field] = &[
     },
     Field {
         name: "samples",
-        summary: "directions a texel of the glossy maps",
-        range: Some((1.0, 4096.0)),
+        summary: "directions a texel of the glossy maps' first blurred level, twice as many in each coarser one",
+        range: Some((1.0, 1024.0)),
     },
     Field {
         name: "phong-cosine",
