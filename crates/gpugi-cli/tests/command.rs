@@ -89,6 +89,51 @@ fn renders_a_picture_with_report_and_quantities() {
 }
 
 #[test]
+fn dumped_domains_cover_the_sky() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("domains");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let output = gpugi(&[
+        "render",
+        "spheres",
+        "-o",
+        &path("spheres.png"),
+        "--size",
+        "8x6",
+        "--samples",
+        "1",
+        "--technique",
+        "image-based-lighting",
+        "--set",
+        "image-based-lighting.samples=20",
+        "--set",
+        "image-based-lighting.resolution=32",
+        "--dump-maps",
+        &path("maps"),
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let map = folder.join("maps/image-based-lighting.domains.exr");
+    let map = gpugi_scene::image::load_radiance(&map, &gpugi_scene::Limits::default());
+    let map = map.expect("the map of domains");
+    assert_eq!((map.width, map.height), (256, 128));
+    let gpugi_scene::Pixels::Rgba32Float(values) = &map.pixels else {
+        panic!("floats")
+    };
+    let numbers: std::collections::BTreeSet<u32> = values
+        .chunks_exact(4)
+        .map(|texel| texel[0] as u32)
+        .collect();
+    assert!(numbers.iter().all(|&number| number < 20), "{numbers:?}");
+    assert!(numbers.len() >= 18, "{numbers:?}");
+}
+
+#[test]
 fn radiance_files_hold_what_the_exposure_does_not_touch() {
     if skip_gpu() {
         return;
