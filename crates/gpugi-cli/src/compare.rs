@@ -16,7 +16,7 @@ use crate::{Common, Usage};
 /// Options of `gpugi compare`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Picture under test (.png, .jpg, .hdr, .exr)
+    /// Picture under test (.png, .jpg, .hdr, .exr, .ktx2)
     #[arg(value_name = "A")]
     test: PathBuf,
     /// Its reference, of the same size

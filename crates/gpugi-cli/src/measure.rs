@@ -123,6 +123,17 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
     let gpu = Gpu::open(&common.adapter)?;
     let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
+    let of_reference = format!("{}.", gpugi::reference::INFO.name);
+    if let Some(set) = arguments
+        .set
+        .iter()
+        .find(|set| set.starts_with(&of_reference))
+    {
+        return Err(Usage(format!(
+            "--set {set}: the reference takes its settings from the techniques' light paths"
+        ))
+        .into());
+    }
     apply_settings(&mut renderer, &arguments.set)?;
     interrupt::catch();
 

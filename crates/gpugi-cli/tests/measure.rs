@@ -162,7 +162,7 @@ fn what_does_not_fit_together_is_refused() {
         (["--technique", "path-tracer"], "reference"),
         (["--technique", "moon-light"], "shadow-map"),
         (["--set", "shadow-map.moons=4"], "taps"),
-        (["--set", "path-tracer.paths=LDE"], "path-tracer"),
+        (["--set", "path-tracer.paths=LDE"], "takes its settings"),
         (["--noise", "0"], "above 0"),
         (["--noise", "NaN"], "above 0"),
         (["--reference-samples", "2"], "16"),

@@ -303,6 +303,7 @@ impl PathTracer {
 
     /// Adds samples of what `camera` sees until every pixel has `samples`, the noise setting is reached, or `report` breaks off; then pixels may
     /// differ by the samples of one pass, which the next call finishes first. `report` hears of progress after every batch.
+    /// Another camera needs [`PathTracer::restart`] first: samples are added to what is there.
     ///
     /// # Errors
     /// [`RenderError::Gpu`].
