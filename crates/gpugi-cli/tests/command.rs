@@ -1,27 +1,8 @@
 //! The command as a user runs it: what it writes, and how it refuses.
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
+mod common;
 
-fn gpugi(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gpugi"))
-        // Mesa's software driver complains where there is none.
-        .env("XDG_RUNTIME_DIR", std::env::temp_dir())
-        .args(arguments)
-        .output()
-        .expect("the binary runs")
-}
-
-/// A folder of this test's own.
-fn folder(name: &str) -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    std::fs::create_dir_all(&folder).expect("a temporary folder");
-    folder
-}
-
-fn skip_gpu() -> bool {
-    std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1")
-}
+use common::{folder, gpugi, skip_gpu};
 
 #[test]
 fn renders_a_picture_with_report_and_quantities() {

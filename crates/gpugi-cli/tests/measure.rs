@@ -1,27 +1,8 @@
 //! `gpugi measure` as a user runs it.
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
+mod common;
 
-fn gpugi(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_gpugi"));
-    // Mesa's software driver complains where there is none.
-    command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
-    command.args(arguments).output().expect("the binary runs")
-}
-
-fn folder(name: &str) -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
-        .join("measure")
-        .join(name);
-    std::fs::remove_dir_all(&folder).ok();
-    std::fs::create_dir_all(&folder).expect("a temporary folder");
-    folder
-}
-
-fn skip_gpu() -> bool {
-    std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1")
-}
+use common::{folder, gpugi, skip_gpu};
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
@@ -43,7 +24,7 @@ fn prints_and_writes_error_time_and_memory() {
     if skip_gpu() {
         return;
     }
-    let folder = folder("report");
+    let folder = folder("measure-report");
     let path = |name: &str| folder.join(name).display().to_string();
     let [cache, json, diff, beside] = ["cache", "report.json", "diff.png", "beside.png"].map(path);
     let mut arguments = SMALL.to_vec();
@@ -132,7 +113,7 @@ fn settings_change_the_error_and_the_cache_can_be_left_alone() {
     if skip_gpu() {
         return;
     }
-    let folder = folder("settings");
+    let folder = folder("measure-settings");
     let json = folder.join("report.json").display().to_string();
     let error = |more: &[&str]| {
         let mut arguments = SMALL.to_vec();

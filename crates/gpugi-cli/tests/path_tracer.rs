@@ -1,29 +1,11 @@
 //! The path tracer as a user runs it.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+mod common;
 
-fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_gpugi"));
-    // Mesa's software driver complains where there is none.
-    command.env("XDG_RUNTIME_DIR", std::env::temp_dir());
-    command.args(arguments);
-    command
-}
+use std::path::Path;
+use std::process::{Command, Stdio};
 
-fn gpugi(arguments: &[&str]) -> Output {
-    command(arguments).output().expect("the binary runs")
-}
-
-fn folder(name: &str) -> PathBuf {
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    std::fs::create_dir_all(&folder).expect("a temporary folder");
-    folder
-}
-
-fn skip_gpu() -> bool {
-    std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1")
-}
+use common::{command, folder, gpugi, skip_gpu};
 
 /// Linear radiance of a picture.
 fn radiance(path: &Path) -> Vec<f32> {

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
-use gpugi_scene::{Camera, Material, Projection, Scene, Volume};
+use gpugi_scene::{Camera, Light, LightKind, Material, Projection, Scene, Volume};
 
 use super::{Estimate, bounces, fresnel, parallel, trace, white};
 use crate::common::{gpu, place};
@@ -199,4 +199,39 @@ fn nested_glass_reflects_by_the_ratio_of_the_indices() {
             0.003,
         );
     }
+}
+
+/// Light that reaches the far side of rough clear glass through the absorbing solid around it: all of the way but what lies in the clear glass.
+#[test]
+fn light_on_its_way_to_rough_glass_is_absorbed_too() {
+    let Some(gpu) = gpu() else { return };
+    let color = Vec3::new(0.5, 0.8, 0.2);
+    let brightness = |around: Vec3| {
+        let mut scene = Scene::new("frost in glass");
+        slab(&mut scene, -3.0, 3.0, solid(1.0, around));
+        let frost = Material {
+            roughness: 0.4,
+            ..solid(1.5, Vec3::ONE)
+        };
+        let small = vec3(0.03, 0.005, 0.03);
+        place(&mut scene, cuboid(-small, small, 1), frost);
+        let light = Light::new("", LightKind::Point, Vec3::ONE);
+        let below = vec3(0.0, -1.0, 0.001);
+        scene.lights.push(light.aimed(below, Vec3::ZERO));
+        let eye = Camera {
+            projection: Projection::Orthographic { height: 0.04 },
+            ..Camera::look_at("", vec3(0.0, 0.5, 0.0), Vec3::ZERO, 1.0)
+        };
+        trace(&gpu, &scene, &eye, [16, 16], 64, &bounces(4))
+            .mean()
+            .value
+    };
+    let (clear, absorbed) = (brightness(Vec3::ONE), brightness(color));
+    assert!(clear.min_element() > 0.0, "{clear}");
+    // The same sample points take the same ways in both.
+    let (found, expected) = (absorbed / clear, attenuated(color, 1.5));
+    assert!(
+        (found / expected - 1.0).abs().max_element() < 0.02,
+        "{found}, not {expected}"
+    );
 }
