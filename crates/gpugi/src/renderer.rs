@@ -7,7 +7,7 @@ use crate::capture::{CameraCapture, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::GpuScene;
+use crate::scene::{Claims, GpuScene, Object};
 use crate::shader;
 use crate::techniques::{Map, REGISTRY, SettingError, Technique};
 
@@ -151,7 +151,7 @@ impl Renderer {
             )?,
             emission.bind(gpu, 3, &[("radiance", target.radiance.as_entire_binding())])?,
         ];
-        Ok(Self {
+        let mut renderer = Self {
             display: Display::new(gpu, size)?,
             gpu: gpu.clone(),
             scene,
@@ -163,7 +163,21 @@ impl Renderer {
             target,
             samples: 0,
             seed: 0,
-        })
+        };
+        renderer.assign();
+        Ok(renderer)
+    }
+
+    /// Asks the techniques which objects are their own affair.
+    fn assign(&mut self) {
+        let objects = &self.scene.objects;
+        let mut claims = vec![Claims::NONE; objects.len()];
+        for technique in &mut self.techniques {
+            for (all, of_technique) in claims.iter_mut().zip(technique.claim(objects)) {
+                *all = *all | of_technique;
+            }
+        }
+        self.scene.assign(&self.gpu, &claims);
     }
 
     /// Sets one setting of one technique from text.
@@ -185,12 +199,26 @@ impl Renderer {
                 name: technique.to_owned(),
                 known,
             })?;
-        found
-            .set(name, value)
-            .map_err(|source| RenderError::Setting {
-                technique: technique.to_owned(),
-                source,
-            })
+        let fail = |source| RenderError::Setting {
+            technique: technique.to_owned(),
+            source,
+        };
+        found.set(name, value).map_err(fail)?;
+        let objects = &self.scene.objects;
+        let is_known = |one: &&str| objects.iter().any(|object| object.is_named_by(one));
+        let names = found.names();
+        if let Some(unknown) = names
+            .split(',')
+            .find(|one| !names.is_empty() && !is_known(one))
+        {
+            return Err(fail(SettingError::Value {
+                name: name.to_owned(),
+                value: value.to_owned(),
+                reason: unknown_object(unknown.trim(), objects),
+            }));
+        }
+        self.assign();
+        Ok(())
     }
 
     /// Seeds everything stochastic. The same seed gives the same picture on the same adapter.
@@ -239,7 +267,9 @@ impl Renderer {
     /// [`RenderError::Gpu`].
     pub fn update(&mut self, before: &Scene, after: &Scene) -> Result<(), RenderError> {
         self.samples = 0;
-        Ok(self.scene.update(&self.gpu, before, after)?)
+        self.scene.update(&self.gpu, before, after)?;
+        self.assign();
+        Ok(())
     }
 
     /// Light that exists in the scene and that no technique in use adds: a few words each.
@@ -354,6 +384,21 @@ impl Renderer {
             .flat_map(|technique| technique.maps())
             .collect()
     }
+}
+
+/// Says that no object has a name, and which names there are.
+fn unknown_object(name: &str, objects: &[Object]) -> String {
+    const MOST: usize = 12;
+    let mut known: Vec<&str> = objects.iter().map(|object| object.name.as_str()).collect();
+    known.sort_unstable();
+    known.dedup();
+    let more = known.len().saturating_sub(MOST);
+    known.truncate(MOST);
+    let mut list = known.join(", ");
+    if more > 0 {
+        list += &format!(" and {more} more");
+    }
+    format!("no object of the scene is called {name:?}; there are: {list}")
 }
 
 /// Classes of light that a scene has.

@@ -345,8 +345,8 @@ impl DepthAtlas {
                 .iter()
                 .map(|spec| {
                     let planes = frustum_planes(&spec.clip_from_world);
-                    visible_ranges(&scene.draws, &planes, |class| {
-                        kind(class, spec.second_depth)
+                    visible_ranges(&scene.draws, &planes, |draw| {
+                        kind(draw.class, spec.second_depth)
                     })
                 })
                 .collect();

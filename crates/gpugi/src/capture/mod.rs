@@ -190,7 +190,7 @@ impl CameraCapture {
             pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
             let planes = frustum_planes(&view.clip_from_world);
             let mut current = None;
-            for (class, range) in visible_ranges(&scene.draws, &planes, |class| class) {
+            for (class, range) in visible_ranges(&scene.draws, &planes, |draw| draw.seen) {
                 let (kernel, group) = match class {
                     DrawClass::Closed | DrawClass::Open => (&self.opaque[0], &self.opaque_group),
                     DrawClass::DoubleSided => (&self.opaque[1], &self.opaque_group),
@@ -241,11 +241,11 @@ fn is_visible(bounds: &Bounds, planes: &[Vec4; 6]) -> bool {
 fn visible_ranges<K: PartialEq + Copy>(
     draws: &[Draw],
     planes: &[Vec4; 6],
-    kind: impl Fn(DrawClass) -> K,
+    kind: impl Fn(&Draw) -> K,
 ) -> Vec<(K, std::ops::Range<u32>)> {
     let mut ranges: Vec<(K, std::ops::Range<u32>)> = Vec::new();
     for draw in draws.iter().filter(|draw| is_visible(&draw.bounds, planes)) {
-        let kind = kind(draw.class);
+        let kind = kind(draw);
         match ranges.last_mut() {
             Some((last, range)) if *last == kind && range.end == draw.indices.start => {
                 range.end = draw.indices.end;

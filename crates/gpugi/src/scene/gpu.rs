@@ -32,7 +32,7 @@ pub struct Instance {
     pub vertex_count: u32,
     pub mirrored: u32,
     pub closed: u32,
-    pub padding: u32,
+    pub claims: u32,
 }
 
 /// `Material` of scene/tables.wesl.

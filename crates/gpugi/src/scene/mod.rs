@@ -4,6 +4,7 @@ mod emitters;
 mod environment;
 pub(crate) mod gpu;
 mod images;
+mod objects;
 #[cfg(test)]
 mod ray_tests;
 mod rays;
@@ -23,6 +24,8 @@ pub use emitters::Emitter;
 use emitters::emitters;
 use environment::environment_texture;
 use images::ImageArrays;
+use objects::seen_class;
+pub use objects::{Claims, Object};
 use rays::{Rays, hierarchy_buffer};
 use rows::{instance_row, material_row};
 
@@ -47,8 +50,12 @@ pub enum DrawClass {
 /// One instance's share of the merged triangles.
 #[derive(Debug, Clone)]
 pub struct Draw {
-    /// How it is drawn.
+    /// How depth maps draw it.
     pub class: DrawClass,
+    /// How cameras draw it.
+    pub seen: DrawClass,
+    /// Number of the instance.
+    pub instance: u32,
     /// Its indices in the merged index buffer.
     pub indices: std::ops::Range<u32>,
     /// World-space box.
@@ -93,8 +100,12 @@ pub struct GpuScene {
     pub has_alpha: bool,
     /// What has changed how often.
     pub versions: Versions,
+    /// Every instance, as techniques see it that light some and not others.
+    pub objects: Vec<Object>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
+    tables: wgpu::Buffer,
+    alpha_modes: Vec<AlphaMode>,
     vertex_count: u32,
     merge: Kernel,
     merge_group: wgpu::BindGroup,
@@ -227,8 +238,11 @@ impl GpuScene {
                 };
                 merged_indices.extend([a, b, c].map(|vertex| vertex + row.first_merged_vertex));
             }
+            let class = draw_class(scene, &meshes, instance);
             draws.push(Draw {
-                class: draw_class(scene, &meshes, instance),
+                class,
+                seen: class,
+                instance: index as u32,
                 indices: first..merged_indices.len() as u32,
                 bounds: mesh.bounds.transformed(&instance.world_from_mesh),
             });
@@ -347,6 +361,17 @@ impl GpuScene {
             bounds,
             lights: scene.lights.clone(),
             emitters: emitters(scene),
+            objects: scene
+                .instances
+                .iter()
+                .map(|instance| Object::new(scene, instance))
+                .collect(),
+            alpha_modes: scene
+                .instances
+                .iter()
+                .map(|instance| scene.materials[instance.material].alpha_mode)
+                .collect(),
+            tables,
             environment: scene.environment.clone(),
             has_alpha: scene
                 .instances
@@ -414,6 +439,25 @@ impl GpuScene {
             environment: grown(versions.environment, texels),
         };
         Ok(())
+    }
+
+    /// Hands each instance to the techniques that claim it: `claims` has one entry an object.
+    pub fn assign(&mut self, gpu: &Gpu, claims: &[Claims]) {
+        for draw in &mut self.draws {
+            let index = draw.instance as usize;
+            let object = &self.objects[index];
+            let of_object = claims[index];
+            draw.seen = seen_class(
+                draw.class,
+                self.alpha_modes[index],
+                object.is_transmissive,
+                of_object,
+            );
+            let row = index * size_of::<gpu::Instance>();
+            let at = (row + std::mem::offset_of!(gpu::Instance, claims)) as u64;
+            let word = of_object.0.to_le_bytes();
+            gpu.queue.write_buffer(&self.tables, at, &word);
+        }
     }
 
     /// Makes every map out of date, as if everything had changed.

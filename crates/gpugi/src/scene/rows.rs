@@ -23,7 +23,7 @@ pub(super) fn instance_row(
         vertex_count: mesh.vertex_count,
         mirrored: u32::from(is_mirrored(&matrix)),
         closed: u32::from(mesh.closed),
-        padding: 0,
+        claims: 0,
     }
 }
 

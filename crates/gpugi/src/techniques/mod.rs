@@ -10,7 +10,7 @@ pub use settings::{Field, SettingError};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::LightPaths;
-use crate::scene::GpuScene;
+use crate::scene::{Claims, GpuScene, Object};
 
 /// What a technique says of itself.
 #[derive(Debug, Clone, Copy)]
@@ -42,6 +42,16 @@ pub trait Technique: std::fmt::Debug {
     /// The light that it adds: [`Info::paths`], or what is left of them beside the techniques that it was made with.
     fn paths(&self) -> &'static [LightPaths] {
         self.info().paths
+    }
+
+    /// Which of the scene's objects it claims, one answer each: asked whenever settings or the scene change.
+    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
+        vec![Claims::NONE; objects.len()]
+    }
+
+    /// The names of objects, separated by commas, that its settings hold.
+    fn names(&self) -> &str {
+        ""
     }
 
     /// Settings and their present values, as JSON.

@@ -67,8 +67,12 @@ pub fn set<S: Serialize + DeserializeOwned>(
         value: text.to_owned(),
         reason,
     };
-    // A number, true or false as JSON has them; anything else is a word.
-    let value: serde_json::Value = serde_json::from_str(text).unwrap_or_else(|_| text.into());
+    let mut all = to_json(settings);
+    // A number, true or false as JSON has them; anything else is a word, and so is what takes the place of one.
+    let value: serde_json::Value = match serde_json::from_str(text) {
+        Ok(value) if !all[name].is_string() => value,
+        _ => text.into(),
+    };
     if let Some((low, high)) = field.range {
         let number = value
             .as_f64()
@@ -77,7 +81,6 @@ pub fn set<S: Serialize + DeserializeOwned>(
             return Err(fail(format!("the range is {low} to {high}")));
         }
     }
-    let mut all = to_json(settings);
     all[name] = value;
     *settings = serde_json::from_value(all).map_err(|error| fail(error.to_string()))?;
     Ok(())

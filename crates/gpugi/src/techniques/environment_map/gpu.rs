@@ -25,5 +25,5 @@ pub struct LookupSettings {
     pub irradiance: u32,
     pub phong_cosine: u32,
     pub last_level: f32,
-    pub padding: u32,
+    pub approximate_metals: u32,
 }

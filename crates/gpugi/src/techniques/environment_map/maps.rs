@@ -3,7 +3,7 @@
 use wgpu::BindingResource::{Sampler, TextureView};
 
 use super::gpu::{Lobe, LookupSettings};
-use super::{Irradiance, Settings};
+use super::{Irradiance, Metals, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -208,7 +208,7 @@ impl Maps {
                 },
                 phong_cosine: u32::from(settings.phong_cosine),
                 last_level: (glossy_levels - 1) as f32,
-                padding: 0,
+                approximate_metals: u32::from(settings.metals == Metals::Approximate),
             },
         )?;
         let group = gather.bind(

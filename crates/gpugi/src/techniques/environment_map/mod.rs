@@ -3,7 +3,8 @@
 //!
 //! Generate: the environment's image becomes a cube map with levels; from it an irradiance cube, nine spherical harmonics, and cubes
 //! whose levels hold its means over ever wider lobes. Gather: each lobe is its albedo times one lookup; ideal mirrors look at the image
-//! itself. Beside a technique that adds diffuse and glossy light of the environment, only ideal mirrors are left to this one.
+//! itself, and so does glass. Beside a technique that adds diffuse and glossy light of the environment, that is left to this one on the
+//! objects that it is given; on all others it adds what ideal mirrors show.
 //! docs/techniques/environment-map.md.
 
 pub(crate) mod gpu;
@@ -17,14 +18,14 @@ use super::{Field, Info, Map, SettingError, Technique, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::GpuScene;
+use crate::scene::{Claims, GpuScene, Object};
 use crate::shader;
 use maps::{Generator, Maps};
 
 /// What environment mapping says of itself.
 pub const INFO: Info = Info {
     name: "environment-map",
-    summary: "the environment without occlusion; beside image-based-lighting only in ideal mirrors",
+    summary: "the environment without occlusion; beside image-based-lighting in mirrors, glass and chosen objects",
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
     paths: &[LightPaths {
         class: LightClass::Environment,
@@ -48,6 +49,28 @@ pub enum Irradiance {
     Harmonics,
 }
 
+/// How metals with a complex refractive index reflect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Metals {
+    /// Exact reflectance of unpolarised light.
+    Exact,
+    /// The tutorial's equation 4.
+    Approximate,
+}
+
+/// Which transmissive objects refract the environment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Refraction {
+    /// None: cameras see through them, straight.
+    None,
+    /// Those whose surface bounds a solid.
+    Solids,
+    /// Thin walls, too: they show the environment and nothing else behind them.
+    All,
+}
+
 /// Settings of environment mapping.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -60,6 +83,13 @@ pub struct Settings {
     pub samples: u32,
     /// Whether Phong lobes keep the surface's cosine; without as the tutorial has it.
     pub phong_cosine: bool,
+    /// How metals with a complex refractive index reflect.
+    pub metals: Metals,
+    /// Which transmissive objects refract the environment, once.
+    pub refraction: Refraction,
+    /// Objects that get all lobes of its light from this technique: names separated by commas, `*` for any characters. `auto`: all, or none
+    /// beside image-based-lighting.
+    pub objects: String,
 }
 
 impl Default for Settings {
@@ -69,6 +99,9 @@ impl Default for Settings {
             irradiance: Irradiance::Cube,
             samples: 128,
             phong_cosine: true,
+            metals: Metals::Exact,
+            refraction: Refraction::Solids,
+            objects: AUTO.to_owned(),
         }
     }
 }
@@ -94,15 +127,36 @@ const FIELDS: &[Field] = &[
         summary: "true or false: whether Phong lobes keep the surface's cosine, which the tutorial drops",
         range: None,
     },
+    Field {
+        name: "metals",
+        summary: "exact or approximate: reflectance of metals with a complex index, approximate by the tutorial's equation 4",
+        range: None,
+    },
+    Field {
+        name: "refraction",
+        summary: "none, solids or all: transmissive objects that refract the environment; others are seen through",
+        range: None,
+    },
+    Field {
+        name: "objects",
+        summary: "objects that get all of the environment's light from here, names with commas between and * for any letters; auto: all, or none beside image-based-lighting",
+        range: None,
+    },
 ];
+
+/// The value of [`Settings::objects`] that leaves the choice to the other techniques.
+const AUTO: &str = "auto";
 
 /// Environment mapping.
 #[derive(Debug)]
 pub struct EnvironmentMap {
     settings: Settings,
     gather: Kernel,
-    /// None where only ideal mirrors are left to this technique.
-    generator: Option<Generator>,
+    generator: Generator,
+    /// Whether all of the environment's light is left to this technique.
+    is_whole: bool,
+    /// Whether any object needs more than the environment's image.
+    needs_maps: bool,
     made: Option<Made>,
     bound: Option<(wgpu::Buffer, wgpu::Buffer, [wgpu::BindGroup; 2])>,
 }
@@ -122,16 +176,13 @@ impl EnvironmentMap {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, covered: &[LightPaths]) -> Result<Self, GpuError> {
-        let is_whole = overlap(INFO.paths, covered).is_none();
-        let shader = if is_whole {
-            shader!("techniques.environment_map.gather")
-        } else {
-            shader!("techniques.environment_map.mirrors")
-        };
+        let shader = shader!("techniques.environment_map.gather");
         Ok(Self {
             settings: Settings::default(),
             gather: Kernel::new(gpu, &shader, "main", Some(&scene.layout))?,
-            generator: is_whole.then(|| Generator::new(gpu, scene)).transpose()?,
+            generator: Generator::new(gpu, scene)?,
+            is_whole: overlap(INFO.paths, covered).is_none(),
+            needs_maps: true,
             made: None,
             bound: None,
         })
@@ -150,9 +201,45 @@ impl Technique for EnvironmentMap {
     }
 
     fn paths(&self) -> &'static [LightPaths] {
-        match self.generator {
-            Some(_) => INFO.paths,
-            None => MIRRORS,
+        if self.is_whole { INFO.paths } else { MIRRORS }
+    }
+
+    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
+        let settings = &self.settings;
+        let claims = objects.iter().map(|object| {
+            let refracts = match settings.refraction {
+                Refraction::None => false,
+                Refraction::Solids => object.is_solid,
+                Refraction::All => true,
+            };
+            let is_mine = match settings.objects.as_str() {
+                AUTO => self.is_whole,
+                list => object.is_named_by(list),
+            };
+            let mine = if is_mine {
+                Claims::ENVIRONMENT
+            } else {
+                Claims::NONE
+            };
+            let transmission = if object.is_transmissive && refracts {
+                Claims::TRANSMISSION
+            } else {
+                Claims::NONE
+            };
+            mine | transmission
+        });
+        let claims: Vec<Claims> = claims.collect();
+        self.needs_maps = objects.iter().zip(&claims).any(|(object, claims)| {
+            claims.contains(Claims::ENVIRONMENT)
+                || claims.contains(Claims::TRANSMISSION) && !object.is_smooth
+        });
+        claims
+    }
+
+    fn names(&self) -> &str {
+        match self.settings.objects.as_str() {
+            AUTO => "",
+            list => list,
         }
     }
 
@@ -184,23 +271,20 @@ impl Technique for EnvironmentMap {
         scene: &GpuScene,
         _: &View,
     ) -> Result<(), GpuError> {
-        let Some(generator) = &self.generator else {
-            return Ok(());
-        };
         if scene.environment.is_none() {
             return Ok(());
         }
         let made = match self.made.take() {
             Some(made) if made.settings == self.settings => made,
             _ => Made {
-                maps: Maps::new(frame.gpu, generator, &self.gather, &self.settings)?,
+                maps: Maps::new(frame.gpu, &self.generator, &self.gather, &self.settings)?,
                 settings: self.settings.clone(),
                 version: None,
             },
         };
         let made = self.made.insert(made);
         // Rotation and intensity are applied at lookup.
-        if made.version != Some(scene.versions.environment) {
+        if self.needs_maps && made.version != Some(scene.versions.environment) {
             made.maps.record(frame, scene);
             made.version = Some(scene.versions.environment);
         }

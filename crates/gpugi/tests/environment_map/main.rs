@@ -1,6 +1,8 @@
 //! environment-map on a sphere, which hides nothing of the environment from itself, against the path tracer.
 
+#[path = "../common/mod.rs"]
 mod common;
+mod glass;
 
 use std::f32::consts::FRAC_PI_2;
 use std::ops::ControlFlow;
@@ -95,7 +97,10 @@ fn alone(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> Renderer {
 
 /// rel-mse against the path tracer.
 fn error(gpu: &Gpu, material: Material, settings: &[(&str, &str)]) -> f64 {
-    let scene = ball(material, sky());
+    error_in(gpu, &ball(material, sky()), &camera(), settings)
+}
+
+fn error_in(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str)]) -> f64 {
     let options = Options {
         samples: 4,
         reference: Quality {
@@ -104,8 +109,8 @@ fn error(gpu: &Gpu, material: Material, settings: &[(&str, &str)]) -> f64 {
         },
         ..Options::default()
     };
-    let mut renderer = alone(gpu, &scene, settings);
-    let found = measure(gpu, &scene, &camera(), &mut renderer, &options, &mut |_| {
+    let mut renderer = alone(gpu, scene, settings);
+    let found = measure(gpu, scene, camera, &mut renderer, &options, &mut |_| {
         ControlFlow::Continue(())
     });
     found
@@ -136,6 +141,18 @@ fn spheres_are_near_the_truth_over_roughness() {
         let error = error(&gpu, material, settings);
         println!("{name}: rel-mse {error:.1e}, at most {bound:.1e}");
         assert!(error < bound, "{name}: {error}");
+    }
+    let gold = |roughness| Material {
+        model: MaterialModel::Conductor {
+            n: vec3(0.18, 0.42, 1.37),
+            k: vec3(3.42, 2.35, 1.77),
+        },
+        ..metal(roughness)
+    };
+    for (metals, bound) in [("exact", 0.012), ("approximate", 0.02)] {
+        let error = error(&gpu, gold(0.0), &[("metals", metals)]);
+        println!("gold, {metals}: rel-mse {error:.1e}, at most {bound:.1e}");
+        assert!(error < bound, "gold, {metals}: {error}");
     }
     // What the tutorial's maps lose.
     let without = error(&gpu, phong(40.0), &[("phong-cosine", "false")]);

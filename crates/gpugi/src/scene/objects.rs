@@ -1,0 +1,130 @@
+//! Objects: which of an instance's light is one technique's own affair.
+//!
+//! Techniques that light some objects and not others claim them. A claim is a bit in the instance's row, so that every gather can tell
+//! whose affair a surface point is.
+
+use std::ops::BitOr;
+
+use gpugi_scene::{AlphaMode, Instance, Scene};
+
+use super::DrawClass;
+
+/// What techniques may want to know of an instance before they claim it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Object {
+    /// The instance's name.
+    pub name: String,
+    /// Light passes through its surface.
+    pub is_transmissive: bool,
+    /// Its surface bounds a solid (KHR_materials_volume); else it is a thin wall.
+    pub is_solid: bool,
+    /// Its surface reflects and refracts ideally, as far as the material's factors say.
+    pub is_smooth: bool,
+}
+
+impl Object {
+    pub(super) fn new(scene: &Scene, instance: &Instance) -> Self {
+        let material = &scene.materials[instance.material];
+        Self {
+            name: instance.name.clone(),
+            is_transmissive: material.transmission > 0.0,
+            is_solid: material.volume.is_some(),
+            is_smooth: material.roughness < DELTA_ROUGHNESS,
+        }
+    }
+
+    /// Whether `list` names it: names separated by commas, in which `*` stands for any characters.
+    pub fn is_named_by(&self, list: &str) -> bool {
+        list.split(',')
+            .any(|pattern| matches(pattern.trim(), &self.name))
+    }
+}
+
+/// `DELTA_ROUGHNESS` of shared/brdf.wesl.
+const DELTA_ROUGHNESS: f32 = 0.01;
+
+/// Whether `pattern`, in which `*` stands for any characters, describes all of `name`.
+fn matches(pattern: &str, name: &str) -> bool {
+    let Some((start, rest)) = pattern.split_once('*') else {
+        return pattern == name;
+    };
+    let Some(mut name) = name.strip_prefix(start) else {
+        return false;
+    };
+    let mut parts: Vec<&str> = rest.split('*').collect();
+    let end = parts.pop().unwrap_or("");
+    for part in parts {
+        // The first place is as good as any: what follows may begin anywhere.
+        match name.find(part) {
+            Some(at) => name = &name[at + part.len()..],
+            None => return false,
+        }
+    }
+    name.ends_with(end)
+}
+
+/// Claims on an object: the `CLAIM_` bits of scene/tables.wesl.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Claims(pub(super) u32);
+
+impl Claims {
+    /// None.
+    pub const NONE: Self = Self(0);
+    /// environment-map adds all of the environment's light on it, without occlusion, and nobody else any.
+    pub const ENVIRONMENT: Self = Self(1);
+    /// Somebody adds what passes through its surface: cameras see it whole, from both sides.
+    pub const TRANSMISSION: Self = Self(2);
+
+    /// Whether all of `other` is in this.
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for Claims {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// How cameras see an instance that shadow maps draw as `class`.
+pub(super) fn seen_class(
+    class: DrawClass,
+    alpha_mode: AlphaMode,
+    transmissive: bool,
+    claims: Claims,
+) -> DrawClass {
+    if !(transmissive && claims.contains(Claims::TRANSMISSION)) {
+        class
+    } else if alpha_mode == AlphaMode::Opaque {
+        DrawClass::DoubleSided
+    } else {
+        DrawClass::AlphaDoubleSided
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::matches;
+
+    #[test]
+    fn a_star_stands_for_any_characters() {
+        for (pattern, name, expected) in [
+            ("ball", "ball", true),
+            ("ball", "balls", false),
+            ("ball*", "balls", true),
+            ("*all", "ball", true),
+            ("b*l", "ball", true),
+            ("b*l*", "ball of glass", true),
+            ("b*x", "ball", false),
+            ("*a*a*", "ball", false),
+            ("*", "", true),
+            ("", "ball", false),
+            ("ball*ball", "ball", false),
+        ] {
+            assert_eq!(matches(pattern, name), expected, "{pattern} against {name}");
+        }
+    }
+}
