@@ -4,6 +4,7 @@ pub mod shapes;
 
 mod chamber;
 mod cornell;
+mod ornaments;
 mod room;
 mod shapes_scene;
 mod spheres;
@@ -43,6 +44,11 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "spheres",
         summary: "metal and dielectric spheres from matt to mirror under sky and sun",
         build: spheres::build,
+    },
+    BuiltinScene {
+        name: "ornaments",
+        summary: "rings and balls of gold, glass, matt and glossy stuff on a square of a town",
+        build: ornaments::build,
     },
     BuiltinScene {
         name: "chamber",
