@@ -1,10 +1,127 @@
 //! KTX2 with uncompressed texels.
 
+use std::io::{self, Write};
+use std::path::Path;
+
 use half::f16;
-use ktx2::{Format, Reader};
+use ktx2::dfd::{Basic, Block};
+use ktx2::{Format, Header, Index, LevelIndex, Reader};
+
+use super::replace_file;
 
 use super::decode::{check_size, linear_from_srgb};
 use crate::{Image, ImportError, Limits, Pixels};
+
+/// A texture of half floats, RGBA: of two dimensions, or a cube map.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HalfTexture {
+    /// Width and height of the finest level (texels).
+    pub size: [u32; 2],
+    /// 1, or 6 for a cube map: +X, -X, +Y, -Y, +Z, -Z in KTX2's left-handed axes.
+    pub faces: u32,
+    /// From the finest level on, each with half the width and height of the one before: face by face, row by row from the top.
+    pub levels: Vec<Vec<[f16; 4]>>,
+}
+
+/// Writes a texture as KTX2, VK_FORMAT_R16G16B16A16_SFLOAT, linear Rec. 709, without supercompression.
+pub fn save_ktx2(path: &Path, texture: &HalfTexture) -> io::Result<()> {
+    replace_file(path, |file| write_ktx2(file, texture))
+}
+
+fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
+    check_levels(texture)?;
+    let (basic, type_size) =
+        Basic::from_format(Format::R16G16B16A16_SFLOAT).map_err(io::Error::other)?;
+    let block = Block::Basic(basic).to_vec();
+    let descriptor = [&(block.len() as u32 + 4).to_le_bytes()[..], &block].concat();
+    // In the order of the keys, each padded to whole words.
+    let mut values = Vec::new();
+    let writer = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
+    for (key, value) in [("KTXorientation", "rd"), ("KTXwriter", writer)] {
+        let pair = format!("{key}\0{value}\0");
+        values.extend((pair.len() as u32).to_le_bytes());
+        values.extend(pair.as_bytes());
+        values.resize(values.len().next_multiple_of(4), 0);
+    }
+    let descriptor_at = Header::LENGTH + texture.levels.len() * LevelIndex::LENGTH;
+    let values_at = descriptor_at + descriptor.len();
+    let values_end = values_at + values.len();
+    let header = Header {
+        format: Some(Format::R16G16B16A16_SFLOAT),
+        type_size,
+        pixel_width: texture.size[0],
+        pixel_height: texture.size[1],
+        pixel_depth: 0,
+        layer_count: 0,
+        face_count: texture.faces,
+        level_count: texture.levels.len() as u32,
+        supercompression_scheme: None,
+        index: Index {
+            dfd_byte_offset: descriptor_at as u32,
+            dfd_byte_length: descriptor.len() as u32,
+            kvd_byte_offset: values_at as u32,
+            kvd_byte_length: values.len() as u32,
+            sgd_byte_offset: 0,
+            sgd_byte_length: 0,
+        },
+    };
+    // The coarsest level comes first in the file, and each at a multiple of a texel's eight bytes.
+    let mut at = values_end.next_multiple_of(8) as u64;
+    let mut index = Vec::new();
+    for level in texture.levels.iter().rev() {
+        let byte_length = (level.len() * 8) as u64;
+        let entry = LevelIndex {
+            byte_offset: at,
+            byte_length,
+            uncompressed_byte_length: byte_length,
+        };
+        index.push(entry.as_bytes());
+        at += byte_length;
+    }
+    index.reverse();
+    file.write_all(&header.as_bytes())?;
+    file.write_all(index.as_flattened())?;
+    file.write_all(&descriptor)?;
+    file.write_all(&values)?;
+    file.write_all(&[0; 8][..values_end.next_multiple_of(8) - values_end])?;
+    for texel in texture.levels.iter().rev().flatten() {
+        file.write_all(texel.map(f16::to_le_bytes).as_flattened())?;
+    }
+    Ok(())
+}
+
+/// Refuses levels that are not of the size that the header will say.
+fn check_levels(texture: &HalfTexture) -> io::Result<()> {
+    let [width, height] = texture.size;
+    let refuse = |reason: String| Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
+    let most = width
+        .max(height)
+        .checked_ilog2()
+        .map_or(0, |level| level + 1);
+    let is_cube = texture.faces == 6 && width == height;
+    if texture.levels.is_empty()
+        || texture.levels.len() > most as usize
+        || height == 0
+        || !(texture.faces == 1 || is_cube)
+    {
+        return refuse(format!(
+            "{} levels of {width} x {height} texels and {} faces are no texture",
+            texture.levels.len(),
+            texture.faces
+        ));
+    }
+    for (level, texels) in texture.levels.iter().enumerate() {
+        let side = |side: u32| u64::from((side >> level).max(1));
+        let wanted = side(width) * side(height) * u64::from(texture.faces);
+        if texels.len() as u64 != wanted {
+            return refuse(format!(
+                "level {level} has {} texels where {wanted} are needed",
+                texels.len()
+            ));
+        }
+    }
+    Ok(())
+}
 
 /// How one channel is stored.
 #[derive(Clone, Copy, PartialEq)]
@@ -30,15 +147,15 @@ pub(super) fn decode_color(
     bytes: &[u8],
     limits: &Limits,
 ) -> Result<Image, ImportError> {
-    decode(name, bytes, limits, 4, |header, texels| {
-        if !matches!(header.channel, Channel::Byte { .. }) {
+    decode(name, bytes, limits, 4, |layout, texels| {
+        if !matches!(layout.channel, Channel::Byte { .. }) {
             return Err(ImportError::new(
                 name,
                 "header",
                 "this file holds floats; a material texture needs 8 bits a channel",
             ));
         }
-        let texels = texels.chunks_exact(header.channels);
+        let texels = texels.chunks_exact(layout.channels);
         Ok(Pixels::Rgba8(
             texels.flat_map(|texel| four(texel, 255)).collect(),
         ))
@@ -51,21 +168,21 @@ pub(super) fn decode_radiance(
     bytes: &[u8],
     limits: &Limits,
 ) -> Result<Image, ImportError> {
-    decode(name, bytes, limits, 16, |header, texels| {
-        let value = |bytes: &[u8]| match header.channel {
+    decode(name, bytes, limits, 16, |layout, texels| {
+        let value = |bytes: &[u8]| match layout.channel {
             Channel::Byte { srgb: true } => linear_from_srgb(f32::from(bytes[0]) / 255.0),
             Channel::Byte { srgb: false } => f32::from(bytes[0]) / 255.0,
             Channel::Half => f16::from_le_bytes([bytes[0], bytes[1]]).to_f32(),
             Channel::Float => f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]),
         };
-        let size = header.channel.size();
-        let texels = texels.chunks_exact(header.channels * size);
+        let size = layout.channel.size();
+        let texels = texels.chunks_exact(layout.channels * size);
         let pixels = texels.flat_map(|texel| {
             let mut values = [0.0; 4];
             for (value_out, bytes) in values.iter_mut().zip(texel.chunks_exact(size)) {
                 *value_out = value(bytes);
             }
-            let [red, green, blue, _] = four(&values[..header.channels], 1.0);
+            let [red, green, blue, _] = four(&values[..layout.channels], 1.0);
             [red, green, blue, 1.0]
         });
         Ok(Pixels::Rgba32Float(pixels.collect()))
@@ -84,7 +201,7 @@ fn four<T: Copy + Default>(channels: &[T], one: T) -> [T; 4] {
 }
 
 /// What of the header matters here.
-struct Header {
+struct Layout {
     size: (u32, u32),
     channels: usize,
     channel: Channel,
@@ -96,7 +213,7 @@ fn decode(
     bytes: &[u8],
     limits: &Limits,
     texel: u64,
-    convert: impl Fn(&Header, &[u8]) -> Result<Pixels, ImportError>,
+    convert: impl Fn(&Layout, &[u8]) -> Result<Pixels, ImportError>,
 ) -> Result<Image, ImportError> {
     let error = |reason: String| ImportError::new(name, "header", reason);
     let reader = Reader::new(bytes).map_err(|reason| error(reason.to_string()))?;
@@ -140,15 +257,15 @@ fn decode(
             ));
         }
     };
-    let header = Header {
+    let layout = Layout {
         size: (stored.pixel_width, stored.pixel_height.max(1)),
         channels,
         channel,
     };
-    check_size(name, header.size, texel, limits)?;
-    let wanted = u64::from(header.size.0)
-        * u64::from(header.size.1)
-        * (header.channels * header.channel.size()) as u64;
+    check_size(name, layout.size, texel, limits)?;
+    let wanted = u64::from(layout.size.0)
+        * u64::from(layout.size.1)
+        * (layout.channels * layout.channel.size()) as u64;
     let texels = reader
         .levels()
         .next()
@@ -161,11 +278,11 @@ fn decode(
             format!("{} bytes of texels where {wanted} are needed", texels.len()),
         ));
     }
-    let pixels = convert(&header, &texels[..wanted as usize])?;
+    let pixels = convert(&layout, &texels[..wanted as usize])?;
     Ok(Image {
         name: name.to_owned(),
-        width: header.size.0,
-        height: header.size.1,
+        width: layout.size.0,
+        height: layout.size.1,
         pixels,
     })
 }

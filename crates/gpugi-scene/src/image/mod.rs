@@ -7,6 +7,7 @@ pub mod metrics;
 
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub use encode::{replace_file, save_exr, save_hdr, save_png};
+pub use ktx2::{HalfTexture, save_ktx2};
 
 /// Texels, row by row from the top, four channels each.
 #[derive(Debug, Clone, PartialEq)]
