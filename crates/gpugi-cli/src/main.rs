@@ -1,5 +1,6 @@
 //! The `gpugi` command: parse, call the library, print.
 
+mod bake;
 mod bench;
 mod bench_path_tracer;
 mod bench_rays;
@@ -58,6 +59,8 @@ pub struct Common {
 enum Command {
     /// Render a scene to a picture
     Render(render::Arguments),
+    /// Write an environment's maps as files that other programs read
+    Bake(bake::Arguments),
     /// Say how far a picture is from its reference
     Compare(compare::Arguments),
     /// Say how far techniques are from the path tracer on the same light paths, and what they cost
@@ -98,6 +101,7 @@ fn main() -> std::process::ExitCode {
     let common = &arguments.common;
     let result = match &arguments.command {
         Command::Render(render) => render::run(common, render),
+        Command::Bake(bake) => bake::run(common, bake),
         Command::Compare(compare) => compare::run(common, compare),
         Command::Measure(measure) => measure::run(common, measure),
         Command::Info(scene) => scene_argument::info(scene),

@@ -116,7 +116,7 @@ pub fn usage(error: RenderError) -> anyhow::Error {
 }
 
 /// Splits `--set` options into technique, key and value.
-fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
+pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
     settings
         .iter()
         .map(|setting| {

@@ -258,16 +258,25 @@ impl Maps {
     }
 }
 
+/// The roughness that a level of the glossy maps stands for: glossy_level.wesl.
+pub fn level_roughness(level: u32, levels: u32) -> f32 {
+    level as f32 / (levels - 1) as f32
+}
+
+/// The exponent of the Phong lobe about as wide: glossy_level.wesl.
+pub fn phong_exponent(roughness: f32) -> f32 {
+    2.0 / roughness.powi(4) - 2.0
+}
+
 /// The lobe that a level of the glossy maps holds.
 fn lobe(kind: u32, level: u32, levels: u32, settings: &Settings) -> Lobe {
-    let roughness = level as f32 / (levels - 1) as f32;
-    let alpha = roughness * roughness;
+    let roughness = level_roughness(level, levels);
     Lobe {
         kind: if level > 0 { kind } else { Lobe::MIRROR },
         width: match kind {
-            Lobe::GGX => alpha,
-            // glossy_level.wesl; the cosine of the surface, which faces the lobe, is one more.
-            _ => 2.0 / (alpha * alpha) - 2.0 + f32::from(u8::from(settings.phong_cosine)),
+            Lobe::GGX => roughness * roughness,
+            // The cosine of the surface, which faces the lobe, is one more.
+            _ => phong_exponent(roughness) + f32::from(u8::from(settings.phong_cosine)),
         },
         // Wider lobes need more, and a coarser level has a quarter of the texels.
         samples: settings.samples << level.saturating_sub(1),

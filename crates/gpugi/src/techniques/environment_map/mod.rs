@@ -7,6 +7,9 @@
 //! objects that it is given; on all others it adds what ideal mirrors show.
 //! docs/techniques/environment-map.md.
 
+pub mod export;
+#[cfg(test)]
+mod export_tests;
 pub(crate) mod gpu;
 mod maps;
 #[cfg(test)]
@@ -103,6 +106,26 @@ impl Default for Settings {
             refraction: Refraction::Solids,
             objects: AUTO.to_owned(),
         }
+    }
+}
+
+impl Settings {
+    /// Sets the field `name` from text.
+    ///
+    /// # Errors
+    /// [`SettingError`].
+    pub fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
+        let mut changed = self.clone();
+        settings::set(&mut changed, FIELDS, name, value)?;
+        if !changed.resolution.is_power_of_two() {
+            return Err(SettingError::Value {
+                name: name.to_owned(),
+                value: value.to_owned(),
+                reason: "a power of two is needed".into(),
+            });
+        }
+        *self = changed;
+        Ok(())
     }
 }
 
@@ -252,17 +275,7 @@ impl Technique for EnvironmentMap {
     }
 
     fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let mut changed = self.settings.clone();
-        settings::set(&mut changed, FIELDS, name, value)?;
-        if !changed.resolution.is_power_of_two() {
-            return Err(SettingError::Value {
-                name: name.to_owned(),
-                value: value.to_owned(),
-                reason: "a power of two is needed".into(),
-            });
-        }
-        self.settings = changed;
-        Ok(())
+        self.settings.set(name, value)
     }
 
     fn generate(

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec2};
 use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
-use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE};
+use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
 use super::{EnvironmentMap, Technique};
 use crate::capture::View;
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
@@ -35,7 +35,7 @@ fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32)
 }
 
 /// A bright texel above a dim, uneven sky.
-fn sunny(x: usize, y: usize) -> Environment {
+pub(super) fn sunny(x: usize, y: usize) -> Environment {
     environment(32, 16, |u, v| {
         if (u, v) == (x, y) {
             400.0
@@ -50,7 +50,11 @@ fn constant() -> Environment {
 }
 
 /// The technique after `generate`.
-fn generated(gpu: &Gpu, environment: &Environment, settings: &[(&str, &str)]) -> EnvironmentMap {
+pub(super) fn generated(
+    gpu: &Gpu,
+    environment: &Environment,
+    settings: &[(&str, &str)],
+) -> EnvironmentMap {
     let mut scene = Scene::new("environment");
     scene.environment = Some(environment.clone());
     let scene = GpuScene::new(gpu, &scene).unwrap();
@@ -67,14 +71,14 @@ fn generated(gpu: &Gpu, environment: &Environment, settings: &[(&str, &str)]) ->
 }
 
 /// A level of a cube map, or of a texture of one layer.
-struct Level {
+pub(super) struct Level {
     side: usize,
     /// Layer by layer, row by row.
-    texels: Vec<DVec3>,
+    pub texels: Vec<DVec3>,
 }
 
 impl Level {
-    fn read(gpu: &Gpu, technique: &EnvironmentMap, map: &str, level: u32) -> Self {
+    pub fn read(gpu: &Gpu, technique: &EnvironmentMap, map: &str, level: u32) -> Self {
         let name = format!("environment-map.{map}");
         let maps = technique.maps();
         let texture = &maps.iter().find(|map| map.name == name).unwrap().texture;
@@ -95,7 +99,7 @@ impl Level {
     }
 
     /// Every texel's direction, solid angle and value.
-    fn of_cube(&self) -> impl Iterator<Item = (DVec3, f64, DVec3)> + '_ {
+    pub fn of_cube(&self) -> impl Iterator<Item = (DVec3, f64, DVec3)> + '_ {
         self.texels.iter().enumerate().map(|(index, &value)| {
             let n = self.side;
             let edge = |texel: usize| 2.0 * texel as f64 / n as f64 - 1.0;
@@ -119,7 +123,7 @@ impl Level {
 }
 
 /// The point of a cube of half side 1: WebGPU's table of cube faces.
-fn on_face(face: usize, u: f64, v: f64) -> DVec3 {
+pub(super) fn on_face(face: usize, u: f64, v: f64) -> DVec3 {
     [
         DVec3::new(1.0, -v, -u),
         DVec3::new(-1.0, -v, u),
@@ -131,7 +135,7 @@ fn on_face(face: usize, u: f64, v: f64) -> DVec3 {
 }
 
 /// An environment as the GPU holds it, and as points with their solid angle.
-struct Exact {
+pub(super) struct Exact {
     width: usize,
     height: usize,
     texels: Vec<DVec3>,
@@ -139,7 +143,7 @@ struct Exact {
 }
 
 impl Exact {
-    fn new(environment: &Environment) -> Self {
+    pub fn new(environment: &Environment) -> Self {
         let (width, height) = (
             environment.image.width as usize,
             environment.image.height as usize,
@@ -192,7 +196,7 @@ impl Exact {
     }
 
     /// The integral over the sphere of radiance times `weight`.
-    fn integral(&self, weight: impl Fn(DVec3) -> f64) -> DVec3 {
+    pub fn integral(&self, weight: impl Fn(DVec3) -> f64) -> DVec3 {
         self.points
             .iter()
             .map(|(direction, solid_angle, value)| weight(*direction) * solid_angle * value)
@@ -314,7 +318,7 @@ fn irradiance_is_the_sum_over_the_hemisphere() {
 }
 
 /// Legendre polynomials and trigonometry, +Z up: real spherical harmonic i = l (l + 1) + m.
-fn harmonic(i: usize, d: DVec3) -> f64 {
+pub(super) fn harmonic(i: usize, d: DVec3) -> f64 {
     let (l, m) = [
         (0, 0),
         (1, -1),
@@ -361,7 +365,7 @@ fn glossy_maps_are_means_over_their_lobes() {
             let (mut random, mean) = (Random(7), exact.integral(|_| 1.0).x / (4.0 * PI));
             // Levels of 64, 32, 16 and 8 texels a side.
             for level in 1..4_u32 {
-                let alpha = (f64::from(level) / 3.0).powi(2);
+                let alpha = f64::from(level_roughness(level, 4)).powi(2);
                 for map in ["ggx", "phong"] {
                     let found = Level::read(&gpu, &technique, map, level);
                     let texels: Vec<_> = found.of_cube().collect();

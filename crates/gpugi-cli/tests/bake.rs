@@ -1,0 +1,201 @@
+//! `gpugi bake`: an environment's maps as files.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use common::{folder, gpugi, skip_gpu};
+
+const FILES: [&str; 6] = [
+    "radiance.ktx2",
+    "irradiance.ktx2",
+    "ggx.ktx2",
+    "phong.ktx2",
+    "albedo.ktx2",
+    "irradiance-sh.json",
+];
+
+/// A sky of 8 x 4 texels with one of its own.
+fn sky(folder: &Path, name: &str, texel: f32) -> String {
+    let mut texels = vec![0.5; 8 * 4 * 3];
+    texels[3 * 12] = texel;
+    let path = folder.join(name);
+    gpugi_scene::image::save_exr(&path, 8, 4, &texels).expect("a sky");
+    path.display().to_string()
+}
+
+fn bake(sky: &str, output: &Path, options: &[&str]) -> Output {
+    let output = output.display().to_string();
+    let first = ["bake", sky, "-o", &output];
+    gpugi(&[&first[..], &["--set", "environment-map.samples=4"], options].concat())
+}
+
+const TECHNIQUE: [&str; 2] = ["--technique", "environment-map"];
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    let mut names: Vec<String> = entries
+        .map(|entry| {
+            entry
+                .expect("an entry")
+                .file_name()
+                .into_string()
+                .expect("a name")
+        })
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn writes_the_maps_of_an_environment() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake");
+    let sky = sky(&folder, "sky.exr", 30.0);
+    let output: PathBuf = folder.join("new").join("maps");
+    let options = [&TECHNIQUE[..], &["--set", "environment-map.resolution=16"]].concat();
+    let done = bake(&sky, &output, &options);
+    let message = String::from_utf8_lossy(&done.stderr).into_owned();
+    assert!(done.status.success(), "{message}");
+    let said = String::from_utf8_lossy(&done.stdout).into_owned();
+    let mut expected = FILES;
+    expected.sort();
+    assert_eq!(names(&output), expected, "and no temporary file");
+    assert!(FILES.iter().all(|name| said.contains(name)), "{said}");
+    // Width, faces, levels: words 5, 9 and 10 of the header. Half floats, RGBA: VK_FORMAT 97.
+    for (name, side, faces, levels) in [
+        ("radiance.ktx2", 16, 6, 5),
+        ("irradiance.ktx2", 32, 6, 1),
+        ("ggx.ktx2", 16, 6, 2),
+        ("phong.ktx2", 16, 6, 2),
+        ("albedo.ktx2", 64, 1, 1),
+    ] {
+        let bytes = std::fs::read(output.join(name)).expect("a file");
+        let word = |i: usize| u32::from_le_bytes(bytes[4 * i..][..4].try_into().expect("a word"));
+        assert_eq!(&bytes[..7], b"\xABKTX 20", "{name}");
+        let found = [3, 5, 9, 10].map(word);
+        assert_eq!(found, [97, side, faces, levels], "{name}");
+    }
+    let text = std::fs::read_to_string(output.join("irradiance-sh.json")).expect("the text");
+    let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    // The mean of the sky is 0.5 but for the one bright texel, which is red.
+    let first = &json["radiance_coefficients"][0];
+    let mean =
+        |i: usize| first[i].as_f64().expect("a number") / 4.0 / std::f64::consts::PI / 0.28209479;
+    assert!(mean(0) > 0.6 && (mean(1) - 0.5).abs() < 1e-3, "{first}");
+
+    // Again into the same folder, without a word.
+    let quiet = bake(&sky, &output, &[&options[..], &["--quiet"]].concat());
+    assert!(quiet.status.success() && quiet.stdout.is_empty() && quiet.stderr.is_empty());
+}
+
+#[test]
+fn wrong_arguments_exit_with_2() {
+    let folder = folder("bake-arguments");
+    let sky = sky(&folder, "sky.exr", 1.0);
+    let output = folder.join("maps");
+    for (options, part) in [
+        (&[][..], "--technique"),
+        (&["--technique", "shadow-map"], "environment-map"),
+        (&["--technique", "magic"], "environment-map"),
+        (
+            &[
+                TECHNIQUE[0],
+                TECHNIQUE[1],
+                "--set",
+                "environment-map.resolution=100",
+            ],
+            "power of two",
+        ),
+        (
+            &[
+                TECHNIQUE[0],
+                TECHNIQUE[1],
+                "--set",
+                "environment-map.magic=1",
+            ],
+            "resolution",
+        ),
+        (
+            &[TECHNIQUE[0], TECHNIQUE[1], "--set", "shadow-map.taps=1"],
+            "not in use",
+        ),
+        (
+            &[TECHNIQUE[0], TECHNIQUE[1], "--set", "resolution=64"],
+            "technique.key=value",
+        ),
+    ] {
+        let refused = bake(&sky, &output, options);
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{options:?}: {message}");
+        assert!(message.contains(part), "{options:?}: {message}");
+        assert!(!output.exists(), "{options:?}");
+    }
+}
+
+#[test]
+fn files_that_are_no_environment_exit_with_1_and_change_nothing() {
+    let folder = folder("bake-files");
+    let output = folder.join("maps");
+    std::fs::create_dir(&output).expect("a folder");
+    std::fs::write(output.join("ggx.ktx2"), b"precious").expect("a file");
+    let text = folder.join("text.exr");
+    std::fs::write(&text, b"nothing of the kind").expect("a file");
+    let cases = [
+        (
+            folder.join("gone.exr").display().to_string(),
+            ["gone.exr", "open"],
+        ),
+        (text.display().to_string(), ["text.exr", "no image"]),
+        (folder.display().to_string(), ["bake-files", "not a file"]),
+        (
+            sky(&folder, "nan.exr", f32::NAN),
+            ["nan.exr", "texel (4, 1)"],
+        ),
+        (
+            sky(&folder, "infinite.exr", f32::INFINITY),
+            ["infinite.exr", "texel (4, 1)"],
+        ),
+    ];
+    for (file, parts) in cases {
+        let refused = bake(&file, &output, &TECHNIQUE);
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{message}");
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+        assert_eq!(names(&output), ["ggx.ktx2"]);
+        assert_eq!(
+            std::fs::read(output.join("ggx.ktx2")).ok(),
+            Some(b"precious".to_vec())
+        );
+    }
+    // A file where the folder is to be.
+    let sky = sky(&folder, "sky.exr", 1.0);
+    let refused = bake(&sky, &text, &TECHNIQUE);
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1), "{message}");
+    assert!(message.contains("text.exr: cannot be made"), "{message}");
+}
+
+#[test]
+fn a_file_that_cannot_be_replaced_is_named() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-blocked");
+    let sky = sky(&folder, "sky.exr", 1.0);
+    let output = folder.join("maps");
+    // A folder that is not empty cannot be replaced by a file.
+    std::fs::create_dir_all(output.join("ggx.ktx2").join("inside")).expect("folders");
+    let refused = bake(&sky, &output, &TECHNIQUE);
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1), "{message}");
+    assert!(
+        message.contains("cannot be written") && message.contains("ggx.ktx2"),
+        "{message}"
+    );
+    assert!(output.join("ggx.ktx2").join("inside").is_dir());
+    assert!(names(&output).iter().all(|name| !name.contains("tmp")));
+}

@@ -1,0 +1,164 @@
+//! The environment's maps for other programs: cube maps in KTX2's axes, and what their numbers mean. docs/techniques/environment-map.md,
+//! "Export".
+
+use gpugi_scene::image::HalfTexture;
+use gpugi_scene::{Environment, Image, Scene};
+use half::f16;
+use serde::Serialize;
+
+use super::Settings;
+use super::maps::{Generator, Maps, level_roughness, phong_exponent};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, TextureAspect, read_buffer, read_texture};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// One environment's maps, without rotation and intensity.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Baked {
+    /// Radiance, a cube map with all levels [W/sr/m^2].
+    pub radiance: HalfTexture,
+    /// Irradiance over the normal, a cube map of one level [W/m^2].
+    pub irradiance: HalfTexture,
+    /// Mean radiance over GGX lobes, a cube map; [`Description::glossy_levels`] says which lobe a level holds [W/sr/m^2].
+    pub ggx: HalfTexture,
+    /// Mean radiance over Phong lobes, likewise [W/sr/m^2].
+    pub phong: HalfTexture,
+    /// Over n.v (across) and roughness (down), 0 and 1 in the middle of the outer texels: the factors A and B of f0 and f90 that make up
+    /// GGX's albedo, and a white Phong lobe's albedo.
+    pub albedo: HalfTexture,
+    /// What stands beside them.
+    pub description: Description,
+}
+
+/// What a program needs to know to use the maps, as it stands in irradiance-sh.json.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Description {
+    /// Axes of the coefficients, and how directions of the cube maps follow.
+    pub axes: &'static str,
+    /// The functions Y_i, of the unit direction (x, y, z).
+    pub basis: [&'static str; 9],
+    /// L_i = integral of L Y_i over the sphere: red, green and blue [W/m^2].
+    pub radiance_coefficients: [[f32; 3]; 9],
+    /// What the clamped cosine multiplies coefficient i by.
+    pub cosine_factors: [f32; 9],
+    /// How irradiance follows.
+    pub irradiance: &'static str,
+    /// Whether the Phong maps hold means over cos^(n + 1), the surface's cosine included, or over cos^n.
+    pub phong_cosine: bool,
+    /// The glossy maps' levels, from the finest on.
+    pub glossy_levels: Vec<GlossyLevel>,
+}
+
+/// What a level of the glossy maps holds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GlossyLevel {
+    /// Width and height of a face (texels).
+    pub side: u32,
+    /// Roughness of the GGX lobe; alpha is its square.
+    pub roughness: f32,
+    /// Exponent n of the Phong lobe; none for an ideal mirror.
+    pub phong_exponent: Option<f32>,
+}
+
+const AXES: &str = "Right-handed, +Y up; the centre of the equirectangular image lies toward -Z, the right of it toward +X. \
+    The cube maps are in KTX2's left-handed axes: what arrives from (x, y, z) is found at (x, y, -z).";
+
+const BASIS: [&str; 9] = [
+    "0.28209479",
+    "0.48860251 y",
+    "0.48860251 z",
+    "0.48860251 x",
+    "1.09254843 x y",
+    "1.09254843 y z",
+    "0.31539157 (3 z z - 1)",
+    "1.09254843 x z",
+    "0.54627421 (x x - y y)",
+];
+
+/// pi, 2 pi / 3, pi / 4, as in shared/spherical_harmonics.wesl.
+const COSINE_FACTORS: [f32; 9] = {
+    use std::f32::consts::{FRAC_PI_4, PI};
+    const ONE: f32 = 2.0 * PI / 3.0;
+    const TWO: f32 = FRAC_PI_4;
+    [PI, ONE, ONE, ONE, TWO, TWO, TWO, TWO, TWO]
+};
+
+/// Makes the maps of an equirectangular image and reads them back.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn bake(gpu: &Gpu, image: &Image, settings: &Settings) -> Result<Baked, GpuError> {
+    let mut scene = Scene::new(&image.name);
+    scene.environment = Some(Environment {
+        image: image.clone(),
+        rotation: 0.0,
+        intensity: 1.0,
+    });
+    let scene = GpuScene::new(gpu, &scene)?;
+    let shader = shader!("techniques.environment_map.gather");
+    let gather = Kernel::new(gpu, &shader, "main", Some(&scene.layout))?;
+    let maps = Maps::new(gpu, &Generator::new(gpu, &scene)?, &gather, settings)?;
+    let mut frame = Frame::new(gpu, false);
+    maps.record(&mut frame, &scene);
+    frame.submit()?;
+
+    let coefficients: Vec<[f32; 4]> = read_buffer(gpu, &maps.harmonics, 9 * 16)?;
+    let [ggx, phong] = &maps.glossy;
+    let levels = ggx.mip_level_count();
+    let glossy_levels = (0..levels).map(|level| {
+        let roughness = level_roughness(level, levels);
+        GlossyLevel {
+            side: ggx.width() >> level,
+            roughness,
+            phong_exponent: (level > 0).then(|| phong_exponent(roughness)),
+        }
+    });
+    Ok(Baked {
+        radiance: cube(gpu, &maps.radiance)?,
+        irradiance: cube(gpu, &maps.irradiance)?,
+        ggx: cube(gpu, ggx)?,
+        phong: cube(gpu, phong)?,
+        albedo: HalfTexture {
+            size: [maps.albedo.width(), maps.albedo.height()],
+            faces: 1,
+            levels: vec![read_texture(gpu, &maps.albedo, TextureAspect::All, 0, 0)?],
+        },
+        description: Description {
+            axes: AXES,
+            basis: BASIS,
+            radiance_coefficients: std::array::from_fn(|i| {
+                let [red, green, blue, _] = coefficients[i];
+                [red, green, blue]
+            }),
+            cosine_factors: COSINE_FACTORS,
+            irradiance: "E(n) = sum over i of cosine_factors[i] radiance_coefficients[i] Y_i(n) [W/m^2]",
+            phong_cosine: settings.phong_cosine,
+            glossy_levels: glossy_levels.collect(),
+        },
+    })
+}
+
+/// Reads a cube map, all levels, and turns it from our right-handed axes to KTX2's left-handed ones, z -> -z: the faces of Z change places,
+/// those of Y turn over, the others are mirrored. So each shows the surroundings as seen from inside the cube, unmirrored.
+fn cube(gpu: &Gpu, texture: &wgpu::Texture) -> Result<HalfTexture, GpuError> {
+    let mut levels = Vec::new();
+    for level in 0..texture.mip_level_count() {
+        let side = (texture.width() >> level) as usize;
+        let mut texels = Vec::with_capacity(6 * side * side);
+        for face in [0, 1, 2, 3, 5, 4] {
+            let read: Vec<[f16; 4]> = read_texture(gpu, texture, TextureAspect::All, face, level)?;
+            let rows = read.chunks_exact(side);
+            if matches!(face, 2 | 3) {
+                texels.extend(rows.rev().flatten());
+            } else {
+                texels.extend(rows.flat_map(|row| row.iter().rev()));
+            }
+        }
+        levels.push(texels);
+    }
+    Ok(HalfTexture {
+        size: [texture.width(), texture.height()],
+        faces: 6,
+        levels,
+    })
+}
