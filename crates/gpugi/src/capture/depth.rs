@@ -1,7 +1,7 @@
 //! Depth captures of many views into one atlas: one render pass, and a viewport, a scissor and a draw a view.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use super::{frustum_planes, orthographic_reverse, perspective_reverse_infinite, visible_ranges};
 use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
@@ -94,10 +94,10 @@ impl DepthViewSpec {
         // Keep the rows from the top: y' in [-1, 1] for y in [1 - 2 height / side, 1].
         let kept = height as f32 / side as f32;
         let lift = Mat4::from_cols(
-            glam::Vec4::X,
-            glam::Vec4::new(0.0, 1.0 / kept, 0.0, 0.0),
-            glam::Vec4::Z,
-            glam::Vec4::new(0.0, 1.0 - 1.0 / kept, 0.0, 1.0),
+            Vec4::X,
+            Vec4::new(0.0, 1.0 / kept, 0.0, 0.0),
+            Vec4::Z,
+            Vec4::new(0.0, 1.0 - 1.0 / kept, 0.0, 1.0),
         );
         Self {
             clip_from_world: lift * full.clip_from_world,
@@ -257,8 +257,7 @@ impl DepthAtlas {
         kernels: &DepthKernels,
         specs: Vec<DepthViewSpec>,
     ) -> Result<Self, GpuError> {
-        let sizes: Vec<[u32; 2]> = specs.iter().map(|spec| spec.size).collect();
-        let (corners, [width, height]) = pack(&sizes);
+        let (_, [width, height]) = pack(&specs);
         if height > ATLAS_SIDE || width > ATLAS_SIDE {
             return Err(GpuError::TooLarge {
                 what: format!(
@@ -288,6 +287,21 @@ impl DepthAtlas {
                 | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         })?;
+        Self::in_texture(gpu, kernels, specs, texture)
+    }
+
+    /// An atlas that draws into the texture of another one, which has at least as much room; what that one drew is lost.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub fn in_texture(
+        gpu: &Gpu,
+        kernels: &DepthKernels,
+        specs: Vec<DepthViewSpec>,
+        texture: wgpu::Texture,
+    ) -> Result<Self, GpuError> {
+        let (corners, _) = pack(&specs);
+        let side = texture.width();
         let uniforms = uniforms(&specs, &corners, side);
         let views = gpu.storage("shadow views [bytes]", &uniforms)?;
         let group = kernels
@@ -322,6 +336,21 @@ impl DepthAtlas {
                 .write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
         }
         same
+    }
+
+    /// The atlas's texture coordinates and depth from world space, of an orthographic view.
+    pub fn atlas_from_world(&self, index: usize) -> Mat4 {
+        let spec = &self.specs[index];
+        let scale = 1.0 / self.texture.width() as f32;
+        let corner = Vec2::from(self.corners[index].map(|texels| texels as f32 * scale));
+        let size = Vec2::from(spec.size.map(|texels| texels as f32 * scale));
+        let atlas_from_clip = Mat4::from_cols(
+            Vec4::new(0.5 * size.x, 0.0, 0.0, 0.0),
+            Vec4::new(0.0, -0.5 * size.y, 0.0, 0.0),
+            Vec4::Z,
+            (corner + 0.5 * size).extend(0.0).extend(1.0),
+        );
+        atlas_from_clip * spec.clip_from_world
     }
 
     /// Draws every view.
@@ -409,7 +438,8 @@ fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<Dep
 }
 
 /// Packs rectangles into rows of equal height, tallest first; returns their corners and the size used.
-fn pack(sizes: &[[u32; 2]]) -> (Vec<[u32; 2]>, [u32; 2]) {
+fn pack(specs: &[DepthViewSpec]) -> (Vec<[u32; 2]>, [u32; 2]) {
+    let sizes: Vec<[u32; 2]> = specs.iter().map(|spec| spec.size).collect();
     let area: u64 = sizes
         .iter()
         .map(|size| u64::from(size[0]) * u64::from(size[1]))

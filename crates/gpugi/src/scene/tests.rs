@@ -104,6 +104,13 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&decompose, "State"), state);
     let domain = layout!(domains::Domain: direction solid_angle flux_density padding);
     assert_eq!(reflected(&decompose, "Domain"), domain);
+    let gather = shader!("techniques.image_based_lighting.gather");
+    let direction = layout!(domains::Direction: toward solid_angle flux_density texel);
+    assert_eq!(reflected(&gather, "Direction"), direction);
+    let map = layout!(domains::DirectionMap: u v depth);
+    assert_eq!(reflected(&gather, "DirectionMap"), map);
+    let range = layout!(domains::Range: first end radius normal_offset);
+    assert_eq!(reflected(&gather, "Range"), range);
     let lobe = layout!(Lobe: kind width samples padding);
     let prefilter = shader!("techniques.environment_map.prefilter");
     assert_eq!(reflected(&prefilter, "Lobe"), lobe);

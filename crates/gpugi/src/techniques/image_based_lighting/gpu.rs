@@ -45,3 +45,32 @@ pub struct Domain {
     pub flux_density: [f32; 3],
     pub padding: u32,
 }
+
+/// `Direction` of gather.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Direction {
+    pub toward: [f32; 3],
+    pub solid_angle: f32,
+    pub flux_density: [f32; 3],
+    pub texel: f32,
+}
+
+/// `DirectionMap` of visibility.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct DirectionMap {
+    pub u: [f32; 4],
+    pub v: [f32; 4],
+    pub depth: [f32; 4],
+}
+
+/// `Range` of gather.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Range {
+    pub first: u32,
+    pub end: u32,
+    pub radius: f32,
+    pub normal_offset: f32,
+}

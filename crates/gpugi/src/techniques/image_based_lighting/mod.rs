@@ -1,21 +1,24 @@
 //! Image-based lighting: the environment as directional lights with shadows (tutorial section 3.2.3).
 //!
-//! The environment is cut into N directional domains; the light of each is a parallel light with a depth map that covers the scene,
-//! gathered by the same pass as shadow-map's lights.
+//! Generate: the environment is cut into N directional domains (domains.rs), each with a depth map that covers the scene; maps lie in batches, an
+//! atlas each (batches.rs). Gather: sums over the domains visibility times light times average reflectivity.
+//! docs/techniques/image-based-lighting.md.
 
+mod batches;
 mod domains;
 pub(crate) mod gpu;
 #[cfg(test)]
 mod tests;
 
 use glam::{Mat3, Vec3};
+use gpugi_scene::Bounds;
 use serde::{Deserialize, Serialize};
 
+use batches::{Batches, GUTTER};
 pub use domains::{Decomposition, Domain};
 
-use super::shadow_map::lights::LightList;
-use super::shadow_map::shadows::Shadows;
-use super::{Field, Info, Map, SettingError, Technique, settings, shadow_map};
+use super::{Field, Info, Map, SettingError, Technique, settings};
+use crate::capture::depth::DepthViewSpec;
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -54,6 +57,8 @@ pub struct Settings {
     pub spread: Spread,
     /// Side of each direction's depth map (texels).
     pub resolution: u32,
+    /// Memory for depth maps (MiB). Maps that do not fit together are drawn and gathered batch by batch, every frame anew.
+    pub memory: u32,
 }
 
 impl Default for Settings {
@@ -63,6 +68,7 @@ impl Default for Settings {
             iterations: 4,
             spread: Spread::Root,
             resolution: 512,
+            memory: 1024,
         }
     }
 }
@@ -88,6 +94,11 @@ const FIELDS: &[Field] = &[
         summary: "side of a direction's depth map [texels]",
         range: Some((16.0, 4096.0)),
     },
+    Field {
+        name: "memory",
+        summary: "for depth maps; those beyond it are drawn anew every frame, batch by batch [MiB]",
+        range: Some((16.0, 65536.0)),
+    },
 ];
 
 /// Image-based lighting.
@@ -97,7 +108,7 @@ pub struct ImageBasedLighting {
     decomposition: Decomposition,
     /// Of the environment's texels at a version, with settings.
     domains: Option<(u64, Settings, Vec<Domain>)>,
-    shadows: Shadows,
+    batches: Batches,
     made: Option<(Versions, Settings)>,
 }
 
@@ -111,7 +122,7 @@ impl ImageBasedLighting {
             settings: Settings::default(),
             decomposition: Decomposition::new(gpu, scene)?,
             domains: None,
-            shadows: Shadows::new(gpu, scene)?,
+            batches: Batches::new(gpu, scene)?,
             made: None,
         })
     }
@@ -131,22 +142,48 @@ impl ImageBasedLighting {
         Ok(domains)
     }
 
-    /// A parallel light for each domain that has any.
-    fn lights(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<LightList, GpuError> {
-        let resolution = self.settings.resolution;
-        let mut list = LightList::default();
-        if let Some(environment) = &scene.environment {
-            let world_from_map = Mat3::from_rotation_y(environment.rotation);
-            for domain in self.domains(frame, scene)? {
-                let irradiance = domain.flux_density * environment.intensity;
-                if irradiance != Vec3::ZERO {
-                    let toward = world_from_map * domain.toward;
-                    list.add_direction(-toward, irradiance, 0.0, resolution, &scene.bounds);
-                }
-            }
-        }
-        Ok(list)
+    /// Each domain that has light, in world space, and what its depth map sees.
+    fn directions(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+    ) -> Result<(Vec<gpu::Direction>, Vec<DepthViewSpec>), GpuError> {
+        let side = self.settings.resolution;
+        let Some(environment) = &scene.environment else {
+            return Ok(Default::default());
+        };
+        let world_from_map = Mat3::from_rotation_y(environment.rotation);
+        let domains = self.domains(frame, scene)?;
+        let lit = domains.iter().filter_map(|domain| {
+            let flux_density = domain.flux_density * environment.intensity;
+            let toward = world_from_map * domain.toward;
+            (flux_density != Vec3::ZERO).then(|| {
+                let view = depth_view(toward, side, &scene.bounds);
+                let direction = gpu::Direction {
+                    toward: toward.to_array(),
+                    solid_angle: domain.solid_angle,
+                    flux_density: flux_density.to_array(),
+                    texel: view.texel,
+                };
+                (direction, view)
+            })
+        });
+        Ok(lit.unzip())
     }
+}
+
+/// What the depth map of the light from `toward` sees: the whole scene.
+fn depth_view(toward: Vec3, side: u32, bounds: &Bounds) -> DepthViewSpec {
+    let half = (bounds.diagonal() / 2.0).max(1e-6);
+    DepthViewSpec::orthographic(
+        bounds.center(),
+        -toward,
+        toward.any_orthonormal_vector(),
+        half * side as f32 / (side - 2 * GUTTER) as f32,
+        -half * 1.05,
+        half * 1.05,
+        side,
+    )
 }
 
 impl Technique for ImageBasedLighting {
@@ -176,22 +213,10 @@ impl Technique for ImageBasedLighting {
         if self.made.as_ref() == Some(&made) {
             return Ok(());
         }
-        let list = self.lights(frame, scene)?;
-        let gather = shadow_map::gpu::GatherSettings {
-            // Many directions smooth the shadow together: few comparisons each, turned from pixel to pixel.
-            taps: 4,
-            // A direction's texels are coarse: see DepthViewSpec::second_depth.
-            second_depth: 0,
-            ..shadow_map::Settings::default().gather()
-        };
-        self.shadows.generate(
-            frame,
-            scene,
-            "image-based-lighting.generate",
-            &list.samples,
-            list.views,
-            &gather,
-        )?;
+        let (directions, views) = self.directions(frame, scene)?;
+        let memory = u64::from(self.settings.memory) << 20;
+        self.batches
+            .generate(frame, scene, &directions, &views, memory)?;
         self.made = Some(made);
         Ok(())
     }
@@ -203,12 +228,11 @@ impl Technique for ImageBasedLighting {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        self.shadows
-            .gather(frame, scene, "image-based-lighting.gather", points, target)
+        self.batches.gather(frame, scene, points, target)
     }
 
     fn maps(&self) -> Vec<Map> {
-        let atlas = self.shadows.atlas().map(|atlas| &atlas.texture);
+        let atlas = self.batches.atlas().map(|atlas| &atlas.texture);
         [
             ("image-based-lighting.atlas", atlas),
             ("image-based-lighting.domains", self.decomposition.owners()),

@@ -320,21 +320,21 @@ fn a_turned_sky_keeps_its_domains() {
     }
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
     let mut technique = super::ImageBasedLighting::new(&gpu, &scene).unwrap();
-    let lights = |technique: &mut super::ImageBasedLighting, scene: &GpuScene| {
+    let directions = |technique: &mut super::ImageBasedLighting, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, false);
-        let list = technique.lights(&mut frame, scene).unwrap();
+        let (directions, _) = technique.directions(&mut frame, scene).unwrap();
         frame.submit().unwrap();
-        list.samples
+        directions
     };
-    let first = lights(&mut technique, &scene);
+    let first = directions(&mut technique, &scene);
     scene.update(&gpu, &before, &after).unwrap();
-    let second = lights(&mut technique, &scene);
+    let second = directions(&mut technique, &scene);
     assert_eq!(first.len(), second.len());
     let turn = Mat3::from_rotation_y(0.02);
     for (before, after) in first.iter().zip(&second) {
-        let turned = turn * Vec3::from(before.direction);
-        assert!((turned - Vec3::from(after.direction)).length() < 1e-6);
-        let brighter = Vec3::from(before.intensity) * 3.0;
-        assert_eq!(brighter, Vec3::from(after.intensity));
+        let turned = turn * Vec3::from(before.toward);
+        assert!((turned - Vec3::from(after.toward)).length() < 1e-6);
+        let brighter = Vec3::from(before.flux_density) * 3.0;
+        assert_eq!(brighter, Vec3::from(after.flux_density));
     }
 }

@@ -94,35 +94,6 @@ impl LightList {
         }
     }
 
-    /// Adds a parallel light whose one view covers the whole scene.
-    pub fn add_direction(
-        &mut self,
-        direction: Vec3,
-        irradiance: Vec3,
-        radius: f32,
-        side: u32,
-        bounds: &Bounds,
-    ) {
-        let half = (bounds.diagonal() / 2.0).max(1e-6);
-        let spec = DepthViewSpec::orthographic(
-            bounds.center(),
-            direction,
-            perpendicular(direction),
-            half * 1.02,
-            -half * 1.05,
-            half * 1.05,
-            side,
-        );
-        let sample = LightSample {
-            kind: LightSample::DIRECTIONAL,
-            direction: direction.to_array(),
-            intensity: irradiance.to_array(),
-            radius,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        self.push(sample, &[spec]);
-    }
-
     /// Adds `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it.
     /// A sample's L A is the power share over pi in the triangle's colour.
     pub fn add_emitters(

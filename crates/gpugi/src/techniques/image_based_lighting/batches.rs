@@ -1,0 +1,336 @@
+//! Directions in batches, each with an atlas of depth maps, and the gather over them.
+
+use super::gpu::{Direction, DirectionMap, Range};
+use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthKernels, DepthViewSpec};
+use crate::capture::{SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Direction x point products that one dispatch may hold: about 100 ms on a slow GPU.
+const DISPATCH_WORK: u64 = 1 << 27;
+/// Radius of the disc over which neighbouring pixels spread their comparisons (texels).
+const RADIUS: f32 = 1.0;
+/// How far points are moved along their normals (texels): over the disc and the four texels of a comparison.
+const NORMAL_OFFSET: f32 = 2.0;
+/// Texels at the border of a depth map that lie beside the scene: room for the disc.
+pub const GUTTER: u32 = 2;
+
+/// How directions are cut into batches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Plan {
+    /// Directions of a batch; the last one may have fewer.
+    pub per_batch: u32,
+    /// Whether each batch keeps an atlas of its own. Otherwise all draw into one, every frame anew.
+    pub is_kept: bool,
+}
+
+impl Plan {
+    /// For `count` maps of `side` texels squared in atlases of at most `atlas_side` texels squared and `memory` bytes together; a batch has
+    /// at least one map.
+    pub fn new(count: u32, side: u32, atlas_side: u32, memory: u64) -> Self {
+        let map = u64::from(side) * u64::from(side) * 4;
+        let columns = u64::from((atlas_side / side).max(1));
+        // Of batches as large as each other: atlases are square.
+        let batches = u64::from(count).div_ceil(columns * columns).max(1);
+        let per_batch = u64::from(count).div_ceil(batches).max(1);
+        let used = (per_batch - 1).isqrt() + 1;
+        if batches * used * used * map <= memory {
+            return Self {
+                per_batch: per_batch as u32,
+                is_kept: true,
+            };
+        }
+        let columns = (memory / map).isqrt().clamp(1, columns);
+        Self {
+            per_batch: (columns * columns).min(u64::from(count)) as u32,
+            is_kept: false,
+        }
+    }
+}
+
+/// Directions with their depth maps, and the passes over them.
+#[derive(Debug)]
+pub struct Batches {
+    /// Side that atlases may have (texels).
+    pub atlas_side: u32,
+    kernels: DepthKernels,
+    gather: Kernel,
+    comparison: wgpu::Sampler,
+    made: Option<Made>,
+    bound: Option<Bound>,
+}
+
+/// What a number of directions needs.
+#[derive(Debug)]
+struct Made {
+    plan: Plan,
+    count: u32,
+    directions: wgpu::Buffer,
+    maps: wgpu::Buffer,
+    batches: Vec<Batch>,
+}
+
+/// Directions whose depth maps share an atlas.
+#[derive(Debug)]
+struct Batch {
+    directions: std::ops::Range<u32>,
+    atlas: DepthAtlas,
+    group: wgpu::BindGroup,
+}
+
+/// Bind groups for one set of points and one target.
+#[derive(Debug)]
+struct Bound {
+    points: wgpu::Buffer,
+    target: wgpu::Buffer,
+    group: wgpu::BindGroup,
+    /// Of each batch, a dispatch each.
+    ranges: Vec<Vec<wgpu::BindGroup>>,
+}
+
+impl Batches {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Ok(Self {
+            atlas_side: ATLAS_SIDE,
+            kernels: DepthKernels::new(gpu, scene)?,
+            gather: Kernel::new(
+                gpu,
+                &shader!("techniques.image_based_lighting.gather"),
+                "main",
+                Some(&scene.layout),
+            )?,
+            comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("shadow comparison"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                // Lit where the point is at least as near as what the map holds.
+                compare: Some(wgpu::CompareFunction::GreaterEqual),
+                ..Default::default()
+            }),
+            made: None,
+            bound: None,
+        })
+    }
+
+    /// Takes over directions with the views of their depth maps, all of one size, and draws these where `memory` (bytes) holds all.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        directions: &[Direction],
+        views: &[DepthViewSpec],
+        memory: u64,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let count = directions.len() as u32;
+        let Some(side) = views.first().map(|view| view.size[0]) else {
+            (self.made, self.bound) = (None, None);
+            return Ok(());
+        };
+        let plan = Plan::new(count, side, self.atlas_side, memory);
+        // Directions that moved need no new tiles: only what they see changes.
+        let reused = self.made.as_mut().is_some_and(|made| {
+            made.plan == plan
+                && made.count == count
+                && made.batches.iter_mut().all(|batch| {
+                    let [first, end] = [batch.directions.start, batch.directions.end];
+                    batch
+                        .atlas
+                        .update(gpu, &views[first as usize..end as usize])
+                })
+        });
+        if !reused {
+            // First gives back what there was.
+            (self.made, self.bound) = (None, None);
+            self.made = Some(self.make(gpu, plan, views)?);
+        }
+        let Some(made) = &self.made else {
+            return Ok(());
+        };
+        let maps: Vec<DirectionMap> = made.batches.iter().flat_map(Batch::maps).collect();
+        gpu.queue
+            .write_buffer(&made.directions, 0, bytemuck::cast_slice(directions));
+        gpu.queue
+            .write_buffer(&made.maps, 0, bytemuck::cast_slice(&maps));
+        if plan.is_kept {
+            for batch in &made.batches {
+                batch.draw(frame, &self.kernels, scene);
+            }
+        }
+        Ok(())
+    }
+
+    fn make(&self, gpu: &Gpu, plan: Plan, views: &[DepthViewSpec]) -> Result<Made, GpuError> {
+        let storage = |label: &str, size: usize| {
+            let size = (views.len() * size) as u64;
+            gpu.buffer(label, size, wgpu::BufferUsages::STORAGE)
+        };
+        let directions = storage("directions [bytes]", size_of::<Direction>())?;
+        let maps = storage("direction maps [bytes]", size_of::<DirectionMap>())?;
+        let mut batches: Vec<Batch> = Vec::new();
+        let mut first = 0;
+        for views in views.chunks(plan.per_batch as usize) {
+            let views = views.to_vec();
+            let end = first + views.len() as u32;
+            let atlas = match batches.first() {
+                Some(other) if !plan.is_kept => {
+                    let texture = other.atlas.texture.clone();
+                    DepthAtlas::in_texture(gpu, &self.kernels, views, texture)?
+                }
+                _ => DepthAtlas::new(gpu, &self.kernels, views)?,
+            };
+            let group = self.gather.bind(
+                gpu,
+                2,
+                &[
+                    ("direction_maps", maps.as_entire_binding()),
+                    (
+                        "depth_atlas",
+                        wgpu::BindingResource::TextureView(&atlas.view),
+                    ),
+                    (
+                        "depth_comparison",
+                        wgpu::BindingResource::Sampler(&self.comparison),
+                    ),
+                    ("directions", directions.as_entire_binding()),
+                ],
+            )?;
+            batches.push(Batch {
+                directions: first..end,
+                atlas,
+                group,
+            });
+            first = end;
+        }
+        Ok(Made {
+            plan,
+            count: first,
+            directions,
+            maps,
+            batches,
+        })
+    }
+
+    /// An atlas of depth maps, once generated.
+    pub fn atlas(&self) -> Option<&DepthAtlas> {
+        let made = self.made.as_ref()?;
+        made.batches.first().map(|batch| &batch.atlas)
+    }
+
+    /// Adds the light of every direction.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(());
+        };
+        let bound = match self.bound.take() {
+            Some(bound) if bound.points == points.points && bound.target == target.radiance => {
+                bound
+            }
+            _ => bind(frame.gpu, &self.gather, made, points, target)?,
+        };
+        for (batch, ranges) in made.batches.iter().zip(&bound.ranges) {
+            if !made.plan.is_kept {
+                batch.draw(frame, &self.kernels, scene);
+            }
+            frame.compute("image-based-lighting.gather", |pass| {
+                for range in ranges {
+                    self.gather.dispatch(
+                        pass,
+                        &[
+                            (0, &scene.bind_group),
+                            (1, &bound.group),
+                            (2, &batch.group),
+                            (3, range),
+                        ],
+                        [points.count, 1, 1],
+                    );
+                }
+            });
+        }
+        self.bound = Some(bound);
+        Ok(())
+    }
+}
+
+impl Batch {
+    fn draw(&self, frame: &mut Frame<'_>, kernels: &DepthKernels, scene: &GpuScene) {
+        self.atlas
+            .record(frame, "image-based-lighting.generate", kernels, scene);
+    }
+
+    /// How the shader reads its depth maps.
+    fn maps(&self) -> impl Iterator<Item = DirectionMap> {
+        (0..self.directions.len()).map(|index| {
+            let atlas_from_world = self.atlas.atlas_from_world(index);
+            DirectionMap {
+                u: atlas_from_world.row(0).to_array(),
+                v: atlas_from_world.row(1).to_array(),
+                depth: atlas_from_world.row(2).to_array(),
+            }
+        })
+    }
+}
+
+/// Cuts directions x points into dispatches short enough for any driver's watchdog.
+fn bind(
+    gpu: &Gpu,
+    gather: &Kernel,
+    made: &Made,
+    points: &SurfacePoints,
+    target: &Target,
+) -> Result<Bound, GpuError> {
+    let group = gather.bind(
+        gpu,
+        1,
+        &[
+            ("seen", points.view.as_entire_binding()),
+            ("points", points.points.as_entire_binding()),
+        ],
+    )?;
+    let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
+    let mut ranges = Vec::new();
+    for batch in &made.batches {
+        let mut of_batch = Vec::new();
+        for first in batch.directions.clone().step_by(at_once) {
+            let range = Range {
+                first,
+                end: (first + at_once as u32).min(batch.directions.end),
+                radius: RADIUS / batch.atlas.texture.width() as f32,
+                normal_offset: NORMAL_OFFSET,
+            };
+            let range = gpu.uniform("range of directions", &range)?;
+            of_batch.push(gather.bind(
+                gpu,
+                3,
+                &[
+                    ("range", range.as_entire_binding()),
+                    ("radiance", target.radiance.as_entire_binding()),
+                ],
+            )?);
+        }
+        ranges.push(of_batch);
+    }
+    Ok(Bound {
+        points: points.points.clone(),
+        target: target.radiance.clone(),
+        group,
+        ranges,
+    })
+}
