@@ -114,6 +114,7 @@ impl CameraCapture {
                     colors: &[wgpu::TextureFormat::R32Uint],
                     cull,
                     slope_bias: 0.0,
+                    has_vertices: true,
                     has_fragment: true,
                 },
             )

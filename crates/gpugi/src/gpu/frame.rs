@@ -31,6 +31,14 @@ fn encoder(gpu: &Gpu) -> wgpu::CommandEncoder {
         })
 }
 
+fn load<V>(clears: bool, value: V) -> wgpu::LoadOp<V> {
+    if clears {
+        wgpu::LoadOp::Clear(value)
+    } else {
+        wgpu::LoadOp::Load
+    }
+}
+
 impl<'a> Frame<'a> {
     /// An empty frame. `timed` asks for timestamps, which some adapters lack.
     pub fn new(gpu: &'a Gpu, timed: bool) -> Self {
@@ -87,6 +95,18 @@ impl<'a> Frame<'a> {
         depth: &wgpu::TextureView,
         record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
     ) -> T {
+        self.render_onto(name, true, colors, depth, record)
+    }
+
+    /// As [`Frame::render`], but its targets keep what they hold unless `clears`.
+    pub fn render_onto<T>(
+        &mut self,
+        name: &str,
+        clears: bool,
+        colors: &[&wgpu::TextureView],
+        depth: &wgpu::TextureView,
+        record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
+    ) -> T {
         let queries = self.next_queries(name);
         let attachments: Vec<_> = colors
             .iter()
@@ -97,12 +117,15 @@ impl<'a> Frame<'a> {
                     resolve_target: None,
                     ops: wgpu::Operations {
                         // Of an unsigned integer target: the largest number, which stands for "no hit".
-                        load: wgpu::LoadOp::Clear(wgpu::Color {
-                            r: f64::from(u32::MAX),
-                            g: f64::from(u32::MAX),
-                            b: 0.0,
-                            a: 0.0,
-                        }),
+                        load: load(
+                            clears,
+                            wgpu::Color {
+                                r: f64::from(u32::MAX),
+                                g: f64::from(u32::MAX),
+                                b: 0.0,
+                                a: 0.0,
+                            },
+                        ),
                         store: wgpu::StoreOp::Store,
                     },
                 })
@@ -114,7 +137,7 @@ impl<'a> Frame<'a> {
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: depth,
                 depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(0.0),
+                    load: load(clears, 0.0),
                     store: wgpu::StoreOp::Store,
                 }),
                 stencil_ops: None,

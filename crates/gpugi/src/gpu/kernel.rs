@@ -302,11 +302,13 @@ pub struct RasterState<'a> {
     pub cull: Option<wgpu::Face>,
     /// Slope-scaled bias away from the viewer, in depth steps per slope; 0 is none.
     pub slope_bias: f32,
+    /// Whether merged vertices come as a vertex buffer; otherwise the shader fetches what it draws.
+    pub has_vertices: bool,
     /// Whether a fragment shader runs.
     pub has_fragment: bool,
 }
 
-/// A render pipeline over the merged world-space triangles, depth 32-bit float, nearer is greater (reverse z).
+/// A render pipeline over triangles, as a rule the merged world-space ones, depth 32-bit float, nearer is greater (reverse z).
 #[derive(Debug, Clone)]
 pub struct RasterKernel {
     interface: Interface,
@@ -341,6 +343,11 @@ impl RasterKernel {
                 .map(|&format| Some(format.into()))
                 .collect();
             let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
+            let vertices = [Some(wgpu::VertexBufferLayout {
+                array_stride: Self::VERTEX_STRIDE,
+                step_mode: wgpu::VertexStepMode::Vertex,
+                attributes: &attributes,
+            })];
             let pipeline = gpu
                 .device
                 .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -350,11 +357,7 @@ impl RasterKernel {
                         module: &interface.module,
                         entry_point: Some("vertex"),
                         compilation_options: Default::default(),
-                        buffers: &[Some(wgpu::VertexBufferLayout {
-                            array_stride: Self::VERTEX_STRIDE,
-                            step_mode: wgpu::VertexStepMode::Vertex,
-                            attributes: &attributes,
-                        })],
+                        buffers: if state.has_vertices { &vertices } else { &[] },
                     },
                     primitive: wgpu::PrimitiveState {
                         cull_mode: state.cull,

@@ -212,7 +212,11 @@ impl GpuScene {
                 adapter: gpu.adapter.name.clone(),
             });
         }
-        let limit = gpu.device.limits().max_buffer_size;
+        // Shaders read them, too.
+        let limits = gpu.device.limits();
+        let limit = limits
+            .max_buffer_size
+            .min(limits.max_storage_buffer_binding_size);
         if index_count * 4 > limit {
             return Err(GpuError::TooLarge {
                 what: "merged indices [bytes]".into(),
@@ -293,7 +297,7 @@ impl GpuScene {
         let indices = gpu.buffer_with(
             "merged indices [bytes]",
             &merged_indices,
-            wgpu::BufferUsages::INDEX,
+            wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDEX,
         )?;
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
         let environment_view = environment_texture(gpu, environment)?;

@@ -1,7 +1,9 @@
 //! Rust structs and WGSL structs are the same: sizes, names and offsets by reflection, table rows word by word.
 
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
-use crate::capture::{SURFACE_POINT_BYTES, ViewUniform, depth::DepthViewUniform};
+use crate::capture::depth::DepthViewUniform;
+use crate::capture::depth::compute::{self, ParallelView};
+use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
 use crate::gpu::Shader;
 use crate::ray_bench;
 use crate::shader;
@@ -84,6 +86,16 @@ fn uniforms_and_storage_structs_have_one_layout() {
             shader.name
         );
     }
+    let parallel = layout!(ParallelView: x y depth corner width height back_faces);
+    let drawn = layout!(compute::Range: first_view view_count first_triangle end_triangle first_row side padding_0 padding_1);
+    for shader in [
+        shader!("capture.depth.small"),
+        shader!("capture.depth.large"),
+    ] {
+        assert_eq!(reflected(&shader, "ParallelView"), parallel);
+        assert_eq!(reflected(&shader, "Range"), drawn);
+    }
+    assert_eq!(reflected(&shader!("capture.depth.resolve"), "Range"), drawn);
     let sample = layout!(LightSample: position kind direction first_view intensity view_count tangent radius
         cone_scale cone_offset inverse_range_squared area);
     assert_eq!(reflected(&gather, "LightSample"), sample);

@@ -1,33 +1,24 @@
-//! Depth captures of many views into one atlas: one render pass, and a viewport, a scissor and a draw a view.
+//! Depth captures of many views into one atlas: one render pass, and a viewport, a scissor and a draw a view; or by compute.
+
+pub mod compute;
+mod rasterizer;
+#[cfg(test)]
+mod tests;
+mod view;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{Mat4, Vec2, Vec4};
 
-use super::{frustum_planes, orthographic_reverse, perspective_reverse_infinite, visible_ranges};
+pub use rasterizer::{DepthRasterizer, Rasterizer};
+pub use view::DepthViewSpec;
+
+use super::{frustum_planes, visible_ranges};
 use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
 use crate::shader;
 
 /// Largest side of an atlas (texels): WebGPU's default limit.
 pub const ATLAS_SIDE: u32 = 8192;
-
-/// What one tile of a depth atlas sees.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DepthViewSpec {
-    /// Clip space (reverse depth) from world space.
-    pub clip_from_world: Mat4,
-    /// Tile size (texels).
-    pub size: [u32; 2],
-    /// Width of a texel: perspective, at distance 1; orthographic, everywhere (m).
-    pub texel: f32,
-    /// Perspective: near plane (m); orthographic: 0.
-    pub near: f32,
-    /// Orthographic: depth range (m).
-    pub range: f32,
-    /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under a mesh
-    /// that stands on a floor would see that floor lit.
-    pub second_depth: bool,
-}
 
 /// `DepthView` of capture/depth_view.wesl.
 #[allow(missing_docs)] // The shader documents them.
@@ -40,149 +31,6 @@ pub(crate) struct DepthViewUniform {
     pub near: f32,
     pub range: f32,
     pub atlas_texel: f32,
-}
-
-/// A rigid frame to look along: `forward` and `up` are perpendicular unit vectors.
-fn view_from_world(eye: Vec3, forward: Vec3, up: Vec3) -> Mat4 {
-    let right = forward.cross(up);
-    Mat4::from_cols(
-        right.extend(0.0),
-        up.extend(0.0),
-        (-forward).extend(0.0),
-        eye.extend(1.0),
-    )
-    .inverse()
-}
-
-impl DepthViewSpec {
-    /// A square perspective view of `side` texels; its outermost `gutter` texels lie outside the field of view whose half-angle has
-    /// the tangent `half_tangent`, so that filters may reach over the border.
-    pub fn perspective(
-        eye: Vec3,
-        forward: Vec3,
-        up: Vec3,
-        half_tangent: f32,
-        near: f32,
-        side: u32,
-        gutter: u32,
-    ) -> Self {
-        let inner = (side - 2 * gutter) as f32;
-        let widened = half_tangent * side as f32 / inner;
-        Self {
-            clip_from_world: perspective_reverse_infinite(Vec2::splat(widened), near)
-                * view_from_world(eye, forward, up),
-            size: [side, side],
-            texel: 2.0 * half_tangent / inner,
-            near,
-            range: 0.0,
-            second_depth: false,
-        }
-    }
-
-    /// The upper half of a 90 degree view: a side of a hemicube, whose `up` is the hemisphere's axis. `gutter` as above; below the
-    /// horizon there are `gutter` rows, too.
-    pub fn hemicube_side(
-        eye: Vec3,
-        forward: Vec3,
-        up: Vec3,
-        near: f32,
-        side: u32,
-        gutter: u32,
-    ) -> Self {
-        let full = Self::perspective(eye, forward, up, 1.0, near, side, gutter);
-        let height = side / 2 + gutter;
-        // Keep the rows from the top: y' in [-1, 1] for y in [1 - 2 height / side, 1].
-        let kept = height as f32 / side as f32;
-        let lift = Mat4::from_cols(
-            Vec4::X,
-            Vec4::new(0.0, 1.0 / kept, 0.0, 0.0),
-            Vec4::Z,
-            Vec4::new(0.0, 1.0 - 1.0 / kept, 0.0, 1.0),
-        );
-        Self {
-            clip_from_world: lift * full.clip_from_world,
-            size: [side, height],
-            ..full
-        }
-    }
-
-    /// A square parallel view of `side` texels: `half_extent` (m) around `center`, depth from `near` to `far` (m) along `forward`
-    /// relative to `center`.
-    pub fn orthographic(
-        center: Vec3,
-        forward: Vec3,
-        up: Vec3,
-        half_extent: f32,
-        near: f32,
-        far: f32,
-        side: u32,
-    ) -> Self {
-        Self {
-            clip_from_world: orthographic_reverse(Vec2::splat(half_extent), 0.0, far - near)
-                * view_from_world(center + forward * near, forward, up),
-            size: [side, side],
-            texel: 2.0 * half_extent / side as f32,
-            near: 0.0,
-            range: far - near,
-            second_depth: false,
-        }
-    }
-
-    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z.
-    pub fn cube(eye: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 6] {
-        [
-            (Vec3::X, Vec3::Y),
-            (Vec3::NEG_X, Vec3::Y),
-            (Vec3::Y, Vec3::Z),
-            (Vec3::NEG_Y, Vec3::Z),
-            (Vec3::Z, Vec3::Y),
-            (Vec3::NEG_Z, Vec3::Y),
-        ]
-        .map(|(forward, up)| Self::perspective(eye, forward, up, 1.0, near, side, gutter))
-    }
-
-    /// The five faces of a hemicube above a plane: its top, then the sides toward +tangent, -tangent, +bitangent, -bitangent with
-    /// bitangent = normal x tangent.
-    pub fn hemicube(
-        eye: Vec3,
-        normal: Vec3,
-        tangent: Vec3,
-        near: f32,
-        side: u32,
-        gutter: u32,
-    ) -> [Self; 5] {
-        let bitangent = normal.cross(tangent);
-        let wall = |forward| Self::hemicube_side(eye, forward, normal, near, side, gutter);
-        [
-            Self::perspective(eye, normal, tangent, 1.0, near, side, gutter),
-            wall(tangent),
-            wall(-tangent),
-            wall(bitangent),
-            wall(-bitangent),
-        ]
-    }
-
-    /// The hemicubes of a light that shines to both sides: above, then below, whose sides come in the same order.
-    pub fn hemicubes(
-        eye: Vec3,
-        normal: Vec3,
-        tangent: Vec3,
-        near: f32,
-        side: u32,
-        gutter: u32,
-    ) -> [Self; 10] {
-        let above = Self::hemicube(eye, normal, tangent, near, side, gutter);
-        // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
-        let mut below = Self::hemicube(eye, -normal, tangent, near, side, gutter);
-        below.swap(3, 4);
-        std::array::from_fn(|face| {
-            if face < 5 {
-                above[face]
-            } else {
-                below[face - 5]
-            }
-        })
-    }
 }
 
 /// A depth texture that holds many views.
@@ -198,6 +46,7 @@ pub struct DepthAtlas {
     corners: Vec<[u32; 2]>,
     group: wgpu::BindGroup,
     alpha_group: wgpu::BindGroup,
+    plan: Option<compute::Plan>,
 }
 
 /// Draws depth.
@@ -218,6 +67,7 @@ impl DepthKernels {
             colors: &[],
             cull,
             slope_bias,
+            has_vertices: true,
             has_fragment,
         };
         let depth = shader!("capture.depth");
@@ -245,6 +95,10 @@ enum DepthDraw {
     SecondDepth,
     Biased,
     Alpha,
+}
+
+impl DepthDraw {
+    const ALL: [Self; 3] = [Self::SecondDepth, Self::Biased, Self::Alpha];
 }
 
 impl DepthAtlas {
@@ -318,6 +172,7 @@ impl DepthAtlas {
             corners,
             group,
             alpha_group,
+            plan: None,
         })
     }
 
@@ -362,60 +217,72 @@ impl DepthAtlas {
         scene: &GpuScene,
     ) {
         frame.render(name, &[], &self.view, |pass| {
-            pass.set_vertex_buffer(0, scene.vertices.slice(..));
-            pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-            let kind = |class, second_depth| match class {
-                DrawClass::Closed if second_depth => DepthDraw::SecondDepth,
-                DrawClass::Closed | DrawClass::Open | DrawClass::DoubleSided => DepthDraw::Biased,
-                DrawClass::Alpha | DrawClass::AlphaDoubleSided => DepthDraw::Alpha,
-            };
-            let visible: Vec<_> = self
-                .specs
-                .iter()
-                .map(|spec| {
-                    let planes = frustum_planes(&spec.clip_from_world);
-                    visible_ranges(&scene.draws, &planes, |draw| {
-                        kind(draw.class, spec.second_depth)
-                    })
+            self.draw(pass, kernels, scene, &DepthDraw::ALL);
+        });
+    }
+
+    /// Draws what is drawn in one of the ways of `draws` into every view.
+    fn draw(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        kernels: &DepthKernels,
+        scene: &GpuScene,
+        draws: &[DepthDraw],
+    ) {
+        let kind = |class, second_depth| match class {
+            DrawClass::Closed if second_depth => DepthDraw::SecondDepth,
+            DrawClass::Closed | DrawClass::Open | DrawClass::DoubleSided => DepthDraw::Biased,
+            DrawClass::Alpha | DrawClass::AlphaDoubleSided => DepthDraw::Alpha,
+        };
+        let visible: Vec<_> = self
+            .specs
+            .iter()
+            .map(|spec| {
+                let planes = frustum_planes(&spec.clip_from_world);
+                visible_ranges(&scene.draws, &planes, |draw| {
+                    kind(draw.class, spec.second_depth)
                 })
-                .collect();
-            // One pipeline after the other, so that it changes three times and not three times a view.
-            for (draw, kernel, group) in [
-                (DepthDraw::SecondDepth, &kernels.second_depth, &self.group),
-                (DepthDraw::Biased, &kernels.biased, &self.group),
-                (DepthDraw::Alpha, &kernels.alpha, &self.alpha_group),
-            ] {
-                if !visible.iter().flatten().any(|(one, _)| *one == draw) {
-                    continue;
-                }
-                kernel.set(pass);
-                if draw == DepthDraw::Alpha {
-                    pass.set_bind_group(0, &scene.bind_group, &[]);
-                }
-                pass.set_bind_group(1, group, &[]);
-                for (index, ranges) in visible.iter().enumerate() {
-                    let [x, y] = self.corners[index];
-                    let [width, height] = self.specs[index].size;
-                    let mut placed = false;
-                    for (_, range) in ranges.iter().filter(|(one, _)| *one == draw) {
-                        if !placed {
-                            pass.set_viewport(
-                                x as f32,
-                                y as f32,
-                                width as f32,
-                                height as f32,
-                                0.0,
-                                1.0,
-                            );
-                            pass.set_scissor_rect(x, y, width, height);
-                            placed = true;
-                        }
-                        let view = index as u32;
-                        pass.draw_indexed(range.clone(), 0, view..view + 1);
+            })
+            .collect();
+        pass.set_vertex_buffer(0, scene.vertices.slice(..));
+        pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+        // One pipeline after the other, so that it changes three times and not three times a view.
+        for &draw in draws {
+            if !visible.iter().flatten().any(|(one, _)| *one == draw) {
+                continue;
+            }
+            let (kernel, group) = match draw {
+                DepthDraw::SecondDepth => (&kernels.second_depth, &self.group),
+                DepthDraw::Biased => (&kernels.biased, &self.group),
+                DepthDraw::Alpha => (&kernels.alpha, &self.alpha_group),
+            };
+            kernel.set(pass);
+            if draw == DepthDraw::Alpha {
+                pass.set_bind_group(0, &scene.bind_group, &[]);
+            }
+            pass.set_bind_group(1, group, &[]);
+            for (index, ranges) in visible.iter().enumerate() {
+                let [x, y] = self.corners[index];
+                let [width, height] = self.specs[index].size;
+                let mut placed = false;
+                for (_, range) in ranges.iter().filter(|(one, _)| *one == draw) {
+                    if !placed {
+                        pass.set_viewport(
+                            x as f32,
+                            y as f32,
+                            width as f32,
+                            height as f32,
+                            0.0,
+                            1.0,
+                        );
+                        pass.set_scissor_rect(x, y, width, height);
+                        placed = true;
                     }
+                    let view = index as u32;
+                    pass.draw_indexed(range.clone(), 0, view..view + 1);
                 }
             }
-        });
+        }
     }
 }
 

@@ -1,0 +1,155 @@
+//! Compute draws the atlas that the hardware draws.
+
+use glam::Vec3;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::{Bounds, Scene};
+
+use super::compute::DepthCompute;
+use super::{DepthAtlas, DepthKernels, DepthViewSpec};
+use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
+use crate::scene::GpuScene;
+use crate::testing::{Random, test_gpu};
+
+/// Views of a whole scene from everywhere.
+fn around(scene: &GpuScene, count: u32, side: u32, second_depth: bool) -> Vec<DepthViewSpec> {
+    let mut random = Random(3);
+    (0..count)
+        .map(|index| {
+            // Along an axis, too, where every second edge runs through texel centres or beside them.
+            let forward = match index {
+                0 => Vec3::NEG_Y,
+                1 => Vec3::X,
+                _ => random.direction(),
+            };
+            DepthViewSpec {
+                second_depth,
+                ..DepthViewSpec::fitted(forward, &scene.bounds, side, 2)
+            }
+        })
+        .collect()
+}
+
+/// The atlas by hardware and by compute.
+fn both(
+    gpu: &Gpu,
+    scene: &mut GpuScene,
+    specs: Vec<DepthViewSpec>,
+    compute: &mut DepthCompute,
+) -> [Vec<f32>; 2] {
+    let kernels = DepthKernels::new(gpu, scene).unwrap();
+    let mut atlas = DepthAtlas::new(gpu, &kernels, specs).unwrap();
+    [false, true].map(|by_compute| {
+        let mut frame = Frame::new(gpu, false);
+        scene.merge(&mut frame);
+        if by_compute {
+            compute
+                .record(&mut frame, "depth", &kernels, scene, &mut atlas)
+                .unwrap();
+        } else {
+            atlas.record(&mut frame, "depth", &kernels, scene);
+        }
+        frame.submit().unwrap();
+        read_texture(gpu, &atlas.texture, TextureAspect::DepthOnly, 0, 0).unwrap()
+    })
+}
+
+fn assert_alike(
+    gpu: &Gpu,
+    scene: &Scene,
+    compute: &mut DepthCompute,
+    count: u32,
+    side: u32,
+    second_depth: bool,
+) {
+    let mut uploaded = GpuScene::new(gpu, scene).unwrap();
+    let specs = around(&uploaded, count, side, second_depth);
+    let [hardware, compute] = both(gpu, &mut uploaded, specs, compute);
+    let pairs = || hardware.iter().zip(&compute);
+    let covered = hardware.iter().filter(|depth| **depth > 0.0).count();
+    let unlike = pairs().filter(|(a, b)| (**a - **b).abs() > 1e-5).count();
+    println!(
+        "{}: {covered} texels of {} covered, {unlike} differ",
+        scene.name,
+        hardware.len()
+    );
+    assert!(covered * 4 > hardware.len() / 2, "the views see the scene");
+    assert!(
+        unlike * 1000 <= covered,
+        "{}: {unlike} of {covered} differ",
+        scene.name
+    );
+}
+
+#[test]
+fn compute_draws_what_the_hardware_draws() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut compute = DepthCompute::new(&gpu).unwrap();
+    // `shapes` has see-through surfaces and triangles of every size.
+    for (name, detail, side) in [
+        ("room", 1, 128),
+        ("spheres", 2, 128),
+        ("teapot", 2, 200),
+        ("shapes", 1, 96),
+    ] {
+        let scene = builtin(name, detail).unwrap();
+        for second_depth in [false, true] {
+            assert_alike(&gpu, &scene, &mut compute, 6, side, second_depth);
+        }
+    }
+}
+
+#[test]
+fn bands_and_dispatches_make_one_atlas() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut compute = DepthCompute::new(&gpu).unwrap();
+    // Two rows of tiles a band, a few hundred triangles a dispatch, and more views than an invocation takes.
+    compute.band_texels = 2 * 64 * 640;
+    compute.dispatch_triangles = 4096;
+    let scene = builtin("spheres", 1).unwrap();
+    assert_alike(&gpu, &scene, &mut compute, 90, 64, false);
+}
+
+#[test]
+fn fitted_views_hold_the_scene_and_little_else() {
+    let mut random = Random(5);
+    let bounds = Bounds {
+        min: Vec3::new(-4.0, 0.0, 1.0),
+        max: Vec3::new(4.0, 0.5, 2.0),
+    };
+    for index in 0..200 {
+        let forward = match index {
+            0 => Vec3::Y,
+            1 => Vec3::NEG_Z,
+            _ => random.direction(),
+        };
+        let spec = DepthViewSpec::fitted(forward, &bounds, 64, 2);
+        assert!(DepthCompute::can_draw(&spec, &bounds));
+        let corners = bounds.corners().map(|corner| {
+            let clip = spec.clip_from_world * corner.extend(1.0);
+            assert_eq!(clip.w, 1.0);
+            clip.truncate()
+        });
+        let seen = Bounds::of(corners);
+        // All but the gutter of two texels, and a hundredth of the depth.
+        let inner = 60.0 / 64.0;
+        for (found, expected) in [
+            (seen.min, Vec3::new(-inner, -inner, 0.005)),
+            (seen.max, Vec3::new(inner, inner, 0.995)),
+        ] {
+            assert!(found.abs_diff_eq(expected, 1e-3), "{forward}: {seen:?}");
+        }
+        // Nearer to the light is greater.
+        let depth = |point: Vec3| spec.clip_from_world.row(2).dot(point.extend(1.0));
+        assert!(depth(bounds.center()) > depth(bounds.center() + forward * 0.1));
+    }
+    // A scene of nothing has views, too.
+    let empty = DepthViewSpec::fitted(Vec3::X, &Bounds::EMPTY, 16, 2);
+    assert!(empty.clip_from_world.is_finite());
+    // What reaches out of a view cannot be drawn into it by compute.
+    let smaller = DepthViewSpec::fitted(Vec3::X, &bounds, 64, 2);
+    let larger = Bounds {
+        max: bounds.max + Vec3::Y,
+        ..bounds
+    };
+    assert!(!DepthCompute::can_draw(&smaller, &larger));
+}

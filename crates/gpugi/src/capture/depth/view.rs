@@ -1,0 +1,209 @@
+//! What a tile of a depth atlas sees: perspective views, cubes and hemicubes of them, and parallel views.
+
+use glam::{Mat4, Vec2, Vec3, Vec4};
+use gpugi_scene::Bounds;
+
+use crate::capture::{orthographic_reverse, perspective_reverse_infinite};
+
+/// What one tile of a depth atlas sees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthViewSpec {
+    /// Clip space (reverse depth) from world space.
+    pub clip_from_world: Mat4,
+    /// Tile size (texels).
+    pub size: [u32; 2],
+    /// Width of a texel, the wider way: perspective, at distance 1; orthographic, everywhere (m).
+    pub texel: f32,
+    /// Perspective: near plane (m); orthographic: 0.
+    pub near: f32,
+    /// Orthographic: depth range (m).
+    pub range: f32,
+    /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under a mesh
+    /// that stands on a floor would see that floor lit.
+    pub second_depth: bool,
+}
+
+/// A rigid frame to look along: `forward` and `up` are perpendicular unit vectors.
+fn view_from_world(eye: Vec3, forward: Vec3, up: Vec3) -> Mat4 {
+    let right = forward.cross(up);
+    Mat4::from_cols(
+        right.extend(0.0),
+        up.extend(0.0),
+        (-forward).extend(0.0),
+        eye.extend(1.0),
+    )
+    .inverse()
+}
+
+impl DepthViewSpec {
+    /// A square perspective view of `side` texels; its outermost `gutter` texels lie outside the field of view whose half-angle has
+    /// the tangent `half_tangent`, so that filters may reach over the border.
+    pub fn perspective(
+        eye: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        half_tangent: f32,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> Self {
+        let inner = (side - 2 * gutter) as f32;
+        let widened = half_tangent * side as f32 / inner;
+        Self {
+            clip_from_world: perspective_reverse_infinite(Vec2::splat(widened), near)
+                * view_from_world(eye, forward, up),
+            size: [side, side],
+            texel: 2.0 * half_tangent / inner,
+            near,
+            range: 0.0,
+            second_depth: false,
+        }
+    }
+
+    /// The upper half of a 90 degree view: a side of a hemicube, whose `up` is the hemisphere's axis. `gutter` as above; below the
+    /// horizon there are `gutter` rows, too.
+    pub fn hemicube_side(
+        eye: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> Self {
+        let full = Self::perspective(eye, forward, up, 1.0, near, side, gutter);
+        let height = side / 2 + gutter;
+        // Keep the rows from the top: y' in [-1, 1] for y in [1 - 2 height / side, 1].
+        let kept = height as f32 / side as f32;
+        let lift = Mat4::from_cols(
+            Vec4::X,
+            Vec4::new(0.0, 1.0 / kept, 0.0, 0.0),
+            Vec4::Z,
+            Vec4::new(0.0, 1.0 - 1.0 / kept, 0.0, 1.0),
+        );
+        Self {
+            clip_from_world: lift * full.clip_from_world,
+            size: [side, height],
+            ..full
+        }
+    }
+
+    /// A square parallel view of `side` texels: `half_extent` (m) around `center`, depth from `near` to `far` (m) along `forward`
+    /// relative to `center`.
+    pub fn orthographic(
+        center: Vec3,
+        forward: Vec3,
+        up: Vec3,
+        half_extent: f32,
+        near: f32,
+        far: f32,
+        side: u32,
+    ) -> Self {
+        Self {
+            clip_from_world: orthographic_reverse(Vec2::splat(half_extent), 0.0, far - near)
+                * view_from_world(center + forward * near, forward, up),
+            size: [side, side],
+            texel: 2.0 * half_extent / side as f32,
+            near: 0.0,
+            range: far - near,
+            second_depth: false,
+        }
+    }
+
+    /// The tightest parallel view of `side` x `side` texels along `forward` that holds a box, with `gutter` texels to spare at each border.
+    /// Its texels need not be square.
+    pub fn fitted(forward: Vec3, bounds: &Bounds, side: u32, gutter: u32) -> Self {
+        let corners = if bounds.is_empty() {
+            [Vec3::ZERO; 8]
+        } else {
+            bounds.corners()
+        };
+        let diagonal = bounds.diagonal().max(1e-6);
+        let span = |axis: Vec3| {
+            let along = corners.map(|corner| corner.dot(axis));
+            let low = along.into_iter().fold(f32::INFINITY, f32::min);
+            let high = along.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            // A flat box has some thickness.
+            let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
+            (middle, half.max(diagonal * 1e-3))
+        };
+        // The smallest rectangle around a convex polygon lies along one of its sides: here, along an edge of the box.
+        let (up, right) = [Vec3::X, Vec3::Y, Vec3::Z]
+            .into_iter()
+            .filter_map(|edge| edge.reject_from_normalized(forward).try_normalize())
+            .map(|up| (up, forward.cross(up)))
+            .min_by(|a, b| {
+                let area = |(up, right): &(Vec3, Vec3)| span(*up).1 * span(*right).1;
+                area(a).total_cmp(&area(b))
+            })
+            .unwrap_or((Vec3::Y, Vec3::X));
+        let ((x, half_x), (y, half_y), (z, half_z)) = (span(right), span(up), span(forward));
+        // Nothing may fall off the ends by rounding.
+        let half_z = half_z * 1.01;
+        let widened = Vec2::new(half_x, half_y) * (side as f32 / (side - 2 * gutter) as f32);
+        Self {
+            clip_from_world: orthographic_reverse(widened, 0.0, 2.0 * half_z)
+                * view_from_world(right * x + up * y + forward * (z - half_z), forward, up),
+            size: [side, side],
+            texel: 2.0 * widened.max_element() / side as f32,
+            near: 0.0,
+            range: 2.0 * half_z,
+            second_depth: false,
+        }
+    }
+
+    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z.
+    pub fn cube(eye: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 6] {
+        [
+            (Vec3::X, Vec3::Y),
+            (Vec3::NEG_X, Vec3::Y),
+            (Vec3::Y, Vec3::Z),
+            (Vec3::NEG_Y, Vec3::Z),
+            (Vec3::Z, Vec3::Y),
+            (Vec3::NEG_Z, Vec3::Y),
+        ]
+        .map(|(forward, up)| Self::perspective(eye, forward, up, 1.0, near, side, gutter))
+    }
+
+    /// The five faces of a hemicube above a plane: its top, then the sides toward +tangent, -tangent, +bitangent, -bitangent with
+    /// bitangent = normal x tangent.
+    pub fn hemicube(
+        eye: Vec3,
+        normal: Vec3,
+        tangent: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> [Self; 5] {
+        let bitangent = normal.cross(tangent);
+        let wall = |forward| Self::hemicube_side(eye, forward, normal, near, side, gutter);
+        [
+            Self::perspective(eye, normal, tangent, 1.0, near, side, gutter),
+            wall(tangent),
+            wall(-tangent),
+            wall(bitangent),
+            wall(-bitangent),
+        ]
+    }
+
+    /// The hemicubes of a light that shines to both sides: above, then below, whose sides come in the same order.
+    pub fn hemicubes(
+        eye: Vec3,
+        normal: Vec3,
+        tangent: Vec3,
+        near: f32,
+        side: u32,
+        gutter: u32,
+    ) -> [Self; 10] {
+        let above = Self::hemicube(eye, normal, tangent, near, side, gutter);
+        // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
+        let mut below = Self::hemicube(eye, -normal, tangent, near, side, gutter);
+        below.swap(3, 4);
+        std::array::from_fn(|face| {
+            if face < 5 {
+                above[face]
+            } else {
+                below[face - 5]
+            }
+        })
+    }
+}
