@@ -1,7 +1,7 @@
 //! Directions in batches, each with an atlas of depth maps, and the gather over them.
 
 use super::gpu::{Direction, DirectionMap, Range};
-use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthKernels, DepthViewSpec};
+use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthRasterizer, DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -54,7 +54,7 @@ impl Plan {
 pub struct Batches {
     /// Side that atlases may have (texels).
     pub atlas_side: u32,
-    kernels: DepthKernels,
+    rasterizer: DepthRasterizer,
     gather: Kernel,
     comparison: wgpu::Sampler,
     made: Option<Made>,
@@ -65,6 +65,7 @@ pub struct Batches {
 #[derive(Debug)]
 struct Made {
     plan: Plan,
+    choice: Rasterizer,
     count: u32,
     directions: wgpu::Buffer,
     maps: wgpu::Buffer,
@@ -97,7 +98,7 @@ impl Batches {
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
             atlas_side: ATLAS_SIDE,
-            kernels: DepthKernels::new(gpu, scene)?,
+            rasterizer: DepthRasterizer::new(gpu, scene)?,
             gather: Kernel::new(
                 gpu,
                 &shader!("techniques.image_based_lighting.gather"),
@@ -117,7 +118,7 @@ impl Batches {
         })
     }
 
-    /// Takes over directions with the views of their depth maps, all of one size, and draws these where `memory` (bytes) holds all.
+    /// Takes over directions with the views of their depth maps, all of one size, and has `choice` draw these where `memory` (bytes) holds all.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
@@ -128,6 +129,7 @@ impl Batches {
         directions: &[Direction],
         views: &[DepthViewSpec],
         memory: u64,
+        choice: Rasterizer,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let count = directions.len() as u32;
@@ -150,25 +152,32 @@ impl Batches {
         if !reused {
             // First gives back what there was.
             (self.made, self.bound) = (None, None);
-            self.made = Some(self.make(gpu, plan, views)?);
+            self.made = Some(self.make(gpu, plan, choice, views)?);
         }
-        let Some(made) = &self.made else {
+        let Some(made) = &mut self.made else {
             return Ok(());
         };
+        made.choice = choice;
         let maps: Vec<DirectionMap> = made.batches.iter().flat_map(Batch::maps).collect();
         gpu.queue
             .write_buffer(&made.directions, 0, bytemuck::cast_slice(directions));
         gpu.queue
             .write_buffer(&made.maps, 0, bytemuck::cast_slice(&maps));
         if plan.is_kept {
-            for batch in &made.batches {
-                batch.draw(frame, &self.kernels, scene);
+            for batch in &mut made.batches {
+                batch.draw(frame, &mut self.rasterizer, choice, scene)?;
             }
         }
         Ok(())
     }
 
-    fn make(&self, gpu: &Gpu, plan: Plan, views: &[DepthViewSpec]) -> Result<Made, GpuError> {
+    fn make(
+        &self,
+        gpu: &Gpu,
+        plan: Plan,
+        choice: Rasterizer,
+        views: &[DepthViewSpec],
+    ) -> Result<Made, GpuError> {
         let storage = |label: &str, size: usize| {
             let size = (views.len() * size) as u64;
             gpu.buffer(label, size, wgpu::BufferUsages::STORAGE)
@@ -183,9 +192,9 @@ impl Batches {
             let atlas = match batches.first() {
                 Some(other) if !plan.is_kept => {
                     let texture = other.atlas.texture.clone();
-                    DepthAtlas::in_texture(gpu, &self.kernels, views, texture)?
+                    DepthAtlas::in_texture(gpu, &self.rasterizer.kernels, views, texture)?
                 }
-                _ => DepthAtlas::new(gpu, &self.kernels, views)?,
+                _ => DepthAtlas::new(gpu, &self.rasterizer.kernels, views)?,
             };
             let group = self.gather.bind(
                 gpu,
@@ -212,6 +221,7 @@ impl Batches {
         }
         Ok(Made {
             plan,
+            choice,
             count: first,
             directions,
             maps,
@@ -236,7 +246,7 @@ impl Batches {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let Some(made) = &self.made else {
+        let Some(made) = &mut self.made else {
             return Ok(());
         };
         let bound = match self.bound.take() {
@@ -245,9 +255,9 @@ impl Batches {
             }
             _ => bind(frame.gpu, &self.gather, made, points, target)?,
         };
-        for (batch, ranges) in made.batches.iter().zip(&bound.ranges) {
+        for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
             if !made.plan.is_kept {
-                batch.draw(frame, &self.kernels, scene);
+                batch.draw(frame, &mut self.rasterizer, made.choice, scene)?;
             }
             frame.compute("image-based-lighting.gather", |pass| {
                 for range in ranges {
@@ -270,9 +280,15 @@ impl Batches {
 }
 
 impl Batch {
-    fn draw(&self, frame: &mut Frame<'_>, kernels: &DepthKernels, scene: &GpuScene) {
-        self.atlas
-            .record(frame, "image-based-lighting.generate", kernels, scene);
+    fn draw(
+        &mut self,
+        frame: &mut Frame<'_>,
+        rasterizer: &mut DepthRasterizer,
+        choice: Rasterizer,
+        scene: &GpuScene,
+    ) -> Result<(), GpuError> {
+        let name = "image-based-lighting.generate";
+        rasterizer.record(frame, name, scene, &mut self.atlas, choice)
     }
 
     /// How the shader reads its depth maps.

@@ -11,14 +11,13 @@ pub(crate) mod gpu;
 mod tests;
 
 use glam::{Mat3, Vec3};
-use gpugi_scene::Bounds;
 use serde::{Deserialize, Serialize};
 
 use batches::{Batches, GUTTER};
 pub use domains::{Decomposition, Domain};
 
 use super::{Field, Info, Map, SettingError, Technique, settings};
-use crate::capture::depth::DepthViewSpec;
+use crate::capture::depth::{DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -59,6 +58,8 @@ pub struct Settings {
     pub resolution: u32,
     /// Memory for depth maps (MiB). Maps that do not fit together are drawn and gathered batch by batch, every frame anew.
     pub memory: u32,
+    /// Who draws depth maps.
+    pub rasterizer: Rasterizer,
 }
 
 impl Default for Settings {
@@ -69,6 +70,7 @@ impl Default for Settings {
             spread: Spread::Root,
             resolution: 512,
             memory: 1024,
+            rasterizer: Rasterizer::Auto,
         }
     }
 }
@@ -98,6 +100,11 @@ const FIELDS: &[Field] = &[
         name: "memory",
         summary: "for depth maps; those beyond it are drawn anew every frame, batch by batch [MiB]",
         range: Some((16.0, 65536.0)),
+    },
+    Field {
+        name: "rasterizer",
+        summary: "who draws depth maps: hardware, compute (for small triangles), or auto",
+        range: None,
     },
 ];
 
@@ -158,7 +165,7 @@ impl ImageBasedLighting {
             let flux_density = domain.flux_density * environment.intensity;
             let toward = world_from_map * domain.toward;
             (flux_density != Vec3::ZERO).then(|| {
-                let view = depth_view(toward, side, &scene.bounds);
+                let view = DepthViewSpec::fitted(-toward, &scene.bounds, side, GUTTER);
                 let direction = gpu::Direction {
                     toward: toward.to_array(),
                     solid_angle: domain.solid_angle,
@@ -170,20 +177,6 @@ impl ImageBasedLighting {
         });
         Ok(lit.unzip())
     }
-}
-
-/// What the depth map of the light from `toward` sees: the whole scene.
-fn depth_view(toward: Vec3, side: u32, bounds: &Bounds) -> DepthViewSpec {
-    let half = (bounds.diagonal() / 2.0).max(1e-6);
-    DepthViewSpec::orthographic(
-        bounds.center(),
-        -toward,
-        toward.any_orthonormal_vector(),
-        half * side as f32 / (side - 2 * GUTTER) as f32,
-        -half * 1.05,
-        half * 1.05,
-        side,
-    )
 }
 
 impl Technique for ImageBasedLighting {
@@ -215,8 +208,14 @@ impl Technique for ImageBasedLighting {
         }
         let (directions, views) = self.directions(frame, scene)?;
         let memory = u64::from(self.settings.memory) << 20;
-        self.batches
-            .generate(frame, scene, &directions, &views, memory)?;
+        self.batches.generate(
+            frame,
+            scene,
+            &directions,
+            &views,
+            memory,
+            self.settings.rasterizer,
+        )?;
         self.made = Some(made);
         Ok(())
     }
