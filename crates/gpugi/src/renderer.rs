@@ -292,6 +292,11 @@ impl Renderer {
         self.scene.invalidate();
     }
 
+    /// As if every instance had moved: maps that depend on geometry are out of date.
+    pub fn invalidate_geometry(&mut self) {
+        self.scene.versions.geometry += 1;
+    }
+
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
     /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
     ///
