@@ -7,7 +7,7 @@ use crate::capture::{CameraCapture, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::{Claims, GpuScene, Object};
+use crate::scene::{Claims, GpuScene, Object, check_environment};
 use crate::shader;
 use crate::techniques::{Map, REGISTRY, SettingError, Technique};
 
@@ -74,13 +74,14 @@ impl Renderer {
     /// in this scene.
     ///
     /// # Errors
-    /// [`RenderError::UnknownTechnique`], [`RenderError::Overlap`], [`RenderError::Gpu`].
+    /// [`RenderError::UnknownTechnique`], [`RenderError::Overlap`], [`RenderError::Scene`], [`RenderError::Gpu`].
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         names: &[String],
     ) -> Result<Self, RenderError> {
+        check_environment(scene.environment.as_ref())?;
         let scene = GpuScene::new(gpu, scene)?;
         let present = light_classes(&scene);
         if let Some(name) = names
@@ -264,8 +265,9 @@ impl Renderer {
     /// Follows changes of the scene; accumulation begins anew.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
+    /// [`RenderError::Scene`], [`RenderError::Gpu`].
     pub fn update(&mut self, before: &Scene, after: &Scene) -> Result<(), RenderError> {
+        check_environment(after.environment.as_ref())?;
         self.samples = 0;
         self.scene.update(&self.gpu, before, after)?;
         self.assign();

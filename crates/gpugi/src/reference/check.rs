@@ -3,6 +3,7 @@
 use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
 
 use crate::renderer::RenderError;
+use crate::scene::check_environment;
 
 /// Refuses what would make the whole picture infinite or black without a word, and a picture without pixels.
 pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
@@ -50,19 +51,16 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
             ));
         }
     }
-    if let Some(environment) = &scene.environment {
-        if !(environment.intensity.is_finite() && environment.rotation.is_finite()) {
-            return refuse("the environment's intensity or rotation is not finite".to_owned());
-        }
-        if let Pixels::Rgba32Float(values) = &environment.image.pixels
-            && let Some(value) = values.iter().position(|value| !value.is_finite())
-        {
-            return refuse(format!(
-                "texel {} of environment {:?} is not finite",
-                value / 4,
-                environment.image.name
-            ));
-        }
+    check_environment(scene.environment.as_ref())?;
+    if let Some(environment) = &scene.environment
+        && let Pixels::Rgba32Float(values) = &environment.image.pixels
+        && let Some(value) = values.iter().position(|value| !value.is_finite())
+    {
+        return refuse(format!(
+            "texel {} of environment {:?} is not finite",
+            value / 4,
+            environment.image.name
+        ));
     }
     Ok(())
 }

@@ -1,8 +1,25 @@
-//! The environment's texture.
+//! The environment's texture, and what no environment may be.
 
 use gpugi_scene::{Environment, Image, Pixels};
 
 use crate::gpu::{Gpu, GpuError};
+use crate::renderer::RenderError;
+
+/// Refuses numbers that would make the whole picture infinite, or take light away.
+pub fn check_environment(environment: Option<&Environment>) -> Result<(), RenderError> {
+    let Some(environment) = environment else {
+        return Ok(());
+    };
+    let (intensity, rotation) = (environment.intensity, environment.rotation);
+    if intensity.is_finite() && intensity >= 0.0 && rotation.is_finite() {
+        return Ok(());
+    }
+    Err(RenderError::Scene {
+        what: format!(
+            "the environment's intensity {intensity} must be a finite number of at least 0, its rotation {rotation} a finite angle"
+        ),
+    })
+}
 
 /// The environment as a half-float texture; one black texel without one. Values above 65,504, infinite ones too, are cut; what is negative
 /// or no number is no light.

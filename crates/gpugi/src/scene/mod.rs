@@ -22,6 +22,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
 pub use emitters::Emitter;
 use emitters::emitters;
+pub(crate) use environment::check_environment;
 use environment::environment_texture;
 use images::ImageArrays;
 use objects::seen_class;

@@ -106,6 +106,13 @@ fn what_is_not_finite_is_refused() {
             assert!(message.contains(part), "{part}: {message}");
         }
     }
+    let mut scene = floor(1.0);
+    scene.environment = Some(gpugi_scene::Environment {
+        intensity: -1.0,
+        ..white()
+    });
+    let error = refused(&gpu, &scene, [8, 8], &settings).to_string();
+    assert!(error.contains("intensity -1"), "{error}");
     // One texel among good ones.
     for value in [f32::NAN, f32::INFINITY] {
         let mut scene = floor(1.0);
