@@ -2,6 +2,7 @@
 //! views become depth.
 
 pub mod depth;
+pub mod distance_pyramid;
 mod view;
 mod visible;
 

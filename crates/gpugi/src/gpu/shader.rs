@@ -132,6 +132,7 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
                 if let naga::ImageClass::Storage { format, access } = class {
                     let format = match format {
                         naga::StorageFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
+                        naga::StorageFormat::Rg32Float => wgpu::TextureFormat::Rg32Float,
                         _ => return None,
                     };
                     return (access == naga::StorageAccess::STORE)

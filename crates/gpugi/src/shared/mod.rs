@@ -3,6 +3,8 @@
 mod brdf_tests;
 pub(crate) mod cpu;
 mod cube_tests;
+mod impostor_cpu;
+mod impostor_tests;
 mod octahedral_tests;
 mod sampling_tests;
 mod sobol_tests;

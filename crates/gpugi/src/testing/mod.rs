@@ -41,13 +41,29 @@ pub(crate) fn run_kernel<T: bytemuck::Pod>(
     count: usize,
     invocations: u32,
 ) -> Result<Vec<T>, GpuError> {
-    let kernel = Kernel::new(gpu, shader, entry, None)?;
-    let size = (count * std::mem::size_of::<T>()) as u64;
-    let output = gpu.buffer("output", size, wgpu::BufferUsages::STORAGE)?;
-    let mut resources: Vec<_> = inputs
+    let inputs: Vec<_> = inputs
         .iter()
         .map(|(name, buffer)| (*name, buffer.as_entire_binding()))
         .collect();
+    run_kernel_on(gpu, shader, entry, &inputs, count, invocations)
+}
+
+/// As [`run_kernel`], of inputs of any kind.
+///
+/// # Errors
+/// Whatever the GPU says.
+pub(crate) fn run_kernel_on<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    shader: &Shader,
+    entry: &str,
+    inputs: &[(&str, wgpu::BindingResource<'_>)],
+    count: usize,
+    invocations: u32,
+) -> Result<Vec<T>, GpuError> {
+    let kernel = Kernel::new(gpu, shader, entry, None)?;
+    let size = (count * std::mem::size_of::<T>()) as u64;
+    let output = gpu.buffer("output", size, wgpu::BufferUsages::STORAGE)?;
+    let mut resources = inputs.to_vec();
     resources.push(("output", output.as_entire_binding()));
     let group = kernel.bind(gpu, 0, &resources)?;
     let mut frame = Frame::new(gpu, false);

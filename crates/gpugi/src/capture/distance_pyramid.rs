@@ -1,0 +1,92 @@
+//! The pyramid of least and greatest inverse depth over a distance cube, by which `shared/impostor.wesl` skips empty space.
+
+use wgpu::BindingResource::TextureView;
+
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::shader;
+
+/// Smallest side of a distance cube's faces (texels).
+pub const LEAST_SIDE: u32 = 8;
+/// Side of the pyramid's last level (cells).
+const LAST_SIDE: u32 = 4;
+
+/// The pyramid of one distance cube.
+#[derive(Debug)]
+pub struct DistancePyramid {
+    /// Six layers, least and greatest inverse depth of each cell (1/m): from half the cube's side to four cells.
+    pub texture: wgpu::Texture,
+    steps: Vec<(Kernel, wgpu::BindGroup, u32)>,
+}
+
+impl DistancePyramid {
+    /// A pyramid over `distances`: six square layers of 32-bit floats (m), faces in the order of `shared/cube.wesl`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the faces' side is no power of two or less than [`LEAST_SIDE`]; [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, distances: &wgpu::Texture) -> Result<Self, GpuError> {
+        let side = distances.width();
+        if !side.is_power_of_two() || side < LEAST_SIDE || distances.height() != side {
+            return Err(GpuError::Pass {
+                pass: "distance pyramid".into(),
+                reason: format!(
+                    "a distance cube of {side}x{} texels a face; it must be square, a power of two, {LEAST_SIDE} or more",
+                    distances.height()
+                ),
+            });
+        }
+        let levels = (side / 2 / LAST_SIDE).ilog2() + 1;
+        let texture = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("distance pyramid"),
+            size: wgpu::Extent3d {
+                width: side / 2,
+                height: side / 2,
+                depth_or_array_layers: 6,
+            },
+            mip_level_count: levels,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rg32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        })?;
+        let shader = shader!("capture.distance_pyramid");
+        let first = Kernel::new(gpu, &shader, "first", None)?;
+        let next = Kernel::new(gpu, &shader, "next", None)?;
+        let steps = (0..levels)
+            .map(|level| {
+                let (kernel, finer) = match level {
+                    0 => (&first, faces(distances, 0)),
+                    _ => (&next, faces(&texture, level - 1)),
+                };
+                let resources = [
+                    ("finer_unfilterable", TextureView(&finer)),
+                    ("coarser", TextureView(&faces(&texture, level))),
+                ];
+                let group = kernel.bind(gpu, 3, &resources)?;
+                Ok((kernel.clone(), group, side >> (level + 1)))
+            })
+            .collect::<Result<_, GpuError>>()?;
+        Ok(Self { texture, steps })
+    }
+
+    /// Fills the pyramid from the distances.
+    pub fn record(&self, frame: &mut Frame<'_>) {
+        frame.compute("distance pyramid", |pass| {
+            for (kernel, group, side) in &self.steps {
+                kernel.dispatch(pass, &[(3, group)], [*side, *side, 6]);
+            }
+        });
+    }
+}
+
+/// The six faces of one level, as layers.
+fn faces(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        base_mip_level: level,
+        mip_level_count: Some(1),
+        ..Default::default()
+    })
+}
