@@ -3,13 +3,12 @@
 use glam::Vec2;
 use gpugi_scene::{Camera, Scene};
 
-use crate::capture::{CameraCapture, Target, View};
+use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::display::{Display, DisplaySettings};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Timing, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::scene::{Claims, GpuScene, Object, check_environment};
-use crate::shader;
-use crate::techniques::{Map, REGISTRY, SettingError, Technique};
+use crate::techniques::{Lit, Map, REGISTRY, SettingError, Technique};
 
 /// A renderer that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -59,9 +58,8 @@ pub struct Renderer {
     gpu: Gpu,
     scene: GpuScene,
     size: [u32; 2],
-    capture: CameraCapture,
-    emission: Kernel,
-    emission_groups: [wgpu::BindGroup; 2],
+    capture: Capture,
+    emission: Emission,
     techniques: Vec<Box<dyn Technique>>,
     target: Target,
     display: Display,
@@ -97,6 +95,7 @@ impl Renderer {
                     .join(", "),
             });
         }
+        let kernels = CaptureKernels::new(gpu, &scene)?;
         let mut techniques: Vec<Box<dyn Technique>> = Vec::new();
         for (info, make) in REGISTRY {
             let wanted = if names.is_empty() {
@@ -112,9 +111,9 @@ impl Renderer {
             let covered: Vec<LightPaths> = techniques
                 .iter()
                 .flat_map(|technique| technique.paths())
-                .copied()
+                .cloned()
                 .collect();
-            let made = make(gpu, &scene, &covered)?;
+            let made = make(gpu, &scene, &kernels, &covered)?;
             for other in &techniques {
                 if let Some((class, path)) = overlap(made.paths(), other.paths()) {
                     return Err(RenderError::Overlap {
@@ -127,43 +126,19 @@ impl Renderer {
             }
             techniques.push(made);
         }
-        let capture = CameraCapture::new(gpu, &scene, size)?;
-        let target = Target {
-            radiance: gpu.buffer(
-                "radiance [bytes]",
-                u64::from(size[0]) * u64::from(size[1]) * 16,
-                wgpu::BufferUsages::STORAGE,
-            )?,
-        };
-        let emission = Kernel::new(
-            gpu,
-            &shader!("capture.emission"),
-            "main",
-            Some(&scene.layout),
-        )?;
-        let emission_groups = [
-            emission.bind(
-                gpu,
-                1,
-                &[
-                    ("seen", capture.points.view.as_entire_binding()),
-                    ("points", capture.points.points.as_entire_binding()),
-                ],
-            )?,
-            emission.bind(gpu, 3, &[("radiance", target.radiance.as_entire_binding())])?,
-        ];
+        let capture = Capture::of_camera(gpu, &kernels, &scene, size)?;
+        let target = Target::new(gpu, capture.points.count)?;
         let mut renderer = Self {
             display: Display::new(gpu, size)?,
             gpu: gpu.clone(),
-            scene,
             size,
             capture,
-            emission,
-            emission_groups,
+            emission: Emission::new(gpu, &scene)?,
             techniques,
             target,
             samples: 0,
             seed: 0,
+            scene,
         };
         renderer.assign();
         Ok(renderer)
@@ -238,7 +213,7 @@ impl Renderer {
         let techniques = self.techniques.iter();
         techniques
             .flat_map(|technique| technique.paths())
-            .copied()
+            .cloned()
             .collect()
     }
 
@@ -328,22 +303,16 @@ impl Renderer {
         let mut frame = Frame::new(&gpu, timed);
         self.scene.merge(&mut frame);
         self.capture.record(&mut frame, &self.scene, &view);
-        for technique in &mut self.techniques {
-            technique.generate(&mut frame, &self.scene, &view)?;
+        for index in 0..self.techniques.len() {
+            let (earlier, rest) = self.techniques.split_at_mut(index);
+            let mut lit = Lit::new(&mut self.emission, earlier);
+            rest[0].generate(&mut frame, &self.scene, &view, &mut lit)?;
         }
-        frame.compute("frame.emission", |pass| {
-            self.emission.dispatch(
-                pass,
-                &[
-                    (0, &self.scene.bind_group),
-                    (1, &self.emission_groups[0]),
-                    (3, &self.emission_groups[1]),
-                ],
-                [self.capture.points.count, 1, 1],
-            );
-        });
+        let points = &self.capture.points;
+        self.emission
+            .record(&mut frame, &self.scene, points, &self.target)?;
         for technique in &mut self.techniques {
-            technique.gather(&mut frame, &self.scene, &self.capture.points, &self.target)?;
+            technique.gather(&mut frame, &self.scene, points, &self.target)?;
         }
         self.samples += 1;
         if let Some(settings) = display {

@@ -3,14 +3,16 @@
 
 pub mod depth;
 pub mod distance_pyramid;
+mod emission;
 mod view;
 mod visible;
 
 #[cfg(test)]
 mod tests;
 
+pub use emission::Emission;
 pub(crate) use view::ViewUniform;
-pub use view::{View, orthographic_reverse, perspective_reverse_infinite};
+pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
 
 use glam::{Mat4, Vec4};
@@ -34,6 +36,20 @@ pub struct SurfacePoints {
     pub count: u32,
 }
 
+impl SurfacePoints {
+    /// Bind group 1 of a pass that reads them.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
+        let resources = [
+            ("seen", self.view.as_entire_binding()),
+            ("points", self.points.as_entire_binding()),
+        ];
+        kernel.bind(gpu, 1, &resources)
+    }
+}
+
 /// Where gathers add radiance: one vec4f a point, summed over samples.
 #[derive(Debug, Clone)]
 pub struct Target {
@@ -41,9 +57,128 @@ pub struct Target {
     pub radiance: wgpu::Buffer,
 }
 
-/// Captures the surface points that a camera sees.
+impl Target {
+    /// Room for `count` points.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the adapter cannot hold them.
+    pub fn new(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
+        let size = u64::from(count) * 16;
+        Ok(Self {
+            radiance: gpu.buffer("radiance [bytes]", size, wgpu::BufferUsages::STORAGE)?,
+        })
+    }
+
+    /// Bind group 3 of a pass that adds to it and has nothing else there.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
+        kernel.bind(gpu, 3, &[("radiance", self.radiance.as_entire_binding())])
+    }
+}
+
+/// What a pass keeps for the points that it is run at and the targets that it writes: the picture's, and those of cubes.
 #[derive(Debug)]
-pub struct CameraCapture {
+pub struct PerTarget<T> {
+    kept: Vec<(wgpu::Buffer, wgpu::Buffer, T)>,
+}
+
+impl<T> Default for PerTarget<T> {
+    fn default() -> Self {
+        Self { kept: Vec::new() }
+    }
+}
+
+impl<T> PerTarget<T> {
+    /// More than these are made anew, the oldest first.
+    const MOST: usize = 16;
+
+    /// What was made for these points and this target, or is made now.
+    ///
+    /// # Errors
+    /// Those of `make`.
+    pub fn of(
+        &mut self,
+        points: &SurfacePoints,
+        target: &Target,
+        make: impl FnOnce() -> Result<T, GpuError>,
+    ) -> Result<&T, GpuError> {
+        let is_this = |(of, to, _): &(wgpu::Buffer, wgpu::Buffer, T)| {
+            *of == points.points && *to == target.radiance
+        };
+        let index = match self.kept.iter().position(is_this) {
+            Some(index) => index,
+            None => {
+                let made = make()?;
+                if self.kept.len() >= Self::MOST {
+                    self.kept.remove(0);
+                }
+                let (of, to) = (points.points.clone(), target.radiance.clone());
+                self.kept.push((of, to, made));
+                self.kept.len() - 1
+            }
+        };
+        Ok(&self.kept[index].2)
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+    }
+}
+
+/// The pipelines of captures.
+#[derive(Debug, Clone)]
+pub struct CaptureKernels {
+    opaque: [RasterKernel; 2],
+    alpha: [RasterKernel; 2],
+    resolve: Kernel,
+}
+
+impl CaptureKernels {
+    /// Compiles them.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let raster = |shader, cull| {
+            RasterKernel::new(
+                gpu,
+                &shader,
+                Some(&scene.layout),
+                &RasterState {
+                    colors: &[wgpu::TextureFormat::R32Uint],
+                    cull,
+                    slope_bias: 0.0,
+                    has_fragment: true,
+                    has_vertices: true,
+                },
+            )
+        };
+        let back = Some(wgpu::Face::Back);
+        Ok(Self {
+            opaque: [
+                raster(shader!("capture.hits"), back)?,
+                raster(shader!("capture.hits"), None)?,
+            ],
+            alpha: [
+                raster(shader!("capture.hits_alpha"), back)?,
+                raster(shader!("capture.hits_alpha"), None)?,
+            ],
+            resolve: Kernel::new(
+                gpu,
+                &shader!("capture.resolve"),
+                "main",
+                Some(&scene.layout),
+            )?,
+        })
+    }
+}
+
+/// Captures the surface points that a camera or a cube sees.
+#[derive(Debug)]
+pub struct Capture {
     /// The latest points.
     pub points: SurfacePoints,
     /// Hit records: the provoking merged vertex of each pixel's triangle; all ones where there is none.
@@ -51,21 +186,65 @@ pub struct CameraCapture {
     size: [u32; 2],
     hits_view: wgpu::TextureView,
     depth: wgpu::TextureView,
-    opaque: [RasterKernel; 2],
-    alpha: [RasterKernel; 2],
-    matrix: wgpu::Buffer,
-    opaque_group: wgpu::BindGroup,
-    alpha_group: wgpu::BindGroup,
-    resolve: Kernel,
+    kernels: CaptureKernels,
+    faces: Vec<Face>,
     resolve_groups: [wgpu::BindGroup; 2],
 }
 
-impl CameraCapture {
-    /// Room for `size` points.
+/// Where the matrix of one face lies: of an image's only one, or of a cube's six.
+#[derive(Debug)]
+struct Face {
+    matrix: wgpu::Buffer,
+    opaque_group: wgpu::BindGroup,
+    alpha_group: wgpu::BindGroup,
+}
+
+impl Face {
+    fn new(gpu: &Gpu, kernels: &CaptureKernels) -> Result<Self, GpuError> {
+        let matrix = gpu.buffer("clip_from_world", 80, wgpu::BufferUsages::UNIFORM)?;
+        let entire = matrix.as_entire_binding();
+        Ok(Self {
+            opaque_group: kernels.opaque[0].bind(gpu, 1, &[("clip_from_world", entire.clone())])?,
+            alpha_group: kernels.alpha[0].bind(gpu, 1, &[("alpha_view", entire)])?,
+            matrix,
+        })
+    }
+}
+
+impl Capture {
+    /// Room for what a camera sees in an image of `size` pixels.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold them.
-    pub fn new(gpu: &Gpu, scene: &GpuScene, size: [u32; 2]) -> Result<Self, GpuError> {
+    pub fn of_camera(
+        gpu: &Gpu,
+        kernels: &CaptureKernels,
+        scene: &GpuScene,
+        size: [u32; 2],
+    ) -> Result<Self, GpuError> {
+        Self::new(gpu, kernels, scene, size, 1)
+    }
+
+    /// Room for what a cube sees whose faces have `side` texels squared.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the adapter cannot hold them.
+    pub fn of_cube(
+        gpu: &Gpu,
+        kernels: &CaptureKernels,
+        scene: &GpuScene,
+        side: u32,
+    ) -> Result<Self, GpuError> {
+        Self::new(gpu, kernels, scene, [side, 6 * side], 6)
+    }
+
+    fn new(
+        gpu: &Gpu,
+        kernels: &CaptureKernels,
+        scene: &GpuScene,
+        size: [u32; 2],
+        faces: u32,
+    ) -> Result<Self, GpuError> {
         let texture = |label, format, usage| {
             gpu.texture(&wgpu::TextureDescriptor {
                 label: Some(label),
@@ -106,40 +285,8 @@ impl CameraCapture {
             )?,
             count,
         };
-        let raster = |shader, cull| {
-            RasterKernel::new(
-                gpu,
-                &shader,
-                Some(&scene.layout),
-                &RasterState {
-                    colors: &[wgpu::TextureFormat::R32Uint],
-                    cull,
-                    slope_bias: 0.0,
-                    has_vertices: true,
-                    has_fragment: true,
-                },
-            )
-        };
-        let back = Some(wgpu::Face::Back);
-        let opaque = [
-            raster(shader!("capture.hits"), back)?,
-            raster(shader!("capture.hits"), None)?,
-        ];
-        let alpha = [
-            raster(shader!("capture.hits_alpha"), back)?,
-            raster(shader!("capture.hits_alpha"), None)?,
-        ];
-        let matrix = gpu.buffer("clip_from_world", 80, wgpu::BufferUsages::UNIFORM)?;
-        let opaque_group =
-            opaque[0].bind(gpu, 1, &[("clip_from_world", matrix.as_entire_binding())])?;
-        let alpha_group = alpha[0].bind(gpu, 1, &[("alpha_view", matrix.as_entire_binding())])?;
         let hits_view = hits.create_view(&Default::default());
-        let resolve = Kernel::new(
-            gpu,
-            &shader!("capture.resolve"),
-            "main",
-            Some(&scene.layout),
-        )?;
+        let resolve = &kernels.resolve;
         let resolve_groups = [
             resolve.bind(
                 gpu,
@@ -164,51 +311,85 @@ impl CameraCapture {
             size,
             hits_view,
             depth: depth.create_view(&Default::default()),
-            opaque,
-            alpha,
-            matrix,
-            opaque_group,
-            alpha_group,
-            resolve,
+            kernels: kernels.clone(),
+            faces: (0..faces)
+                .map(|_| Face::new(gpu, kernels))
+                .collect::<Result<_, _>>()?,
             resolve_groups,
         })
     }
 
-    /// Captures `view`: passes `capture.hits` and `capture.resolve`.
+    /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`.
     pub fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) {
+        let matrices = [view.clip_from_world];
+        self.draw(frame, scene, &view.uniform, &matrices, |_| true);
+    }
+
+    /// Captures what a cube sees of the instances that are `wanted`: the same passes.
+    pub fn record_cube(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &CubeView,
+        wanted: impl Fn(u32) -> bool,
+    ) {
+        self.draw(frame, scene, &view.uniform, &view.clip_from_world, wanted);
+    }
+
+    fn draw(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &ViewUniform,
+        matrices: &[Mat4],
+        wanted: impl Fn(u32) -> bool,
+    ) {
         let queue = &frame.gpu.queue;
-        queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(&view.uniform));
-        let mut matrix = [0.0_f32; 20];
-        matrix[..16].copy_from_slice(&view.clip_from_world.to_cols_array());
+        queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(view));
         let seed = view
-            .uniform
             .seed
-            .wrapping_add(view.uniform.sample_index.wrapping_mul(0x9e37_79b9));
-        matrix[16] = f32::from_bits(seed);
-        queue.write_buffer(&self.matrix, 0, bytemuck::cast_slice(&matrix));
+            .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
+        for (face, matrix) in self.faces.iter().zip(matrices) {
+            let mut words = [0.0_f32; 20];
+            words[..16].copy_from_slice(&matrix.to_cols_array());
+            words[16] = f32::from_bits(seed);
+            queue.write_buffer(&face.matrix, 0, bytemuck::cast_slice(&words));
+        }
         frame.render("capture.hits", &[&self.hits_view], &self.depth, |pass| {
             pass.set_bind_group(0, &scene.bind_group, &[]);
             pass.set_vertex_buffer(0, scene.vertices.slice(..));
             pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-            let planes = frustum_planes(&view.clip_from_world);
-            let mut current = None;
-            for (class, range) in visible_ranges(&scene.draws, &planes, |draw| draw.seen) {
-                let (kernel, group) = match class {
-                    DrawClass::Closed | DrawClass::Open => (&self.opaque[0], &self.opaque_group),
-                    DrawClass::DoubleSided => (&self.opaque[1], &self.opaque_group),
-                    DrawClass::Alpha => (&self.alpha[0], &self.alpha_group),
-                    DrawClass::AlphaDoubleSided => (&self.alpha[1], &self.alpha_group),
-                };
-                if current != Some(class) {
-                    kernel.set(pass);
-                    pass.set_bind_group(1, group, &[]);
-                    current = Some(class);
+            let [width, height] = [self.size[0], self.size[1] / self.faces.len() as u32];
+            for (number, (face, matrix)) in self.faces.iter().zip(matrices).enumerate() {
+                let top = number as u32 * height;
+                pass.set_viewport(0.0, top as f32, width as f32, height as f32, 0.0, 1.0);
+                pass.set_scissor_rect(0, top, width, height);
+                let planes = frustum_planes(matrix);
+                let mut current = None;
+                let kind = |draw: &Draw| wanted(draw.instance).then_some(draw.seen);
+                for (class, range) in visible_ranges(&scene.draws, &planes, kind) {
+                    let Some(class) = class else {
+                        continue;
+                    };
+                    let (kernel, group) = match class {
+                        DrawClass::Closed | DrawClass::Open => {
+                            (&self.kernels.opaque[0], &face.opaque_group)
+                        }
+                        DrawClass::DoubleSided => (&self.kernels.opaque[1], &face.opaque_group),
+                        DrawClass::Alpha => (&self.kernels.alpha[0], &face.alpha_group),
+                        DrawClass::AlphaDoubleSided => (&self.kernels.alpha[1], &face.alpha_group),
+                    };
+                    if current != Some(class) {
+                        kernel.set(pass);
+                        pass.set_bind_group(1, group, &[]);
+                        current = Some(class);
+                    }
+                    pass.draw_indexed(range, 0, 0..1);
                 }
-                pass.draw_indexed(range, 0, 0..1);
             }
         });
         frame.compute("capture.resolve", |pass| {
-            self.resolve.dispatch(
+            self.kernels.resolve.dispatch(
                 pass,
                 &[
                     (0, &scene.bind_group),

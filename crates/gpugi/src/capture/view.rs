@@ -4,6 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::{Camera, Projection};
 
+use super::depth::DepthViewSpec;
+
 /// `View` of capture/view.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -17,9 +19,9 @@ pub struct ViewUniform {
     pub direction: [f32; 3],
     pub seed: u32,
     pub direction_dx: [f32; 3],
-    pub padding_0: u32,
+    pub faces: u32,
     pub direction_dy: [f32; 3],
-    pub padding_1: u32,
+    pub padding: u32,
 }
 
 /// A camera for an image of a size: the rays of its pixels and the matrix that rasterizes for them.
@@ -97,14 +99,48 @@ impl View {
                 direction: direction.to_array(),
                 seed,
                 direction_dx: direction_dx.to_array(),
-                padding_0: 0,
+                faces: 1,
                 direction_dy: direction_dy.to_array(),
-                padding_1: 0,
+                padding: 0,
             },
             clip_from_world: shift * clip_from_view * view_from_world,
             world_from_view: camera.world_from_view,
             half_extent,
             is_perspective,
+        }
+    }
+}
+
+/// The six faces of a cube around a point, as one image of faces below each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubeView {
+    /// What shaders read.
+    pub uniform: ViewUniform,
+    /// Clip space (reverse depth) of each face from world space.
+    pub clip_from_world: [Mat4; 6],
+}
+
+impl CubeView {
+    /// The cube around `eye` with faces of `side` texels squared; nothing nearer than `near` (m) is seen.
+    pub fn new(eye: Vec3, side: u32, near: f32, sample_index: u32, seed: u32) -> Self {
+        let faces = DepthViewSpec::cube(eye, near, side, 0);
+        let zero = [0.0; 3];
+        Self {
+            uniform: ViewUniform {
+                origin: eye.to_array(),
+                width: side,
+                origin_dx: zero,
+                height: 6 * side,
+                origin_dy: zero,
+                sample_index,
+                direction: zero,
+                seed,
+                direction_dx: zero,
+                faces: 6,
+                direction_dy: zero,
+                padding: 0,
+            },
+            clip_from_world: faces.map(|face| face.clip_from_world),
         }
     }
 }

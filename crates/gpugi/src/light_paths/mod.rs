@@ -14,6 +14,7 @@ pub use automaton::PathAutomaton;
 pub use pattern::PatternError;
 
 use automaton::shortest_path;
+use std::borrow::Cow;
 
 /// What emitters and the sky send straight to the eye: belongs to the frame, whatever the techniques.
 pub const SEEN_DIRECTLY: &str = "LE";
@@ -46,12 +47,31 @@ impl std::fmt::Display for LightClass {
 }
 
 /// Paths of light that a technique adds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct LightPaths {
     /// Where they begin.
     pub class: LightClass,
     /// Which they are, such as `L[DG]E`.
-    pub pattern: &'static str,
+    pub pattern: Cow<'static, str>,
+}
+
+impl LightPaths {
+    /// The paths of a pattern that is known when the program is made.
+    pub const fn new(class: LightClass, pattern: &'static str) -> Self {
+        Self {
+            class,
+            pattern: Cow::Borrowed(pattern),
+        }
+    }
+
+    /// These paths on their way over `bounces` more before they come to the eye, such as `S{1,2}`.
+    pub fn continued(&self, bounces: &str) -> Self {
+        let before = self.pattern.strip_suffix('E').unwrap_or(&self.pattern);
+        Self {
+            class: self.class,
+            pattern: Cow::Owned(format!("{before}{bounces}E")),
+        }
+    }
 }
 
 /// The paths that a path tracer keeps: all from a light to the eye, unless another pattern is given.
@@ -164,8 +184,8 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
     for &class in present {
         let mut patterns = vec![SEEN_DIRECTLY];
         for one in covered.iter().filter(|one| one.class == class) {
-            if !patterns.contains(&one.pattern) {
-                patterns.push(one.pattern);
+            if !patterns.contains(&&*one.pattern) {
+                patterns.push(&one.pattern);
             }
         }
         let pattern = patterns.join("|");
@@ -189,7 +209,7 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
 fn automata(set: &[LightPaths], class: LightClass) -> Vec<PathAutomaton> {
     set.iter()
         .filter(|one| one.class == class)
-        .map(|one| compiled(one.pattern))
+        .map(|one| compiled(&one.pattern))
         .collect()
 }
 

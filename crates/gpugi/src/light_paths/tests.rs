@@ -236,7 +236,7 @@ fn hostile_patterns_end_in_errors_soon() {
 
 #[test]
 fn overlapping_sets_are_found_by_class() {
-    let set = |class, pattern| [LightPaths { class, pattern }];
+    let set = |class, pattern| [LightPaths::new(class, pattern)];
     let direct = set(LightClass::Punctual, "L[DG]E");
     assert_eq!(
         overlap(&direct, &set(LightClass::Punctual, "L.E")),
@@ -265,7 +265,7 @@ fn overlapping_sets_are_found_by_class() {
 fn what_is_left_out_is_named() {
     let left_out = |pattern| {
         let class = LightClass::Area;
-        super::left_out(&[LightPaths { class, pattern }], &[class])
+        super::left_out(&[LightPaths::new(class, pattern)], &[class])
     };
     assert_eq!(
         left_out("L[DG]E"),
@@ -310,7 +310,7 @@ fn the_longest_path_is_known_where_there_is_one() {
 #[test]
 fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
     use LightClass::{Area, Environment, Punctual};
-    let paths = |class, pattern| LightPaths { class, pattern };
+    let paths = |class, pattern| LightPaths::new(class, pattern);
     let part = |classes: &[LightClass], pattern: &str| Part {
         classes: classes.to_vec(),
         pattern: pattern.to_owned(),
@@ -340,7 +340,7 @@ fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
 fn every_technique_declares_patterns() {
     for (info, _) in REGISTRY {
         for paths in info.paths {
-            let compiled = PathAutomaton::compile(paths.pattern);
+            let compiled = PathAutomaton::compile(&paths.pattern);
             assert!(compiled.is_ok(), "{}: {compiled:?}", info.name);
         }
     }

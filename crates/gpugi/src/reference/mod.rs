@@ -40,18 +40,9 @@ pub const INFO: Info = Info {
     summary: "the reference: every light path, by unidirectional path tracing",
     source: "Kajiya 1986; Veach 1997; pbrt 4th edition, chapter 13",
     paths: &[
-        LightPaths {
-            class: LightClass::Punctual,
-            pattern: "L.*E",
-        },
-        LightPaths {
-            class: LightClass::Area,
-            pattern: "L.*E",
-        },
-        LightPaths {
-            class: LightClass::Environment,
-            pattern: "L.*E",
-        },
+        LightPaths::new(LightClass::Punctual, "L.*E"),
+        LightPaths::new(LightClass::Area, "L.*E"),
+        LightPaths::new(LightClass::Environment, "L.*E"),
     ],
 };
 

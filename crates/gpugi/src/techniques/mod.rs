@@ -7,7 +7,7 @@ pub mod shadow_map;
 
 pub use settings::{Field, SettingError};
 
-use crate::capture::{SurfacePoints, Target, View};
+use crate::capture::{CaptureKernels, Emission, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::LightPaths;
 use crate::scene::{Claims, GpuScene, Object};
@@ -40,7 +40,7 @@ pub trait Technique: std::fmt::Debug {
     fn info(&self) -> &'static Info;
 
     /// The light that it adds: [`Info::paths`], or what is left of them beside the techniques that it was made with.
-    fn paths(&self) -> &'static [LightPaths] {
+    fn paths(&self) -> &[LightPaths] {
         self.info().paths
     }
 
@@ -66,7 +66,7 @@ pub trait Technique: std::fmt::Debug {
     /// [`SettingError`] when there is no such setting or the value is out of range.
     fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError>;
 
-    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are.
+    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are. `lit`: the light that it may capture.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -75,6 +75,7 @@ pub trait Technique: std::fmt::Debug {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
+        lit: &mut Lit<'_>,
     ) -> Result<(), GpuError>;
 
     /// Adds the technique's light at `points` to `target`.
@@ -93,20 +94,54 @@ pub trait Technique: std::fmt::Debug {
     fn maps(&self) -> Vec<Map>;
 }
 
+/// The light of the frame and of the techniques earlier in the registry, whose maps are up to date: for techniques that capture their lit
+/// surroundings.
+#[derive(Debug)]
+pub struct Lit<'a> {
+    emission: &'a mut Emission,
+    earlier: &'a mut [Box<dyn Technique>],
+}
+
+impl<'a> Lit<'a> {
+    /// Light of emitters and of `earlier` techniques.
+    pub fn new(emission: &'a mut Emission, earlier: &'a mut [Box<dyn Technique>]) -> Self {
+        Self { emission, earlier }
+    }
+
+    /// Writes the light at `points` to `target`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        self.emission.record(frame, scene, points, target)?;
+        for technique in &mut *self.earlier {
+            technique.gather(frame, scene, points, target)?;
+        }
+        Ok(())
+    }
+}
+
 /// How the registry makes a technique, given the light that earlier ones in use add.
-type Make = fn(&Gpu, &GpuScene, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
+type Make =
+    fn(&Gpu, &GpuScene, &CaptureKernels, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
 
 /// Every technique in the order of the frame.
 pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene, _| {
+    (&shadow_map::INFO, |gpu, scene, _, _| {
         Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
     }),
-    (&image_based_lighting::INFO, |gpu, scene, _| {
+    (&image_based_lighting::INFO, |gpu, scene, _, _| {
         Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
             gpu, scene,
         )?))
     }),
-    (&environment_map::INFO, |gpu, scene, covered| {
+    (&environment_map::INFO, |gpu, scene, _, covered| {
         Ok(Box::new(environment_map::EnvironmentMap::new(
             gpu, scene, covered,
         )?))

@@ -225,12 +225,12 @@ fn beside_image_based_lighting_only_mirrors_are_added() {
     let Some(gpu) = gpu() else { return };
     let mut scene = floor(1.0);
     scene.environment = Some(sky());
-    let patterns = |renderer: &Renderer| -> Vec<&'static str> {
+    let patterns = |renderer: &Renderer| -> Vec<String> {
         renderer
             .light_paths()
             .iter()
             .filter(|paths| paths.class == LightClass::Environment)
-            .map(|paths| paths.pattern)
+            .map(|paths| paths.pattern.to_string())
             .collect()
     };
     let both = Renderer::new(&gpu, &scene, [16, 16], &[]).expect("no overlap");

@@ -6,7 +6,7 @@ use gpugi_scene::{
     AlphaMode, Camera, Image, Material, Pixels, Projection, Scene, Texture, TextureRef, Wrap,
 };
 
-use crate::capture::{CameraCapture, View};
+use crate::capture::{Capture, CaptureKernels, View};
 use crate::gpu::{Frame, Gpu, Kernel, read_buffer, read_texture};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -29,7 +29,8 @@ struct Point {
 /// Captures `scene`; also returns the rays (origin, unit direction).
 fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)> {
     let mut on_gpu = GpuScene::new(gpu, scene).unwrap();
-    let capture = CameraCapture::new(gpu, &on_gpu, [SIDE; 2]).unwrap();
+    let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
+    let capture = Capture::of_camera(gpu, &kernels, &on_gpu, [SIDE; 2]).unwrap();
     let view = View::new(
         camera,
         [SIDE; 2],

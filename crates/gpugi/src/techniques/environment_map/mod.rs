@@ -17,8 +17,8 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Map, SettingError, Technique, settings};
-use crate::capture::{SurfacePoints, Target, View};
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Object};
@@ -30,17 +30,11 @@ pub const INFO: Info = Info {
     name: "environment-map",
     summary: "the environment without occlusion; beside image-based-lighting in mirrors, glass and chosen objects",
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
-    paths: &[LightPaths {
-        class: LightClass::Environment,
-        pattern: "L[DGS]E",
-    }],
+    paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
 };
 
 /// What is left beside a technique that adds the rest.
-const MIRRORS: &[LightPaths] = &[LightPaths {
-    class: LightClass::Environment,
-    pattern: "LSE",
-}];
+const MIRRORS: &[LightPaths] = &[LightPaths::new(LightClass::Environment, "LSE")];
 
 /// How irradiance is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -181,7 +175,7 @@ pub struct EnvironmentMap {
     /// Whether any object needs more than the environment's image.
     needs_maps: bool,
     made: Option<Made>,
-    bound: Option<(wgpu::Buffer, wgpu::Buffer, [wgpu::BindGroup; 2])>,
+    bound: PerTarget<[wgpu::BindGroup; 2]>,
 }
 
 /// Maps, and what they were made of.
@@ -207,7 +201,7 @@ impl EnvironmentMap {
             is_whole: overlap(INFO.paths, covered).is_none(),
             needs_maps: true,
             made: None,
-            bound: None,
+            bound: PerTarget::default(),
         })
     }
 
@@ -223,7 +217,7 @@ impl Technique for EnvironmentMap {
         &INFO
     }
 
-    fn paths(&self) -> &'static [LightPaths] {
+    fn paths(&self) -> &[LightPaths] {
         if self.is_whole { INFO.paths } else { MIRRORS }
     }
 
@@ -283,6 +277,7 @@ impl Technique for EnvironmentMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
+        _: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
         if scene.environment.is_none() {
             return Ok(());
@@ -314,36 +309,17 @@ impl Technique for EnvironmentMap {
         if scene.environment.is_none() {
             return Ok(());
         }
-        let fresh = self.bound.as_ref().is_some_and(|(bound, radiance, _)| {
-            *bound == points.points && *radiance == target.radiance
+        let (gpu, kernel) = (frame.gpu, &self.gather);
+        let [seen, added] = self.bound.of(points, target, || {
+            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
+        })?;
+        let mut groups = vec![(0, &scene.bind_group), (1, seen), (3, added)];
+        if let Some(made) = &self.made {
+            groups.push((2, &made.maps.group));
+        }
+        frame.compute("environment-map.gather", |pass| {
+            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
         });
-        if !fresh {
-            let groups = [
-                self.gather.bind(
-                    frame.gpu,
-                    1,
-                    &[
-                        ("seen", points.view.as_entire_binding()),
-                        ("points", points.points.as_entire_binding()),
-                    ],
-                )?,
-                self.gather.bind(
-                    frame.gpu,
-                    3,
-                    &[("radiance", target.radiance.as_entire_binding())],
-                )?,
-            ];
-            self.bound = Some((points.points.clone(), target.radiance.clone(), groups));
-        }
-        if let Some((_, _, [seen, added])) = &self.bound {
-            let mut groups = vec![(0, &scene.bind_group), (1, seen), (3, added)];
-            if let Some(made) = &self.made {
-                groups.push((2, &made.maps.group));
-            }
-            frame.compute("environment-map.gather", |pass| {
-                self.gather.dispatch(pass, &groups, [points.count, 1, 1]);
-            });
-        }
         Ok(())
     }
 

@@ -6,8 +6,8 @@ use glam::{DVec3, Vec2};
 use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
 use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
-use super::{EnvironmentMap, Technique};
-use crate::capture::View;
+use super::{EnvironmentMap, Lit, Technique};
+use crate::capture::{Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::scene::GpuScene;
 use crate::shared::cpu::Case;
@@ -65,7 +65,11 @@ pub(super) fn generated(
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut frame = Frame::new(gpu, false);
-    technique.generate(&mut frame, &scene, &view).unwrap();
+    let mut emission = Emission::new(gpu, &scene).unwrap();
+    let mut lit = Lit::new(&mut emission, &mut []);
+    technique
+        .generate(&mut frame, &scene, &view, &mut lit)
+        .unwrap();
     frame.submit().unwrap();
     technique
 }
@@ -484,7 +488,11 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, true);
-        technique.generate(&mut frame, scene, &view).unwrap();
+        let mut emission = Emission::new(&gpu, scene).unwrap();
+        let mut lit = Lit::new(&mut emission, &mut []);
+        technique
+            .generate(&mut frame, scene, &view, &mut lit)
+            .unwrap();
         frame.submit().unwrap().len()
     };
     if !gpu.has_timestamps {

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use batches::{Batches, GUTTER};
 pub use domains::{Decomposition, Domain};
 
-use super::{Field, Info, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::depth::{DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -28,10 +28,7 @@ pub const INFO: Info = Info {
     name: "image-based-lighting",
     summary: "direct light of the environment with shadows",
     source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
-    paths: &[LightPaths {
-        class: LightClass::Environment,
-        pattern: "L[DG]E",
-    }],
+    paths: &[LightPaths::new(LightClass::Environment, "L[DG]E")],
 };
 
 /// How relaxation spreads directions.
@@ -201,6 +198,7 @@ impl Technique for ImageBasedLighting {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
+        _: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
         let made = (scene.versions, self.settings.clone());
         if self.made.as_ref() == Some(&made) {

@@ -14,7 +14,7 @@ mod warp;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -30,14 +30,8 @@ pub const INFO: Info = Info {
     summary: "direct light of point, spot, directional and area lights with shadows",
     source: "tutorial section 3.1; Williams 1978; Reeves et al. 1987; Fernando 2005",
     paths: &[
-        LightPaths {
-            class: LightClass::Punctual,
-            pattern: "L[DG]E",
-        },
-        LightPaths {
-            class: LightClass::Area,
-            pattern: "L[DG]E",
-        },
+        LightPaths::new(LightClass::Punctual, "L[DG]E"),
+        LightPaths::new(LightClass::Area, "L[DG]E"),
     ],
 };
 
@@ -245,6 +239,7 @@ impl Technique for ShadowMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
+        _: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,

@@ -1,7 +1,7 @@
 //! Light samples with depth maps, and the gather over them: what shadow-map and image-based-lighting share.
 
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
-use crate::capture::{SurfacePoints, Target};
+use crate::capture::{PerTarget, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -18,7 +18,7 @@ pub struct Shadows {
     gather: Kernel,
     comparison: wgpu::Sampler,
     made: Option<Made>,
-    bound: Option<Bound>,
+    bound: PerTarget<Bound>,
 }
 
 /// What a set of lights needs.
@@ -34,8 +34,6 @@ struct Made {
 /// Bind groups for one set of points and one target.
 #[derive(Debug)]
 struct Bound {
-    points: wgpu::Buffer,
-    target: wgpu::Buffer,
     group: wgpu::BindGroup,
     chunks: Vec<(u32, wgpu::BindGroup)>,
 }
@@ -63,7 +61,7 @@ impl Shadows {
                 ..Default::default()
             }),
             made: None,
-            bound: None,
+            bound: PerTarget::default(),
         })
     }
 
@@ -82,7 +80,8 @@ impl Shadows {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         if lights.is_empty() {
-            (self.made, self.bound) = (None, None);
+            self.made = None;
+            self.bound.clear();
             return Ok(());
         }
         // A light that moved needs no new tiles: only what they see changes.
@@ -92,7 +91,7 @@ impl Shadows {
                 && made.atlas.update(gpu, &views)
         });
         if !reused {
-            self.bound = None;
+            self.bound.clear();
             self.made = Some(self.make(gpu, lights, views, settings)?);
         }
         if let Some(made) = &self.made {
@@ -159,42 +158,27 @@ impl Shadows {
         let Some(made) = &self.made else {
             return Ok(());
         };
-        let fresh = self
-            .bound
-            .as_ref()
-            .is_some_and(|bound| bound.points == points.points && bound.target == target.radiance);
-        if !fresh {
+        let (gpu, gather) = (frame.gpu, &self.gather);
+        let bound = self.bound.of(points, target, || {
             let settings = &made.settings;
             let taps = if settings.kind == 0 {
                 1
             } else {
                 settings.taps.max(settings.area_taps)
             };
-            self.bound = Some(bind(
-                frame.gpu,
-                &self.gather,
-                points,
-                target,
-                made.light_count,
-                taps,
-            )?);
-        }
-        if let Some(bound) = &self.bound {
-            frame.compute(pass, |compute| {
-                for (count, range) in &bound.chunks {
-                    self.gather.dispatch(
-                        compute,
-                        &[
-                            (0, &scene.bind_group),
-                            (1, &bound.group),
-                            (2, &made.group),
-                            (3, range),
-                        ],
-                        [*count, 1, 1],
-                    );
-                }
-            });
-        }
+            bind(gpu, gather, points, target, made.light_count, taps)
+        })?;
+        frame.compute(pass, |compute| {
+            for (count, range) in &bound.chunks {
+                let groups = [
+                    (0, &scene.bind_group),
+                    (1, &bound.group),
+                    (2, &made.group),
+                    (3, range),
+                ];
+                gather.dispatch(compute, &groups, [*count, 1, 1]);
+            }
+        });
         Ok(())
     }
 }
@@ -208,14 +192,7 @@ fn bind(
     light_count: u32,
     taps: u32,
 ) -> Result<Bound, GpuError> {
-    let group = gather.bind(
-        gpu,
-        1,
-        &[
-            ("seen", points.view.as_entire_binding()),
-            ("points", points.points.as_entire_binding()),
-        ],
-    )?;
+    let group = points.bind(gpu, gather)?;
     let per_light = u64::from(points.count) * u64::from(taps);
     let lights_at_once = (DISPATCH_WORK / per_light.max(1)).clamp(1, u64::from(light_count)) as u32;
     let points_at_once = (DISPATCH_WORK / u64::from(taps))
@@ -242,10 +219,5 @@ fn bind(
             chunks.push((range.end_point - first_point, chunk));
         }
     }
-    Ok(Bound {
-        points: points.points.clone(),
-        target: target.radiance.clone(),
-        group,
-        chunks,
-    })
+    Ok(Bound { group, chunks })
 }
