@@ -102,6 +102,7 @@ impl Renderer {
                 info.paths
                     .iter()
                     .any(|paths| present.contains(&paths.class))
+                    && (info.suits)(&scene)
             } else {
                 names.iter().any(|name| name == info.name)
             };

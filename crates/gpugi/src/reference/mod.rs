@@ -44,6 +44,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L.*E"),
         LightPaths::new(LightClass::Environment, "L.*E"),
     ],
+    suits: |_| true,
 };
 
 /// Largest side of a tile (pixels): its film then fits into the smallest storage binding that WebGPU promises, 128 MiB.

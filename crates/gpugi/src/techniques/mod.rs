@@ -1,5 +1,6 @@
 //! The techniques: each generates illumination into maps and gathers it at surface points.
 
+pub mod distance_impostor;
 pub mod environment_map;
 pub mod image_based_lighting;
 pub mod settings;
@@ -23,6 +24,8 @@ pub struct Info {
     pub source: &'static str,
     /// The light that it adds.
     pub paths: &'static [LightPaths],
+    /// Whether a scene with such light has anything else that it needs: then it is in the best set for the scene.
+    pub suits: fn(&GpuScene) -> bool,
 }
 
 /// A texture that a technique keeps, for dumps and tests.
@@ -108,7 +111,7 @@ impl<'a> Lit<'a> {
         Self { emission, earlier }
     }
 
-    /// Writes the light at `points` to `target`.
+    /// Writes the light at `points` to `target`; `with_emission`: also what comes straight from emitters and the environment.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -118,8 +121,13 @@ impl<'a> Lit<'a> {
         scene: &GpuScene,
         points: &SurfacePoints,
         target: &Target,
+        with_emission: bool,
     ) -> Result<(), GpuError> {
-        self.emission.record(frame, scene, points, target)?;
+        if with_emission {
+            self.emission.record(frame, scene, points, target)?;
+        } else {
+            frame.clear(&target.radiance);
+        }
         for technique in &mut *self.earlier {
             technique.gather(frame, scene, points, target)?;
         }
@@ -144,6 +152,11 @@ pub const REGISTRY: &[(&Info, Make)] = &[
     (&environment_map::INFO, |gpu, scene, _, covered| {
         Ok(Box::new(environment_map::EnvironmentMap::new(
             gpu, scene, covered,
+        )?))
+    }),
+    (&distance_impostor::INFO, |gpu, scene, capture, covered| {
+        Ok(Box::new(distance_impostor::DistanceImpostor::new(
+            gpu, scene, capture, covered,
         )?))
     }),
 ];

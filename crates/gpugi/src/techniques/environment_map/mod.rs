@@ -31,6 +31,7 @@ pub const INFO: Info = Info {
     summary: "the environment without occlusion; beside image-based-lighting in mirrors, glass and chosen objects",
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
     paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
+    suits: |_| true,
 };
 
 /// What is left beside a technique that adds the rest.

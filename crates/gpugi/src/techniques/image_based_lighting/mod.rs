@@ -29,6 +29,7 @@ pub const INFO: Info = Info {
     summary: "direct light of the environment with shadows",
     source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
     paths: &[LightPaths::new(LightClass::Environment, "L[DG]E")],
+    suits: |_| true,
 };
 
 /// How relaxation spreads directions.

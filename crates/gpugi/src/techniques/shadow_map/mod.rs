@@ -33,6 +33,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Punctual, "L[DG]E"),
         LightPaths::new(LightClass::Area, "L[DG]E"),
     ],
+    suits: |_| true,
 };
 
 /// How shadows are smoothed.

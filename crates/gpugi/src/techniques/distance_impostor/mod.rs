@@ -1,0 +1,345 @@
+//! Distance impostors: reflections and refractions of surroundings that are as near as they are (tutorial sections 5.1 to 5.3).
+//!
+//! Generate: for each object a cube around a reference point captures its surroundings, lit by the techniques before this one, with their
+//! distances; of a refractor also its own shape. Gather: reflected and refracted rays look for their hits in these maps.
+//! docs/techniques/distance-impostor.md.
+
+pub(crate) mod gpu;
+mod impostor;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use crate::capture::{CaptureKernels, PerTarget, SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
+use crate::scene::{Claims, GpuScene, Object};
+use impostor::{Impostor, Kernels};
+
+/// What distance impostors say of themselves.
+pub const INFO: Info = Info {
+    name: "distance-impostor",
+    summary: "localized reflections and multiple refractions of lit surroundings, on chosen objects",
+    source: "tutorial sections 5.1 to 5.3; Szirmay-Kalos et al. 2005",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, "L[DG]?S+E"),
+        LightPaths::new(LightClass::Area, "L[DG]?S+E"),
+        LightPaths::new(LightClass::Environment, "L[DG]?S+E"),
+    ],
+    suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+};
+
+/// How hits are searched for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Search {
+    /// A walk through all cells that the ray may meet: finds everything that is as wide as a texel.
+    Walk,
+    /// The tutorial's first version: secant, then false position.
+    Secant,
+    /// The tutorial's second version.
+    FalsePosition,
+    /// None: surroundings count as infinitely far, as in classical environment mapping.
+    None,
+}
+
+/// A point, or the middle of each object.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Reference(pub Option<Vec3>);
+
+impl TryFrom<String> for Reference {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        if text == AUTO {
+            return Ok(Self(None));
+        }
+        let numbers: Option<Vec<f32>> = text
+            .split(',')
+            .map(|one| one.trim().parse().ok().filter(|one: &f32| one.is_finite()))
+            .collect();
+        match numbers.as_deref() {
+            Some(&[x, y, z]) => Ok(Self(Some(Vec3::new(x, y, z)))),
+            _ => Err("auto, or three numbers with commas between".into()),
+        }
+    }
+}
+
+impl From<Reference> for String {
+    fn from(reference: Reference) -> Self {
+        match reference.0 {
+            None => AUTO.into(),
+            Some(point) => format!("{},{},{}", point.x, point.y, point.z),
+        }
+    }
+}
+
+/// Settings of distance impostors.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Settings {
+    /// Side of the faces of the surroundings' cubes (texels): a power of two.
+    pub resolution: u32,
+    /// Side of the faces of refractors' shapes (texels): a power of two.
+    pub shape_resolution: u32,
+    /// How hits are searched for.
+    pub search: Search,
+    /// Steps of the tutorial's searches.
+    pub iterations: u32,
+    /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
+    pub bounces: u32,
+    /// Where cubes are captured from (m).
+    pub reference: Reference,
+    /// Whether cubes are captured every frame, and not only when the scene changed.
+    pub every_frame: bool,
+    /// Objects with impostors: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
+    pub objects: String,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            resolution: 256,
+            shape_resolution: 256,
+            search: Search::Walk,
+            iterations: 4,
+            bounces: 4,
+            reference: Reference(None),
+            every_frame: false,
+            objects: AUTO.to_owned(),
+        }
+    }
+}
+
+const FIELDS: &[Field] = &[
+    Field {
+        name: "resolution",
+        summary: "side of the faces of the surroundings' cubes, a power of two [texels]",
+        range: Some((16.0, 1024.0)),
+    },
+    Field {
+        name: "shape-resolution",
+        summary: "side of the faces of refractors' shapes, a power of two [texels]",
+        range: Some((16.0, 1024.0)),
+    },
+    Field {
+        name: "search",
+        summary: "walk, secant, false-position or none: how hits are searched for; none is classical environment mapping",
+        range: None,
+    },
+    Field {
+        name: "iterations",
+        summary: "steps of the searches secant and false-position",
+        range: Some((0.0, 64.0)),
+    },
+    Field {
+        name: "bounces",
+        summary: "most surfaces that light meets inside a refractor; 0: it refracts once",
+        range: Some((0.0, 16.0)),
+    },
+    Field {
+        name: "reference",
+        summary: "auto, the middle of each object, or x,y,z: where cubes are captured from [m]",
+        range: None,
+    },
+    Field {
+        name: "every-frame",
+        summary: "true or false: capture cubes every frame, not only when the scene changed",
+        range: None,
+    },
+    Field {
+        name: "objects",
+        summary: "objects with impostors, names with commas between and * for any letters; auto: those with ideal surfaces",
+        range: None,
+    },
+];
+
+/// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
+const AUTO: &str = "auto";
+/// Most objects that get an impostor by themselves.
+const MOST: usize = 16;
+
+/// Distance impostors.
+#[derive(Debug)]
+pub struct DistanceImpostor {
+    settings: Settings,
+    kernels: Kernels,
+    /// What lights the surroundings.
+    covered: Vec<LightPaths>,
+    paths: Vec<LightPaths>,
+    /// Instances with an impostor.
+    claimed: Vec<u32>,
+    made: Option<(Settings, Vec<u32>, Vec<Impostor>)>,
+    bound: PerTarget<[wgpu::BindGroup; 2]>,
+}
+
+impl DistanceImpostor {
+    /// Compiles the technique's passes. `covered`: the light that earlier techniques add, which surroundings show.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        capture: &CaptureKernels,
+        covered: &[LightPaths],
+    ) -> Result<Self, GpuError> {
+        let mut covered = covered.to_vec();
+        for class in [LightClass::Area, LightClass::Environment] {
+            covered.push(LightPaths::new(class, SEEN_DIRECTLY));
+        }
+        Ok(Self {
+            settings: Settings::default(),
+            kernels: Kernels::new(gpu, scene, capture)?,
+            covered,
+            paths: Vec::new(),
+            claimed: Vec::new(),
+            made: None,
+            bound: PerTarget::default(),
+        })
+    }
+}
+
+impl Technique for DistanceImpostor {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn paths(&self) -> &[LightPaths] {
+        &self.paths
+    }
+
+    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
+        let mut claims = vec![Claims::NONE; objects.len()];
+        self.claimed.clear();
+        let (mut refracts, mut is_rough) = (false, false);
+        for (index, object) in objects.iter().enumerate() {
+            let is_mine = match self.settings.objects.as_str() {
+                AUTO => object.is_smooth && self.claimed.len() < MOST,
+                list => object.is_named_by(list),
+            };
+            if is_mine {
+                self.claimed.push(index as u32);
+                claims[index] = Claims::SPECULAR;
+                is_rough |= !object.is_smooth;
+                if object.is_transmissive && object.is_solid {
+                    claims[index] = Claims::SPECULAR | Claims::TRANSMISSION;
+                    refracts = true;
+                }
+            }
+        }
+        let bounces = match (refracts, self.settings.bounces) {
+            (true, bounces @ 1..) => format!("S{{1,{}}}", bounces + 1),
+            _ => "S".to_owned(),
+        };
+        self.paths.clear();
+        if !self.claimed.is_empty() {
+            for covered in &self.covered {
+                self.paths.push(covered.continued(&bounces));
+                if is_rough && covered.pattern != SEEN_DIRECTLY {
+                    self.paths.push(covered.continued("G"));
+                }
+            }
+        }
+        claims
+    }
+
+    fn names(&self) -> &str {
+        match self.settings.objects.as_str() {
+            AUTO => "",
+            list => list,
+        }
+    }
+
+    fn settings(&self) -> serde_json::Value {
+        settings::to_json(&self.settings)
+    }
+
+    fn fields(&self) -> &'static [Field] {
+        FIELDS
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
+        let mut changed = self.settings.clone();
+        settings::set(&mut changed, FIELDS, name, value)?;
+        if ![changed.resolution, changed.shape_resolution]
+            .iter()
+            .all(|side| side.is_power_of_two())
+        {
+            return Err(SettingError::Value {
+                name: name.to_owned(),
+                value: value.to_owned(),
+                reason: "a power of two is needed".into(),
+            });
+        }
+        self.settings = changed;
+        Ok(())
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+        lit: &mut Lit<'_>,
+    ) -> Result<(), GpuError> {
+        let is_made = |(settings, claimed, _): &(Settings, Vec<u32>, _)| {
+            *settings == self.settings && *claimed == self.claimed
+        };
+        if !self.made.as_ref().is_some_and(is_made) {
+            let impostors = self
+                .claimed
+                .iter()
+                .map(|&one| Impostor::new(frame.gpu, scene, &self.kernels, &self.settings, one))
+                .collect::<Result<Vec<_>, _>>()?;
+            self.made = Some((self.settings.clone(), self.claimed.clone(), impostors));
+        }
+        let made = self.made.iter_mut().flat_map(|(_, _, made)| made);
+        for impostor in made {
+            impostor.generate(frame, scene, &self.kernels, &self.settings, lit)?;
+        }
+        Ok(())
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let (gpu, kernel) = (frame.gpu, &self.kernels.gather);
+        let Some((_, _, impostors)) = &self.made else {
+            return Ok(());
+        };
+        let [seen, added] = self.bound.of(points, target, || {
+            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
+        })?;
+        frame.compute("distance-impostor.gather", |pass| {
+            for impostor in impostors {
+                let groups = [
+                    (0, &scene.bind_group),
+                    (1, seen),
+                    (2, &impostor.group),
+                    (3, added),
+                ];
+                kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+            }
+        });
+        Ok(())
+    }
+
+    fn maps(&self) -> Vec<Map> {
+        let impostors = self.made.iter().flat_map(|(_, _, made)| made);
+        impostors
+            .flat_map(|impostor| {
+                impostor.textures().into_iter().map(|(name, texture)| Map {
+                    name: format!("distance-impostor.{}.{name}", impostor.instance),
+                    texture: texture.clone(),
+                })
+            })
+            .collect()
+    }
+}
