@@ -1,4 +1,5 @@
-//! Small pictures of built-in scenes against stored ones: they detect change, not error. `GPUGI_UPDATE_GOLDEN=1` stores them anew.
+//! Small pictures of built-in scenes, and an environment's maps, against stored ones: they detect change, not error.
+//! `GPUGI_UPDATE_GOLDEN=1` stores them anew.
 
 mod common;
 
@@ -6,11 +7,23 @@ use std::path::PathBuf;
 
 use common::gpu;
 use gpugi::Renderer;
+use gpugi::techniques::environment_map::{Settings, export};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::image::{decode_color, save_png};
-use gpugi_scene::{Limits, Pixels};
+use gpugi_scene::image::{HalfTexture, decode_color, save_png};
+use gpugi_scene::{Image, Limits, Pixels};
+use serde_json::{Value, json};
 
 const SIDE: u32 = 64;
+
+fn stored(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden")
+        .join(name)
+}
+
+fn is_update() -> bool {
+    std::env::var_os("GPUGI_UPDATE_GOLDEN").is_some_and(|value| value == "1")
+}
 
 fn golden(name: &str) {
     let Some(gpu) = gpu() else { return };
@@ -34,9 +47,8 @@ fn golden(name: &str) {
             ]
         })
         .collect();
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/{name}.png"));
-    if std::env::var_os("GPUGI_UPDATE_GOLDEN").is_some_and(|value| value == "1") {
-        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+    let path = stored(&format!("{name}.png"));
+    if is_update() {
         save_png(&path, SIDE, SIDE, &picture).expect("a stored picture");
         return;
     }
@@ -78,4 +90,103 @@ fn room() {
 #[test]
 fn shapes() {
     golden("shapes");
+}
+
+/// A sky that is bright in one corner, and uneven everywhere.
+fn uneven_sky() -> Image {
+    const WIDTH: usize = 32;
+    let texel = |index: usize| {
+        let (x, y) = ((index % WIDTH) as f32, (index / WIDTH) as f32);
+        let sun = if index == 5 * WIDTH + 21 { 60.0 } else { 0.0 };
+        [
+            sun + 0.3 + 0.02 * x,
+            sun + 1.2 - 0.06 * y,
+            0.2 + 0.01 * x * (1.0 + y % 3.0),
+            1.0,
+        ]
+    };
+    Image {
+        name: "uneven sky".into(),
+        width: WIDTH as u32,
+        height: 16,
+        pixels: Pixels::Rgba32Float((0..WIDTH * 16).flat_map(texel).collect()),
+    }
+}
+
+/// Mean and a dozen texels of every level.
+fn samples(texture: &HalfTexture) -> Value {
+    let levels = texture.levels.iter().map(|level| {
+        let rgb = |i: usize| [0, 1, 2].map(|c| level[i][c].to_f32());
+        let mean = [0, 1, 2]
+            .map(|c| level.iter().map(|texel| texel[c].to_f32()).sum::<f32>() / level.len() as f32);
+        let texels: Vec<_> = (0..12)
+            .map(|i| rgb((2 * i + 1) * level.len() / 24))
+            .collect();
+        json!({ "mean": mean, "texels": texels })
+    });
+    levels.collect()
+}
+
+/// Every number of one beside that of the other: where they stand, and both.
+fn pairs(place: String, found: &Value, kept: &Value, all: &mut Vec<(String, [f64; 2])>) {
+    match (found, kept) {
+        (Value::Object(a), Value::Object(b)) => {
+            assert!(a.keys().eq(b.keys()), "{place} has other parts than before");
+            for (key, value) in a {
+                pairs(format!("{place} {key}"), value, &b[key], all);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) => {
+            assert_eq!(
+                a.len(),
+                b.len(),
+                "{place} has more or fewer parts than before"
+            );
+            for (i, (a, b)) in a.iter().zip(b).enumerate() {
+                pairs(format!("{place} {i}"), a, b, all);
+            }
+        }
+        _ => {
+            let [a, b] = [found, kept].map(|value| value.as_f64().expect("a number"));
+            all.push((place, [a, b]));
+        }
+    }
+}
+
+#[test]
+fn environment_maps() {
+    let Some(gpu) = gpu() else { return };
+    let settings = Settings {
+        resolution: 32,
+        samples: 32,
+        ..Settings::default()
+    };
+    let baked = export::bake(&gpu, &uneven_sky(), &settings).expect("maps");
+    let found = json!({
+        "radiance": samples(&baked.radiance),
+        "irradiance": samples(&baked.irradiance),
+        "ggx": samples(&baked.ggx),
+        "phong": samples(&baked.phong),
+        "albedo": samples(&baked.albedo),
+        "harmonics": baked.description.radiance_coefficients,
+    });
+    let path = stored("environment-maps.json");
+    if is_update() {
+        let text = serde_json::to_string(&found).expect("JSON");
+        std::fs::write(&path, text).expect("a stored file");
+        return;
+    }
+    let text = std::fs::read_to_string(&path);
+    let text = text.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let kept = serde_json::from_str(&text).expect("JSON");
+    let mut all = Vec::new();
+    pairs(String::new(), &found, &kept, &mut all);
+    assert!(all.len() > 500, "{}", all.len());
+    // Drivers filter and round a little differently.
+    for (place, [found, kept]) in all {
+        assert!(
+            (found - kept).abs() < 0.01 * kept.abs() + 0.005,
+            "{place} changed: {found}, not {kept}. GPUGI_UPDATE_GOLDEN=1 stores it."
+        );
+    }
 }

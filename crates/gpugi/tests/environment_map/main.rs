@@ -123,8 +123,10 @@ fn error_in(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str)]
 fn spheres_are_near_the_truth_over_roughness() {
     let Some(gpu) = gpu() else { return };
     let matt = || Material::matt("matt", Vec3::splat(0.7));
-    let cases: [(&str, Material, &[_], f64); 7] = [
+    let cases: [(&str, Material, &[_], f64); 8] = [
         ("mirror", metal(0.0), &[], 0.012),
+        // Between the levels for 0 and 0.19.
+        ("metal of roughness 0.12", metal(0.12), &[], 0.02),
         ("metal of roughness 0.5", metal(0.5), &[], 0.03),
         ("metal of roughness 1", metal(1.0), &[], 0.01),
         ("plastic of roughness 0.3", plastic(0.3), &[], 0.016),

@@ -260,7 +260,7 @@ impl Maps {
 
 /// The roughness that a level of the glossy maps stands for: glossy_level.wesl.
 pub fn level_roughness(level: u32, levels: u32) -> f32 {
-    level as f32 / (levels - 1) as f32
+    (level as f32 / (levels - 1) as f32).powf(1.5)
 }
 
 /// The exponent of the Phong lobe about as wide: glossy_level.wesl.
