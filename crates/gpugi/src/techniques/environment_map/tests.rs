@@ -10,8 +10,9 @@ use super::{EnvironmentMap, Lit, Technique};
 use crate::capture::{Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::scene::GpuScene;
+use crate::shader;
 use crate::shared::cpu::Case;
-use crate::testing::{Random, test_gpu};
+use crate::testing::{Random, run_kernel, test_gpu};
 
 /// A map of `width` x `height` texels.
 fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32) -> Environment {
@@ -399,6 +400,36 @@ fn glossy_maps_are_means_over_their_lobes() {
                 }
             }
         }
+    }
+}
+
+/// The rule that the export describes: a level's roughness, and between two levels the one that mixes their alphas to the lobe's.
+#[test]
+fn lookups_read_between_the_levels_that_the_maps_have() {
+    let Some(gpu) = test_gpu() else { return };
+    let lobes: Vec<[f32; 2]> = [1, 3, 5, 8]
+        .into_iter()
+        .flat_map(|last| (0..=200).map(move |i| [i as f32 / 200.0, last as f32]))
+        .collect();
+    let buffer = gpu.storage("lobes", &lobes).unwrap();
+    let count = lobes.len();
+    let found: Vec<f32> = run_kernel(
+        &gpu,
+        &shader!("testing.glossy_level"),
+        "main",
+        &[("lobes", &buffer)],
+        count,
+        count as u32,
+    )
+    .unwrap();
+    for ([roughness, last], found) in lobes.into_iter().zip(found) {
+        let alpha = |level: f32| level_roughness(level as u32, last as u32 + 1).powi(2);
+        let (low, high) = (alpha(found.floor()), alpha(found.ceil()));
+        let mixed = low + (high - low) * found.fract();
+        assert!(
+            (0.0..=last).contains(&found) && (mixed - roughness * roughness).abs() < 1e-5,
+            "roughness {roughness} of {last} levels: {found}, alpha {mixed}"
+        );
     }
 }
 
