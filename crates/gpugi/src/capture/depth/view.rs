@@ -151,12 +151,12 @@ impl DepthViewSpec {
         }
     }
 
-    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z.
+    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z, their rows as in shared/cube.wesl, mirrored left to right.
     pub fn cube(eye: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 6] {
         [
             (Vec3::X, Vec3::Y),
             (Vec3::NEG_X, Vec3::Y),
-            (Vec3::Y, Vec3::Z),
+            (Vec3::Y, Vec3::NEG_Z),
             (Vec3::NEG_Y, Vec3::Z),
             (Vec3::Z, Vec3::Y),
             (Vec3::NEG_Z, Vec3::Y),
