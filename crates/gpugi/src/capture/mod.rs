@@ -92,7 +92,7 @@ impl<T> Default for PerTarget<T> {
 
 impl<T> PerTarget<T> {
     /// More than these are made anew, the oldest first.
-    const MOST: usize = 16;
+    const MOST: usize = 32;
 
     /// What was made for these points and this target, or is made now.
     ///
@@ -322,18 +322,20 @@ impl Capture {
     /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`.
     pub fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) {
         let matrices = [view.clip_from_world];
-        self.draw(frame, scene, &view.uniform, &matrices, |_| true);
+        self.draw(frame, scene, &view.uniform, &matrices, |draw| {
+            Some(draw.seen)
+        });
     }
 
-    /// Captures what a cube sees of the instances that are `wanted`: the same passes.
+    /// Captures what a cube sees: the same passes. `class_of` says how each draw is drawn, or that it is not.
     pub fn record_cube(
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &CubeView,
-        wanted: impl Fn(u32) -> bool,
+        class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) {
-        self.draw(frame, scene, &view.uniform, &view.clip_from_world, wanted);
+        self.draw(frame, scene, &view.uniform, &view.clip_from_world, class_of);
     }
 
     fn draw(
@@ -342,7 +344,7 @@ impl Capture {
         scene: &GpuScene,
         view: &ViewUniform,
         matrices: &[Mat4],
-        wanted: impl Fn(u32) -> bool,
+        class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) {
         let queue = &frame.gpu.queue;
         queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(view));
@@ -366,8 +368,7 @@ impl Capture {
                 pass.set_scissor_rect(0, top, width, height);
                 let planes = frustum_planes(matrix);
                 let mut current = None;
-                let kind = |draw: &Draw| wanted(draw.instance).then_some(draw.seen);
-                for (class, range) in visible_ranges(&scene.draws, &planes, kind) {
+                for (class, range) in visible_ranges(&scene.draws, &planes, &class_of) {
                     let Some(class) = class else {
                         continue;
                     };

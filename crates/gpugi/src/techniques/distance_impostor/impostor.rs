@@ -5,9 +5,9 @@ use wgpu::BindingResource::{Sampler, TextureView};
 
 use super::{Search, Settings, gpu};
 use crate::capture::distance_pyramid::DistancePyramid;
-use crate::capture::{Capture, CaptureKernels, CubeView, Target};
+use crate::capture::{Capture, CaptureKernels, CubeView, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{DrawClass, GpuScene, Versions};
 use crate::shader;
 use crate::techniques::Lit;
 
@@ -99,17 +99,15 @@ impl CubeMap {
         kernel: &Kernel,
         scene: &GpuScene,
         capture: &Capture,
-        target: Option<&Target>,
+        target: &Target,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let [distances, colors] = [layers(&self.distances, 0), layers(&self.colors, 0)];
-        let mut resources = vec![
+        let resources = [
+            ("radiance", target.radiance.as_entire_binding()),
             ("distances", TextureView(&distances)),
             ("stored", TextureView(&colors)),
         ];
-        if let Some(target) = target {
-            resources.push(("radiance", target.radiance.as_entire_binding()));
-        }
         let points = capture.points.bind(gpu, kernel)?;
         let stored = kernel.bind(gpu, 3, &resources)?;
         frame.compute("distance-impostor.store", |pass| {
@@ -155,7 +153,8 @@ pub struct Impostor {
     uniform: wgpu::Buffer,
     /// Bind group 2 of the gather.
     pub group: wgpu::BindGroup,
-    captured: Option<Versions>,
+    /// What the maps were captured of.
+    pub captured: Option<Versions>,
     shaped: Option<u64>,
 }
 
@@ -244,7 +243,7 @@ impl Impostor {
         })
     }
 
-    /// Captures what has changed.
+    /// Captures what has changed. `add_others`: the light of other impostors on their objects.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -255,6 +254,7 @@ impl Impostor {
         kernels: &Kernels,
         settings: &Settings,
         lit: &mut Lit<'_>,
+        add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Some(draw) = scene
             .draws
@@ -270,13 +270,18 @@ impl Impostor {
             self.capture_shape(frame, scene, kernels, center, near)?;
             self.shaped = Some(scene.versions.geometry);
         }
-        if self.captured == Some(scene.versions) && !settings.every_frame {
-            return Ok(());
-        }
         let view = CubeView::new(reference, settings.resolution, near, 0, 0);
         let own = self.instance;
-        self.capture
-            .record_cube(frame, scene, &view, |instance| instance != own);
+        self.capture.record_cube(frame, scene, &view, |draw| {
+            // Other glass is seen from outside alone: the reference point may lie in it.
+            let is_claimed = draw.seen != draw.class && draw.seen == DrawClass::DoubleSided;
+            let class = if is_claimed {
+                DrawClass::Open
+            } else {
+                draw.seen
+            };
+            (draw.instance != own).then_some(class)
+        });
         lit.gather(
             frame,
             scene,
@@ -284,12 +289,13 @@ impl Impostor {
             &self.target,
             self.is_smooth,
         )?;
+        add_others(frame, &self.capture.points, &self.target)?;
         self.surroundings.store(
             frame,
             &kernels.surroundings,
             scene,
             &self.capture,
-            Some(&self.target),
+            &self.target,
         )?;
         frame.compute("distance-impostor.levels", |pass| {
             for (group, side) in &self.coarser {
@@ -331,9 +337,11 @@ impl Impostor {
         let capture = Capture::of_cube(frame.gpu, &kernels.capture, scene, side)?;
         let view = CubeView::new(center, side, near, 0, 0);
         let own = self.instance;
-        capture.record_cube(frame, scene, &view, |instance| instance == own);
+        capture.record_cube(frame, scene, &view, |draw| {
+            (draw.instance == own).then_some(draw.seen)
+        });
         self.shape
-            .store(frame, &kernels.shape, scene, &capture, None)
+            .store(frame, &kernels.shape, scene, &capture, &self.target)
     }
 
     /// Radiance and distances of the surroundings, and, of a refractor, its normals.

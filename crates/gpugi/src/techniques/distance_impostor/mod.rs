@@ -296,9 +296,41 @@ impl Technique for DistanceImpostor {
                 .collect::<Result<Vec<_>, _>>()?;
             self.made = Some((self.settings.clone(), self.claimed.clone(), impostors));
         }
-        let made = self.made.iter_mut().flat_map(|(_, _, made)| made);
-        for impostor in made {
-            impostor.generate(frame, scene, &self.kernels, &self.settings, lit)?;
+        let Some((_, _, impostors)) = &mut self.made else {
+            return Ok(());
+        };
+        let is_fresh = |one: &Impostor| one.captured == Some(scene.versions);
+        if impostors.iter().all(is_fresh) && !self.settings.every_frame {
+            return Ok(());
+        }
+        // Those captured first do not see what the others show yet: once more, when the scene has changed.
+        let rounds = if impostors.len() > 1 && !impostors.iter().all(is_fresh) {
+            2
+        } else {
+            1
+        };
+        for _ in 0..rounds {
+            for index in 0..impostors.len() {
+                let (before, rest) = impostors.split_at_mut(index);
+                let Some((this, after)) = rest.split_first_mut() else {
+                    break;
+                };
+                let (kernels, settings, bound) = (&self.kernels, &self.settings, &mut self.bound);
+                this.generate(
+                    frame,
+                    scene,
+                    kernels,
+                    settings,
+                    lit,
+                    |frame, points, target| {
+                        let others = before
+                            .iter()
+                            .chain(&*after)
+                            .filter(|one| one.captured.is_some());
+                        add(frame, scene, kernels, bound, points, target, others)
+                    },
+                )?;
+            }
         }
         Ok(())
     }
@@ -310,25 +342,16 @@ impl Technique for DistanceImpostor {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let (gpu, kernel) = (frame.gpu, &self.kernels.gather);
-        let Some((_, _, impostors)) = &self.made else {
-            return Ok(());
-        };
-        let [seen, added] = self.bound.of(points, target, || {
-            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
-        })?;
-        frame.compute("distance-impostor.gather", |pass| {
-            for impostor in impostors {
-                let groups = [
-                    (0, &scene.bind_group),
-                    (1, seen),
-                    (2, &impostor.group),
-                    (3, added),
-                ];
-                kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-            }
-        });
-        Ok(())
+        let impostors = self.made.iter().flat_map(|(_, _, impostors)| impostors);
+        add(
+            frame,
+            scene,
+            &self.kernels,
+            &mut self.bound,
+            points,
+            target,
+            impostors,
+        )
     }
 
     fn maps(&self) -> Vec<Map> {
@@ -342,4 +365,32 @@ impl Technique for DistanceImpostor {
             })
             .collect()
     }
+}
+
+/// Adds what the objects of `impostors` mirror and refract.
+fn add<'a>(
+    frame: &mut Frame<'_>,
+    scene: &GpuScene,
+    kernels: &Kernels,
+    bound: &mut PerTarget<[wgpu::BindGroup; 2]>,
+    points: &SurfacePoints,
+    target: &Target,
+    impostors: impl Iterator<Item = &'a Impostor>,
+) -> Result<(), GpuError> {
+    let (gpu, kernel) = (frame.gpu, &kernels.gather);
+    let [seen, added] = bound.of(points, target, || {
+        Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
+    })?;
+    frame.compute("distance-impostor.gather", |pass| {
+        for impostor in impostors {
+            let groups = [
+                (0, &scene.bind_group),
+                (1, seen),
+                (2, &impostor.group),
+                (3, added),
+            ];
+            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+        }
+    });
+    Ok(())
 }
