@@ -3,11 +3,16 @@
 mod common;
 
 use std::f32::consts::{FRAC_PI_2, PI};
+use std::ops::ControlFlow;
 
 use common::{floor, from_above, gpu, place, render};
 use glam::{Vec3, vec3};
+use gpugi::Renderer;
+use gpugi::gpu::Gpu;
+use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
-use gpugi_scene::{Environment, Image, Material, Pixels, Scene};
+use gpugi_scene::image::metrics::Metric;
+use gpugi_scene::{Camera, Environment, Image, Material, MaterialModel, Pixels, Scene};
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 32;
@@ -167,4 +172,112 @@ fn black_and_dim_skies_are_no_trouble() {
     for lit in grey.lit() {
         assert!((lit.radiance.x / 1.5 - 1.0).abs() < 0.03, "{lit:?}");
     }
+}
+
+/// A bright sky with a wide sun.
+fn sunny() -> Environment {
+    environment(|x, y| {
+        let sun = x.abs_diff(20) < 3 && y.abs_diff(8) < 3;
+        let height = 1.0 - y as f32 / HEIGHT as f32;
+        0.2 + height + if sun { 20.0 } else { 0.0 }
+    })
+}
+
+fn phong(shininess: f32) -> Material {
+    Material {
+        name: "phong".into(),
+        model: MaterialModel::Phong {
+            kd: Vec3::splat(0.2),
+            ks: Vec3::splat(0.6),
+            shininess,
+        },
+        ..Material::default()
+    }
+}
+
+/// One ball of shininess 100 alone.
+fn ball() -> Scene {
+    let mut scene = Scene::new("ball");
+    place(&mut scene, sphere(1.0, 48), phong(100.0));
+    under(scene, sunny())
+}
+
+/// A floor with balls of every model.
+fn balls() -> Scene {
+    let mut scene = floor(2.0);
+    scene.name = "balls".into();
+    let copper = Material {
+        model: MaterialModel::Conductor {
+            n: vec3(0.2, 0.92, 1.1),
+            k: vec3(3.9, 2.45, 2.14),
+        },
+        roughness: 0.4,
+        ..Material::default()
+    };
+    let plastic = Material {
+        roughness: 0.3,
+        ..Material::matt("plastic", Vec3::splat(0.5))
+    };
+    let materials = [phong(60.0), copper, plastic];
+    for (x, material) in [-1.1, 0.0, 1.1].into_iter().zip(materials) {
+        let mut mesh = sphere(0.5, 24);
+        for vertex in &mut mesh.positions {
+            *vertex += vec3(x, 0.5, 0.0);
+        }
+        place(&mut scene, mesh, material);
+    }
+    under(scene, sunny())
+}
+
+/// rel-mse against the path tracer on the same light paths.
+fn error(gpu: &Gpu, scene: &Scene, technique: &str, settings: &[(&str, &str)]) -> f64 {
+    let camera = Camera::look_at("", vec3(0.4, 1.6, 3.2), vec3(0.0, 0.2, 0.0), 0.8);
+    let mut renderer =
+        Renderer::new(gpu, scene, [32, 32], &[technique.to_owned()]).expect("a renderer");
+    for (name, value) in settings {
+        renderer.set(technique, name, value).expect("a setting");
+    }
+    let options = Options {
+        samples: 4,
+        reference: Quality {
+            samples: 64,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let found = measure(gpu, scene, &camera, &mut renderer, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = found.expect("a measurement");
+    found.value(Metric::RelMse).expect("rel-mse")
+}
+
+#[test]
+fn reflectivities_are_near_the_truth() {
+    let Some(gpu) = gpu() else { return };
+    let (ball, balls) = (ball(), balls());
+    let of = |scene, samples, reflectivity| {
+        let settings = [
+            ("samples", samples),
+            ("resolution", "256"),
+            ("reflectivity", reflectivity),
+        ];
+        let error = error(&gpu, scene, "image-based-lighting", &settings);
+        println!(
+            "{}, {samples} samples, {reflectivity}: rel-mse {error:.1e}",
+            scene.name
+        );
+        error
+    };
+    // A ball hides nothing: all its error is that of reflectivity. A direction a domain shows as dots.
+    assert!(of(&ball, "48", "sample") > 0.1);
+    assert!(of(&ball, "48", "lobe") < 0.006);
+    assert!(of(&ball, "48", "ratio") < 0.005);
+    let found = ["sample", "lobe", "ratio"].map(|one| of(&balls, "128", one));
+    let [sample, lobe, ratio] = found;
+    assert!(sample < 0.015 && lobe < 0.014 && ratio < 0.017, "{found:?}");
+    // Without shadows.
+    let without = error(&gpu, &balls, "environment-map", &[]);
+    println!("balls without shadows: rel-mse {without:.1e}");
+    assert!(without > 4.0 * lobe.max(ratio), "{without}");
 }

@@ -114,7 +114,7 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&decompose, "Settings"), settings);
     let state = layout!(domains::State: most share moving movement);
     assert_eq!(reflected(&decompose, "State"), state);
-    let domain = layout!(domains::Domain: direction solid_angle flux_density padding);
+    let domain = layout!(domains::Domain: direction solid_angle flux_density lit_solid_angle);
     assert_eq!(reflected(&decompose, "Domain"), domain);
     let gather = shader!("techniques.image_based_lighting.gather");
     let direction = layout!(domains::Direction: toward solid_angle flux_density texel);
@@ -123,6 +123,9 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "DirectionMap"), map);
     let range = layout!(domains::Range: first end radius normal_offset);
     assert_eq!(reflected(&gather, "Range"), range);
+    let sums = layout!(domains::LobeSums: lit_diffuse all_glossy_r all_diffuse all_glossy_g lit_glossy all_glossy_b);
+    let prefiltered = shader!("techniques.image_based_lighting.prefiltered");
+    assert_eq!(reflected(&prefiltered, "LobeSums"), sums);
     let lobe = layout!(Lobe: kind width samples padding);
     let prefilter = shader!("techniques.environment_map.prefilter");
     assert_eq!(reflected(&prefilter, "Lobe"), lobe);

@@ -11,7 +11,7 @@ pub mod export;
 #[cfg(test)]
 mod export_tests;
 pub(crate) mod gpu;
-mod maps;
+pub(crate) mod maps;
 #[cfg(test)]
 mod tests;
 

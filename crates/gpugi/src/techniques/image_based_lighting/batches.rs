@@ -1,20 +1,35 @@
 //! Directions in batches, each with an atlas of depth maps, and the gather over them.
 
+use super::Reflectivity;
 use super::gpu::{Direction, DirectionMap, Range};
-use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthRasterizer, DepthViewSpec, Rasterizer};
-use crate::capture::{SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::depth::{DepthAtlas, DepthRasterizer, DepthViewSpec, Rasterizer};
+use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
 
 /// Direction x point products that one dispatch may hold: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
 /// Radius of the disc over which neighbouring pixels spread their comparisons (texels).
-const RADIUS: f32 = 1.0;
-/// How far points are moved along their normals (texels): over the disc and the four texels of a comparison.
-const NORMAL_OFFSET: f32 = 2.0;
+const RADIUS: f32 = 0.5;
+
+/// How far points are moved along their normals (texels). The rasterizer's own bias is a texel of slope; from 0.5 down surfaces shade themselves, and
+/// more loses shadows where things touch.
+const NORMAL_OFFSET: f32 = 0.75;
+
 /// Texels at the border of a depth map that lie beside the scene: room for the disc.
 pub const GUTTER: u32 = 2;
+
+/// How depth maps are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Drawing {
+    /// Largest side of an atlas (texels).
+    pub atlas_side: u32,
+    /// For all atlases together (bytes).
+    pub memory: u64,
+    /// Who draws.
+    pub rasterizer: Rasterizer,
+}
 
 /// How directions are cut into batches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,13 +67,13 @@ impl Plan {
 /// Directions with their depth maps, and the passes over them.
 #[derive(Debug)]
 pub struct Batches {
-    /// Side that atlases may have (texels).
-    pub atlas_side: u32,
+    /// What the gather is compiled for.
+    pub reflectivity: Reflectivity,
     rasterizer: DepthRasterizer,
     gather: Kernel,
     comparison: wgpu::Sampler,
     made: Option<Made>,
-    bound: Option<Bound>,
+    bound: PerTarget<Bound>,
 }
 
 /// What a number of directions needs.
@@ -83,8 +98,6 @@ struct Batch {
 /// Bind groups for one set of points and one target.
 #[derive(Debug)]
 struct Bound {
-    points: wgpu::Buffer,
-    target: wgpu::Buffer,
     group: wgpu::BindGroup,
     /// Of each batch, a dispatch each.
     ranges: Vec<Vec<wgpu::BindGroup>>,
@@ -95,15 +108,20 @@ impl Batches {
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, reflectivity: Reflectivity) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[("REFLECTIVITY", f64::from(reflectivity as u32))],
+            ..Default::default()
+        };
         Ok(Self {
-            atlas_side: ATLAS_SIDE,
+            reflectivity,
             rasterizer: DepthRasterizer::new(gpu, scene)?,
-            gather: Kernel::new(
+            gather: Kernel::with_options(
                 gpu,
                 &shader!("techniques.image_based_lighting.gather"),
                 "main",
                 Some(&scene.layout),
+                &options,
             )?,
             comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow comparison"),
@@ -114,11 +132,11 @@ impl Batches {
                 ..Default::default()
             }),
             made: None,
-            bound: None,
+            bound: PerTarget::default(),
         })
     }
 
-    /// Takes over directions with the views of their depth maps, all of one size, and has `choice` draw these where `memory` (bytes) holds all.
+    /// Takes over directions with the views of their depth maps, all of one size, and draws these where there is memory for all.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
@@ -128,16 +146,17 @@ impl Batches {
         scene: &GpuScene,
         directions: &[Direction],
         views: &[DepthViewSpec],
-        memory: u64,
-        choice: Rasterizer,
+        drawing: &Drawing,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
+        let choice = drawing.rasterizer;
         let count = directions.len() as u32;
         let Some(side) = views.first().map(|view| view.size[0]) else {
-            (self.made, self.bound) = (None, None);
+            self.made = None;
+            self.bound.clear();
             return Ok(());
         };
-        let plan = Plan::new(count, side, self.atlas_side, memory);
+        let plan = Plan::new(count, side, drawing.atlas_side, drawing.memory);
         // Directions that moved need no new tiles: only what they see changes.
         let reused = self.made.as_mut().is_some_and(|made| {
             made.plan == plan
@@ -151,7 +170,8 @@ impl Batches {
         });
         if !reused {
             // First gives back what there was.
-            (self.made, self.bound) = (None, None);
+            self.made = None;
+            self.bound.clear();
             self.made = Some(self.make(gpu, plan, choice, views)?);
         }
         let Some(made) = &mut self.made else {
@@ -235,7 +255,7 @@ impl Batches {
         made.batches.first().map(|batch| &batch.atlas)
     }
 
-    /// Adds the light of every direction.
+    /// Adds the light of every direction to `sums`: see gather.wesl.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -244,17 +264,15 @@ impl Batches {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         points: &SurfacePoints,
-        target: &Target,
+        sums: &Target,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());
         };
-        let bound = match self.bound.take() {
-            Some(bound) if bound.points == points.points && bound.target == target.radiance => {
-                bound
-            }
-            _ => bind(frame.gpu, &self.gather, made, points, target)?,
-        };
+        let (gpu, gather) = (frame.gpu, &self.gather);
+        let bound = self
+            .bound
+            .of(points, sums, || bind(gpu, gather, made, points, sums))?;
         for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
             if !made.plan.is_kept {
                 batch.draw(frame, &mut self.rasterizer, made.choice, scene)?;
@@ -274,7 +292,6 @@ impl Batches {
                 }
             });
         }
-        self.bound = Some(bound);
         Ok(())
     }
 }
@@ -310,16 +327,9 @@ fn bind(
     gather: &Kernel,
     made: &Made,
     points: &SurfacePoints,
-    target: &Target,
+    sums: &Target,
 ) -> Result<Bound, GpuError> {
-    let group = gather.bind(
-        gpu,
-        1,
-        &[
-            ("seen", points.view.as_entire_binding()),
-            ("points", points.points.as_entire_binding()),
-        ],
-    )?;
+    let group = points.bind(gpu, gather)?;
     let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
     let mut ranges = Vec::new();
     for batch in &made.batches {
@@ -337,16 +347,11 @@ fn bind(
                 3,
                 &[
                     ("range", range.as_entire_binding()),
-                    ("radiance", target.radiance.as_entire_binding()),
+                    ("sums", sums.radiance.as_entire_binding()),
                 ],
             )?);
         }
         ranges.push(of_batch);
     }
-    Ok(Bound {
-        points: points.points.clone(),
-        target: target.radiance.clone(),
-        group,
-        ranges,
-    })
+    Ok(Bound { group, ranges })
 }

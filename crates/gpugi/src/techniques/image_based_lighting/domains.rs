@@ -27,6 +27,8 @@ pub struct Domain {
     pub flux_density: Vec3,
     /// Solid angle (sr).
     pub solid_angle: f32,
+    /// Solid angle of an even cap whose light is spread as widely as the domain's (sr): that of a sun is smaller than its domain.
+    pub lit_solid_angle: f32,
 }
 
 /// The kernels that decompose environments, and the last decomposition, from which the next one begins.
@@ -141,6 +143,7 @@ impl Decomposition {
                 toward: row.direction.into(),
                 flux_density: row.flux_density.into(),
                 solid_angle: row.solid_angle,
+                lit_solid_angle: row.lit_solid_angle,
             })
             .collect())
     }

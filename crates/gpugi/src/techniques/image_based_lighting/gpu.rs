@@ -43,7 +43,7 @@ pub struct Domain {
     pub direction: [f32; 3],
     pub solid_angle: f32,
     pub flux_density: [f32; 3],
-    pub padding: u32,
+    pub lit_solid_angle: f32,
 }
 
 /// `Direction` of gather.wesl.
@@ -73,4 +73,16 @@ pub struct Range {
     pub end: u32,
     pub radius: f32,
     pub normal_offset: f32,
+}
+
+/// `LobeSums` of lobe_sums.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct LobeSums {
+    pub lit_diffuse: [f32; 3],
+    pub all_glossy_r: f32,
+    pub all_diffuse: [f32; 3],
+    pub all_glossy_g: f32,
+    pub lit_glossy: [f32; 3],
+    pub all_glossy_b: f32,
 }

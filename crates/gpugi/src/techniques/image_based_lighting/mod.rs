@@ -7,17 +7,19 @@
 mod batches;
 mod domains;
 pub(crate) mod gpu;
+mod prefiltered;
 #[cfg(test)]
 mod tests;
 
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use batches::{Batches, GUTTER};
+use batches::{Batches, Drawing, GUTTER};
 pub use domains::{Decomposition, Domain};
+use prefiltered::Prefiltered;
 
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
-use crate::capture::depth::{DepthViewSpec, Rasterizer};
+use crate::capture::depth::{ATLAS_SIDE, DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -42,6 +44,18 @@ pub enum Spread {
     Root,
 }
 
+/// How the average reflectivity of a domain is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Reflectivity {
+    /// That of the domain's direction.
+    Sample = 0,
+    /// Glossy lobes blurred by the solid angle that the domain's light comes from.
+    Lobe = 1,
+    /// Environment-map's prefiltered light of each lobe, times the part of it that the domains see.
+    Ratio = 2,
+}
+
 /// Settings of image-based lighting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -52,6 +66,8 @@ pub struct Settings {
     pub iterations: u32,
     /// What relaxation tends to.
     pub spread: Spread,
+    /// How the average reflectivity of a domain is found.
+    pub reflectivity: Reflectivity,
     /// Side of each direction's depth map (texels).
     pub resolution: u32,
     /// Memory for depth maps (MiB). Maps that do not fit together are drawn and gathered batch by batch, every frame anew.
@@ -66,6 +82,7 @@ impl Default for Settings {
             samples: 128,
             iterations: 4,
             spread: Spread::Root,
+            reflectivity: Reflectivity::Lobe,
             resolution: 512,
             memory: 1024,
             rasterizer: Rasterizer::Auto,
@@ -87,6 +104,11 @@ const FIELDS: &[Field] = &[
     Field {
         name: "spread",
         summary: "relaxed directions lie as densely as the power, or as its root: power or root",
+        range: None,
+    },
+    Field {
+        name: "reflectivity",
+        summary: "of a domain: sample, its direction's; lobe, its average; ratio, prefiltered light times what is seen",
         range: None,
     },
     Field {
@@ -114,6 +136,10 @@ pub struct ImageBasedLighting {
     /// Of the environment's texels at a version, with settings.
     domains: Option<(u64, Settings, Vec<Domain>)>,
     batches: Batches,
+    /// Largest side of an atlas (texels).
+    atlas_side: u32,
+    /// For [`Reflectivity::Ratio`], once it was asked for.
+    prefiltered: Option<Prefiltered>,
     made: Option<(Versions, Settings)>,
 }
 
@@ -123,11 +149,14 @@ impl ImageBasedLighting {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let settings = Settings::default();
         Ok(Self {
-            settings: Settings::default(),
             decomposition: Decomposition::new(gpu, scene)?,
             domains: None,
-            batches: Batches::new(gpu, scene)?,
+            batches: Batches::new(gpu, scene, settings.reflectivity)?,
+            atlas_side: ATLAS_SIDE,
+            prefiltered: None,
+            settings,
             made: None,
         })
     }
@@ -166,7 +195,7 @@ impl ImageBasedLighting {
                 let view = DepthViewSpec::fitted(-toward, &scene.bounds, side, GUTTER);
                 let direction = gpu::Direction {
                     toward: toward.to_array(),
-                    solid_angle: domain.solid_angle,
+                    solid_angle: domain.lit_solid_angle,
                     flux_density: flux_density.to_array(),
                     texel: view.texel,
                 };
@@ -205,16 +234,27 @@ impl Technique for ImageBasedLighting {
         if self.made.as_ref() == Some(&made) {
             return Ok(());
         }
+        let reflectivity = self.settings.reflectivity;
+        if self.batches.reflectivity != reflectivity {
+            self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
+        }
+        if reflectivity != Reflectivity::Ratio {
+            self.prefiltered = None;
+        } else {
+            let prefiltered = match self.prefiltered.take() {
+                Some(prefiltered) => prefiltered,
+                None => Prefiltered::new(frame.gpu, scene)?,
+            };
+            self.prefiltered.insert(prefiltered).generate(frame, scene);
+        }
         let (directions, views) = self.directions(frame, scene)?;
-        let memory = u64::from(self.settings.memory) << 20;
-        self.batches.generate(
-            frame,
-            scene,
-            &directions,
-            &views,
-            memory,
-            self.settings.rasterizer,
-        )?;
+        let drawing = Drawing {
+            atlas_side: self.atlas_side,
+            memory: u64::from(self.settings.memory) << 20,
+            rasterizer: self.settings.rasterizer,
+        };
+        self.batches
+            .generate(frame, scene, &directions, &views, &drawing)?;
         self.made = Some(made);
         Ok(())
     }
@@ -226,7 +266,13 @@ impl Technique for ImageBasedLighting {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        self.batches.gather(frame, scene, points, target)
+        let Some(prefiltered) = &mut self.prefiltered else {
+            return self.batches.gather(frame, scene, points, target);
+        };
+        let sums = prefiltered.begin(frame, points, target)?;
+        self.batches.gather(frame, scene, points, &sums)?;
+        prefiltered.apply(frame, scene, points, target)?;
+        Ok(())
     }
 
     fn maps(&self) -> Vec<Map> {

@@ -2,12 +2,16 @@
 
 use std::f64::consts::PI;
 
-use glam::{Mat3, Vec3};
-use gpugi_scene::{Environment, Image, Pixels, Scene};
+use glam::{Mat3, Mat4, Vec2, Vec3};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
+use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
 
-use super::{Decomposition, Domain, Settings, Spread};
-use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
+use super::batches::Plan;
+use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, Spread};
+use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
+use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::scene::GpuScene;
+use crate::techniques::{Lit, Technique as _};
 use crate::testing::{Random, test_gpu};
 
 /// A scene of nothing but an environment.
@@ -319,8 +323,8 @@ fn a_turned_sky_keeps_its_domains() {
         environment.intensity = 3.0;
     }
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
-    let mut technique = super::ImageBasedLighting::new(&gpu, &scene).unwrap();
-    let directions = |technique: &mut super::ImageBasedLighting, scene: &GpuScene| {
+    let mut technique = ImageBasedLighting::new(&gpu, &scene).unwrap();
+    let directions = |technique: &mut ImageBasedLighting, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, false);
         let (directions, _) = technique.directions(&mut frame, scene).unwrap();
         frame.submit().unwrap();
@@ -336,5 +340,135 @@ fn a_turned_sky_keeps_its_domains() {
         assert!((turned - Vec3::from(after.toward)).length() < 1e-6);
         let brighter = Vec3::from(before.flux_density) * 3.0;
         assert_eq!(brighter, Vec3::from(after.flux_density));
+    }
+}
+
+#[test]
+fn batches_fit_an_atlas_and_the_memory() {
+    let mebi = 1 << 20;
+    let plan = |count, side, memory| {
+        let plan = Plan::new(count, side, 8192, memory * mebi);
+        (plan.per_batch, plan.is_kept)
+    };
+    assert_eq!(plan(128, 512, 1024), (128, true));
+    // Four atlases, as large as each other.
+    assert_eq!(plan(1000, 512, 1024), (250, true));
+    assert_eq!(plan(2048, 512, 1024), (256, false));
+    assert_eq!(plan(2048, 256, 1024), (1024, true));
+    assert_eq!(plan(1000, 512, 100), (100, false));
+    assert_eq!(plan(2, 4096, 16), (1, false));
+    assert_eq!(plan(1, 16, 16), (1, true));
+    for (count, side, memory) in [(7, 300, 16), (2048, 4096, 2000), (513, 1000, 700)] {
+        let (per_batch, is_kept) = plan(count, side, memory);
+        let columns = (per_batch - 1).isqrt() + 1;
+        let atlases = if is_kept {
+            count.div_ceil(per_batch)
+        } else {
+            1
+        };
+        assert!(columns * side <= 8192);
+        let bytes = u64::from(atlases) * 4 * u64::from(columns * side).pow(2);
+        assert!(bytes <= memory * mebi, "{count}, {side}: {bytes}");
+    }
+}
+
+#[test]
+fn a_domain_knows_how_widely_its_light_is_spread() {
+    let Some(gpu) = test_gpu() else { return };
+    // Of an even sky, a domain is about a cap.
+    let relaxed = Settings {
+        iterations: 64,
+        ..settings(40)
+    };
+    let (even, ..) = domains(&gpu, &sky([64, 32], |_, _| Vec3::ONE), &relaxed);
+    for domain in &even {
+        let spread = domain.lit_solid_angle / domain.solid_angle;
+        assert!((0.98..1.2).contains(&spread), "{spread} of its solid angle");
+    }
+    // A sun is as large as its texel, however much of a dim sky its domain holds.
+    let size = [64, 32];
+    let sun = sky(size, |x, y| {
+        Vec3::splat(if (x, y) == (40, 9) { 1e4 } else { 0.01 })
+    });
+    let (domains, ..) = domains(&gpu, &sun, &settings(16));
+    let brightest = domains
+        .iter()
+        .max_by(|a, b| a.flux_density.x.total_cmp(&b.flux_density.x))
+        .unwrap();
+    let texel = 2.0 * PI * PI / (64.0 * 32.0) * (PI * 9.5 / 32.0).sin();
+    let spread = f64::from(brightest.lit_solid_angle) / texel;
+    println!("a sun of {spread} texels");
+    assert!((0.9..1.5).contains(&spread), "{spread} texels");
+}
+
+/// A ball and a block on a floor under a sunny sky.
+fn still() -> Scene {
+    let mut scene = sunny([64, 32]);
+    let block = cuboid(Vec3::new(0.2, 0.0, -0.3), Vec3::new(0.6, 1.0, 0.3), 1);
+    let floor = quad(Vec3::new(-1.0, 0.0, 1.0), 2.0 * Vec3::X, -2.0 * Vec3::Z, 1);
+    for (mesh, material) in [
+        (floor, Material::matt("grey", Vec3::splat(0.5))),
+        (block, Material::matt("white", Vec3::splat(0.8))),
+        (sphere(0.4, 24), Material::metal("metal", Vec3::ONE, 0.3)),
+    ] {
+        let mesh = scene.add_mesh(mesh);
+        let material = scene.add_material(material);
+        scene.add_instance("", mesh, material, Mat4::IDENTITY);
+    }
+    scene
+}
+
+/// Radiance of the second of two frames, for which maps are kept or drawn anew.
+fn second_frame(gpu: &Gpu, scene: &mut GpuScene, technique: &mut ImageBasedLighting) -> Vec<f32> {
+    let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
+    let view = View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal());
+    let kernels = CaptureKernels::new(gpu, scene).unwrap();
+    let capture = Capture::of_camera(gpu, &kernels, scene, [32, 32]).unwrap();
+    let mut emission = Emission::new(gpu, scene).unwrap();
+    let [first, second] = [(); 2].map(|()| Target::new(gpu, 32 * 32).unwrap());
+    for target in [&first, &second] {
+        let mut frame = Frame::new(gpu, false);
+        scene.merge(&mut frame);
+        capture.record(&mut frame, scene, &view);
+        let mut lit = Lit::new(&mut emission, &mut []);
+        technique
+            .generate(&mut frame, scene, &view, &mut lit)
+            .unwrap();
+        technique
+            .gather(&mut frame, scene, &capture.points, target)
+            .unwrap();
+        frame.submit().unwrap();
+    }
+    read_buffer(gpu, &second.radiance, second.radiance.size()).unwrap()
+}
+
+#[test]
+fn batches_make_the_same_picture() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = GpuScene::new(&gpu, &still()).unwrap();
+    for reflectivity in [Reflectivity::Lobe, Reflectivity::Ratio] {
+        // One atlas; five of eight maps; one for 16 maps at a time, the last time for eight; one for a map at a time.
+        let pictures =
+            [(8192, 1024), (384, 1024), (8192, 1), (8192, 0)].map(|(atlas_side, memory)| {
+                let mut technique = ImageBasedLighting::new(&gpu, &scene).unwrap();
+                technique.settings = Settings {
+                    resolution: 128,
+                    reflectivity,
+                    memory,
+                    ..settings(40)
+                };
+                technique.atlas_side = atlas_side;
+                second_frame(&gpu, &mut scene, &mut technique)
+            });
+        assert!(pictures[0].iter().all(|value| value.is_finite()));
+        assert!(pictures[0].iter().sum::<f32>() > 100.0);
+        for other in &pictures[1..] {
+            // Lookups are rounded elsewhere in another atlas.
+            let pairs = pictures[0].iter().zip(other);
+            let far = pairs
+                .filter(|&(a, b)| (a - b).abs() > 0.01 * (b + 0.1))
+                .count();
+            assert!(far * 100 < other.len(), "{reflectivity:?}: {far} differ");
+        }
     }
 }

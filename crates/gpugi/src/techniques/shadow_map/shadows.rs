@@ -1,4 +1,4 @@
-//! Light samples with depth maps, and the gather over them: what shadow-map and image-based-lighting share.
+//! Light samples with depth maps, and the gather over them.
 
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
 use crate::capture::{PerTarget, SurfacePoints, Target};

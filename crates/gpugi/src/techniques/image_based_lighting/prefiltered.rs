@@ -1,0 +1,121 @@
+//! Reflectivity as a ratio: what prefiltered maps of the environment reflect, times the part that domains see.
+
+use super::super::environment_map::Settings;
+use super::super::environment_map::maps::{Generator, Maps};
+use super::gpu::LobeSums;
+use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Maps of the environment, sums over domains at surface points, and the pass that multiplies them.
+#[derive(Debug)]
+pub struct Prefiltered {
+    apply: Kernel,
+    maps: Maps,
+    /// The scene's count of environments when the maps were filled.
+    version: Option<u64>,
+    bound: PerTarget<Bound>,
+}
+
+/// For one set of points and one target.
+#[derive(Debug)]
+struct Bound {
+    sums: Target,
+    groups: [wgpu::BindGroup; 2],
+}
+
+impl Prefiltered {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let apply = Kernel::new(
+            gpu,
+            &shader!("techniques.image_based_lighting.prefiltered"),
+            "main",
+            Some(&scene.layout),
+        )?;
+        let generator = Generator::new(gpu, scene)?;
+        Ok(Self {
+            maps: Maps::new(gpu, &generator, &apply, &Settings::default())?,
+            apply,
+            version: None,
+            bound: PerTarget::default(),
+        })
+    }
+
+    /// Brings the maps up to date. Rotation and intensity are applied at lookup.
+    pub fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) {
+        let version = Some(scene.versions.environment);
+        if self.version != version {
+            self.maps.record(frame, scene);
+            self.version = version;
+        }
+    }
+
+    /// Zeroed room for the sums of each point: see lobe_sums.wesl.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn begin(
+        &mut self,
+        frame: &mut Frame<'_>,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<Target, GpuError> {
+        let sums = self.bound(frame.gpu, points, target)?.sums.clone();
+        frame.clear(&sums.radiance);
+        Ok(sums)
+    }
+
+    /// Adds the product, once the sums are complete.
+    ///
+    /// # Errors
+    /// As [`Prefiltered::begin`].
+    pub fn apply(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let [seen, added] = self.bound(frame.gpu, points, target)?.groups.clone();
+        let groups = [
+            (0, &scene.bind_group),
+            (1, &seen),
+            (2, &self.maps.group),
+            (3, &added),
+        ];
+        frame.compute("image-based-lighting.apply", |pass| {
+            self.apply.dispatch(pass, &groups, [points.count, 1, 1]);
+        });
+        Ok(())
+    }
+
+    fn bound(
+        &mut self,
+        gpu: &Gpu,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<&Bound, GpuError> {
+        self.bound.of(points, target, || {
+            let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
+            let usage = wgpu::BufferUsages::STORAGE;
+            let radiance = gpu.buffer("sums over directions [bytes]", size, usage)?;
+            let resources = [
+                ("sums", radiance.as_entire_binding()),
+                ("radiance", target.radiance.as_entire_binding()),
+            ];
+            let groups = [
+                points.bind(gpu, &self.apply)?,
+                self.apply.bind(gpu, 3, &resources)?,
+            ];
+            Ok(Bound {
+                sums: Target { radiance },
+                groups,
+            })
+        })
+    }
+}
