@@ -19,6 +19,7 @@ pub mod normals;
 pub mod polygon;
 pub mod provoking;
 pub mod scene;
+pub mod simplify;
 pub mod tangents;
 
 pub use camera::{Camera, Projection};

@@ -28,6 +28,20 @@ pub struct Mesh {
     pub indices: Vec<u32>,
 }
 
+/// As [`Mesh::weld_positions`].
+pub(crate) fn weld(positions: &[Vec3]) -> Vec<u32> {
+    let mut number_at = HashMap::with_capacity(positions.len());
+    positions
+        .iter()
+        .map(|position| {
+            let next = number_at.len() as u32;
+            // Adding zero turns -0 into 0.
+            let key = (*position + Vec3::ZERO).to_array().map(f32::to_bits);
+            *number_at.entry(key).or_insert(next)
+        })
+        .collect()
+}
+
 impl Mesh {
     /// The box around all positions, mesh space.
     pub fn bounds(&self) -> Bounds {
@@ -111,16 +125,7 @@ impl Mesh {
     /// For each vertex, a number that it shares with exactly the vertices at the same position (bitwise, except that -0 is
     /// 0): the mesh without the seams that normals and texture coordinates need.
     pub fn weld_positions(&self) -> Vec<u32> {
-        let mut number_at = HashMap::with_capacity(self.positions.len());
-        self.positions
-            .iter()
-            .map(|position| {
-                let next = number_at.len() as u32;
-                // Adding zero turns -0 into 0.
-                let key = (*position + Vec3::ZERO).to_array().map(f32::to_bits);
-                *number_at.entry(key).or_insert(next)
-            })
-            .collect()
+        weld(&self.positions)
     }
 
     /// Whether the mesh bounds a solid: it has triangles, and once equal positions are welded and triangles that are
