@@ -1,5 +1,6 @@
 //! A scene on the GPU: bind group 0, and merged world-space triangles for captures.
 
+mod casters;
 mod emitters;
 mod environment;
 pub(crate) mod gpu;
@@ -20,6 +21,7 @@ use gpugi_scene::{
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
+pub use casters::{Casters, SimplifiedCasters};
 pub use emitters::Emitter;
 use emitters::emitters;
 pub(crate) use environment::check_environment;
@@ -74,6 +76,8 @@ pub struct Versions {
     pub lights: u64,
     /// The environment's texels alone.
     pub environment: u64,
+    /// Which triangles there are, wherever they move.
+    pub topology: u64,
 }
 
 /// A scene on the GPU.
@@ -387,6 +391,7 @@ impl GpuScene {
                 materials: 1,
                 lights: 1,
                 environment: 1,
+                topology: 1,
             },
             bytes,
             vertex_count: vertex_count as u32,
@@ -423,6 +428,15 @@ impl GpuScene {
             || before.textures != after.textures
             || before.images != after.images;
         let lights = before.lights != after.lights || before.environment != after.environment;
+        // A material decides how its instances are drawn, and so in which order.
+        let mesh_and_material = |one: &Instance| (one.mesh, one.material);
+        let topology = materials
+            || before.meshes != after.meshes
+            || !before
+                .instances
+                .iter()
+                .map(mesh_and_material)
+                .eq(after.instances.iter().map(mesh_and_material));
         let texels = before.environment.as_ref().map(|one| &one.image)
             != after.environment.as_ref().map(|one| &one.image);
         if !(geometry || materials || lights) {
@@ -442,6 +456,7 @@ impl GpuScene {
             // Emitters move with their instances.
             lights: grown(versions.lights, lights || geometry || materials),
             environment: grown(versions.environment, texels),
+            topology: grown(versions.topology, topology),
         };
         Ok(())
     }
@@ -471,6 +486,7 @@ impl GpuScene {
         self.versions.materials += 1;
         self.versions.lights += 1;
         self.versions.environment += 1;
+        self.versions.topology += 1;
     }
 
     /// Length of the scene's diagonal (m), positive even for an empty scene.

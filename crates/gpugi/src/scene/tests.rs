@@ -86,7 +86,7 @@ fn uniforms_and_storage_structs_have_one_layout() {
             shader.name
         );
     }
-    let parallel = layout!(ParallelView: x y depth corner width height back_faces);
+    let parallel = layout!(ParallelView: x y depth corner width height padding);
     let drawn = layout!(compute::Range: first_view view_count first_triangle end_triangle first_row side padding_0 padding_1);
     for shader in [
         shader!("capture.depth.small"),

@@ -11,13 +11,13 @@ use gpugi_scene::Bounds;
 
 use super::{DepthAtlas, DepthDraw, DepthKernels, DepthViewSpec};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, RasterKernel, RasterState};
-use crate::scene::{DrawClass, GpuScene};
+use crate::scene::{Casters, Draw, DrawClass};
 use crate::shader;
 
 /// Most texels of a band, unless one row of tiles has more: 32 MiB, which stay in the cache of a large GPU.
 const BAND_TEXELS: u64 = 1 << 23;
 /// Most triangles times views of a dispatch: each may turn out large, so the list has room for all of them.
-const DISPATCH_TRIANGLES: u64 = 1 << 22;
+const DISPATCH_TRIANGLES: u64 = 1 << 23;
 /// `VIEWS_AT_ONCE` of small.wesl.
 const VIEWS_AT_ONCE: u32 = 16;
 /// Most workgroups along an axis.
@@ -34,7 +34,7 @@ pub(crate) struct ParallelView {
     pub corner: u32,
     pub width: u32,
     pub height: u32,
-    pub back_faces: u32,
+    pub padding: u32,
 }
 
 /// `Range` of parallel.wesl.
@@ -78,9 +78,11 @@ struct Band {
 /// How an atlas is drawn: kept with it until the scene's buffers or its own views are others.
 #[derive(Debug)]
 pub(super) struct Plan {
-    vertices: wgpu::Buffer,
+    list: wgpu::Buffer,
     depths: wgpu::Buffer,
-    triangles: Triangles,
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    triangles: u32,
     /// Views in the order of the atlas's rows.
     order: Vec<usize>,
     views: wgpu::Buffer,
@@ -99,27 +101,10 @@ struct Step {
     resolve: wgpu::BindGroup,
 }
 
-/// What opaque draws hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Triangles {
-    /// End of those of closed meshes.
-    closed: u32,
-    /// End of all of them.
-    opaque: u32,
-}
-
-impl Triangles {
-    /// Merged triangles lie in order of class.
-    fn of(scene: &GpuScene) -> Self {
-        let end = |last: DrawClass| {
-            let draws = scene.draws.iter().filter(|draw| draw.class <= last);
-            draws.map(|draw| draw.indices.end / 3).max().unwrap_or(0)
-        };
-        Self {
-            closed: end(DrawClass::Closed),
-            opaque: end(DrawClass::DoubleSided),
-        }
-    }
+/// Number of opaque triangles: merged triangles lie in order of class.
+fn opaque_triangles(draws: &[Draw]) -> u32 {
+    let opaque = draws.iter().filter(|draw| draw.class < DrawClass::Alpha);
+    opaque.map(|draw| draw.indices.end / 3).max().unwrap_or(0)
 }
 
 impl DepthCompute {
@@ -151,7 +136,7 @@ impl DepthCompute {
             )?,
             large: RasterKernel::new(gpu, &shader!("capture.depth.large"), None, &state(false))?,
             resolve: RasterKernel::new(gpu, &shader!("capture.depth.resolve"), None, &state(true))?,
-            list: gpu.buffer("large triangles [bytes]", DISPATCH_TRIANGLES * 4, storage)?,
+            list: gpu.buffer("large triangles [bytes]", 0, storage)?,
             arguments: gpu.buffer(
                 "arguments of large triangles",
                 16,
@@ -163,10 +148,11 @@ impl DepthCompute {
         })
     }
 
-    /// Whether a view can be drawn: it must be parallel and hold the scene, since nothing is clipped.
+    /// Whether a view can be drawn: it must be parallel, hold the scene, since nothing is clipped, and see nearest surfaces.
     pub fn can_draw(spec: &DepthViewSpec, bounds: &Bounds) -> bool {
         let is_parallel = spec.clip_from_world.row(3) == Vec4::W;
         is_parallel
+            && !spec.second_depth
             && bounds.corners().iter().all(|corner| {
                 let clip = spec.clip_from_world * corner.extend(1.0);
                 clip.x.abs() <= 1.0 && clip.y.abs() <= 1.0 && (0.0..=1.0).contains(&clip.z)
@@ -182,22 +168,24 @@ impl DepthCompute {
         frame: &mut Frame<'_>,
         name: &str,
         kernels: &DepthKernels,
-        scene: &GpuScene,
+        casters: Casters<'_>,
         atlas: &mut DepthAtlas,
     ) -> Result<(), GpuError> {
-        let triangles = Triangles::of(scene);
-        if triangles.opaque == 0 || atlas.specs.is_empty() {
-            atlas.record(frame, name, kernels, scene);
+        let triangles = opaque_triangles(casters.draws);
+        if triangles == 0 || atlas.specs.is_empty() {
+            atlas.record(frame, name, kernels, casters);
             return Ok(());
         }
         let kept = atlas.plan.take().filter(|plan| {
-            plan.vertices == scene.vertices
+            plan.list == self.list
+                && plan.vertices == casters.scene.vertices
+                && plan.indices == *casters.indices
                 && plan.triangles == triangles
                 && plan.depths == self.depths
         });
         let plan = match kept {
             Some(plan) => plan,
-            None => self.plan(frame.gpu, scene, atlas, triangles)?,
+            None => self.plan(frame.gpu, casters, atlas, triangles)?,
         };
         let views = plan.parallel_views(atlas);
         let queue = &frame.gpu.queue;
@@ -232,7 +220,7 @@ impl DepthCompute {
                         pass.draw(0..3, 0..1);
                     }
                     if ends_atlas {
-                        atlas.draw(pass, kernels, scene, &[DepthDraw::Alpha]);
+                        atlas.draw(pass, kernels, casters, &[DepthDraw::Alpha]);
                     }
                 });
                 is_first = false;
@@ -245,17 +233,30 @@ impl DepthCompute {
     fn plan(
         &mut self,
         gpu: &Gpu,
-        scene: &GpuScene,
+        casters: Casters<'_>,
         atlas: &DepthAtlas,
-        triangles: Triangles,
+        triangles: u32,
     ) -> Result<Plan, GpuError> {
         let side = atlas.texture.width();
         let (order, bands) = bands(atlas, side, self.band_texels);
-        let rows = bands.iter().map(|band| band.rows).max().unwrap_or(1);
-        let bytes = u64::from(rows) * u64::from(side) * 4;
-        if self.depths.size() < bytes {
-            let usage = wgpu::BufferUsages::STORAGE;
-            self.depths = gpu.buffer("depths of a band [bytes]", bytes, usage)?;
+        let triangles_at_once = |band: &Band| {
+            let most = self.dispatch_triangles / u64::from(band.view_count);
+            most.clamp(1, MOST_WORKGROUPS * 64).min(triangles.into()) as u32
+        };
+        let texels = bands
+            .iter()
+            .map(|band| u64::from(band.rows) * u64::from(side));
+        let entries = bands
+            .iter()
+            .map(|band| u64::from(triangles_at_once(band)) * u64::from(band.view_count));
+        for (buffer, label, words) in [
+            (&mut self.depths, "depths of a band [bytes]", texels.max()),
+            (&mut self.list, "large triangles [bytes]", entries.max()),
+        ] {
+            let bytes = words.unwrap_or(0) * 4;
+            if buffer.size() < bytes {
+                *buffer = gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE)?;
+            }
         }
         let views = gpu.buffer(
             "parallel views [bytes]",
@@ -264,23 +265,22 @@ impl DepthCompute {
         )?;
         let inputs = [
             ("views", views.as_entire_binding()),
-            ("vertices", scene.vertices.as_entire_binding()),
-            ("indices", scene.indices.as_entire_binding()),
+            ("vertices", casters.scene.vertices.as_entire_binding()),
+            ("indices", casters.indices.as_entire_binding()),
         ];
         let depths = ("depths", self.depths.as_entire_binding());
-        let list = ("large", self.list.as_entire_binding());
+        let large = ("large", self.list.as_entire_binding());
         let arguments = ("arguments", self.arguments.as_entire_binding());
         let mut steps = Vec::new();
         for band in &bands {
-            let at_once = (self.dispatch_triangles / u64::from(band.view_count))
-                .clamp(1, MOST_WORKGROUPS * 64) as u32;
+            let at_once = triangles_at_once(band);
             let mut parts = Vec::new();
-            for first_triangle in (0..triangles.opaque).step_by(at_once as usize) {
+            for first_triangle in (0..triangles).step_by(at_once as usize) {
                 let range = Range {
                     first_view: band.first_view,
                     view_count: band.view_count,
                     first_triangle,
-                    end_triangle: (first_triangle + at_once).min(triangles.opaque),
+                    end_triangle: (first_triangle + at_once).min(triangles),
                     first_row: band.first_row,
                     side,
                     padding_0: 0,
@@ -305,15 +305,17 @@ impl DepthCompute {
             compute: [
                 self.small.bind(gpu, 1, &inputs)?,
                 self.small
-                    .bind(gpu, 2, &[depths.clone(), list.clone(), arguments])?,
+                    .bind(gpu, 2, &[depths.clone(), large.clone(), arguments])?,
             ],
             large: [
                 self.large.bind(gpu, 1, &inputs)?,
-                self.large.bind(gpu, 2, &[list])?,
+                self.large.bind(gpu, 2, &[large])?,
             ],
             resolve: self.resolve.bind(gpu, 2, &[depths])?,
-            vertices: scene.vertices.clone(),
+            list: self.list.clone(),
             depths: self.depths.clone(),
+            vertices: casters.scene.vertices.clone(),
+            indices: casters.indices.clone(),
             triangles,
             order,
             views,
@@ -341,11 +343,7 @@ impl Plan {
                     corner: (y - band.first_row) * atlas.texture.width() + x,
                     width,
                     height,
-                    back_faces: if spec.second_depth {
-                        self.triangles.closed
-                    } else {
-                        0
-                    },
+                    padding: 0,
                 });
             }
         }

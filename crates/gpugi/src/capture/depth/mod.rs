@@ -9,12 +9,12 @@ mod view;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec4};
 
-pub use rasterizer::{DepthRasterizer, Rasterizer};
+pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
 use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
-use crate::scene::{DrawClass, GpuScene};
+use crate::scene::{Casters, DrawClass, GpuScene};
 use crate::shader;
 
 /// Largest side of an atlas (texels): WebGPU's default limit.
@@ -214,10 +214,10 @@ impl DepthAtlas {
         frame: &mut Frame<'_>,
         name: &str,
         kernels: &DepthKernels,
-        scene: &GpuScene,
+        casters: Casters<'_>,
     ) {
         frame.render(name, &[], &self.view, |pass| {
-            self.draw(pass, kernels, scene, &DepthDraw::ALL);
+            self.draw(pass, kernels, casters, &DepthDraw::ALL);
         });
     }
 
@@ -226,7 +226,7 @@ impl DepthAtlas {
         &self,
         pass: &mut wgpu::RenderPass<'_>,
         kernels: &DepthKernels,
-        scene: &GpuScene,
+        casters: Casters<'_>,
         draws: &[DepthDraw],
     ) {
         let kind = |class, second_depth| match class {
@@ -239,13 +239,13 @@ impl DepthAtlas {
             .iter()
             .map(|spec| {
                 let planes = frustum_planes(&spec.clip_from_world);
-                visible_ranges(&scene.draws, &planes, |draw| {
+                visible_ranges(casters.draws, &planes, |draw| {
                     kind(draw.class, spec.second_depth)
                 })
             })
             .collect();
-        pass.set_vertex_buffer(0, scene.vertices.slice(..));
-        pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.set_vertex_buffer(0, casters.scene.vertices.slice(..));
+        pass.set_index_buffer(casters.indices.slice(..), wgpu::IndexFormat::Uint32);
         // One pipeline after the other, so that it changes three times and not three times a view.
         for &draw in draws {
             if !visible.iter().flatten().any(|(one, _)| *one == draw) {
@@ -258,7 +258,7 @@ impl DepthAtlas {
             };
             kernel.set(pass);
             if draw == DepthDraw::Alpha {
-                pass.set_bind_group(0, &scene.bind_group, &[]);
+                pass.set_bind_group(0, &casters.scene.bind_group, &[]);
             }
             pass.set_bind_group(1, group, &[]);
             for (index, ranges) in visible.iter().enumerate() {

@@ -1,11 +1,12 @@
 //! Who draws an atlas: the hardware's rasterizer or compute.
 
+use gpugi_scene::simplify::CAN_SIMPLIFY;
 use serde::{Deserialize, Serialize};
 
 use super::compute::DepthCompute;
-use super::{DepthAtlas, DepthKernels};
+use super::{DepthAtlas, DepthKernels, DepthViewSpec};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::scene::GpuScene;
+use crate::scene::{Casters, Draw, GpuScene, SimplifiedCasters};
 
 /// Who draws depth maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,8 +20,17 @@ pub enum Rasterizer {
     Compute,
 }
 
-/// Triangles smaller than this are compute's (texels, the mean over a view).
-const SMALL: f32 = 8.0;
+/// How depth maps are drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthDrawing {
+    /// Who draws them.
+    pub rasterizer: Rasterizer,
+    /// Part of the casters' triangles that is drawn; 1 is all.
+    pub caster_detail: f32,
+}
+
+/// Triangles that cover less than this are compute's (texels, the mean over a view). Measured: see docs/techniques/image-based-lighting.md.
+const SMALL: f32 = 16.0;
 
 /// Draws atlases.
 #[derive(Debug)]
@@ -29,6 +39,7 @@ pub struct DepthRasterizer {
     pub kernels: DepthKernels,
     /// Compiled when it is first needed.
     compute: Option<DepthCompute>,
+    simplified: Option<SimplifiedCasters>,
 }
 
 impl DepthRasterizer {
@@ -40,6 +51,7 @@ impl DepthRasterizer {
         Ok(Self {
             kernels: DepthKernels::new(gpu, scene)?,
             compute: None,
+            simplified: None,
         })
     }
 
@@ -53,47 +65,52 @@ impl DepthRasterizer {
         name: &str,
         scene: &GpuScene,
         atlas: &mut DepthAtlas,
-        choice: Rasterizer,
+        drawing: DepthDrawing,
     ) -> Result<(), GpuError> {
-        if !by_compute(frame.gpu, scene, atlas, choice) {
-            atlas.record(frame, name, &self.kernels, scene);
+        let kept = self.simplified.take();
+        if CAN_SIMPLIFY && drawing.caster_detail < 1.0 {
+            let detail = drawing.caster_detail;
+            self.simplified = Some(SimplifiedCasters::new(frame, scene, detail, kept)?);
+        }
+        let casters = match &self.simplified {
+            Some(simplified) => simplified.casters(scene),
+            None => scene.casters(),
+        };
+        if !by_compute(casters, atlas, drawing.rasterizer) {
+            atlas.record(frame, name, &self.kernels, casters);
             return Ok(());
         }
         let mut compute = match self.compute.take() {
             Some(compute) => compute,
             None => DepthCompute::new(frame.gpu)?,
         };
-        let result = compute.record(frame, name, &self.kernels, scene, atlas);
+        let result = compute.record(frame, name, &self.kernels, casters, atlas);
         self.compute = Some(compute);
         result
     }
 }
 
-fn by_compute(gpu: &Gpu, scene: &GpuScene, atlas: &DepthAtlas, choice: Rasterizer) -> bool {
+/// Whether compute draws an atlas.
+pub(super) fn by_compute(casters: Casters<'_>, atlas: &DepthAtlas, choice: Rasterizer) -> bool {
     let is_wanted = match choice {
-        Rasterizer::Auto => {
-            gpu.adapter.device_type != wgpu::DeviceType::Cpu && mean_triangle(scene, atlas) < SMALL
-        }
+        Rasterizer::Auto => mean_triangle(casters.draws, atlas) < SMALL,
         Rasterizer::Hardware => false,
         Rasterizer::Compute => true,
     };
-    is_wanted
-        && atlas
-            .specs
-            .iter()
-            .all(|spec| DepthCompute::can_draw(spec, &scene.bounds))
+    let bounds = &casters.scene.bounds;
+    let can_draw = |spec: &DepthViewSpec| DepthCompute::can_draw(spec, bounds);
+    is_wanted && atlas.specs.iter().all(can_draw)
 }
 
 /// Estimated mean size of a triangle in a view (texels): a convex surface of area S covers S / 4 of a plane on the mean over all directions, twice, by
 /// its front and its back; the box of a draw stands for its surface.
-fn mean_triangle(scene: &GpuScene, atlas: &DepthAtlas) -> f32 {
-    let surface = |draw: &crate::scene::Draw| {
+fn mean_triangle(draws: &[Draw], atlas: &DepthAtlas) -> f32 {
+    let surface = |draw: &Draw| {
         let size = draw.bounds.max - draw.bounds.min;
         2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
     };
-    let area: f32 = scene.draws.iter().map(surface).sum();
-    let triangles: f32 = scene
-        .draws
+    let area: f32 = draws.iter().map(surface).sum();
+    let triangles: f32 = draws
         .iter()
         .map(|draw| draw.indices.len() as f32 / 3.0)
         .sum();

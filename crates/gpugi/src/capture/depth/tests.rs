@@ -5,13 +5,13 @@ use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Bounds, Scene};
 
 use super::compute::DepthCompute;
-use super::{DepthAtlas, DepthKernels, DepthViewSpec};
+use super::{DepthAtlas, DepthKernels, DepthViewSpec, Rasterizer};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use crate::scene::GpuScene;
 use crate::testing::{Random, test_gpu};
 
 /// Views of a whole scene from everywhere.
-fn around(scene: &GpuScene, count: u32, side: u32, second_depth: bool) -> Vec<DepthViewSpec> {
+fn around(scene: &GpuScene, count: u32, side: u32) -> Vec<DepthViewSpec> {
     let mut random = Random(3);
     (0..count)
         .map(|index| {
@@ -21,10 +21,7 @@ fn around(scene: &GpuScene, count: u32, side: u32, second_depth: bool) -> Vec<De
                 1 => Vec3::X,
                 _ => random.direction(),
             };
-            DepthViewSpec {
-                second_depth,
-                ..DepthViewSpec::fitted(forward, &scene.bounds, side, 2)
-            }
+            DepthViewSpec::fitted(forward, &scene.bounds, side, 2)
         })
         .collect()
 }
@@ -43,26 +40,19 @@ fn both(
         scene.merge(&mut frame);
         if by_compute {
             compute
-                .record(&mut frame, "depth", &kernels, scene, &mut atlas)
+                .record(&mut frame, "depth", &kernels, scene.casters(), &mut atlas)
                 .unwrap();
         } else {
-            atlas.record(&mut frame, "depth", &kernels, scene);
+            atlas.record(&mut frame, "depth", &kernels, scene.casters());
         }
         frame.submit().unwrap();
         read_texture(gpu, &atlas.texture, TextureAspect::DepthOnly, 0, 0).unwrap()
     })
 }
 
-fn assert_alike(
-    gpu: &Gpu,
-    scene: &Scene,
-    compute: &mut DepthCompute,
-    count: u32,
-    side: u32,
-    second_depth: bool,
-) {
+fn assert_alike(gpu: &Gpu, scene: &Scene, compute: &mut DepthCompute, count: u32, side: u32) {
     let mut uploaded = GpuScene::new(gpu, scene).unwrap();
-    let specs = around(&uploaded, count, side, second_depth);
+    let specs = around(&uploaded, count, side);
     let [hardware, compute] = both(gpu, &mut uploaded, specs, compute);
     let pairs = || hardware.iter().zip(&compute);
     let covered = hardware.iter().filter(|depth| **depth > 0.0).count();
@@ -92,9 +82,7 @@ fn compute_draws_what_the_hardware_draws() {
         ("shapes", 1, 96),
     ] {
         let scene = builtin(name, detail).unwrap();
-        for second_depth in [false, true] {
-            assert_alike(&gpu, &scene, &mut compute, 6, side, second_depth);
-        }
+        assert_alike(&gpu, &scene, &mut compute, 6, side);
     }
 }
 
@@ -106,7 +94,7 @@ fn bands_and_dispatches_make_one_atlas() {
     compute.band_texels = 2 * 64 * 640;
     compute.dispatch_triangles = 4096;
     let scene = builtin("spheres", 1).unwrap();
-    assert_alike(&gpu, &scene, &mut compute, 90, 64, false);
+    assert_alike(&gpu, &scene, &mut compute, 90, 64);
 }
 
 #[test]
@@ -145,6 +133,12 @@ fn fitted_views_hold_the_scene_and_little_else() {
     // A scene of nothing has views, too.
     let empty = DepthViewSpec::fitted(Vec3::X, &Bounds::EMPTY, 16, 2);
     assert!(empty.clip_from_world.is_finite());
+    // Nor does compute draw back faces.
+    let turned = DepthViewSpec {
+        second_depth: true,
+        ..DepthViewSpec::fitted(Vec3::X, &bounds, 64, 2)
+    };
+    assert!(!DepthCompute::can_draw(&turned, &bounds));
     // What reaches out of a view cannot be drawn into it by compute.
     let smaller = DepthViewSpec::fitted(Vec3::X, &bounds, 64, 2);
     let larger = Bounds {
@@ -152,4 +146,100 @@ fn fitted_views_hold_the_scene_and_little_else() {
         ..bounds
     };
     assert!(!DepthCompute::can_draw(&smaller, &larger));
+}
+
+#[test]
+fn small_triangles_are_told_from_large_ones() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = GpuScene::new(&gpu, &builtin("spheres", 1).unwrap()).unwrap();
+    let kernels = DepthKernels::new(&gpu, &scene).unwrap();
+    for (side, by_compute) in [(64, true), (256, true), (2048, false)] {
+        let specs = around(&scene, 2, side);
+        let atlas = DepthAtlas::new(&gpu, &kernels, specs).unwrap();
+        let found = super::rasterizer::by_compute(scene.casters(), &atlas, Rasterizer::Auto);
+        assert_eq!(found, by_compute, "maps of {side} texels");
+    }
+}
+
+#[cfg(feature = "meshopt")]
+mod simplified {
+    use super::super::{DepthDrawing, DepthRasterizer};
+    use super::*;
+    use crate::scene::{Draw, SimplifiedCasters};
+
+    /// What a rasterizer draws of a scene from around.
+    fn drawn(
+        gpu: &Gpu,
+        rasterizer: &mut DepthRasterizer,
+        scene: &GpuScene,
+        drawing: DepthDrawing,
+    ) -> Vec<f32> {
+        let specs = around(scene, 4, 128);
+        let mut atlas = DepthAtlas::new(gpu, &rasterizer.kernels, specs).unwrap();
+        let mut frame = Frame::new(gpu, false);
+        rasterizer
+            .record(&mut frame, "depth", scene, &mut atlas, drawing)
+            .unwrap();
+        frame.submit().unwrap();
+        read_texture(gpu, &atlas.texture, TextureAspect::DepthOnly, 0, 0).unwrap()
+    }
+
+    #[test]
+    fn simplified_casters_are_fewer_and_cast_nearly_the_same() {
+        let Some(gpu) = test_gpu() else { return };
+        let before = builtin("spheres", 1).unwrap();
+        let mut scene = GpuScene::new(&gpu, &before).unwrap();
+        let mut rasterizer = DepthRasterizer::new(&gpu, &scene).unwrap();
+        let merge = |scene: &mut GpuScene| {
+            let mut frame = Frame::new(&gpu, false);
+            scene.merge(&mut frame);
+            frame.submit().unwrap();
+        };
+        merge(&mut scene);
+        let mut frame = Frame::new(&gpu, false);
+        let quarter = SimplifiedCasters::new(&mut frame, &scene, 0.25, None).unwrap();
+        let count = |draws: &[Draw]| draws.iter().map(|draw| draw.indices.len()).sum::<usize>();
+        let left = count(quarter.casters(&scene).draws) as f32 / count(&scene.draws) as f32;
+        assert!((0.2..0.3).contains(&left), "{left} of the triangles");
+        let indices = quarter.casters(&scene).indices.clone();
+        let of = |rasterizer, caster_detail| DepthDrawing {
+            rasterizer,
+            caster_detail,
+        };
+        let mut far_off = |scene: &GpuScene, other: Rasterizer, detail: f32| {
+            let exact = drawn(&gpu, &mut rasterizer, scene, of(Rasterizer::Hardware, 1.0));
+            let coarse = drawn(&gpu, &mut rasterizer, scene, of(other, detail));
+            let covered = exact.iter().filter(|depth| **depth > 0.0).count();
+            let off = exact
+                .iter()
+                .zip(&coarse)
+                .filter(|(a, b)| (**a - **b).abs() > 0.01);
+            (off.count() as f64 / covered as f64, exact != coarse)
+        };
+        for other in [Rasterizer::Hardware, Rasterizer::Compute] {
+            let (off, differs) = far_off(&scene, other, 0.25);
+            assert!(differs && off < 0.02, "{other:?}: {off}");
+        }
+        // They follow instances that move, without being simplified anew.
+        let mut after = before.clone();
+        for instance in &mut after.instances {
+            instance.world_from_mesh =
+                glam::Mat4::from_translation(Vec3::new(0.0, 5.0, 0.0)) * instance.world_from_mesh;
+        }
+        scene.update(&gpu, &before, &after).unwrap();
+        merge(&mut scene);
+        let moved = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(quarter)).unwrap();
+        assert_eq!(*moved.casters(&scene).indices, indices);
+        assert!(moved.casters(&scene).draws[0].bounds.min.y > 4.0);
+        let (off, differs) = far_off(&scene, Rasterizer::Compute, 0.25);
+        assert!(differs && off < 0.02, "{off}");
+        // Other meshes are.
+        let other = builtin("spheres", 2).unwrap();
+        scene.update(&gpu, &after, &other).unwrap();
+        merge(&mut scene);
+        let new = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(moved)).unwrap();
+        assert_ne!(*new.casters(&scene).indices, indices);
+        let (off, differs) = far_off(&scene, Rasterizer::Hardware, 0.25);
+        assert!(differs && off < 0.02, "{off}");
+    }
 }

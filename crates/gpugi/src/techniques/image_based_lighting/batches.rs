@@ -2,7 +2,7 @@
 
 use super::Reflectivity;
 use super::gpu::{Direction, DirectionMap, Range};
-use crate::capture::depth::{DepthAtlas, DepthRasterizer, DepthViewSpec, Rasterizer};
+use crate::capture::depth::{DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec};
 use crate::capture::{PerTarget, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
@@ -20,15 +20,15 @@ const NORMAL_OFFSET: f32 = 0.75;
 /// Texels at the border of a depth map that lie beside the scene: room for the disc.
 pub const GUTTER: u32 = 2;
 
-/// How depth maps are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Drawing {
+/// How depth maps are kept and drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthMaps {
     /// Largest side of an atlas (texels).
     pub atlas_side: u32,
     /// For all atlases together (bytes).
     pub memory: u64,
-    /// Who draws.
-    pub rasterizer: Rasterizer,
+    /// Who draws, and what.
+    pub drawing: DepthDrawing,
 }
 
 /// How directions are cut into batches.
@@ -80,7 +80,7 @@ pub struct Batches {
 #[derive(Debug)]
 struct Made {
     plan: Plan,
-    choice: Rasterizer,
+    drawing: DepthDrawing,
     count: u32,
     directions: wgpu::Buffer,
     maps: wgpu::Buffer,
@@ -146,17 +146,17 @@ impl Batches {
         scene: &GpuScene,
         directions: &[Direction],
         views: &[DepthViewSpec],
-        drawing: &Drawing,
+        maps: &DepthMaps,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let choice = drawing.rasterizer;
+        let drawing = maps.drawing;
         let count = directions.len() as u32;
         let Some(side) = views.first().map(|view| view.size[0]) else {
             self.made = None;
             self.bound.clear();
             return Ok(());
         };
-        let plan = Plan::new(count, side, drawing.atlas_side, drawing.memory);
+        let plan = Plan::new(count, side, maps.atlas_side, maps.memory);
         // Directions that moved need no new tiles: only what they see changes.
         let reused = self.made.as_mut().is_some_and(|made| {
             made.plan == plan
@@ -172,12 +172,12 @@ impl Batches {
             // First gives back what there was.
             self.made = None;
             self.bound.clear();
-            self.made = Some(self.make(gpu, plan, choice, views)?);
+            self.made = Some(self.make(gpu, plan, drawing, views)?);
         }
         let Some(made) = &mut self.made else {
             return Ok(());
         };
-        made.choice = choice;
+        made.drawing = drawing;
         let maps: Vec<DirectionMap> = made.batches.iter().flat_map(Batch::maps).collect();
         gpu.queue
             .write_buffer(&made.directions, 0, bytemuck::cast_slice(directions));
@@ -185,7 +185,7 @@ impl Batches {
             .write_buffer(&made.maps, 0, bytemuck::cast_slice(&maps));
         if plan.is_kept {
             for batch in &mut made.batches {
-                batch.draw(frame, &mut self.rasterizer, choice, scene)?;
+                batch.draw(frame, &mut self.rasterizer, drawing, scene)?;
             }
         }
         Ok(())
@@ -195,7 +195,7 @@ impl Batches {
         &self,
         gpu: &Gpu,
         plan: Plan,
-        choice: Rasterizer,
+        drawing: DepthDrawing,
         views: &[DepthViewSpec],
     ) -> Result<Made, GpuError> {
         let storage = |label: &str, size: usize| {
@@ -241,7 +241,7 @@ impl Batches {
         }
         Ok(Made {
             plan,
-            choice,
+            drawing,
             count: first,
             directions,
             maps,
@@ -275,7 +275,7 @@ impl Batches {
             .of(points, sums, || bind(gpu, gather, made, points, sums))?;
         for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
             if !made.plan.is_kept {
-                batch.draw(frame, &mut self.rasterizer, made.choice, scene)?;
+                batch.draw(frame, &mut self.rasterizer, made.drawing, scene)?;
             }
             frame.compute("image-based-lighting.gather", |pass| {
                 for range in ranges {
@@ -301,11 +301,11 @@ impl Batch {
         &mut self,
         frame: &mut Frame<'_>,
         rasterizer: &mut DepthRasterizer,
-        choice: Rasterizer,
+        drawing: DepthDrawing,
         scene: &GpuScene,
     ) -> Result<(), GpuError> {
         let name = "image-based-lighting.generate";
-        rasterizer.record(frame, name, scene, &mut self.atlas, choice)
+        rasterizer.record(frame, name, scene, &mut self.atlas, drawing)
     }
 
     /// How the shader reads its depth maps.

@@ -14,12 +14,12 @@ mod tests;
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use batches::{Batches, Drawing, GUTTER};
+use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain};
 use prefiltered::Prefiltered;
 
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
-use crate::capture::depth::{ATLAS_SIDE, DepthViewSpec, Rasterizer};
+use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -74,6 +74,8 @@ pub struct Settings {
     pub memory: u32,
     /// Who draws depth maps.
     pub rasterizer: Rasterizer,
+    /// Part of the casters' triangles in depth maps.
+    pub caster_detail: f32,
 }
 
 impl Default for Settings {
@@ -86,6 +88,7 @@ impl Default for Settings {
             resolution: 512,
             memory: 1024,
             rasterizer: Rasterizer::Auto,
+            caster_detail: 1.0,
         }
     }
 }
@@ -125,6 +128,11 @@ const FIELDS: &[Field] = &[
         name: "rasterizer",
         summary: "who draws depth maps: hardware, compute (for small triangles), or auto",
         range: None,
+    },
+    Field {
+        name: "caster-detail",
+        summary: "part of the casters' triangles in depth maps: below 1, meshes are simplified",
+        range: Some((0.0, 1.0)),
     },
 ];
 
@@ -248,13 +256,16 @@ impl Technique for ImageBasedLighting {
             self.prefiltered.insert(prefiltered).generate(frame, scene);
         }
         let (directions, views) = self.directions(frame, scene)?;
-        let drawing = Drawing {
+        let maps = DepthMaps {
             atlas_side: self.atlas_side,
             memory: u64::from(self.settings.memory) << 20,
-            rasterizer: self.settings.rasterizer,
+            drawing: DepthDrawing {
+                rasterizer: self.settings.rasterizer,
+                caster_detail: self.settings.caster_detail,
+            },
         };
         self.batches
-            .generate(frame, scene, &directions, &views, &drawing)?;
+            .generate(frame, scene, &directions, &views, &maps)?;
         self.made = Some(made);
         Ok(())
     }

@@ -97,7 +97,8 @@ impl Shadows {
         if let Some(made) = &self.made {
             gpu.queue
                 .write_buffer(&made.samples, 0, bytemuck::cast_slice(lights));
-            made.atlas.record(frame, pass, &self.kernels, scene);
+            made.atlas
+                .record(frame, pass, &self.kernels, scene.casters());
         }
         Ok(())
     }
