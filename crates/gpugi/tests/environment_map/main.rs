@@ -8,7 +8,7 @@ use std::f32::consts::FRAC_PI_2;
 use std::ops::ControlFlow;
 
 use common::{floor, from_above, gpu, picture, place, render};
-use glam::{Vec3, vec3};
+use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::LightClass;
 use gpugi::measure::{Options, Quality, measure};
@@ -244,6 +244,54 @@ fn beside_image_based_lighting_only_mirrors_are_added() {
         render(&gpu, &scene, &from_above(1.0, 1.0), 16, &[]).radiance,
         picture(&gpu, &mut shadows, &from_above(1.0, 1.0)).radiance
     );
+}
+
+/// What one technique claims the other leaves alone; elsewhere nothing changes.
+#[test]
+fn objects_get_their_light_from_one_technique() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = ball(plastic(0.4), sky());
+    scene.instances[0].name = "ball".into();
+    let mut ground = floor(3.0);
+    let mesh = scene.add_mesh(ground.meshes.remove(0));
+    let material = scene.add_material(Material::matt("ground", Vec3::splat(0.5)));
+    scene.add_instance(
+        "ground",
+        mesh,
+        material,
+        Mat4::from_translation(Vec3::NEG_Y),
+    );
+    let show = |names: &[&str], objects: Option<&str>, reflectivity: &str| {
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        let mut renderer = Renderer::new(&gpu, &scene, [SIZE, SIZE], &names).expect("a renderer");
+        if let Some(objects) = objects {
+            renderer
+                .set("environment-map", "objects", objects)
+                .expect("names");
+        }
+        if names.iter().any(|name| name == "image-based-lighting") {
+            for (name, value) in [("reflectivity", reflectivity), ("samples", "32")] {
+                renderer
+                    .set("image-based-lighting", name, value)
+                    .expect("a setting");
+            }
+        }
+        picture(&gpu, &mut renderer, &camera())
+    };
+    for reflectivity in ["lobe", "ratio"] {
+        let both = ["image-based-lighting", "environment-map"];
+        let shared = show(&both, Some("ball"), reflectivity);
+        let shadows = show(&["image-based-lighting"], None, reflectivity);
+        let maps = show(&["environment-map"], None, reflectivity);
+        let mut counts = [0; 2];
+        for ((one, shadowed), unshadowed) in shared.lit().zip(shadows.lit()).zip(maps.lit()) {
+            let expected = [unshadowed, shadowed][one.instance as usize];
+            counts[one.instance as usize] += 1;
+            let away = (one.radiance - expected.radiance).abs().max_element();
+            assert!(away < 1e-5, "{reflectivity}, {}: {away}", one.instance);
+        }
+        assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
+    }
 }
 
 #[test]
