@@ -230,3 +230,47 @@ fn more_materials_than_a_surface_point_can_name_are_refused() {
         "{refused:?}"
     );
 }
+
+/// What moves, comes and goes is shown as if the renderer had never seen it otherwise; also in mirrors and shadows.
+#[test]
+fn a_renderer_follows_its_scene() {
+    let Some(gpu) = gpu() else { return };
+    let mut start = furnished();
+    let ball = place(
+        &mut start,
+        sphere(0.25, 24),
+        Material::metal("mirror", Vec3::ONE, 0.0),
+    );
+    start.instances[ball].world_from_mesh = Mat4::from_translation(vec3(0.7, 0.3, 0.2));
+    let mut moved = start.clone();
+    moved.instances[1].world_from_mesh = Mat4::from_translation(vec3(-0.4, 0.1, 0.3));
+    // The lamp, which is an emitter, and the mirror.
+    moved.instances[2].world_from_mesh = Mat4::from_translation(vec3(0.4, 0.2, 0.5));
+    moved.instances[ball].world_from_mesh = Mat4::from_translation(vec3(-0.5, 0.3, 0.9));
+    let mut more = moved.clone();
+    let sheet = quad(vec3(-0.2, 0.8, 0.2), Vec3::X, vec3(0.0, 0.3, -0.3), 1);
+    place(&mut more, sheet, Material::matt("sheet", Vec3::X));
+    let mut turned = moved.clone();
+    turned.instances[1].world_from_mesh *= Mat4::from_scale(vec3(-1.0, 1.0, 1.0));
+    let mut fewer = start.clone();
+    fewer.instances.remove(1);
+    let camera = looking_down();
+    let mut renderer = renderer(&gpu, &start, 48, &[]);
+    let mut before = start.clone();
+    picture(&gpu, &mut renderer, &camera);
+    for (what, after) in [
+        ("moved", &moved),
+        ("one more", &more),
+        ("mirrored", &turned),
+        ("one less", &fewer),
+        ("as it was", &start),
+    ] {
+        renderer.update(&before, after).expect("an update");
+        let followed = picture(&gpu, &mut renderer, &camera);
+        let anew = render(&gpu, after, &camera, 48, &[]);
+        let differ = followed.radiance.iter().zip(&anew.radiance);
+        let worst = differ.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 1e-4, "{what}: {worst}");
+        before = after.clone();
+    }
+}

@@ -188,7 +188,9 @@ pub struct Capture {
     depth: wgpu::TextureView,
     kernels: CaptureKernels,
     faces: Vec<Face>,
-    resolve_groups: [wgpu::BindGroup; 2],
+    seen: wgpu::BindGroup,
+    /// What resolve reads, for these merged vertices.
+    hit: (wgpu::Buffer, wgpu::BindGroup),
 }
 
 /// Where the matrix of one face lies: of an image's only one, or of a cube's six.
@@ -287,24 +289,8 @@ impl Capture {
         };
         let hits_view = hits.create_view(&Default::default());
         let resolve = &kernels.resolve;
-        let resolve_groups = [
-            resolve.bind(
-                gpu,
-                1,
-                &[
-                    ("seen", points.view.as_entire_binding()),
-                    ("points", points.points.as_entire_binding()),
-                ],
-            )?,
-            resolve.bind(
-                gpu,
-                3,
-                &[
-                    ("hits", wgpu::BindingResource::TextureView(&hits_view)),
-                    ("merged", scene.vertices.as_entire_binding()),
-                ],
-            )?,
-        ];
+        let seen = points.bind(gpu, resolve)?;
+        let hit = bind_hits(gpu, resolve, &hits_view, &scene.vertices)?;
         Ok(Self {
             points,
             hits,
@@ -315,37 +301,55 @@ impl Capture {
             faces: (0..faces)
                 .map(|_| Face::new(gpu, kernels))
                 .collect::<Result<_, _>>()?,
-            resolve_groups,
+            seen,
+            hit: (scene.vertices.clone(), hit),
         })
     }
 
     /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`.
-    pub fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, view: &View) {
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &View,
+    ) -> Result<(), GpuError> {
         let matrices = [view.clip_from_world];
         self.draw(frame, scene, &view.uniform, &matrices, |draw| {
             Some(draw.seen)
-        });
+        })
     }
 
     /// Captures what a cube sees: the same passes. `class_of` says how each draw is drawn, or that it is not.
+    ///
+    /// # Errors
+    /// [`GpuError`].
     pub fn record_cube(
-        &self,
+        &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &CubeView,
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
-    ) {
-        self.draw(frame, scene, &view.uniform, &view.clip_from_world, class_of);
+    ) -> Result<(), GpuError> {
+        self.draw(frame, scene, &view.uniform, &view.clip_from_world, class_of)
     }
 
     fn draw(
-        &self,
+        &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &ViewUniform,
         matrices: &[Mat4],
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
-    ) {
+    ) -> Result<(), GpuError> {
+        if self.hit.0 != scene.vertices {
+            // The scene was uploaded anew.
+            let resolve = &self.kernels.resolve;
+            let group = bind_hits(frame.gpu, resolve, &self.hits_view, &scene.vertices)?;
+            self.hit = (scene.vertices.clone(), group);
+        }
         let queue = &frame.gpu.queue;
         queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(view));
         let seed = view
@@ -392,15 +396,26 @@ impl Capture {
         frame.compute("capture.resolve", |pass| {
             self.kernels.resolve.dispatch(
                 pass,
-                &[
-                    (0, &scene.bind_group),
-                    (1, &self.resolve_groups[0]),
-                    (3, &self.resolve_groups[1]),
-                ],
+                &[(0, &scene.bind_group), (1, &self.seen), (3, &self.hit.1)],
                 [self.size[0], self.size[1], 1],
             );
         });
+        Ok(())
     }
+}
+
+/// Bind group 3 of resolve.
+fn bind_hits(
+    gpu: &Gpu,
+    resolve: &Kernel,
+    hits: &wgpu::TextureView,
+    merged: &wgpu::Buffer,
+) -> Result<wgpu::BindGroup, GpuError> {
+    let resources = [
+        ("hits", wgpu::BindingResource::TextureView(hits)),
+        ("merged", merged.as_entire_binding()),
+    ];
+    resolve.bind(gpu, 3, &resources)
 }
 
 /// The planes of a clip space with depth in [0, 1] whose positive side is inside, world space.

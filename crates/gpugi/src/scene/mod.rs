@@ -5,6 +5,7 @@ mod emitters;
 mod environment;
 pub(crate) mod gpu;
 mod images;
+mod motion;
 mod objects;
 #[cfg(test)]
 mod ray_tests;
@@ -63,6 +64,8 @@ pub struct Draw {
     pub indices: std::ops::Range<u32>,
     /// World-space box.
     pub bounds: Bounds,
+    /// Box of the mesh in its own space.
+    mesh_bounds: Bounds,
 }
 
 /// Counters that grow when something changes: a map made at other counts is out of date.
@@ -109,6 +112,7 @@ pub struct GpuScene {
     pub objects: Vec<Object>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
+    header: wgpu::Buffer,
     tables: wgpu::Buffer,
     alpha_modes: Vec<AlphaMode>,
     vertex_count: u32,
@@ -254,6 +258,7 @@ impl GpuScene {
                 instance: index as u32,
                 indices: first..merged_indices.len() as u32,
                 bounds: mesh.bounds.transformed(&instance.world_from_mesh),
+                mesh_bounds: mesh.bounds,
             });
         }
 
@@ -380,6 +385,7 @@ impl GpuScene {
                 .iter()
                 .map(|instance| scene.materials[instance.material].alpha_mode)
                 .collect(),
+            header,
             tables,
             environment: scene.environment.clone(),
             has_alpha: scene
@@ -443,7 +449,10 @@ impl GpuScene {
             return Ok(());
         }
         let versions = self.versions;
-        if geometry || materials || before.environment != after.environment {
+        let environment = before.environment != after.environment;
+        if geometry && !topology && !environment && self.move_instances(gpu, before, after) {
+            self.lights = after.lights.clone();
+        } else if geometry || materials || environment {
             let kept = self.rays.take().filter(|_| before.meshes == after.meshes);
             *self = Self::upload(gpu, after, self.use_of, kept)?;
         } else {

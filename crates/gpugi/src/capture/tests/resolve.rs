@@ -30,7 +30,7 @@ struct Point {
 fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)> {
     let mut on_gpu = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let capture = Capture::of_camera(gpu, &kernels, &on_gpu, [SIDE; 2]).unwrap();
+    let mut capture = Capture::of_camera(gpu, &kernels, &on_gpu, [SIDE; 2]).unwrap();
     let view = View::new(
         camera,
         [SIDE; 2],
@@ -57,7 +57,7 @@ fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)
     let group = kernel.bind(gpu, 1, &resources).unwrap();
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    capture.record(&mut frame, &on_gpu, &view);
+    capture.record(&mut frame, &on_gpu, &view).unwrap();
     frame.compute("points", |pass| {
         kernel.dispatch(pass, &[(0, &on_gpu.bind_group), (1, &group)], [count, 1, 1]);
     });

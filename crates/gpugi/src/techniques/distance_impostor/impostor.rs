@@ -281,7 +281,7 @@ impl Impostor {
                 draw.seen
             };
             (draw.instance != own).then_some(class)
-        });
+        })?;
         lit.gather(
             frame,
             scene,
@@ -334,12 +334,12 @@ impl Impostor {
         near: f32,
     ) -> Result<(), GpuError> {
         let side = self.shape.side;
-        let capture = Capture::of_cube(frame.gpu, &kernels.capture, scene, side)?;
+        let mut capture = Capture::of_cube(frame.gpu, &kernels.capture, scene, side)?;
         let view = CubeView::new(center, side, near, 0, 0);
         let own = self.instance;
         capture.record_cube(frame, scene, &view, |draw| {
             (draw.instance == own).then_some(draw.seen)
-        });
+        })?;
         self.shape
             .store(frame, &kernels.shape, scene, &capture, &self.target)
     }

@@ -423,13 +423,13 @@ fn second_frame(gpu: &Gpu, scene: &mut GpuScene, technique: &mut ImageBasedLight
     let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
     let view = View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal());
     let kernels = CaptureKernels::new(gpu, scene).unwrap();
-    let capture = Capture::of_camera(gpu, &kernels, scene, [32, 32]).unwrap();
+    let mut capture = Capture::of_camera(gpu, &kernels, scene, [32, 32]).unwrap();
     let mut emission = Emission::new(gpu, scene).unwrap();
     let [first, second] = [(); 2].map(|()| Target::new(gpu, 32 * 32).unwrap());
     for target in [&first, &second] {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        capture.record(&mut frame, scene, &view);
+        capture.record(&mut frame, scene, &view).unwrap();
         let mut lit = Lit::new(&mut emission, &mut []);
         technique
             .generate(&mut frame, scene, &view, &mut lit)
