@@ -180,18 +180,21 @@ impl Renderer {
             technique: technique.to_owned(),
             source,
         };
+        let before = found.settings()[name].clone();
         found.set(name, value).map_err(fail)?;
         let objects = &self.scene.objects;
         let is_known = |one: &&str| objects.iter().any(|object| object.is_named_by(one));
         let names = found.names();
-        if let Some(unknown) = names
-            .split(',')
-            .find(|one| !names.is_empty() && !is_known(one))
-        {
+        let mut names = names.split(',').filter(|one| !one.is_empty());
+        if let Some(unknown) = names.find(|one| !is_known(one)) {
+            let reason = unknown_object(unknown.trim(), objects);
+            // What is refused is not kept.
+            let before = before.as_str().unwrap_or_default();
+            found.set(name, before).map_err(fail)?;
             return Err(fail(SettingError::Value {
                 name: name.to_owned(),
                 value: value.to_owned(),
-                reason: unknown_object(unknown.trim(), objects),
+                reason,
             }));
         }
         self.assign();

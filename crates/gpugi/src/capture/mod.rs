@@ -81,18 +81,31 @@ impl Target {
 /// What a pass keeps for the points that it is run at and the targets that it writes: the picture's, and those of cubes.
 #[derive(Debug)]
 pub struct PerTarget<T> {
-    kept: Vec<(wgpu::Buffer, wgpu::Buffer, T)>,
+    kept: Vec<Kept<T>>,
+    calls: u64,
+}
+
+#[derive(Debug)]
+struct Kept<T> {
+    points: wgpu::Buffer,
+    target: wgpu::Buffer,
+    /// Number of the call that asked for it last.
+    asked: u64,
+    made: T,
 }
 
 impl<T> Default for PerTarget<T> {
     fn default() -> Self {
-        Self { kept: Vec::new() }
+        Self {
+            kept: Vec::new(),
+            calls: 0,
+        }
     }
 }
 
 impl<T> PerTarget<T> {
-    /// More than these are made anew, the oldest first.
-    const MOST: usize = 32;
+    /// What nobody asked for in as many calls is forgotten, so that buffers go that are used no more.
+    const PATIENCE: u64 = 256;
 
     /// What was made for these points and this target, or is made now.
     ///
@@ -104,22 +117,25 @@ impl<T> PerTarget<T> {
         target: &Target,
         make: impl FnOnce() -> Result<T, GpuError>,
     ) -> Result<&T, GpuError> {
-        let is_this = |(of, to, _): &(wgpu::Buffer, wgpu::Buffer, T)| {
-            *of == points.points && *to == target.radiance
-        };
+        self.calls += 1;
+        let now = self.calls;
+        self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
+        let is_this = |one: &Kept<T>| one.points == points.points && one.target == target.radiance;
         let index = match self.kept.iter().position(is_this) {
             Some(index) => index,
             None => {
-                let made = make()?;
-                if self.kept.len() >= Self::MOST {
-                    self.kept.remove(0);
-                }
-                let (of, to) = (points.points.clone(), target.radiance.clone());
-                self.kept.push((of, to, made));
+                self.kept.push(Kept {
+                    points: points.points.clone(),
+                    target: target.radiance.clone(),
+                    asked: now,
+                    made: make()?,
+                });
                 self.kept.len() - 1
             }
         };
-        Ok(&self.kept[index].2)
+        let found = &mut self.kept[index];
+        found.asked = now;
+        Ok(&found.made)
     }
 
     /// Forgets everything.

@@ -5,7 +5,7 @@
 
 use std::ops::BitOr;
 
-use gpugi_scene::{AlphaMode, Instance, Scene};
+use gpugi_scene::{AlphaMode, Instance, MaterialModel, Scene};
 
 use super::DrawClass;
 
@@ -18,7 +18,7 @@ pub struct Object {
     pub is_transmissive: bool,
     /// Its surface bounds a solid (KHR_materials_volume); else it is a thin wall.
     pub is_solid: bool,
-    /// Its surface reflects and refracts ideally, as far as the material's factors say.
+    /// Its surface reflects and refracts ideally, as far as the material's factors say: `is_delta` of shared/brdf.wesl.
     pub is_smooth: bool,
 }
 
@@ -29,7 +29,8 @@ impl Object {
             name: instance.name.clone(),
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
-            is_smooth: material.roughness < DELTA_ROUGHNESS,
+            is_smooth: !matches!(material.model, MaterialModel::Phong { .. })
+                && material.roughness < DELTA_ROUGHNESS,
         }
     }
 
