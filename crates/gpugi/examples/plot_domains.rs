@@ -1,10 +1,11 @@
-//! Draws the directional domains of the default sky over it (figure 15 of the tutorial): edges of domains, and the directions that their light
-//! comes from: `cargo run -p gpugi --example plot_domains` writes `docs/images/environment-domains.png`, or the file named as argument.
+//! Draws the directional domains of the default sky over it (figure 15 of the tutorial): borders of domains, the directions that their light
+//! comes from, and the Delaunay mesh between them: `cargo run -p gpugi --example plot_domains` writes `docs/images/environment-domains.png`, or the file named as argument.
 
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
 use std::path::PathBuf;
 
+use glam::Vec3;
 use gpugi::gpu::{AdapterChoice, Frame, Gpu, TextureAspect, read_texture};
 use gpugi::scene::GpuScene;
 use gpugi::techniques::image_based_lighting::{Decomposition, Settings};
@@ -57,17 +58,32 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
     }
-    for domain in domains.iter().filter(|one| one.solid_angle > 0.0) {
-        let d = domain.toward;
+    // A square of pixels around a direction, `reach` to each side.
+    let mut dot = |d: Vec3, reach: i32, color: [u8; 3]| {
         let u = d.x.atan2(-d.z) / TAU + 0.5;
         let v = d.y.clamp(-1.0, 1.0).acos() / PI;
         let at = [(u * width as f32) as i32, (v * height as f32) as i32];
-        for (x, y) in (-1..=1).flat_map(|y| (-1..=1).map(move |x| (x, y))) {
+        for (x, y) in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y))) {
             let x = (at[0] + x).rem_euclid(width as i32);
             let y = (at[1] + y).clamp(0, height as i32 - 1);
             let pixel = (y * width as i32 + x) as usize * 4;
-            pixels[pixel..pixel + 3].copy_from_slice(&[200, 30, 20]);
+            pixels[pixel..pixel + 3].copy_from_slice(&color);
         }
+    };
+    for ends in decomposition.delaunay_edges(&gpu)? {
+        let [from, to] = ends.map(|end| domains[end as usize].toward);
+        // A great circle is where the chord lies as seen from the centre. Near a pole many columns lie close together.
+        let steps = (from.distance(to) * 16.0 * height as f32) as u32 + 1;
+        for step in 0..=steps {
+            dot(
+                from.lerp(to, step as f32 / steps as f32).normalize(),
+                0,
+                [20, 60, 160],
+            );
+        }
+    }
+    for domain in domains.iter().filter(|one| one.solid_angle > 0.0) {
+        dot(domain.toward, 1, [200, 30, 20]);
     }
     save_png(&file, width, height, &pixels)?;
     println!("{}", file.display());

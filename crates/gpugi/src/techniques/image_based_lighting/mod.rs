@@ -5,6 +5,7 @@
 //! docs/techniques/image-based-lighting.md.
 
 mod batches;
+mod delaunay;
 mod domains;
 pub(crate) mod gpu;
 mod prefiltered;
