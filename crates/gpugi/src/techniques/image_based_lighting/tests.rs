@@ -1,5 +1,7 @@
 //! Domains of environments whose light is known.
 
+mod stability;
+
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
 
@@ -476,8 +478,8 @@ fn a_domain_knows_how_widely_its_light_is_spread() {
 }
 
 /// A ball and a block on a floor under a sunny sky.
-fn still() -> Scene {
-    let mut scene = sunny([64, 32]);
+fn still(size: [u32; 2]) -> Scene {
+    let mut scene = sunny(size);
     let block = cuboid(Vec3::new(0.2, 0.0, -0.3), Vec3::new(0.6, 1.0, 0.3), 1);
     let floor = quad(Vec3::new(-1.0, 0.0, 1.0), 2.0 * Vec3::X, -2.0 * Vec3::Z, 1);
     for (mesh, material) in [
@@ -492,34 +494,52 @@ fn still() -> Scene {
     scene
 }
 
-/// Radiance of the second of two frames, for which maps are kept or drawn anew.
-fn second_frame(gpu: &Gpu, scene: &mut GpuScene, technique: &mut ImageBasedLighting) -> Vec<f32> {
-    let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
-    let view = View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal());
-    let kernels = CaptureKernels::new(gpu, scene).unwrap();
-    let mut capture = Capture::of_camera(gpu, &kernels, scene, [32, 32]).unwrap();
-    let mut emission = Emission::new(gpu, scene).unwrap();
-    let [first, second] = [(); 2].map(|()| Target::new(gpu, 32 * 32).unwrap());
-    for target in [&first, &second] {
+/// What makes pictures of `still`.
+struct Sight {
+    view: View,
+    capture: Capture,
+    emission: Emission,
+}
+
+impl Sight {
+    fn new(gpu: &Gpu, scene: &GpuScene) -> Self {
+        let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
+        let kernels = CaptureKernels::new(gpu, scene).unwrap();
+        Self {
+            view: View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal()),
+            capture: Capture::of_camera(gpu, &kernels, scene, [32, 32]).unwrap(),
+            emission: Emission::new(gpu, scene).unwrap(),
+        }
+    }
+
+    /// Radiance of one frame.
+    fn frame(
+        &mut self,
+        gpu: &Gpu,
+        scene: &mut GpuScene,
+        technique: &mut ImageBasedLighting,
+    ) -> Vec<f32> {
+        let target = Target::new(gpu, 32 * 32).unwrap();
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        capture.record(&mut frame, scene, &view).unwrap();
-        let mut lit = Lit::new(&mut emission, &mut []);
+        self.capture.record(&mut frame, scene, &self.view).unwrap();
+        let mut lit = Lit::new(&mut self.emission, &mut []);
         technique
-            .generate(&mut frame, scene, &view, &mut lit)
+            .generate(&mut frame, scene, &self.view, &mut lit)
             .unwrap();
         technique
-            .gather(&mut frame, scene, &capture.points, target)
+            .gather(&mut frame, scene, &self.capture.points, &target)
             .unwrap();
         frame.submit().unwrap();
+        read_buffer(gpu, &target.radiance, target.radiance.size()).unwrap()
     }
-    read_buffer(gpu, &second.radiance, second.radiance.size()).unwrap()
 }
 
 #[test]
 fn batches_make_the_same_picture() {
     let Some(gpu) = test_gpu() else { return };
-    let mut scene = GpuScene::new(&gpu, &still()).unwrap();
+    let mut scene = GpuScene::new(&gpu, &still([64, 32])).unwrap();
+    let mut sight = Sight::new(&gpu, &scene);
     for reflectivity in [Reflectivity::Lobe, Reflectivity::Ratio] {
         // One atlas; five of eight maps; one for 16 maps at a time, the last time for eight; one for a map at a time.
         let pictures =
@@ -532,7 +552,9 @@ fn batches_make_the_same_picture() {
                     ..settings(40)
                 };
                 technique.atlas_side = atlas_side;
-                second_frame(&gpu, &mut scene, &mut technique)
+                // For the second frame maps are kept or drawn anew.
+                sight.frame(&gpu, &mut scene, &mut technique);
+                sight.frame(&gpu, &mut scene, &mut technique)
             });
         assert!(pictures[0].iter().all(|value| value.is_finite()));
         assert!(pictures[0].iter().sum::<f32>() > 100.0);
