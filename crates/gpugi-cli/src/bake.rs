@@ -40,6 +40,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             );
             return Err(Usage(message).into());
         }
+        if ["irradiance", "metals", "refraction", "objects"].contains(&key) {
+            let message =
+                format!("--set {technique}.{key}: changes how maps are read, not what they hold");
+            return Err(Usage(message).into());
+        }
         settings
             .set(key, value)
             .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
