@@ -127,7 +127,7 @@ impl Renderer {
             }
             techniques.push(made);
         }
-        let capture = Capture::of_camera(gpu, &kernels, &scene, size)?;
+        let capture = Capture::of_camera(gpu, &kernels, size)?;
         let target = Target::new(gpu, capture.points.count)?;
         let mut renderer = Self {
             display: Display::new(gpu, size)?,

@@ -204,9 +204,9 @@ pub struct Capture {
     depth: wgpu::TextureView,
     kernels: CaptureKernels,
     faces: Vec<Face>,
-    seen: wgpu::BindGroup,
-    /// What resolve reads, for these merged vertices.
-    hit: (wgpu::Buffer, wgpu::BindGroup),
+    resolve_seen: wgpu::BindGroup,
+    /// The scene's merged vertices, which are others after a change of the scene, and the bind group with them.
+    resolve_hits: Option<(wgpu::Buffer, wgpu::BindGroup)>,
 }
 
 /// Where the matrix of one face lies: of an image's only one, or of a cube's six.
@@ -237,29 +237,22 @@ impl Capture {
     pub fn of_camera(
         gpu: &Gpu,
         kernels: &CaptureKernels,
-        scene: &GpuScene,
         size: [u32; 2],
     ) -> Result<Self, GpuError> {
-        Self::new(gpu, kernels, scene, size, 1)
+        Self::new(gpu, kernels, size, 1)
     }
 
     /// Room for what a cube sees whose faces have `side` texels squared.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold them.
-    pub fn of_cube(
-        gpu: &Gpu,
-        kernels: &CaptureKernels,
-        scene: &GpuScene,
-        side: u32,
-    ) -> Result<Self, GpuError> {
-        Self::new(gpu, kernels, scene, [side, 6 * side], 6)
+    pub fn of_cube(gpu: &Gpu, kernels: &CaptureKernels, side: u32) -> Result<Self, GpuError> {
+        Self::new(gpu, kernels, [side, 6 * side], 6)
     }
 
     fn new(
         gpu: &Gpu,
         kernels: &CaptureKernels,
-        scene: &GpuScene,
         size: [u32; 2],
         faces: u32,
     ) -> Result<Self, GpuError> {
@@ -304,9 +297,7 @@ impl Capture {
             count,
         };
         let hits_view = hits.create_view(&Default::default());
-        let resolve = &kernels.resolve;
-        let seen = points.bind(gpu, resolve)?;
-        let hit = bind_hits(gpu, resolve, &hits_view, &scene.vertices)?;
+        let resolve_seen = points.bind(gpu, &kernels.resolve)?;
         Ok(Self {
             points,
             hits,
@@ -317,15 +308,15 @@ impl Capture {
             faces: (0..faces)
                 .map(|_| Face::new(gpu, kernels))
                 .collect::<Result<_, _>>()?,
-            seen,
-            hit: (scene.vertices.clone(), hit),
+            resolve_seen,
+            resolve_hits: None,
         })
     }
 
     /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`.
     ///
     /// # Errors
-    /// [`GpuError`].
+    /// [`GpuError::Pass`].
     pub fn record(
         &mut self,
         frame: &mut Frame<'_>,
@@ -341,7 +332,7 @@ impl Capture {
     /// Captures what a cube sees: the same passes. `class_of` says how each draw is drawn, or that it is not.
     ///
     /// # Errors
-    /// [`GpuError`].
+    /// [`GpuError::Pass`].
     pub fn record_cube(
         &mut self,
         frame: &mut Frame<'_>,
@@ -352,6 +343,22 @@ impl Capture {
         self.draw(frame, scene, &view.uniform, &view.clip_from_world, class_of)
     }
 
+    /// The bind group with the hits and what they are hits of.
+    fn hits_of(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<wgpu::BindGroup, GpuError> {
+        if let Some((vertices, group)) = &self.resolve_hits
+            && *vertices == scene.vertices
+        {
+            return Ok(group.clone());
+        }
+        let resources = [
+            ("hits", wgpu::BindingResource::TextureView(&self.hits_view)),
+            ("merged", scene.vertices.as_entire_binding()),
+        ];
+        let group = self.kernels.resolve.bind(gpu, 3, &resources)?;
+        self.resolve_hits = Some((scene.vertices.clone(), group.clone()));
+        Ok(group)
+    }
+
     fn draw(
         &mut self,
         frame: &mut Frame<'_>,
@@ -360,12 +367,7 @@ impl Capture {
         matrices: &[Mat4],
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) -> Result<(), GpuError> {
-        if self.hit.0 != scene.vertices {
-            // The scene was uploaded anew.
-            let resolve = &self.kernels.resolve;
-            let group = bind_hits(frame.gpu, resolve, &self.hits_view, &scene.vertices)?;
-            self.hit = (scene.vertices.clone(), group);
-        }
+        let hits = self.hits_of(frame.gpu, scene)?;
         let queue = &frame.gpu.queue;
         queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(view));
         let seed = view
@@ -412,26 +414,12 @@ impl Capture {
         frame.compute("capture.resolve", |pass| {
             self.kernels.resolve.dispatch(
                 pass,
-                &[(0, &scene.bind_group), (1, &self.seen), (3, &self.hit.1)],
+                &[(0, &scene.bind_group), (1, &self.resolve_seen), (3, &hits)],
                 [self.size[0], self.size[1], 1],
             );
         });
         Ok(())
     }
-}
-
-/// Bind group 3 of resolve.
-fn bind_hits(
-    gpu: &Gpu,
-    resolve: &Kernel,
-    hits: &wgpu::TextureView,
-    merged: &wgpu::Buffer,
-) -> Result<wgpu::BindGroup, GpuError> {
-    let resources = [
-        ("hits", wgpu::BindingResource::TextureView(hits)),
-        ("merged", merged.as_entire_binding()),
-    ];
-    resolve.bind(gpu, 3, &resources)
 }
 
 /// The planes of a clip space with depth in [0, 1] whose positive side is inside, world space.

@@ -30,7 +30,7 @@ struct Point {
 fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)> {
     let mut on_gpu = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let mut capture = Capture::of_camera(gpu, &kernels, &on_gpu, [SIDE; 2]).unwrap();
+    let mut capture = Capture::of_camera(gpu, &kernels, [SIDE; 2]).unwrap();
     let view = View::new(
         camera,
         [SIDE; 2],

@@ -192,7 +192,7 @@ impl Impostor {
                 Ok((kernels.coarser.bind(gpu, 3, &resources)?, side >> level))
             })
             .collect::<Result<_, GpuError>>()?;
-        let capture = Capture::of_cube(gpu, &kernels.capture, scene, side)?;
+        let capture = Capture::of_cube(gpu, &kernels.capture, side)?;
         let target = Target::new(gpu, capture.points.count)?;
         let uniform = gpu.buffer(
             "impostor",
@@ -334,7 +334,7 @@ impl Impostor {
         near: f32,
     ) -> Result<(), GpuError> {
         let side = self.shape.side;
-        let mut capture = Capture::of_cube(frame.gpu, &kernels.capture, scene, side)?;
+        let mut capture = Capture::of_cube(frame.gpu, &kernels.capture, side)?;
         let view = CubeView::new(center, side, near, 0, 0);
         let own = self.instance;
         capture.record_cube(frame, scene, &view, |draw| {
