@@ -1,5 +1,6 @@
 //! Captures: which view holds a direction, and which pixel a ray.
 
+mod cube;
 mod resolve;
 
 use std::f32::consts::FRAC_PI_3;

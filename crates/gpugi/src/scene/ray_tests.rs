@@ -10,7 +10,7 @@ use gpugi_scene::{
 use super::GpuScene;
 use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
 use crate::shader;
-use crate::testing::{Random, test_gpu};
+use crate::testing::{Random, constant, test_gpu};
 
 /// What testing/rays.wesl writes for a ray.
 #[repr(C)]
@@ -515,22 +515,8 @@ fn instances_move_come_and_go_under_the_same_meshes() {
 
 #[test]
 fn shader_and_host_agree_on_the_layout() {
-    let module = shader!("testing.rays").parse().unwrap();
-    let constant = |name: &str| {
-        let linked = |constant: &&naga::Constant| {
-            let linked = constant.name.as_deref().unwrap_or_default();
-            linked.ends_with(name) && linked.contains("scene_bvh")
-        };
-        let (_, constant) = module
-            .constants
-            .iter()
-            .find(|(_, one)| linked(one))
-            .unwrap();
-        match module.global_expressions[constant.init] {
-            naga::Expression::Literal(naga::Literal::U32(value)) => value,
-            ref other => panic!("{name}: {other:?}"),
-        }
-    };
+    let rays = shader!("testing.rays");
+    let constant = |name: &str| constant(&rays, "scene_bvh", name);
     assert_eq!(constant("STACK_SIZE"), STACK_SIZE);
     assert_eq!(constant("NODE_ROWS"), NODE_ROWS);
     assert_eq!(constant("TRIANGLE_ROWS"), TRIANGLE_ROWS);

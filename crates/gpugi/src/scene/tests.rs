@@ -1,5 +1,6 @@
 //! Rust structs and WGSL structs are the same: sizes, names and offsets by reflection, table rows word by word.
 
+use super::Claims;
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
@@ -7,10 +8,11 @@ use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
 use crate::gpu::Shader;
 use crate::ray_bench;
 use crate::shader;
+use crate::techniques::distance_impostor::gpu::Impostor;
 use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
-use crate::testing::{run_kernel, test_gpu};
+use crate::testing::{constant, run_kernel, test_gpu};
 
 /// Size and members (name, offset) of the struct whose linked name ends in `name`; structs inside it are taken apart.
 fn reflected(shader: &Shader, name: &str) -> (u32, Vec<(String, u32)>) {
@@ -132,6 +134,21 @@ fn uniforms_and_storage_structs_have_one_layout() {
     let lookup = layout!(LookupSettings: irradiance phong_cosine last_level approximate_metals);
     let gather = shader!("techniques.environment_map.gather");
     assert_eq!(reflected(&gather, "LookupSettings"), lookup);
+    let impostor = layout!(Impostor: reference instance center search iterations bounces is_refracting is_classical);
+    let gather = shader!("techniques.distance_impostor.gather");
+    assert_eq!(reflected(&gather, "Impostor"), impostor);
+}
+
+#[test]
+fn claims_are_the_same_bits() {
+    let gather = shader!("techniques.environment_map.gather");
+    for (name, claims) in [
+        ("CLAIM_ENVIRONMENT", Claims::ENVIRONMENT),
+        ("CLAIM_TRANSMISSION", Claims::TRANSMISSION),
+        ("CLAIM_SPECULAR", Claims::SPECULAR),
+    ] {
+        assert_eq!(constant(&gather, "scene_tables", name), claims.0, "{name}");
+    }
 }
 
 #[test]

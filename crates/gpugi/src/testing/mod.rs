@@ -74,6 +74,34 @@ pub(crate) fn run_kernel_on<T: bytemuck::Pod>(
     read_buffer(gpu, &output, size)
 }
 
+/// The value of a `u32` constant that a shader has from a module, whose path is written with underscores.
+pub(crate) fn constant(shader: &Shader, module_path: &str, name: &str) -> u32 {
+    let module = shader.parse().unwrap();
+    let mut constants = module.constants.iter();
+    let found = constants.find(|(_, one)| {
+        let linked = one.name.as_deref().unwrap_or_default();
+        linked.contains(module_path) && linked.ends_with(name)
+    });
+    let (_, found) = found.unwrap_or_else(|| panic!("{} has no constant {name}", shader.name));
+    match module.global_expressions[found.init] {
+        naga::Expression::Literal(naga::Literal::U32(value)) => value,
+        ref other => panic!("{name}: {other:?}"),
+    }
+}
+
+/// The point of the cube of half side 1 at (u, v) of a face: WebGPU's, which shared/cube.wesl has to share.
+pub(crate) fn on_face(face: usize, u: f64, v: f64) -> glam::DVec3 {
+    let [x, y, z] = [
+        [1.0, -v, -u],
+        [-1.0, -v, u],
+        [u, 1.0, v],
+        [u, -1.0, -v],
+        [u, -v, 1.0],
+        [-u, -v, -1.0],
+    ][face];
+    glam::DVec3::new(x, y, z)
+}
+
 /// Numbers in [0, 1) that are the same on every machine: SplitMix64.
 pub(crate) struct Random(pub u64);
 

@@ -256,6 +256,7 @@ impl Impostor {
         lit: &mut Lit<'_>,
         add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
+        self.captured = Some(scene.versions);
         let Some(draw) = scene
             .draws
             .iter()
@@ -308,12 +309,7 @@ impl Impostor {
             reference: reference.to_array(),
             instance: self.instance,
             center: center.to_array(),
-            search: match settings.search {
-                Search::Walk => 0,
-                Search::Secant => 1,
-                Search::FalsePosition => 2,
-                Search::None => 0,
-            },
+            search: settings.search.number(),
             iterations: settings.iterations,
             bounces: settings.bounces,
             is_refracting: u32::from(self.is_refracting && settings.bounces > 0),
@@ -321,7 +317,6 @@ impl Impostor {
         };
         let queue = &frame.gpu.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        self.captured = Some(scene.versions);
         Ok(())
     }
 

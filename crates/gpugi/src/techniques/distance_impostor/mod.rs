@@ -6,6 +6,8 @@
 
 pub(crate) mod gpu;
 mod impostor;
+#[cfg(test)]
+mod tests;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -42,6 +44,17 @@ pub enum Search {
     FalsePosition,
     /// None: surroundings count as infinitely far, as in classical environment mapping.
     None,
+}
+
+impl Search {
+    /// The `SEARCH_` constant of lookup.wesl; of none, that of the default, which is not read.
+    fn number(self) -> u32 {
+        match self {
+            Self::Walk | Self::None => 0,
+            Self::Secant => 1,
+            Self::FalsePosition => 2,
+        }
+    }
 }
 
 /// A point, or the middle of each object.
@@ -160,6 +173,10 @@ const FIELDS: &[Field] = &[
 const AUTO: &str = "auto";
 /// Most objects that get an impostor by themselves.
 const MOST: usize = 16;
+/// How often several objects are captured when the scene changed: those captured first do not see what the others show yet.
+const ROUNDS: u32 = 2;
+/// Most ideal reflections and refractions of a declared path.
+const MOST_BOUNCES: u32 = 32;
 
 /// Distance impostors.
 #[derive(Debug)]
@@ -171,8 +188,17 @@ pub struct DistanceImpostor {
     paths: Vec<LightPaths>,
     /// Instances with an impostor.
     claimed: Vec<u32>,
-    made: Option<(Settings, Vec<u32>, Vec<Impostor>)>,
+    made: Option<Made>,
     bound: PerTarget<[wgpu::BindGroup; 2]>,
+}
+
+/// The impostors, and what they were made for: other materials want other maps.
+#[derive(Debug)]
+struct Made {
+    settings: Settings,
+    claimed: Vec<u32>,
+    topology: u64,
+    impostors: Vec<Impostor>,
 }
 
 impl DistanceImpostor {
@@ -230,9 +256,21 @@ impl Technique for DistanceImpostor {
                 }
             }
         }
-        let bounces = match (refracts, self.settings.bounces) {
-            (true, bounces @ 1..) => format!("S{{1,{}}}", bounces + 1),
-            _ => "S".to_owned(),
+        // What refracts once stands for what light does on its ways in and out.
+        let own = if refracts {
+            self.settings.bounces.max(1) + 1
+        } else {
+            1
+        };
+        // Cubes show other objects whose cubes show the first.
+        let objects = if self.claimed.len() > 1 {
+            ROUNDS + 1
+        } else {
+            1
+        };
+        let bounces = match (own * objects).min(MOST_BOUNCES) {
+            1 => "S".to_owned(),
+            most => format!("S{{1,{most}}}"),
         };
         self.paths.clear();
         if !self.claimed.is_empty() {
@@ -285,8 +323,11 @@ impl Technique for DistanceImpostor {
         _: &View,
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
-        let is_made = |(settings, claimed, _): &(Settings, Vec<u32>, _)| {
-            *settings == self.settings && *claimed == self.claimed
+        let topology = scene.versions.topology;
+        let is_made = |made: &Made| {
+            made.settings == self.settings
+                && made.claimed == self.claimed
+                && made.topology == topology
         };
         if !self.made.as_ref().is_some_and(is_made) {
             let impostors = self
@@ -294,18 +335,22 @@ impl Technique for DistanceImpostor {
                 .iter()
                 .map(|&one| Impostor::new(frame.gpu, scene, &self.kernels, &self.settings, one))
                 .collect::<Result<Vec<_>, _>>()?;
-            self.made = Some((self.settings.clone(), self.claimed.clone(), impostors));
+            self.made = Some(Made {
+                settings: self.settings.clone(),
+                claimed: self.claimed.clone(),
+                topology,
+                impostors,
+            });
         }
-        let Some((_, _, impostors)) = &mut self.made else {
+        let Some(Made { impostors, .. }) = &mut self.made else {
             return Ok(());
         };
         let is_fresh = |one: &Impostor| one.captured == Some(scene.versions);
         if impostors.iter().all(is_fresh) && !self.settings.every_frame {
             return Ok(());
         }
-        // Those captured first do not see what the others show yet: once more, when the scene has changed.
         let rounds = if impostors.len() > 1 && !impostors.iter().all(is_fresh) {
-            2
+            ROUNDS
         } else {
             1
         };
@@ -342,7 +387,7 @@ impl Technique for DistanceImpostor {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let impostors = self.made.iter().flat_map(|(_, _, impostors)| impostors);
+        let impostors = self.made.iter().flat_map(|made| &made.impostors);
         add(
             frame,
             scene,
@@ -355,7 +400,7 @@ impl Technique for DistanceImpostor {
     }
 
     fn maps(&self) -> Vec<Map> {
-        let impostors = self.made.iter().flat_map(|(_, _, made)| made);
+        let impostors = self.made.iter().flat_map(|made| &made.impostors);
         impostors
             .flat_map(|impostor| {
                 impostor.textures().into_iter().map(|(name, texture)| Map {

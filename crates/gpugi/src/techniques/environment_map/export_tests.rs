@@ -6,9 +6,9 @@ use half::f16;
 
 use super::Settings;
 use super::export::{Baked, bake};
-use super::tests::{Exact, Level, generated, harmonic, on_face, sunny};
+use super::tests::{Exact, Level, generated, harmonic, sunny};
 use crate::gpu::{Gpu, read_buffer};
-use crate::testing::test_gpu;
+use crate::testing::{on_face, test_gpu};
 
 fn settings() -> Settings {
     Settings {

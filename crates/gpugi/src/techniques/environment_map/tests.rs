@@ -12,7 +12,7 @@ use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::shared::cpu::Case;
-use crate::testing::{Random, run_kernel, test_gpu};
+use crate::testing::{Random, on_face, run_kernel, test_gpu};
 
 /// A map of `width` x `height` texels.
 fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32) -> Environment {
@@ -128,17 +128,6 @@ impl Level {
 }
 
 /// The point of a cube of half side 1: WebGPU's table of cube faces.
-pub(super) fn on_face(face: usize, u: f64, v: f64) -> DVec3 {
-    [
-        DVec3::new(1.0, -v, -u),
-        DVec3::new(-1.0, -v, u),
-        DVec3::new(u, 1.0, v),
-        DVec3::new(u, -1.0, -v),
-        DVec3::new(u, -v, 1.0),
-        DVec3::new(-u, -v, -1.0),
-    ][face]
-}
-
 /// An environment as the GPU holds it, and as points with their solid angle.
 pub(super) struct Exact {
     width: usize,

@@ -1,0 +1,153 @@
+//! What the maps hold, texel by texel, against an analytic room; and what host and shaders agree on.
+
+use glam::{DVec3, Mat4, Vec2, Vec3, vec3};
+use gpugi_scene::builtin::shapes::{quad, sphere};
+use gpugi_scene::{Camera, Material, Scene, Volume};
+
+use super::{DistanceImpostor, Search, Technique};
+use crate::capture::{CaptureKernels, Emission, View};
+use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::Lit;
+use crate::testing::{constant, on_face, test_gpu};
+
+const SIDE: usize = 32;
+/// Half the extents of the room, whose middle is the origin, where its ball is and how large that is (m).
+const HALF: Vec3 = vec3(2.0, 1.5, 2.5);
+const CENTER: Vec3 = vec3(0.7, -0.3, 0.4);
+const RADIUS: f32 = 0.4;
+
+/// What a wall emits: +X, -X, +Y, -Y, +Z, -Z.
+fn radiance(axis: usize, is_low: bool) -> Vec3 {
+    let mut color = Vec3::splat(if is_low { 0.25 } else { 1.0 });
+    color[axis] = 2.0;
+    color
+}
+
+/// A room of six colours that holds one ball.
+fn room(material: Material) -> Scene {
+    let mut scene = Scene::new("room");
+    for axis in 0..3 {
+        for is_low in [false, true] {
+            let mut outward = Vec3::ZERO;
+            outward[axis] = if is_low { -1.0 } else { 1.0 };
+            let right = outward.any_orthonormal_vector();
+            let up = (-outward).cross(right);
+            let corner = (outward - right - up) * HALF;
+            let mesh = scene.add_mesh(quad(corner, 2.0 * right * HALF, 2.0 * up * HALF, 1));
+            let material = scene.add_material(Material::emitter("wall", radiance(axis, is_low)));
+            scene.add_instance("wall", mesh, material, Mat4::IDENTITY);
+        }
+    }
+    let mesh = scene.add_mesh(sphere(RADIUS, 64));
+    let material = scene.add_material(material);
+    scene.add_instance("ball", mesh, material, Mat4::from_translation(CENTER));
+    scene
+}
+
+/// The technique after `generate`.
+fn generated(gpu: &Gpu, scene: &Scene) -> DistanceImpostor {
+    let mut scene = GpuScene::new(gpu, scene).unwrap();
+    let kernels = CaptureKernels::new(gpu, &scene).unwrap();
+    let mut technique = DistanceImpostor::new(gpu, &scene, &kernels, &[]).unwrap();
+    for name in ["resolution", "shape-resolution"] {
+        technique.set(name, &SIDE.to_string()).unwrap();
+    }
+    let claims = technique.claim(&scene.objects);
+    scene.assign(gpu, &claims);
+    let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
+    let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
+    let mut frame = Frame::new(gpu, false);
+    scene.merge(&mut frame);
+    let mut emission = Emission::new(gpu, &scene).unwrap();
+    let mut lit = Lit::new(&mut emission, &mut []);
+    technique
+        .generate(&mut frame, &scene, &view, &mut lit)
+        .unwrap();
+    frame.submit().unwrap();
+    technique
+}
+
+/// The texels of a map with their directions.
+fn texels<T: bytemuck::Pod>(gpu: &Gpu, technique: &DistanceImpostor, map: &str) -> Vec<(DVec3, T)> {
+    let maps = technique.maps();
+    let name = format!("distance-impostor.6.{map}");
+    let texture = &maps.iter().find(|map| map.name == name).unwrap().texture;
+    let at = |texel: usize| (texel as f64 + 0.5) * 2.0 / SIDE as f64 - 1.0;
+    (0..6)
+        .flat_map(|face| {
+            let layer: Vec<T> = read_texture(gpu, texture, TextureAspect::All, face, 0).unwrap();
+            layer.into_iter().enumerate().map(move |(index, texel)| {
+                let place = on_face(face as usize, at(index % SIDE), at(index / SIDE));
+                (place.normalize(), texel)
+            })
+        })
+        .collect()
+}
+
+fn halves(texel: [u16; 4]) -> DVec3 {
+    let [x, y, z, _] = texel.map(|half| f64::from(half::f16::from_bits(half)));
+    DVec3::new(x, y, z)
+}
+
+#[test]
+fn texels_hold_what_lies_in_their_direction() {
+    let Some(gpu) = test_gpu() else { return };
+    let technique = generated(&gpu, &room(Material::metal("mirror", Vec3::ONE, 0.0)));
+    let distances = texels::<f32>(&gpu, &technique, "distances");
+    let colors = texels::<[u16; 4]>(&gpu, &technique, "radiance");
+    assert_eq!(distances.len(), 6 * SIDE * SIDE);
+    for ((direction, distance), (_, color)) in distances.into_iter().zip(colors) {
+        let half = HALF.as_dvec3() * direction.signum();
+        let walls = ((half - CENTER.as_dvec3()) / direction).to_array();
+        let exact = walls.into_iter().fold(f64::INFINITY, f64::min);
+        let axis = (0..3).find(|&axis| walls[axis] == exact).unwrap();
+        let off = f64::from(distance) / exact - 1.0;
+        assert!(off.abs() < 1e-5, "{direction}: {distance} m, not {exact}");
+        let expected = radiance(axis, direction[axis] < 0.0).as_dvec3();
+        let found = halves(color);
+        assert!(
+            found.distance(expected) < 0.01,
+            "{direction}: {found}, not {expected}"
+        );
+    }
+}
+
+#[test]
+fn normals_of_a_refractor_face_outward() {
+    let Some(gpu) = test_gpu() else { return };
+    let glass = Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        volume: Some(Volume {
+            attenuation_distance: f32::INFINITY,
+            attenuation_color: Vec3::ONE,
+        }),
+        ..Material::default()
+    };
+    let technique = generated(&gpu, &room(glass));
+    for (direction, texel) in texels::<[u16; 4]>(&gpu, &technique, "normals") {
+        let normal = halves(texel);
+        // Interpolated normals of a ball of 64 segments.
+        assert!(
+            normal.distance(direction) < 5e-3,
+            "{direction}: normal {normal}"
+        );
+    }
+}
+
+#[test]
+fn shaders_and_host_agree_on_constants() {
+    let gather = shader!("techniques.distance_impostor.gather");
+    for (name, search) in [
+        ("SEARCH_SECANT", Search::Secant),
+        ("SEARCH_FALSE_POSITION", Search::FalsePosition),
+    ] {
+        assert_eq!(
+            constant(&gather, "distance_impostor_lookup", name),
+            search.number(),
+            "{name}"
+        );
+    }
+}
