@@ -494,19 +494,36 @@ fn still(size: [u32; 2]) -> Scene {
     scene
 }
 
-/// Radiance of the second of two frames, for which maps are kept or drawn anew.
-fn second_frame(gpu: &Gpu, scene: &mut GpuScene, technique: &mut ImageBasedLighting) -> Vec<f32> {
-    let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
-    let view = View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal());
-    let kernels = CaptureKernels::new(gpu, scene).unwrap();
-    let mut capture = Capture::of_camera(gpu, &kernels, [32, 32]).unwrap();
-    let mut emission = Emission::new(gpu, scene).unwrap();
-    let [first, second] = [(); 2].map(|()| Target::new(gpu, 32 * 32).unwrap());
-    for target in [&first, &second] {
+/// What makes pictures of `still`.
+struct Sight {
+    view: View,
+    capture: Capture,
+    emission: Emission,
+}
+
+impl Sight {
+    fn new(gpu: &Gpu, scene: &GpuScene) -> Self {
+        let camera = Camera::look_at("", Vec3::new(0.3, 1.5, 3.0), Vec3::Y * 0.3, 0.7);
+        let kernels = CaptureKernels::new(gpu, scene).unwrap();
+        Self {
+            view: View::new(&camera, [32, 32], Vec2::ZERO, 0, 0, scene.diagonal()),
+            capture: Capture::of_camera(gpu, &kernels, [32, 32]).unwrap(),
+            emission: Emission::new(gpu, scene).unwrap(),
+        }
+    }
+
+    /// Radiance of one frame.
+    fn frame(
+        &mut self,
+        gpu: &Gpu,
+        scene: &mut GpuScene,
+        technique: &mut ImageBasedLighting,
+    ) -> Vec<f32> {
+        let target = Target::new(gpu, 32 * 32).unwrap();
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        capture.record(&mut frame, scene, &view).unwrap();
-        let mut lit = Lit::new(&mut emission, &mut []);
+        self.capture.record(&mut frame, scene, &self.view).unwrap();
+        let mut lit = Lit::new(&mut self.emission, &mut []);
         technique
             .generate(&mut frame, scene, &self.view, &mut lit)
             .unwrap();
