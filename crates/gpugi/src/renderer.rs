@@ -65,6 +65,8 @@ pub struct Renderer {
     display: Display,
     samples: u32,
     seed: u32,
+    /// Grows with every setting.
+    settings_version: u64,
 }
 
 impl Renderer {
@@ -139,6 +141,7 @@ impl Renderer {
             target,
             samples: 0,
             seed: 0,
+            settings_version: 0,
             scene,
         };
         renderer.assign();
@@ -147,10 +150,9 @@ impl Renderer {
 
     /// Asks the techniques which objects are their own affair.
     fn assign(&mut self) {
-        let objects = &self.scene.objects;
-        let mut claims = vec![Claims::NONE; objects.len()];
+        let mut claims = vec![Claims::NONE; self.scene.objects.len()];
         for technique in &mut self.techniques {
-            for (all, of_technique) in claims.iter_mut().zip(technique.claim(objects)) {
+            for (all, of_technique) in claims.iter_mut().zip(technique.claim(&self.scene)) {
                 *all = *all | of_technique;
             }
         }
@@ -197,6 +199,7 @@ impl Renderer {
                 reason,
             }));
         }
+        self.settings_version += 1;
         self.assign();
         Ok(())
     }
@@ -309,7 +312,7 @@ impl Renderer {
         self.capture.record(&mut frame, &self.scene, &view)?;
         for index in 0..self.techniques.len() {
             let (earlier, rest) = self.techniques.split_at_mut(index);
-            let mut lit = Lit::new(&mut self.emission, earlier);
+            let mut lit = Lit::new(&mut self.emission, earlier, self.settings_version);
             rest[0].generate(&mut frame, &self.scene, &view, &mut lit)?;
         }
         let points = &self.capture.points;

@@ -75,8 +75,10 @@ impl Claims {
     pub const ENVIRONMENT: Self = Self(1);
     /// Somebody adds what passes through its surface: cameras see it whole, from both sides.
     pub const TRANSMISSION: Self = Self(2);
-    /// distance-impostor adds what it mirrors and refracts, and nobody else any.
+    /// distance-impostor adds what it mirrors, and nobody else any.
     pub const SPECULAR: Self = Self(4);
+    /// distance-impostor adds what passes through its surface, and nobody else any.
+    pub const REFRACTION: Self = Self(8);
 
     /// Whether all of `other` is in this.
     pub fn contains(self, other: Self) -> bool {

@@ -146,6 +146,7 @@ fn claims_are_the_same_bits() {
         ("CLAIM_ENVIRONMENT", Claims::ENVIRONMENT),
         ("CLAIM_TRANSMISSION", Claims::TRANSMISSION),
         ("CLAIM_SPECULAR", Claims::SPECULAR),
+        ("CLAIM_REFRACTION", Claims::REFRACTION),
     ] {
         assert_eq!(constant(&gather, "scene_tables", name), claims.0, "{name}");
     }

@@ -11,7 +11,7 @@ pub use settings::{Field, SettingError};
 use crate::capture::{CaptureKernels, Emission, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::LightPaths;
-use crate::scene::{Claims, GpuScene, Object};
+use crate::scene::{Claims, GpuScene};
 
 /// What a technique says of itself.
 #[derive(Debug, Clone, Copy)]
@@ -48,8 +48,8 @@ pub trait Technique: std::fmt::Debug {
     }
 
     /// Which of the scene's objects it claims, one answer each: asked whenever settings or the scene change.
-    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
-        vec![Claims::NONE; objects.len()]
+    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+        vec![Claims::NONE; scene.objects.len()]
     }
 
     /// The names of objects, separated by commas, that its settings hold.
@@ -103,12 +103,22 @@ pub trait Technique: std::fmt::Debug {
 pub struct Lit<'a> {
     emission: &'a mut Emission,
     earlier: &'a mut [Box<dyn Technique>],
+    /// Grows when a setting of any technique changes: what was captured before is out of date.
+    pub version: u64,
 }
 
 impl<'a> Lit<'a> {
-    /// Light of emitters and of `earlier` techniques.
-    pub fn new(emission: &'a mut Emission, earlier: &'a mut [Box<dyn Technique>]) -> Self {
-        Self { emission, earlier }
+    /// Light of emitters and of `earlier` techniques, at a `version` of settings.
+    pub fn new(
+        emission: &'a mut Emission,
+        earlier: &'a mut [Box<dyn Technique>],
+        version: u64,
+    ) -> Self {
+        Self {
+            emission,
+            earlier,
+            version,
+        }
     }
 
     /// Writes the light at `points` to `target`; `with_emission`: also what comes straight from emitters and the environment.

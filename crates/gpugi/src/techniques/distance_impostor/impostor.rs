@@ -153,8 +153,8 @@ pub struct Impostor {
     uniform: wgpu::Buffer,
     /// Bind group 2 of the gather.
     pub group: wgpu::BindGroup,
-    /// What the maps were captured of.
-    pub captured: Option<Versions>,
+    /// What the maps were captured of: the scene, and the settings of techniques.
+    pub captured: Option<(Versions, u64)>,
     shaped: Option<u64>,
 }
 
@@ -172,7 +172,7 @@ impl Impostor {
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
         let object = &scene.objects[instance as usize];
-        let is_refracting = object.is_transmissive && object.is_solid;
+        let is_refracting = object.is_transmissive && object.is_solid && object.is_smooth;
         let levels = side.ilog2() + 1;
         let surroundings = CubeMap::new(gpu, "radiance", side, levels)?;
         // A shader wants its textures, also those that it does not read.
@@ -253,10 +253,11 @@ impl Impostor {
         scene: &GpuScene,
         kernels: &Kernels,
         settings: &Settings,
+        seed: u32,
         lit: &mut Lit<'_>,
         add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
-        self.captured = Some(scene.versions);
+        self.captured = Some((scene.versions, lit.version));
         let Some(draw) = scene
             .draws
             .iter()
@@ -271,7 +272,7 @@ impl Impostor {
             self.capture_shape(frame, scene, kernels, center, near)?;
             self.shaped = Some(scene.versions.geometry);
         }
-        let view = CubeView::new(reference, settings.resolution, near, 0, 0);
+        let view = CubeView::new(reference, settings.resolution, near, 0, seed);
         let own = self.instance;
         self.capture.record_cube(frame, scene, &view, |draw| {
             // Other glass is seen from outside alone: the reference point may lie in it.

@@ -16,7 +16,7 @@ use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{CaptureKernels, PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Object};
+use crate::scene::{Claims, GpuScene};
 use impostor::{Impostor, Kernels};
 
 /// What distance impostors say of themselves.
@@ -171,8 +171,9 @@ const FIELDS: &[Field] = &[
 
 /// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
 const AUTO: &str = "auto";
-/// Most objects that get an impostor by themselves.
+/// Most objects that get an impostor by themselves, and most that may be named.
 const MOST: usize = 16;
+const MOST_NAMED: usize = 32;
 /// How often several objects are captured when the scene changed: those captured first do not see what the others show yet.
 const ROUNDS: u32 = 2;
 /// Most ideal reflections and refractions of a declared path.
@@ -237,10 +238,11 @@ impl Technique for DistanceImpostor {
         &self.paths
     }
 
-    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
+    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+        let objects = &scene.objects;
         let mut claims = vec![Claims::NONE; objects.len()];
         self.claimed.clear();
-        let (mut refracts, mut is_rough) = (false, false);
+        let (mut refracts, mut is_smooth, mut is_rough) = (false, false, false);
         for (index, object) in objects.iter().enumerate() {
             let is_mine = match self.settings.objects.as_str() {
                 AUTO => object.is_smooth && self.claimed.len() < MOST,
@@ -250,8 +252,10 @@ impl Technique for DistanceImpostor {
                 self.claimed.push(index as u32);
                 claims[index] = Claims::SPECULAR;
                 is_rough |= !object.is_smooth;
-                if object.is_transmissive && object.is_solid {
-                    claims[index] = Claims::SPECULAR | Claims::TRANSMISSION;
+                is_smooth |= object.is_smooth;
+                // The cubes of rough objects hold no emitters: what passes through them is left to others.
+                if object.is_transmissive && object.is_solid && object.is_smooth {
+                    claims[index] = Claims::SPECULAR | Claims::TRANSMISSION | Claims::REFRACTION;
                     refracts = true;
                 }
             }
@@ -275,7 +279,9 @@ impl Technique for DistanceImpostor {
         self.paths.clear();
         if !self.claimed.is_empty() {
             for covered in &self.covered {
-                self.paths.push(covered.continued(&bounces));
+                if is_smooth {
+                    self.paths.push(covered.continued(&bounces));
+                }
                 if is_rough && covered.pattern != SEEN_DIRECTLY {
                     self.paths.push(covered.continued("G"));
                 }
@@ -320,9 +326,17 @@ impl Technique for DistanceImpostor {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        _: &View,
+        view: &View,
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
+        if self.claimed.len() > MOST_NAMED {
+            return Err(GpuError::TooLarge {
+                what: "objects with distance impostors (name fewer)".into(),
+                needed: self.claimed.len() as u64,
+                limit: MOST_NAMED as u64,
+                adapter: frame.gpu.adapter.name.clone(),
+            });
+        }
         let topology = scene.versions.topology;
         let is_made = |made: &Made| {
             made.settings == self.settings
@@ -345,7 +359,16 @@ impl Technique for DistanceImpostor {
         let Some(Made { impostors, .. }) = &mut self.made else {
             return Ok(());
         };
-        let is_fresh = |one: &Impostor| one.captured == Some(scene.versions);
+        let now = Some((scene.versions, lit.version));
+        let is_fresh = |one: &Impostor| one.captured == now;
+        // Every frame another, so that what is decided by chance changes.
+        let seed = if self.settings.every_frame {
+            let view = &view.uniform;
+            view.seed
+                .wrapping_add(view.sample_index.wrapping_mul(0x85eb_ca6b))
+        } else {
+            0
+        };
         if impostors.iter().all(is_fresh) && !self.settings.every_frame {
             return Ok(());
         }
@@ -366,6 +389,7 @@ impl Technique for DistanceImpostor {
                     scene,
                     kernels,
                     settings,
+                    seed,
                     lit,
                     |frame, points, target| {
                         let others = before

@@ -54,14 +54,14 @@ fn generated(gpu: &Gpu, scene: &Scene) -> DistanceImpostor {
     for name in ["resolution", "shape-resolution"] {
         technique.set(name, &SIDE.to_string()).unwrap();
     }
-    let claims = technique.claim(&scene.objects);
+    let claims = technique.claim(&scene);
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut frame = Frame::new(gpu, false);
     scene.merge(&mut frame);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut []);
+    let mut lit = Lit::new(&mut emission, &mut [], 0);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();

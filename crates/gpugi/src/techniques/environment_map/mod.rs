@@ -21,7 +21,7 @@ use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{Claims, GpuScene, Object};
+use crate::scene::{Claims, GpuScene};
 use crate::shader;
 use maps::{Generator, Maps};
 
@@ -222,7 +222,11 @@ impl Technique for EnvironmentMap {
         if self.is_whole { INFO.paths } else { MIRRORS }
     }
 
-    fn claim(&mut self, objects: &[Object]) -> Vec<Claims> {
+    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+        let objects = &scene.objects;
+        if scene.environment.is_none() {
+            return vec![Claims::NONE; objects.len()];
+        }
         let settings = &self.settings;
         let claims = objects.iter().map(|object| {
             let refracts = match settings.refraction {

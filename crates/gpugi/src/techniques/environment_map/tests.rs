@@ -67,7 +67,7 @@ pub(super) fn generated(
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut frame = Frame::new(gpu, false);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut []);
+    let mut lit = Lit::new(&mut emission, &mut [], 0);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -509,7 +509,7 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, true);
         let mut emission = Emission::new(&gpu, scene).unwrap();
-        let mut lit = Lit::new(&mut emission, &mut []);
+        let mut lit = Lit::new(&mut emission, &mut [], 0);
         technique
             .generate(&mut frame, scene, &view, &mut lit)
             .unwrap();

@@ -523,7 +523,7 @@ impl Sight {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
         self.capture.record(&mut frame, scene, &self.view).unwrap();
-        let mut lit = Lit::new(&mut self.emission, &mut []);
+        let mut lit = Lit::new(&mut self.emission, &mut [], 0);
         technique
             .generate(&mut frame, scene, &self.view, &mut lit)
             .unwrap();
