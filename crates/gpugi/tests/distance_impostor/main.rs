@@ -4,6 +4,7 @@
 mod common;
 mod hostile;
 mod scenes;
+mod shares;
 
 use std::f32::consts::FRAC_PI_2;
 
