@@ -173,7 +173,12 @@ impl Impostor {
         let side = settings.resolution;
         let object = &scene.objects[instance as usize];
         let is_refracting = object.is_transmissive && object.is_solid && object.is_smooth;
-        let levels = side.ilog2() + 1;
+        // Ideal lobes read the finest level alone.
+        let levels = if object.is_smooth {
+            1
+        } else {
+            side.ilog2() + 1
+        };
         let surroundings = CubeMap::new(gpu, "radiance", side, levels)?;
         // A shader wants its textures, also those that it does not read.
         let shape_side = if is_refracting {

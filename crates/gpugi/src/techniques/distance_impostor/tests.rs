@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Mat4, Vec2, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{quad, sphere};
-use gpugi_scene::{Camera, Material, Scene, Volume};
+use gpugi_scene::{Camera, Material, MaterialModel, Scene, Volume};
 
 use super::{DistanceImpostor, Search, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
@@ -47,12 +47,15 @@ fn room(material: Material) -> Scene {
 }
 
 /// The technique after `generate`.
-fn generated(gpu: &Gpu, scene: &Scene) -> DistanceImpostor {
+fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImpostor {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = DistanceImpostor::new(gpu, &scene, &kernels, &[]).unwrap();
     for name in ["resolution", "shape-resolution"] {
         technique.set(name, &SIDE.to_string()).unwrap();
+    }
+    for (name, value) in settings {
+        technique.set(name, value).unwrap();
     }
     let claims = technique.claim(&scene);
     scene.assign(gpu, &claims);
@@ -94,7 +97,7 @@ fn halves(texel: [u16; 4]) -> DVec3 {
 #[test]
 fn texels_hold_what_lies_in_their_direction() {
     let Some(gpu) = test_gpu() else { return };
-    let technique = generated(&gpu, &room(Material::metal("mirror", Vec3::ONE, 0.0)));
+    let technique = generated(&gpu, &room(Material::metal("mirror", Vec3::ONE, 0.0)), &[]);
     let distances = texels::<f32>(&gpu, &technique, "distances");
     let colors = texels::<[u16; 4]>(&gpu, &technique, "radiance");
     assert_eq!(distances.len(), 6 * SIDE * SIDE);
@@ -126,7 +129,7 @@ fn normals_of_a_refractor_face_outward() {
         }),
         ..Material::default()
     };
-    let technique = generated(&gpu, &room(glass));
+    let technique = generated(&gpu, &room(glass), &[]);
     for (direction, texel) in texels::<[u16; 4]>(&gpu, &technique, "normals") {
         let normal = halves(texel);
         // Interpolated normals of a ball of 64 segments.
@@ -134,6 +137,37 @@ fn normals_of_a_refractor_face_outward() {
             normal.distance(direction) < 5e-3,
             "{direction}: normal {normal}"
         );
+    }
+}
+
+/// Only lobes with a width read levels, and a Phong lobe has one whatever the roughness beside it.
+#[test]
+fn levels_and_impostors_go_by_lobes() {
+    let Some(gpu) = test_gpu() else { return };
+    let phong = Material {
+        model: MaterialModel::Phong {
+            kd: Vec3::ZERO,
+            ks: Vec3::ONE,
+            shininess: 20.0,
+        },
+        ..Material::metal("Phong", Vec3::ONE, 0.0)
+    };
+    let cases = [
+        (Material::metal("mirror", Vec3::ONE, 0.0), "auto", vec![1]),
+        (Material::metal("rough", Vec3::ONE, 0.3), "ball", vec![6]),
+        (phong.clone(), "ball", vec![6]),
+        (phong, "auto", vec![]),
+    ];
+    for (material, objects, expected) in cases {
+        let name = material.name.clone();
+        let technique = generated(&gpu, &room(material), &[("objects", objects)]);
+        let maps = technique.maps();
+        let levels: Vec<u32> = maps
+            .iter()
+            .filter(|map| map.name.ends_with("radiance"))
+            .map(|map| map.texture.mip_level_count())
+            .collect();
+        assert_eq!(levels, expected, "{name}, objects {objects}");
     }
 }
 
