@@ -136,6 +136,16 @@ fn cube(texture: &wgpu::Texture) -> wgpu::TextureView {
     })
 }
 
+/// What captures are made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Making<'a> {
+    pub scene: &'a GpuScene,
+    pub kernels: &'a Kernels,
+    pub settings: &'a Settings,
+    /// Decides what chance decides in cubes.
+    pub seed: u32,
+}
+
 /// An object with an impostor.
 #[derive(Debug)]
 pub struct Impostor {
@@ -155,7 +165,7 @@ pub struct Impostor {
     pub group: wgpu::BindGroup,
     /// What the maps were captured of: the scene, and the settings of techniques.
     pub captured: Option<(Versions, u64)>,
-    shaped: Option<u64>,
+    shaped: Option<(u64, u64)>,
 }
 
 impl Impostor {
@@ -255,13 +265,16 @@ impl Impostor {
     pub fn generate(
         &mut self,
         frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
-        settings: &Settings,
-        seed: u32,
+        making: Making<'_>,
         lit: &mut Lit<'_>,
         add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
+        let Making {
+            scene,
+            kernels,
+            settings,
+            seed,
+        } = making;
         self.captured = Some((scene.versions, lit.version));
         let Some(draw) = scene
             .draws
@@ -273,9 +286,11 @@ impl Impostor {
         let center = draw.bounds.center();
         let reference = settings.reference.0.unwrap_or(center);
         let near = scene.diagonal() * NEAR;
-        if self.is_refracting && self.shaped != Some(scene.versions.geometry) {
+        // Normal maps and alpha shape it, too.
+        let of_shape = Some((scene.versions.geometry, scene.versions.materials));
+        if self.is_refracting && self.shaped != of_shape {
             self.capture_shape(frame, scene, kernels, center, near)?;
-            self.shaped = Some(scene.versions.geometry);
+            self.shaped = of_shape;
         }
         let view = CubeView::new(reference, settings.resolution, near, 0, seed);
         let own = self.instance;
@@ -304,13 +319,14 @@ impl Impostor {
             &self.capture,
             &self.target,
         )?;
-        frame.compute("distance-impostor.levels", |pass| {
-            for (group, side) in &self.coarser {
-                kernels
-                    .coarser
-                    .dispatch(pass, &[(3, group)], [*side, *side, 6]);
-            }
-        });
+        if !self.coarser.is_empty() {
+            frame.compute("distance-impostor.levels", |pass| {
+                for (group, side) in &self.coarser {
+                    let invocations = [*side, *side, 6];
+                    kernels.coarser.dispatch(pass, &[(3, group)], invocations);
+                }
+            });
+        }
         let uniform = gpu::Impostor {
             reference: reference.to_array(),
             instance: self.instance,

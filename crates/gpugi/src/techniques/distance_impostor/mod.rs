@@ -16,8 +16,8 @@ use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{CaptureKernels, PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene};
-use impostor::{Impostor, Kernels};
+use crate::scene::{Claims, GpuScene, Object};
+use impostor::{Impostor, Kernels, Making};
 
 /// What distance impostors say of themselves.
 pub const INFO: Info = Info {
@@ -193,12 +193,12 @@ pub struct DistanceImpostor {
     bound: PerTarget<[wgpu::BindGroup; 2]>,
 }
 
-/// The impostors, and what they were made for: other materials want other maps.
+/// The impostors, and what they were made for: objects of another kind want other maps.
 #[derive(Debug)]
 struct Made {
     settings: Settings,
     claimed: Vec<u32>,
-    topology: u64,
+    objects: Vec<Object>,
     impostors: Vec<Impostor>,
 }
 
@@ -337,11 +337,11 @@ impl Technique for DistanceImpostor {
                 adapter: frame.gpu.adapter.name.clone(),
             });
         }
-        let topology = scene.versions.topology;
+        let of_claimed = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
         let is_made = |made: &Made| {
             made.settings == self.settings
                 && made.claimed == self.claimed
-                && made.topology == topology
+                && made.objects.iter().eq(of_claimed.clone())
         };
         if !self.made.as_ref().is_some_and(is_made) {
             let impostors = self
@@ -352,7 +352,7 @@ impl Technique for DistanceImpostor {
             self.made = Some(Made {
                 settings: self.settings.clone(),
                 claimed: self.claimed.clone(),
-                topology,
+                objects: of_claimed.cloned().collect(),
                 impostors,
             });
         }
@@ -383,22 +383,18 @@ impl Technique for DistanceImpostor {
                 let Some((this, after)) = rest.split_first_mut() else {
                     break;
                 };
-                let (kernels, settings, bound) = (&self.kernels, &self.settings, &mut self.bound);
-                this.generate(
-                    frame,
+                let making = Making {
                     scene,
-                    kernels,
-                    settings,
+                    kernels: &self.kernels,
+                    settings: &self.settings,
                     seed,
-                    lit,
-                    |frame, points, target| {
-                        let others = before
-                            .iter()
-                            .chain(&*after)
-                            .filter(|one| one.captured.is_some());
-                        add(frame, scene, kernels, bound, points, target, others)
-                    },
-                )?;
+                };
+                let bound = &mut self.bound;
+                this.generate(frame, making, lit, |frame, points, target| {
+                    let others = before.iter().chain(&*after);
+                    let others = others.filter(|one| one.captured.is_some());
+                    add(frame, scene, making.kernels, bound, points, target, others)
+                })?;
             }
         }
         Ok(())
