@@ -14,6 +14,7 @@
 pub mod capture;
 pub mod display;
 pub mod gpu;
+pub mod impostor;
 pub mod light_paths;
 pub mod measure;
 pub mod ray_bench;

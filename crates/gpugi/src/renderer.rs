@@ -6,6 +6,7 @@ use gpugi_scene::{Camera, Scene};
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
+use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::scene::{Claims, GpuScene, Object, check_environment};
 use crate::techniques::{Lit, Map, REGISTRY, SettingError, Technique};
@@ -61,6 +62,7 @@ pub struct Renderer {
     capture: Capture,
     emission: Emission,
     techniques: Vec<Box<dyn Technique>>,
+    impostors: Impostors,
     target: Target,
     display: Display,
     samples: u32,
@@ -116,7 +118,7 @@ impl Renderer {
                 .flat_map(|technique| technique.paths())
                 .cloned()
                 .collect();
-            let made = make(gpu, &scene, &kernels, &covered)?;
+            let made = make(gpu, &scene, &covered)?;
             for other in &techniques {
                 if let Some((class, path)) = overlap(made.paths(), other.paths()) {
                     return Err(RenderError::Overlap {
@@ -137,6 +139,7 @@ impl Renderer {
             size,
             capture,
             emission: Emission::new(gpu, &scene)?,
+            impostors: Impostors::new(gpu, &scene, &kernels)?,
             techniques,
             target,
             samples: 0,
@@ -310,9 +313,15 @@ impl Renderer {
         let mut frame = Frame::new(&gpu, timed);
         self.scene.merge(&mut frame);
         self.capture.record(&mut frame, &self.scene, &view)?;
+        self.impostors.begin_frame();
         for index in 0..self.techniques.len() {
             let (earlier, rest) = self.techniques.split_at_mut(index);
-            let mut lit = Lit::new(&mut self.emission, earlier, self.settings_version);
+            let mut lit = Lit::new(
+                &mut self.emission,
+                earlier,
+                &mut self.impostors,
+                self.settings_version,
+            );
             rest[0].generate(&mut frame, &self.scene, &view, &mut lit)?;
         }
         let points = &self.capture.points;

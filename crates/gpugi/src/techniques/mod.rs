@@ -8,8 +8,9 @@ pub mod shadow_map;
 
 pub use settings::{Field, SettingError};
 
-use crate::capture::{CaptureKernels, Emission, SurfacePoints, Target, View};
+use crate::capture::{Emission, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
 use crate::scene::{Claims, GpuScene};
 
@@ -103,6 +104,8 @@ pub trait Technique: std::fmt::Debug {
 pub struct Lit<'a> {
     emission: &'a mut Emission,
     earlier: &'a mut [Box<dyn Technique>],
+    /// The maps around objects.
+    pub impostors: &'a mut Impostors,
     /// Grows when a setting of any technique changes: what was captured before is out of date.
     pub version: u64,
 }
@@ -112,11 +115,13 @@ impl<'a> Lit<'a> {
     pub fn new(
         emission: &'a mut Emission,
         earlier: &'a mut [Box<dyn Technique>],
+        impostors: &'a mut Impostors,
         version: u64,
     ) -> Self {
         Self {
             emission,
             earlier,
+            impostors,
             version,
         }
     }
@@ -146,27 +151,26 @@ impl<'a> Lit<'a> {
 }
 
 /// How the registry makes a technique, given the light that earlier ones in use add.
-type Make =
-    fn(&Gpu, &GpuScene, &CaptureKernels, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
+type Make = fn(&Gpu, &GpuScene, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
 
 /// Every technique in the order of the frame.
 pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene, _, _| {
+    (&shadow_map::INFO, |gpu, scene, _| {
         Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
     }),
-    (&image_based_lighting::INFO, |gpu, scene, _, _| {
+    (&image_based_lighting::INFO, |gpu, scene, _| {
         Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
             gpu, scene,
         )?))
     }),
-    (&environment_map::INFO, |gpu, scene, _, covered| {
+    (&environment_map::INFO, |gpu, scene, covered| {
         Ok(Box::new(environment_map::EnvironmentMap::new(
             gpu, scene, covered,
         )?))
     }),
-    (&distance_impostor::INFO, |gpu, scene, capture, covered| {
+    (&distance_impostor::INFO, |gpu, scene, covered| {
         Ok(Box::new(distance_impostor::DistanceImpostor::new(
-            gpu, scene, capture, covered,
+            gpu, scene, covered,
         )?))
     }),
 ];

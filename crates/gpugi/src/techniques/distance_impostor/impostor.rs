@@ -1,25 +1,19 @@
-//! The maps of one object: its surroundings as a cube of radiance and distances, and, where light passes through it, its own shape.
+//! The light around one object: a cube of radiance beside the maps of its surroundings and of its own shape.
 
-use glam::Vec3;
-use wgpu::BindingResource::{Sampler, TextureView};
+use wgpu::BindingResource::TextureView;
 
-use super::{Search, Settings, gpu};
-use crate::capture::distance_pyramid::DistancePyramid;
-use crate::capture::{Capture, CaptureKernels, CubeView, SurfacePoints, Target};
+use super::{Search, Settings};
+use crate::capture::{SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::scene::{DrawClass, GpuScene, Versions};
+use crate::impostor::{Maps, Wanted, cube, cube_texture, gpu, layers_of_level};
+use crate::scene::{GpuScene, Object, Versions};
 use crate::shader;
 use crate::techniques::Lit;
 
-/// The nearest that a cube sees, as a part of the scene's diagonal.
-const NEAR: f32 = 1e-4;
-
-/// The passes that fill the maps and the one that reads them.
+/// The passes that fill the cubes and the one that reads them.
 #[derive(Debug)]
 pub struct Kernels {
-    capture: CaptureKernels,
-    surroundings: Kernel,
-    shape: Kernel,
+    store: Kernel,
     coarser: Kernel,
     pub gather: Kernel,
     sampler: wgpu::Sampler,
@@ -30,20 +24,14 @@ impl Kernels {
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, capture: &CaptureKernels) -> Result<Self, GpuError> {
-        let store = shader!("techniques.distance_impostor.store");
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let layout = Some(&scene.layout);
+        let store = shader!("techniques.distance_impostor.store");
+        let gather = shader!("techniques.distance_impostor.gather");
         Ok(Self {
-            capture: capture.clone(),
-            surroundings: Kernel::new(gpu, &store, "surroundings", layout)?,
-            shape: Kernel::new(gpu, &store, "shape", layout)?,
+            store: Kernel::new(gpu, &store, "main", layout)?,
             coarser: Kernel::new(gpu, &shader!("capture.coarser_cube"), "main", None)?,
-            gather: Kernel::new(
-                gpu,
-                &shader!("techniques.distance_impostor.gather"),
-                "main",
-                layout,
-            )?,
+            gather: Kernel::new(gpu, &gather, "main", layout)?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("distance-impostor maps"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -53,87 +41,6 @@ impl Kernels {
             }),
         })
     }
-}
-
-/// What a cube saw, as layers: colour with or without levels, and distances with their pyramid.
-#[derive(Debug)]
-struct CubeMap {
-    side: u32,
-    colors: wgpu::Texture,
-    distances: wgpu::Texture,
-    pyramid: DistancePyramid,
-}
-
-impl CubeMap {
-    fn new(gpu: &Gpu, what: &str, side: u32, levels: u32) -> Result<Self, GpuError> {
-        let texture = |name: &str, format, levels| {
-            gpu.texture(&wgpu::TextureDescriptor {
-                label: Some(&format!("distance-impostor.{name}")),
-                size: wgpu::Extent3d {
-                    width: side,
-                    height: side,
-                    depth_or_array_layers: 6,
-                },
-                mip_level_count: levels,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::STORAGE_BINDING
-                    | wgpu::TextureUsages::COPY_SRC,
-                view_formats: &[],
-            })
-        };
-        let distances = texture("distances", wgpu::TextureFormat::R32Float, 1)?;
-        Ok(Self {
-            side,
-            colors: texture(what, wgpu::TextureFormat::Rgba16Float, levels)?,
-            pyramid: DistancePyramid::new(gpu, &distances)?,
-            distances,
-        })
-    }
-
-    fn store(
-        &self,
-        frame: &mut Frame<'_>,
-        kernel: &Kernel,
-        scene: &GpuScene,
-        capture: &Capture,
-        target: &Target,
-    ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let [distances, colors] = [layers(&self.distances, 0), layers(&self.colors, 0)];
-        let resources = [
-            ("radiance", target.radiance.as_entire_binding()),
-            ("distances", TextureView(&distances)),
-            ("stored", TextureView(&colors)),
-        ];
-        let points = capture.points.bind(gpu, kernel)?;
-        let stored = kernel.bind(gpu, 3, &resources)?;
-        frame.compute("distance-impostor.store", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &points), (3, &stored)];
-            kernel.dispatch(pass, &groups, [self.side, self.side, 6]);
-        });
-        self.pyramid.record(frame);
-        Ok(())
-    }
-}
-
-/// Six layers of one level.
-fn layers(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        base_mip_level: level,
-        mip_level_count: Some(1),
-        ..Default::default()
-    })
-}
-
-fn cube(texture: &wgpu::Texture) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::Cube),
-        ..Default::default()
-    })
 }
 
 /// What captures are made of.
@@ -149,39 +56,40 @@ pub struct Making<'a> {
 /// An object with an impostor.
 #[derive(Debug)]
 pub struct Impostor {
-    /// Number of the instance.
-    pub instance: u32,
-    /// Whether light passes into it.
-    is_refracting: bool,
+    wanted: Wanted,
     /// Whether its surface is ideal: then emitters show in it, else other techniques add their light.
     is_smooth: bool,
-    surroundings: CubeMap,
+    radiance: wgpu::Texture,
     coarser: Vec<(wgpu::BindGroup, u32)>,
-    capture: Capture,
     target: Target,
-    shape: CubeMap,
     uniform: wgpu::Buffer,
-    /// Bind group 2 of the gather.
-    pub group: wgpu::BindGroup,
-    /// What the maps were captured of: the scene, and the settings of techniques.
+    maps: Option<Bound>,
+    /// What the light was captured of: the scene, and the settings of techniques.
     pub captured: Option<(Versions, u64)>,
-    shaped: Option<(u64, u64)>,
+}
+
+/// The maps around the object, and what reads them.
+#[derive(Debug)]
+struct Bound {
+    maps: Maps,
+    stored: [wgpu::BindGroup; 2],
+    /// Bind group 2 of the gather.
+    group: wgpu::BindGroup,
 }
 
 impl Impostor {
-    /// Makes empty maps for the instance.
+    /// An empty cube for the instance.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        scene: &GpuScene,
         kernels: &Kernels,
         settings: &Settings,
         instance: u32,
+        object: &Object,
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
-        let object = &scene.objects[instance as usize];
         let is_refracting = object.is_transmissive && object.is_solid && object.is_smooth;
         // Ideal lobes read the finest level alone.
         let levels = if object.is_smooth {
@@ -189,17 +97,11 @@ impl Impostor {
         } else {
             side.ilog2() + 1
         };
-        let surroundings = CubeMap::new(gpu, "radiance", side, levels)?;
-        // A shader wants its textures, also those that it does not read.
-        let shape_side = if is_refracting {
-            settings.shape_resolution
-        } else {
-            crate::capture::distance_pyramid::LEAST_SIDE
-        };
-        let shape = CubeMap::new(gpu, "normals", shape_side, 1)?;
+        let format = wgpu::TextureFormat::Rgba16Float;
+        let radiance = cube_texture(gpu, "distance-impostor.radiance", format, side, levels)?;
         let coarser = (1..levels)
             .map(|level| {
-                let [finer, this] = [level - 1, level].map(|one| layers(&surroundings.colors, one));
+                let [finer, this] = [level - 1, level].map(|one| layers_of_level(&radiance, one));
                 let resources = [
                     ("finer", TextureView(&finer)),
                     ("coarser", TextureView(&this)),
@@ -207,54 +109,25 @@ impl Impostor {
                 Ok((kernels.coarser.bind(gpu, 3, &resources)?, side >> level))
             })
             .collect::<Result<_, GpuError>>()?;
-        let capture = Capture::of_cube(gpu, &kernels.capture, side)?;
-        let target = Target::new(gpu, capture.points.count)?;
         let uniform = gpu.buffer(
             "impostor",
             size_of::<gpu::Impostor>() as u64,
             wgpu::BufferUsages::UNIFORM,
         )?;
-        let [radiance, normals] = [cube(&surroundings.colors), cube(&shape.colors)];
-        let of_pyramid = |map: &CubeMap| {
-            map.pyramid
-                .texture
-                .create_view(&wgpu::TextureViewDescriptor {
-                    dimension: Some(wgpu::TextureViewDimension::D2Array),
-                    ..Default::default()
-                })
-        };
-        let pyramids = [of_pyramid(&surroundings), of_pyramid(&shape)];
-        let distances = [
-            layers(&surroundings.distances, 0),
-            layers(&shape.distances, 0),
-        ];
-        let group = kernels.gather.bind(
-            gpu,
-            2,
-            &[
-                ("of_object", uniform.as_entire_binding()),
-                ("map_sampler", Sampler(&kernels.sampler)),
-                ("radiance_cube", TextureView(&radiance)),
-                ("distances_unfilterable", TextureView(&distances[0])),
-                ("pyramid_unfilterable", TextureView(&pyramids[0])),
-                ("shape_unfilterable", TextureView(&distances[1])),
-                ("shape_pyramid_unfilterable", TextureView(&pyramids[1])),
-                ("shape_normals", TextureView(&normals)),
-            ],
-        )?;
         Ok(Self {
-            instance,
-            is_refracting,
+            wanted: Wanted {
+                instance,
+                side,
+                shape_side: is_refracting.then_some(settings.shape_resolution),
+                reference: settings.reference.0,
+            },
             is_smooth: object.is_smooth,
-            surroundings,
+            radiance,
             coarser,
-            capture,
-            target,
-            shape,
+            target: Target::new(gpu, 6 * side * side)?,
             uniform,
-            group,
+            maps: None,
             captured: None,
-            shaped: None,
         })
     }
 
@@ -276,49 +149,24 @@ impl Impostor {
             seed,
         } = making;
         self.captured = Some((scene.versions, lit.version));
-        let Some(draw) = scene
-            .draws
-            .iter()
-            .find(|draw| draw.instance == self.instance)
-        else {
-            return Ok(());
+        let gpu = frame.gpu;
+        let maps = lit
+            .impostors
+            .of(frame, scene, self.wanted, lit.version, seed)?
+            .clone();
+        let bound = match self.maps.take() {
+            Some(bound) if bound.maps.is_same(&maps) => Bound { maps, ..bound },
+            _ => self.bind(gpu, kernels, maps)?,
         };
-        let center = draw.bounds.center();
-        let reference = settings.reference.0.unwrap_or(center);
-        let near = scene.diagonal() * NEAR;
-        // Normal maps and alpha shape it, too.
-        let of_shape = Some((scene.versions.geometry, scene.versions.materials));
-        if self.is_refracting && self.shaped != of_shape {
-            self.capture_shape(frame, scene, kernels, center, near)?;
-            self.shaped = of_shape;
-        }
-        let view = CubeView::new(reference, settings.resolution, near, 0, seed);
-        let own = self.instance;
-        self.capture.record_cube(frame, scene, &view, |draw| {
-            // Other glass is seen from outside alone: the reference point may lie in it.
-            let is_claimed = draw.seen != draw.class && draw.seen == DrawClass::DoubleSided;
-            let class = if is_claimed {
-                DrawClass::Open
-            } else {
-                draw.seen
-            };
-            (draw.instance != own).then_some(class)
-        })?;
-        lit.gather(
-            frame,
-            scene,
-            &self.capture.points,
-            &self.target,
-            self.is_smooth,
-        )?;
-        add_others(frame, &self.capture.points, &self.target)?;
-        self.surroundings.store(
-            frame,
-            &kernels.surroundings,
-            scene,
-            &self.capture,
-            &self.target,
-        )?;
+        let points = &bound.maps.points;
+        lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
+        add_others(frame, points, &self.target)?;
+        frame.compute("distance-impostor.store", |pass| {
+            let [seen, stored] = &bound.stored;
+            let groups = [(0, &scene.bind_group), (1, seen), (3, stored)];
+            let side = self.wanted.side;
+            kernels.store.dispatch(pass, &groups, [side, side, 6]);
+        });
         if !self.coarser.is_empty() {
             frame.compute("distance-impostor.levels", |pass| {
                 for (group, side) in &self.coarser {
@@ -328,48 +176,76 @@ impl Impostor {
             });
         }
         let uniform = gpu::Impostor {
-            reference: reference.to_array(),
-            instance: self.instance,
-            center: center.to_array(),
+            reference: bound.maps.reference.to_array(),
+            instance: self.wanted.instance,
+            center: bound.maps.center.to_array(),
             search: settings.search.number(),
             iterations: settings.iterations,
             bounces: settings.bounces,
-            is_refracting: u32::from(self.is_refracting && settings.bounces > 0),
+            is_refracting: u32::from(self.wanted.shape_side.is_some() && settings.bounces > 0),
             is_classical: u32::from(settings.search == Search::None),
         };
-        let queue = &frame.gpu.queue;
-        queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        gpu.queue
+            .write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        self.maps = Some(bound);
         Ok(())
     }
 
-    fn capture_shape(
-        &self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
-        center: Vec3,
-        near: f32,
-    ) -> Result<(), GpuError> {
-        let side = self.shape.side;
-        let mut capture = Capture::of_cube(frame.gpu, &kernels.capture, side)?;
-        let view = CubeView::new(center, side, near, 0, 0);
-        let own = self.instance;
-        capture.record_cube(frame, scene, &view, |draw| {
-            (draw.instance == own).then_some(draw.seen)
-        })?;
-        self.shape
-            .store(frame, &kernels.shape, scene, &capture, &self.target)
+    fn bind(&self, gpu: &Gpu, kernels: &Kernels, maps: Maps) -> Result<Bound, GpuError> {
+        let [levels, finest] = [cube(&self.radiance), layers_of_level(&self.radiance, 0)];
+        let stored = [
+            ("radiance", self.target.radiance.as_entire_binding()),
+            ("stored", TextureView(&finest)),
+        ];
+        let seen = [("seen", maps.points.view.as_entire_binding())];
+        Ok(Bound {
+            stored: [
+                kernels.store.bind(gpu, 1, &seen)?,
+                kernels.store.bind(gpu, 3, &stored)?,
+            ],
+            group: maps.bind(
+                gpu,
+                &kernels.gather,
+                &self.uniform,
+                &kernels.sampler,
+                &[("radiance_cube", TextureView(&levels))],
+            )?,
+            maps,
+        })
     }
 
-    /// Radiance and distances of the surroundings, and, of a refractor, its normals.
-    pub fn textures(&self) -> Vec<(&'static str, &wgpu::Texture)> {
-        let mut textures = vec![
-            ("radiance", &self.surroundings.colors),
-            ("distances", &self.surroundings.distances),
-        ];
-        if self.is_refracting {
-            textures.push(("normals", &self.shape.colors));
+    /// Adds what the object mirrors and refracts at `points`; `groups`: points and target.
+    pub fn gather(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: &GpuScene,
+        gather: &Kernel,
+        groups: &[wgpu::BindGroup; 2],
+        points: &SurfacePoints,
+    ) {
+        let [seen, added] = groups;
+        if let Some(bound) = &self.maps {
+            let groups = [
+                (0, &scene.bind_group),
+                (1, seen),
+                (2, &bound.group),
+                (3, added),
+            ];
+            gather.dispatch(pass, &groups, [points.count, 1, 1]);
         }
+    }
+
+    /// Names and textures: radiance and distances of the surroundings, and, of a refractor, its normals.
+    pub fn textures(&self) -> Vec<(String, &wgpu::Texture)> {
+        let mut textures = vec![("radiance", &self.radiance)];
+        if let Some(Bound { maps, .. }) = &self.maps {
+            textures.push(("distances", &maps.distances));
+            textures.extend(maps.normals.iter().map(|normals| ("normals", normals)));
+        }
+        let instance = self.wanted.instance;
         textures
+            .into_iter()
+            .map(|(name, texture)| (format!("distance-impostor.{instance}.{name}"), texture))
+            .collect()
     }
 }

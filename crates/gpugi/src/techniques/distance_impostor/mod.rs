@@ -4,7 +4,6 @@
 //! distances; of a refractor also its own shape. Gather: reflected and refracted rays look for their hits in these maps.
 //! docs/techniques/distance-impostor.md.
 
-pub(crate) mod gpu;
 mod impostor;
 #[cfg(test)]
 mod tests;
@@ -13,7 +12,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
-use crate::capture::{CaptureKernels, PerTarget, SurfacePoints, Target, View};
+use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Object};
@@ -207,19 +206,14 @@ impl DistanceImpostor {
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        capture: &CaptureKernels,
-        covered: &[LightPaths],
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, covered: &[LightPaths]) -> Result<Self, GpuError> {
         let mut covered = covered.to_vec();
         for class in [LightClass::Area, LightClass::Environment] {
             covered.push(LightPaths::new(class, SEEN_DIRECTLY));
         }
         Ok(Self {
             settings: Settings::default(),
-            kernels: Kernels::new(gpu, scene, capture)?,
+            kernels: Kernels::new(gpu, scene)?,
             covered,
             paths: Vec::new(),
             claimed: Vec::new(),
@@ -347,7 +341,10 @@ impl Technique for DistanceImpostor {
             let impostors = self
                 .claimed
                 .iter()
-                .map(|&one| Impostor::new(frame.gpu, scene, &self.kernels, &self.settings, one))
+                .map(|&one| {
+                    let object = &scene.objects[one as usize];
+                    Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
+                })
                 .collect::<Result<Vec<_>, _>>()?;
             self.made = Some(Made {
                 settings: self.settings.clone(),
@@ -424,7 +421,7 @@ impl Technique for DistanceImpostor {
         impostors
             .flat_map(|impostor| {
                 impostor.textures().into_iter().map(|(name, texture)| Map {
-                    name: format!("distance-impostor.{}.{name}", impostor.instance),
+                    name,
                     texture: texture.clone(),
                 })
             })
@@ -443,18 +440,12 @@ fn add<'a>(
     impostors: impl Iterator<Item = &'a Impostor>,
 ) -> Result<(), GpuError> {
     let (gpu, kernel) = (frame.gpu, &kernels.gather);
-    let [seen, added] = bound.of(points, target, || {
+    let groups = bound.of(points, target, || {
         Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
     })?;
     frame.compute("distance-impostor.gather", |pass| {
         for impostor in impostors {
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &impostor.group),
-                (3, added),
-            ];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+            impostor.gather(pass, scene, kernel, groups, points);
         }
     });
     Ok(())

@@ -7,6 +7,7 @@ use gpugi_scene::{Camera, Material, MaterialModel, Scene, Volume};
 use super::{DistanceImpostor, Search, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
+use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Lit;
@@ -50,7 +51,7 @@ fn room(material: Material) -> Scene {
 fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImpostor {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
-    let mut technique = DistanceImpostor::new(gpu, &scene, &kernels, &[]).unwrap();
+    let mut technique = DistanceImpostor::new(gpu, &scene, &[]).unwrap();
     for name in ["resolution", "shape-resolution"] {
         technique.set(name, &SIDE.to_string()).unwrap();
     }
@@ -64,7 +65,8 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
     let mut frame = Frame::new(gpu, false);
     scene.merge(&mut frame);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut [], 0);
+    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
+    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -179,7 +181,7 @@ fn shaders_and_host_agree_on_constants() {
         ("SEARCH_FALSE_POSITION", Search::FalsePosition),
     ] {
         assert_eq!(
-            constant(&gather, "distance_impostor_lookup", name),
+            constant(&gather, "impostor_maps", name),
             search.number(),
             "{name}"
         );

@@ -7,8 +7,9 @@ use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
 use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
 use super::{EnvironmentMap, Lit, Technique};
-use crate::capture::{Emission, View};
+use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
+use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::shared::cpu::Case;
@@ -67,7 +68,9 @@ pub(super) fn generated(
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut frame = Frame::new(gpu, false);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut [], 0);
+    let kernels = CaptureKernels::new(gpu, &scene).unwrap();
+    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
+    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -509,7 +512,9 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, true);
         let mut emission = Emission::new(&gpu, scene).unwrap();
-        let mut lit = Lit::new(&mut emission, &mut [], 0);
+        let kernels = CaptureKernels::new(&gpu, scene).unwrap();
+        let mut impostors = Impostors::new(&gpu, scene, &kernels).unwrap();
+        let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
         technique
             .generate(&mut frame, scene, &view, &mut lit)
             .unwrap();

@@ -14,6 +14,7 @@ use super::delaunay;
 use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, Spread};
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
+use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::techniques::{Lit, Technique as _};
 use crate::testing::{Random, test_gpu};
@@ -523,7 +524,9 @@ impl Sight {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
         self.capture.record(&mut frame, scene, &self.view).unwrap();
-        let mut lit = Lit::new(&mut self.emission, &mut [], 0);
+        let kernels = CaptureKernels::new(gpu, scene).unwrap();
+        let mut impostors = Impostors::new(gpu, scene, &kernels).unwrap();
+        let mut lit = Lit::new(&mut self.emission, &mut [], &mut impostors, 0);
         technique
             .generate(&mut frame, scene, &self.view, &mut lit)
             .unwrap();
