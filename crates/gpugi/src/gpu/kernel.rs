@@ -22,7 +22,8 @@ impl Interface {
         scene: Option<&wgpu::BindGroupLayout>,
         unchecked: bool,
     ) -> Result<(Self, naga::Module), GpuError> {
-        let reflection = shader.parse()?;
+        let source = gpu.source_of(shader);
+        let reflection = shader.parse_as(&source)?;
         let declared = shader.declared(&reflection)?;
         let groups = declared.iter().map(|one| one.group + 1).max().unwrap_or(0);
         let layouts: Vec<Option<wgpu::BindGroupLayout>> = (0..groups)
@@ -61,7 +62,7 @@ impl Interface {
             });
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(shader.name),
-            source: wgpu::ShaderSource::Wgsl(shader.source.into()),
+            source: wgpu::ShaderSource::Wgsl(source),
         };
         let module = if unchecked {
             // SAFETY: see `KernelOptions::unchecked`, which obliges whoever sets it.
@@ -412,7 +413,7 @@ impl RasterKernel {
 
 /// The bind-group layout of every resource that `shader` declares in group 0, for all stages.
 pub(crate) fn scene_layout(gpu: &Gpu, shader: &Shader) -> Result<wgpu::BindGroupLayout, GpuError> {
-    let declared = shader.declared(&shader.parse()?)?;
+    let declared = shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?;
     let entries: Vec<_> = declared
         .iter()
         .map(|one| wgpu::BindGroupLayoutEntry {

@@ -20,7 +20,12 @@ pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
 pub use shader::{BindingKind, Shader, all_shaders};
 pub use wgpu::{PollType, TextureAspect};
 
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex};
+
+/// Mesa's software adapter compiles a copy of a shader for the values in its uniform buffers that decide branches, whenever these change, and forgets
+/// to free it: 100 MB a second. Storage buffers are left alone.
+const UNIFORM_INLINER: &str = "llvmpipe";
 
 /// One device and its queue, within WebGPU's default limits except for buffer sizes.
 #[derive(Debug, Clone)]
@@ -33,6 +38,8 @@ pub struct Gpu {
     pub adapter: AdapterSummary,
     /// Whether passes can be timed.
     pub has_timestamps: bool,
+    /// Whether shaders read uniform buffers as storage.
+    uniforms_are_storage: bool,
     lost: Arc<Mutex<Option<String>>>,
 }
 
@@ -54,10 +61,18 @@ impl Gpu {
         let summary = AdapterSummary::of(&adapter);
         let available = adapter.limits();
         // WebGPU's defaults, but let buffers be as large as the adapter allows: scenes decide what they need.
+        let defaults = wgpu::Limits::default();
+        let uniforms_are_storage = summary.name.starts_with(UNIFORM_INLINER);
         let required_limits = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: if uniforms_are_storage {
+                defaults.max_storage_buffers_per_shader_stage
+                    + defaults.max_uniform_buffers_per_shader_stage
+            } else {
+                defaults.max_storage_buffers_per_shader_stage
+            },
             max_buffer_size: available.max_buffer_size,
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
-            ..wgpu::Limits::default()
+            ..defaults
         };
         let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let (device, queue) = adapter
@@ -90,8 +105,18 @@ impl Gpu {
             queue,
             adapter: summary,
             has_timestamps,
+            uniforms_are_storage,
             lost,
         })
+    }
+
+    /// A shader as this adapter gets it.
+    fn source_of(&self, shader: &Shader) -> Cow<'static, str> {
+        if self.uniforms_are_storage {
+            Cow::Owned(shader.source.replace("var<uniform>", "var<storage, read>"))
+        } else {
+            Cow::Borrowed(shader.source)
+        }
     }
 
     /// Runs `work` inside error scopes; an error that the GPU API reports for it becomes one that names `pass`.
@@ -137,6 +162,11 @@ impl Gpu {
         size: u64,
         usage: wgpu::BufferUsages,
     ) -> Result<wgpu::Buffer, GpuError> {
+        let usage = if self.uniforms_are_storage && usage.contains(wgpu::BufferUsages::UNIFORM) {
+            usage | wgpu::BufferUsages::STORAGE
+        } else {
+            usage
+        };
         let limits = self.device.limits();
         let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
             limits

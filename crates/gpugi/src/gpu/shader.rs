@@ -74,9 +74,14 @@ impl Shader {
     /// # Errors
     /// [`GpuError::Pass`] with the compiler's message.
     pub fn parse(&self) -> Result<naga::Module, GpuError> {
-        naga::front::wgsl::parse_str(self.source).map_err(|error| GpuError::Pass {
+        self.parse_as(self.source)
+    }
+
+    /// As [`Shader::parse`], of the source as an adapter gets it.
+    pub(super) fn parse_as(&self, source: &str) -> Result<naga::Module, GpuError> {
+        naga::front::wgsl::parse_str(source).map_err(|error| GpuError::Pass {
             pass: self.name.to_owned(),
-            reason: error.emit_to_string(self.source),
+            reason: error.emit_to_string(source),
         })
     }
 
