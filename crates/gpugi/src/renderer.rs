@@ -312,7 +312,8 @@ impl Renderer {
         let gpu = self.gpu.clone();
         let mut frame = Frame::new(&gpu, timed);
         self.scene.merge(&mut frame);
-        self.capture.record(&mut frame, &self.scene, &view)?;
+        self.capture
+            .record(&mut frame, &self.scene, &view, |draw| draw.seen)?;
         self.impostors.begin_frame();
         for index in 0..self.techniques.len() {
             let (earlier, rest) = self.techniques.split_at_mut(index);

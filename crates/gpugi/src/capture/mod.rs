@@ -313,7 +313,12 @@ impl Capture {
         })
     }
 
-    /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`.
+    /// Width and height (pixels).
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`. `class_of` says how each draw is drawn.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -322,10 +327,11 @@ impl Capture {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
+        class_of: impl Fn(&Draw) -> DrawClass,
     ) -> Result<(), GpuError> {
         let matrices = [view.clip_from_world];
         self.draw(frame, scene, &view.uniform, &matrices, |draw| {
-            Some(draw.seen)
+            Some(class_of(draw))
         })
     }
 

@@ -198,6 +198,11 @@ impl Impostors {
         })
     }
 
+    /// The pipelines of captures.
+    pub fn capture_kernels(&self) -> &CaptureKernels {
+        &self.capture
+    }
+
     /// Counts frames.
     pub fn begin_frame(&mut self) {
         self.frame += 1;
@@ -342,7 +347,7 @@ impl Kept {
         let mut capture = Capture::of_cube(gpu, kernels, side)?;
         let view = CubeView::new(self.maps.center, side, near, 0, 0);
         capture.record_cube(frame, scene, &view, |draw| {
-            (draw.instance == own).then_some(draw.seen)
+            (draw.instance == own).then(|| scene.whole_class(draw).from_both_sides())
         })?;
         let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
         let [distances, normals] = [distances, normals].map(layers);

@@ -51,6 +51,16 @@ pub enum DrawClass {
     AlphaDoubleSided,
 }
 
+impl DrawClass {
+    /// The class that draws the same from both sides.
+    pub fn from_both_sides(self) -> Self {
+        match self {
+            Self::Closed | Self::Open | Self::DoubleSided => Self::DoubleSided,
+            Self::Alpha | Self::AlphaDoubleSided => Self::AlphaDoubleSided,
+        }
+    }
+}
+
 /// One instance's share of the merged triangles.
 #[derive(Debug, Clone)]
 pub struct Draw {
@@ -112,6 +122,7 @@ pub struct GpuScene {
     pub objects: Vec<Object>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
+    claims: Vec<Claims>,
     header: wgpu::Buffer,
     tables: wgpu::Buffer,
     alpha_modes: Vec<AlphaMode>,
@@ -375,6 +386,7 @@ impl GpuScene {
             bounds,
             lights: scene.lights.clone(),
             emitters: emitters(scene),
+            claims: vec![Claims::NONE; scene.instances.len()],
             objects: scene
                 .instances
                 .iter()
@@ -470,12 +482,29 @@ impl GpuScene {
         Ok(())
     }
 
+    /// How a draw's surface is drawn by whoever follows the light that passes through it: whole, from both sides.
+    pub fn whole_class(&self, draw: &Draw) -> DrawClass {
+        let index = draw.instance as usize;
+        let is_transmissive = self.objects[index].is_transmissive;
+        seen_class(
+            draw.class,
+            self.alpha_modes[index],
+            is_transmissive,
+            Claims::TRANSMISSION,
+        )
+    }
+
     /// Hands each instance to the techniques that claim it: `claims` has one entry an object.
     pub fn assign(&mut self, gpu: &Gpu, claims: &[Claims]) {
         for draw in &mut self.draws {
             let index = draw.instance as usize;
             let object = &self.objects[index];
             let of_object = claims[index];
+            if self.claims[index] != of_object {
+                // Shadow maps and cubes hold what was seen through other surfaces.
+                self.claims[index] = of_object;
+                self.versions.materials += 1;
+            }
             draw.seen = seen_class(
                 draw.class,
                 self.alpha_modes[index],

@@ -79,6 +79,8 @@ impl Claims {
     pub const SPECULAR: Self = Self(4);
     /// distance-impostor adds what passes through its surface, and nobody else any.
     pub const REFRACTION: Self = Self(8);
+    /// caustics adds the light that passes through it and arrives elsewhere: its shadow is whole.
+    pub const SHADOW: Self = Self(16);
 
     /// Whether all of `other` is in this.
     pub fn contains(self, other: Self) -> bool {

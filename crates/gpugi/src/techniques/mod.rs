@@ -1,5 +1,6 @@
 //! The techniques: each generates illumination into maps and gathers it at surface points.
 
+pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
 pub mod image_based_lighting;
@@ -167,6 +168,9 @@ pub const REGISTRY: &[(&Info, Make)] = &[
         Ok(Box::new(environment_map::EnvironmentMap::new(
             gpu, scene, covered,
         )?))
+    }),
+    (&caustics::INFO, |gpu, scene, _| {
+        Ok(Box::new(caustics::Caustics::new(gpu, scene)?))
     }),
     (&distance_impostor::INFO, |gpu, scene, covered| {
         Ok(Box::new(distance_impostor::DistanceImpostor::new(

@@ -57,7 +57,9 @@ fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)
     let group = kernel.bind(gpu, 1, &resources).unwrap();
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    capture.record(&mut frame, &on_gpu, &view).unwrap();
+    capture
+        .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
+        .unwrap();
     frame.compute("points", |pass| {
         kernel.dispatch(pass, &[(0, &on_gpu.bind_group), (1, &group)], [count, 1, 1]);
     });

@@ -523,7 +523,9 @@ impl Sight {
         let target = Target::new(gpu, 32 * 32).unwrap();
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        self.capture.record(&mut frame, scene, &self.view).unwrap();
+        self.capture
+            .record(&mut frame, scene, &self.view, |draw| draw.seen)
+            .unwrap();
         let kernels = CaptureKernels::new(gpu, scene).unwrap();
         let mut impostors = Impostors::new(gpu, scene, &kernels).unwrap();
         let mut lit = Lit::new(&mut self.emission, &mut [], &mut impostors, 0);

@@ -38,36 +38,16 @@ impl LightList {
         let near = diagonal * 1e-4;
         let (position, direction) = (light.position(), light.direction());
         let gutter = settings.gutter(light.radius);
-        let base = LightSample {
-            position: position.to_array(),
-            kind: LightSample::POINT,
-            direction: direction.to_array(),
-            first_view: 0,
-            intensity: light.intensity.to_array(),
-            view_count: 0,
-            tangent: [0.0; 3],
-            radius: light.radius,
-            cone_scale: 0.0,
-            cone_offset: 0.0,
-            inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
-            area: 0.0,
-        };
+        let sample = punctual(light);
         let side = settings.resolution;
         let first_view = self.views.len();
         match light.kind {
-            LightKind::Point => self.push(base, &DepthViewSpec::cube(position, near, side, gutter)),
+            LightKind::Point => {
+                self.push(sample, &DepthViewSpec::cube(position, near, side, gutter))
+            }
             LightKind::Spot {
-                inner_cone_angle,
-                outer_cone_angle,
+                outer_cone_angle, ..
             } => {
-                let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
-                let scale = 1.0 / (inner - outer).max(1e-3);
-                let sample = LightSample {
-                    kind: LightSample::SPOT,
-                    cone_scale: scale,
-                    cone_offset: -outer * scale,
-                    ..base
-                };
                 let tangent = outer_cone_angle.clamp(0.01, 1.55).tan();
                 let up = perpendicular(direction);
                 let plain = DepthViewSpec::perspective(
@@ -81,11 +61,6 @@ impl LightList {
                 self.push(sample, &[spec]);
             }
             LightKind::Directional => {
-                let sample = LightSample {
-                    kind: LightSample::DIRECTIONAL,
-                    radius: light.radius.tan(),
-                    ..base
-                };
                 self.push(sample, &cascades(direction, settings, bounds, view));
             }
         }
@@ -94,8 +69,7 @@ impl LightList {
         }
     }
 
-    /// Adds `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it.
-    /// A sample's L A is the power share over pi in the triangle's colour.
+    /// Adds the sample points of [`on_emitters`], each with a hemicube of faces of `side` texels.
     pub fn add_emitters(
         &mut self,
         emitters: &[Emitter],
@@ -104,58 +78,94 @@ impl LightList {
         gutter: u32,
         diagonal: f32,
     ) {
-        let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
-        let total: f64 = weights.iter().sum();
-        if !(total > 0.0 && total.is_finite()) {
-            return;
-        }
-        let mut before = 0.0;
-        let mut index = 0;
-        for sample in 0..count {
-            let at = (f64::from(sample) + 0.5) / f64::from(count) * total;
-            while index + 1 < emitters.len() && before + weights[index] <= at {
-                before += weights[index];
-                index += 1;
-            }
-            let emitter = &emitters[index];
-            let [a, b, c] = emitter.corners;
-            let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
-            let uv = low_discrepancy(sample);
-            // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
-            let (u, v) = if uv.y > uv.x {
-                (uv.x / 2.0, uv.y - uv.x / 2.0)
-            } else {
-                (uv.x - uv.y / 2.0, uv.y / 2.0)
-            };
-            let position = a + (b - a) * u + (c - a) * v;
-            let sides = if emitter.two_sided { 2.0 } else { 1.0 };
-            let share = total / f64::from(count) / std::f64::consts::PI;
-            let sample_area = share as f32 / (emitter.luminance() * sides);
-            let tangent = (b - a).normalize_or(perpendicular(normal));
-            let near = diagonal * 1e-4;
-            let faces = if emitter.two_sided {
+        let near = diagonal * 1e-4;
+        for sample in on_emitters(emitters, count) {
+            let [position, normal, tangent] =
+                [sample.position, sample.direction, sample.tangent].map(Vec3::from_array);
+            let faces = if sample.kind == LightSample::AREA_TWO_SIDED {
                 DepthViewSpec::hemicubes(position, normal, tangent, near, side, gutter).to_vec()
             } else {
                 DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec()
             };
-            self.push(
-                LightSample {
-                    position: position.to_array(),
-                    kind: if emitter.two_sided {
-                        LightSample::AREA_TWO_SIDED
-                    } else {
-                        LightSample::AREA
-                    },
-                    direction: normal.to_array(),
-                    intensity: (emitter.radiance * sample_area).to_array(),
-                    tangent: tangent.to_array(),
-                    area: sample_area,
-                    ..bytemuck::Zeroable::zeroed()
-                },
-                &faces,
-            );
+            self.push(sample, &faces);
         }
     }
+}
+
+/// A punctual light as a sample without views.
+pub fn punctual(light: &Light) -> LightSample {
+    let mut sample = LightSample {
+        position: light.position().to_array(),
+        kind: LightSample::POINT,
+        direction: light.direction().to_array(),
+        intensity: light.intensity.to_array(),
+        radius: light.radius,
+        inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
+        ..bytemuck::Zeroable::zeroed()
+    };
+    match light.kind {
+        LightKind::Point => {}
+        LightKind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        } => {
+            let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+            sample.kind = LightSample::SPOT;
+            sample.cone_scale = 1.0 / (inner - outer).max(1e-3);
+            sample.cone_offset = -outer * sample.cone_scale;
+        }
+        LightKind::Directional => {
+            sample.kind = LightSample::DIRECTIONAL;
+            sample.radius = light.radius.tan();
+        }
+    }
+    sample
+}
+
+/// `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it. A sample's L A is the power
+/// share over pi in the triangle's colour. Without views.
+pub fn on_emitters(emitters: &[Emitter], count: u32) -> Vec<LightSample> {
+    let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
+    let total: f64 = weights.iter().sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return Vec::new();
+    }
+    let mut before = 0.0;
+    let mut index = 0;
+    let sample = |number| {
+        let at = (f64::from(number) + 0.5) / f64::from(count) * total;
+        while index + 1 < emitters.len() && before + weights[index] <= at {
+            before += weights[index];
+            index += 1;
+        }
+        let emitter = &emitters[index];
+        let [a, b, c] = emitter.corners;
+        let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
+        let uv = low_discrepancy(number);
+        // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
+        let (u, v) = if uv.y > uv.x {
+            (uv.x / 2.0, uv.y - uv.x / 2.0)
+        } else {
+            (uv.x - uv.y / 2.0, uv.y / 2.0)
+        };
+        let sides = if emitter.two_sided { 2.0 } else { 1.0 };
+        let share = total / f64::from(count) / std::f64::consts::PI;
+        let area = share as f32 / (emitter.luminance() * sides);
+        LightSample {
+            position: (a + (b - a) * u + (c - a) * v).to_array(),
+            kind: if emitter.two_sided {
+                LightSample::AREA_TWO_SIDED
+            } else {
+                LightSample::AREA
+            },
+            direction: normal.to_array(),
+            intensity: (emitter.radiance * area).to_array(),
+            tangent: (b - a).normalize_or(perpendicular(normal)).to_array(),
+            area,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    };
+    (0..count).map(sample).collect()
 }
 
 /// Point `index` of the additive R2 sequence (Roberts 2018) in the unit square.

@@ -1,0 +1,47 @@
+//! Structs shared with the shaders of this folder.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::techniques::shadow_map::gpu::LightSample;
+
+/// `CausticMap` of photon.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct CausticMap {
+    pub light: LightSample,
+    pub reference: [f32; 3],
+    pub cube_side: u32,
+    pub side: u32,
+    pub first: u32,
+    pub end: u32,
+    pub is_perspective: u32,
+    pub pixel_area: f32,
+    pub unit: f32,
+    pub counts: f32,
+    pub seed: u32,
+}
+
+/// `Counting` of irradiance.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Counting {
+    pub unit: f32,
+    pub padding: [u32; 3],
+}
+
+/// `LitCube` of gather.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct LitCube {
+    pub reference: [f32; 3],
+    pub side: u32,
+    pub instance: u32,
+    pub padding: [u32; 3],
+}
+
+/// Bytes of `Photon` of photon.wesl.
+pub const PHOTON_BYTES: u64 = 32;
+/// Bytes of `LitTexel` of lit_texel.wesl.
+pub const LIT_TEXEL_BYTES: u64 = 32;
+/// Bytes of a texel's counters.
+pub const COUNTER_BYTES: u64 = 24;

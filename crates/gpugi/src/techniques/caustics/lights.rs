@@ -1,0 +1,114 @@
+//! Where lights see an object from: the views of caustic maps.
+
+use glam::{Vec2, Vec3};
+use gpugi_scene::{Bounds, Camera, Projection};
+
+use super::gpu::CausticMap;
+use crate::capture::View;
+use crate::techniques::shadow_map::gpu::LightSample;
+
+/// Largest tangent of half a caustic map's field of view: 150 degrees, for lights beside or in an object.
+const LARGEST_TANGENT: f32 = 3.7;
+
+/// A light's view of an object.
+#[derive(Debug, Clone, Copy)]
+pub struct LightView {
+    /// What it captures.
+    pub view: View,
+    /// What photons need to know of it; the cube, counts and range of photons are left to their owner.
+    pub map: CausticMap,
+}
+
+impl LightView {
+    /// The view of a box from a light, in `side` pixels squared; none if no light goes there. `jitter` in pixels, `diagonal` the scene's (m).
+    pub fn new(
+        light: &LightSample,
+        bounds: &Bounds,
+        side: u32,
+        jitter: Vec2,
+        seed: u32,
+        diagonal: f32,
+    ) -> Option<Self> {
+        let center = bounds.center();
+        let position = Vec3::from_array(light.position);
+        let direction = Vec3::from_array(light.direction);
+        let is_perspective = light.kind != LightSample::DIRECTIONAL;
+        let eye = if is_perspective {
+            position
+        } else {
+            // Far enough back for all that may stand in the way.
+            center - direction * diagonal
+        };
+        let intensity = Vec3::from_array(light.intensity).max_element();
+        if !shines_on(light, bounds) || !(intensity > 0.0 && intensity.is_finite()) {
+            return None;
+        }
+        let mut camera = Camera::look_at("light", eye, center, 1.0);
+        let [right, up, back] = [0, 1, 2].map(|axis| camera.world_from_view.col(axis).truncate());
+        let half = bounds.corners().iter().fold(0.0_f32, |largest, corner| {
+            let from_eye = *corner - eye;
+            let across = from_eye.dot(right).abs().max(from_eye.dot(up).abs());
+            let depth = -from_eye.dot(back);
+            largest.max(match (is_perspective, depth > 0.0) {
+                (false, _) => across,
+                (true, true) => (across / depth).min(LARGEST_TANGENT),
+                (true, false) => LARGEST_TANGENT,
+            })
+        });
+        // The outermost pixels have neighbours, and jitter does not move the object out.
+        let half = half * (1.0 + 4.0 / side as f32);
+        if !(half > 0.0 && half.is_finite()) {
+            return None;
+        }
+        camera.projection = if is_perspective {
+            Projection::Perspective {
+                vertical_fov: 2.0 * half.atan(),
+            }
+        } else {
+            Projection::Orthographic { height: 2.0 * half }
+        };
+        let pixel = 2.0 * half / side as f32;
+        Some(Self {
+            view: View::new(&camera, [side, side], jitter, 0, seed, diagonal),
+            map: CausticMap {
+                light: *light,
+                reference: [0.0; 3],
+                cube_side: 0,
+                side,
+                first: 0,
+                end: 0,
+                is_perspective: u32::from(is_perspective),
+                pixel_area: pixel * pixel,
+                // Of a pixel in the middle of the map, straight before the light: no other has more.
+                unit: intensity * pixel * pixel,
+                counts: 0.0,
+                seed,
+            },
+        })
+    }
+
+    /// More flux than all pixels together receive (W).
+    pub fn flux(&self) -> f64 {
+        f64::from(self.map.unit) * f64::from(self.map.side).powi(2)
+    }
+}
+
+/// Whether any light may fall into a box.
+fn shines_on(light: &LightSample, bounds: &Bounds) -> bool {
+    let away = bounds.center() - Vec3::from_array(light.position);
+    let radius = bounds.diagonal() / 2.0;
+    let along = away.dot(Vec3::from_array(light.direction));
+    match light.kind {
+        LightSample::AREA => along > -radius,
+        LightSample::SPOT => {
+            // The cosine at which the cone ends: cos x scale + offset = 0.
+            let end = (-light.cone_offset / light.cone_scale)
+                .clamp(-1.0, 1.0)
+                .acos();
+            let distance = away.length();
+            let own = (radius / distance.max(1e-12)).min(1.0).asin();
+            distance <= radius || (along / distance).clamp(-1.0, 1.0).acos() < end + own
+        }
+        _ => true,
+    }
+}

@@ -1,0 +1,376 @@
+//! Caustics: light that objects mirror and refract onto what is around them (tutorial section 5.4).
+//!
+//! Generate: each light sees each object in a caustic map, from whose pixels photons are followed through the object to its surroundings, in
+//! the same maps as distance impostors use; a cube around the object counts what arrives. Gather: looks the irradiance up there.
+//! docs/techniques/caustics.md.
+
+mod gpu;
+mod lights;
+mod object;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+
+use super::shadow_map::lights::{on_emitters, punctual};
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use crate::capture::{PerTarget, SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::light_paths::{LightClass, LightPaths};
+use crate::scene::{Claims, GpuScene, Object, Versions};
+use crate::shader;
+use object::{Caustic, Making};
+
+/// What caustics say of themselves.
+pub const INFO: Info = Info {
+    name: "caustics",
+    summary: "light of point, spot, directional and area lights that mirrors and glass throw on their surroundings",
+    source: "tutorial section 5.4; Szirmay-Kalos et al. 2005; Wyman and Davis 2006",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, "LS+[DG]E"),
+        LightPaths::new(LightClass::Area, "LS+[DG]E"),
+    ],
+    suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+};
+
+/// Settings of caustics.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Settings {
+    /// Pixels a side of a light's caustic map of an object; all samples of area lights share as many.
+    pub resolution: u32,
+    /// Side of the faces of the cubes that hold what photons light (texels): a power of two.
+    pub cube_resolution: u32,
+    /// Side of the faces of refractors' shapes (texels): a power of two.
+    pub shape_resolution: u32,
+    /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
+    pub bounces: u32,
+    /// Sample points on all area lights together.
+    pub area_samples: u32,
+    /// Frames of a still scene whose photons are added up.
+    pub frames: u32,
+    /// Whether photons are followed every frame, as if something had changed.
+    pub every_frame: bool,
+    /// Objects that throw caustics: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
+    pub objects: String,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            resolution: 256,
+            cube_resolution: 256,
+            shape_resolution: 256,
+            bounces: 4,
+            area_samples: 16,
+            frames: 16,
+            every_frame: false,
+            objects: AUTO.to_owned(),
+        }
+    }
+}
+
+const FIELDS: &[Field] = &[
+    Field {
+        name: "resolution",
+        summary: "side of a light's caustic map of an object; all samples of area lights share as many [pixels]",
+        range: Some((LEAST_RESOLUTION as f64, 2048.0)),
+    },
+    Field {
+        name: "cube-resolution",
+        summary: "side of the faces of the cubes that hold what photons light, a power of two [texels]",
+        range: Some((16.0, 1024.0)),
+    },
+    Field {
+        name: "shape-resolution",
+        summary: "side of the faces of refractors' shapes, a power of two [texels]",
+        range: Some((16.0, 1024.0)),
+    },
+    Field {
+        name: "bounces",
+        summary: "most surfaces that light meets inside a refractor; 0: it refracts once",
+        range: Some((0.0, 16.0)),
+    },
+    Field {
+        name: "area-samples",
+        summary: "sample points on all area lights",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "frames",
+        summary: "frames of a still scene whose photons are added up",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "every-frame",
+        summary: "true or false: follow photons every frame, as if something had changed",
+        range: None,
+    },
+    Field {
+        name: "objects",
+        summary: "objects that throw caustics, names with commas between and * for any letters; auto: those with ideal surfaces",
+        range: None,
+    },
+];
+
+/// The value of [`Settings::objects`] that leaves the choice to gpugi.
+const AUTO: &str = "auto";
+/// Most objects that throw caustics by themselves, and most that may be named.
+const MOST: usize = 16;
+const MOST_NAMED: usize = 32;
+/// Most caustic maps: lights times objects.
+const MOST_MAPS: usize = 4096;
+/// Least side of a caustic map (pixels).
+const LEAST_RESOLUTION: u32 = 8;
+
+/// The passes of caustics.
+#[derive(Debug)]
+struct Kernels {
+    trace: Kernel,
+    splat: Kernel,
+    irradiance: Kernel,
+    gather: Kernel,
+    sampler: wgpu::Sampler,
+}
+
+impl Kernels {
+    fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let layout = Some(&scene.layout);
+        let kernel = |shader, layout| Kernel::new(gpu, &shader, "main", layout);
+        Ok(Self {
+            trace: kernel(shader!("techniques.caustics.trace"), layout)?,
+            splat: kernel(shader!("techniques.caustics.splat"), None)?,
+            irradiance: kernel(shader!("techniques.caustics.irradiance"), None)?,
+            gather: kernel(shader!("techniques.caustics.gather"), layout)?,
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("refractor normals"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        })
+    }
+}
+
+/// Caustics.
+#[derive(Debug)]
+pub struct Caustics {
+    settings: Settings,
+    kernels: Kernels,
+    paths: Vec<LightPaths>,
+    /// Instances that throw caustics.
+    claimed: Vec<u32>,
+    made: Option<Made>,
+    bound: PerTarget<[wgpu::BindGroup; 2]>,
+}
+
+/// The caustics of all objects, and what they were made for.
+#[derive(Debug)]
+struct Made {
+    settings: Settings,
+    claimed: Vec<u32>,
+    objects: Vec<Object>,
+    caustics: Vec<Caustic>,
+    /// What the photons of so many frames were followed in: the scene, and the settings of techniques.
+    followed: Option<(Versions, u64)>,
+    frames: u32,
+}
+
+impl Caustics {
+    /// Compiles the technique's passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Ok(Self {
+            settings: Settings::default(),
+            kernels: Kernels::new(gpu, scene)?,
+            paths: Vec::new(),
+            claimed: Vec::new(),
+            made: None,
+            bound: PerTarget::default(),
+        })
+    }
+
+    fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
+        let objects = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
+        Ok(Made {
+            settings: self.settings.clone(),
+            claimed: self.claimed.clone(),
+            caustics: objects
+                .clone()
+                .zip(&self.claimed)
+                .map(|(object, &one)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
+                .collect::<Result<_, _>>()?,
+            objects: objects.cloned().collect(),
+            followed: None,
+            frames: 0,
+        })
+    }
+}
+
+impl Technique for Caustics {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn paths(&self) -> &[LightPaths] {
+        &self.paths
+    }
+
+    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+        let mut claims = vec![Claims::NONE; scene.objects.len()];
+        self.claimed.clear();
+        let mut most = 0;
+        for (index, object) in scene.objects.iter().enumerate() {
+            let is_mine = match self.settings.objects.as_str() {
+                AUTO => self.claimed.len() < MOST,
+                list => object.is_named_by(list),
+            };
+            // What rough surfaces mirror is no caustic.
+            if !(is_mine && object.is_smooth) {
+                continue;
+            }
+            self.claimed.push(index as u32);
+            if object.is_transmissive {
+                claims[index] = Claims::SHADOW;
+            }
+            most = most.max(match (object.is_transmissive, object.is_solid) {
+                (true, true) => self.settings.bounces.max(1) + 1,
+                _ => 1,
+            });
+        }
+        self.paths.clear();
+        if most > 0 {
+            for class in [LightClass::Punctual, LightClass::Area] {
+                let light = LightPaths::new(class, "LE");
+                self.paths
+                    .push(light.continued(&format!("S{{1,{most}}}[DG]")));
+            }
+        }
+        claims
+    }
+
+    fn names(&self) -> &str {
+        match self.settings.objects.as_str() {
+            AUTO => "",
+            list => list,
+        }
+    }
+
+    fn settings(&self) -> serde_json::Value {
+        settings::to_json(&self.settings)
+    }
+
+    fn fields(&self) -> &'static [Field] {
+        FIELDS
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
+        let mut changed = self.settings.clone();
+        settings::set(&mut changed, FIELDS, name, value)?;
+        if ![changed.cube_resolution, changed.shape_resolution]
+            .iter()
+            .all(|side| side.is_power_of_two())
+        {
+            return Err(SettingError::Value {
+                name: name.to_owned(),
+                value: value.to_owned(),
+                reason: "a power of two is needed".into(),
+            });
+        }
+        self.settings = changed;
+        Ok(())
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+        lit: &mut Lit<'_>,
+    ) -> Result<(), GpuError> {
+        let mut lights: Vec<_> = scene.lights.iter().map(punctual).collect();
+        let first_area = lights.len();
+        lights.extend(on_emitters(&scene.emitters, self.settings.area_samples));
+        for (what, needed, limit) in [
+            (
+                "objects with caustics (name fewer)",
+                self.claimed.len(),
+                MOST_NAMED,
+            ),
+            (
+                "caustic maps, lights times objects",
+                lights.len() * self.claimed.len(),
+                MOST_MAPS,
+            ),
+        ] {
+            if needed > limit {
+                return Err(GpuError::TooLarge {
+                    what: what.into(),
+                    needed: needed as u64,
+                    limit: limit as u64,
+                    adapter: frame.gpu.adapter.name.clone(),
+                });
+            }
+        }
+        let of_claimed = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
+        let is_made = |made: &Made| {
+            made.settings == self.settings
+                && made.claimed == self.claimed
+                && made.objects.iter().eq(of_claimed.clone())
+        };
+        let mut made = match self.made.take().filter(is_made) {
+            Some(made) => made,
+            None => self.make(frame.gpu, scene)?,
+        };
+        let now = Some((scene.versions, lit.version));
+        let is_fresh = made.followed != now || self.settings.every_frame;
+        if is_fresh {
+            made.followed = now;
+            made.frames = 0;
+        }
+        if made.frames < self.settings.frames {
+            made.frames += 1;
+            let making = Making {
+                scene,
+                kernels: &self.kernels,
+                settings: &self.settings,
+                lights: &lights,
+                first_area,
+                settings_version: lit.version,
+            };
+            for caustic in &mut made.caustics {
+                caustic.generate(frame, making, lit.impostors, is_fresh)?;
+            }
+        }
+        self.made = Some(made);
+        Ok(())
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let Some(made) = self.made.as_ref().filter(|made| !made.caustics.is_empty()) else {
+            return Ok(());
+        };
+        let (gpu, kernel) = (frame.gpu, &self.kernels.gather);
+        let groups = self.bound.of(points, target, || {
+            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
+        })?;
+        frame.compute("caustics.gather", |pass| {
+            for caustic in &made.caustics {
+                caustic.gather(pass, scene, kernel, groups, points);
+            }
+        });
+        Ok(())
+    }
+
+    fn maps(&self) -> Vec<Map> {
+        Vec::new()
+    }
+}
