@@ -102,10 +102,7 @@ fn glass_balls_focus_light() {
             sum(&found.truth.radiance)
         );
         for (which, values) in [("a", &found.radiance), ("b", &found.truth.radiance)] {
-            std::fs::write(
-                format!("/tmp/ca-{name}-{which}.raw"),
-            )
-            .unwrap();
+            std::fs::write(format!("/tmp/ca-{name}-{which}.raw")).unwrap();
         }
     }
 }

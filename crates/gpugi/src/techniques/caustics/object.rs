@@ -391,3 +391,21 @@ impl CausticMapOf {
         Ok(())
     }
 }
+
+#[cfg(test)]
+impl Caustic {
+    /// All flux that the cube holds (W).
+    pub fn flux(&self, gpu: &Gpu) -> glam::DVec3 {
+        use crate::gpu::read_buffer;
+
+        let counters: Vec<[u32; 6]> =
+            read_buffer(gpu, &self.counters, self.counters.size()).unwrap();
+        let counting: Vec<Counting> =
+            read_buffer(gpu, &self.counting, self.counting.size()).unwrap();
+        let mut sum = glam::DVec3::ZERO;
+        for [r, g, b, ..] in counters {
+            sum += glam::DVec3::new(r.into(), g.into(), b.into());
+        }
+        sum * f64::from(counting[0].unit)
+    }
+}

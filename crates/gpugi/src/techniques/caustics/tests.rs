@@ -1,1 +1,213 @@
-//! Tests.
+//! That no light is lost or gained on its way into the cubes; and what host and shaders agree on.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Mat4, Vec2, Vec3, vec3};
+use gpugi_scene::builtin::shapes::{quad, sphere};
+use gpugi_scene::{Camera, Light, LightKind, Material, Scene, Volume};
+
+use super::{Caustics, Technique};
+use crate::capture::{CaptureKernels, Emission, View};
+use crate::gpu::{Frame, Gpu};
+use crate::impostor::Impostors;
+use crate::scene::GpuScene;
+use crate::techniques::Lit;
+use crate::testing::test_gpu;
+
+const CENTER: Vec3 = vec3(0.2, -0.3, 0.1);
+const RADIUS: f32 = 0.5;
+
+/// A closed room with a ball in it.
+fn room(ball: Material) -> Scene {
+    let half = vec3(2.0, 1.5, 2.5);
+    let mut scene = Scene::new("room");
+    let wall = scene.add_material(Material::matt("wall", Vec3::splat(0.5)));
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let mut outward = Vec3::ZERO;
+            outward[axis] = sign;
+            let right = outward.any_orthonormal_vector();
+            let up = (-outward).cross(right);
+            let corner = (outward - right - up) * half;
+            let mesh = scene.add_mesh(quad(corner, 2.0 * right * half, 2.0 * up * half, 1));
+            scene.add_instance("wall", mesh, wall, Mat4::IDENTITY);
+        }
+    }
+    let mesh = scene.add_mesh(sphere(RADIUS, 96));
+    let material = scene.add_material(ball);
+    scene.add_instance("ball", mesh, material, Mat4::from_translation(CENTER));
+    scene
+}
+
+fn glass() -> Material {
+    Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        ior: 1.5,
+        volume: Some(Volume {
+            attenuation_distance: f32::INFINITY,
+            attenuation_color: Vec3::ONE,
+        }),
+        ..Material::default()
+    }
+}
+
+fn mirror() -> Material {
+    Material::metal("mirror", Vec3::ONE, 0.0)
+}
+
+/// Flux in the ball's cube after some frames.
+fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVec3 {
+    let mut scene = GpuScene::new(gpu, scene).unwrap();
+    let kernels = CaptureKernels::new(gpu, &scene).unwrap();
+    let mut technique = Caustics::new(gpu, &scene).unwrap();
+    for (name, value) in [
+        ("cube-resolution", "32"),
+        ("shape-resolution", "64"),
+        ("bounces", "16"),
+    ]
+    .iter()
+    .chain(settings)
+    {
+        technique.set(name, value).unwrap();
+    }
+    let claims = technique.claim(&scene);
+    scene.assign(gpu, &claims);
+    let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
+    let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
+    let mut emission = Emission::new(gpu, &scene).unwrap();
+    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
+    for _ in 0..frames {
+        let mut frame = Frame::new(gpu, false);
+        scene.merge(&mut frame);
+        let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+        technique
+            .generate(&mut frame, &scene, &view, &mut lit)
+            .unwrap();
+        frame.submit().unwrap();
+    }
+    technique.made.unwrap().caustics[0].flux(gpu)
+}
+
+/// What falls on the ball from a distance: intensity times the solid angle of its disc.
+fn falling(distance: f64, intensity: f64) -> f64 {
+    let sine = f64::from(RADIUS) / distance;
+    2.0 * PI * (1.0 - (1.0 - sine * sine).sqrt()) * intensity
+}
+
+fn check(name: &str, found: DVec3, expected: DVec3, tolerance: f64) {
+    println!("{name}: {found} W of {expected} W");
+    let off = (found / expected - 1.0).abs().max_element();
+    assert!(off < tolerance, "{name}: {found} W, not {expected} W");
+}
+
+/// Mirrors send on all that falls on them, and so does clear glass, however often light goes round in it.
+#[test]
+fn flux_of_points_arrives() {
+    let Some(gpu) = test_gpu() else { return };
+    let toward = vec3(0.3, 0.8, 0.5).normalize();
+    let light = Light::new("", LightKind::Point, vec3(3.0, 2.0, 1.0))
+        .aimed(CENTER + toward * 1.2, Vec3::ZERO);
+    let expected = falling(1.2, 1.0) * DVec3::new(3.0, 2.0, 1.0);
+    for (name, ball) in [("mirror", mirror()), ("glass", glass())] {
+        let mut scene = room(ball);
+        scene.lights.push(light.clone());
+        for resolution in ["64", "200"] {
+            let found = flux(&gpu, &scene, &[("resolution", resolution)], 1);
+            check(name, found, expected, 0.01);
+        }
+        let settings = [("resolution", "32"), ("frames", "8")];
+        check(name, flux(&gpu, &scene, &settings, 8), expected, 0.01);
+    }
+}
+
+#[test]
+fn flux_of_spots_and_directions_arrives() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(mirror());
+    scene.lights = vec![
+        Light::new("", LightKind::Directional, vec3(1.0, 2.0, 3.0))
+            .aimed(vec3(0.0, 1.0, 0.3), Vec3::ZERO),
+    ];
+    // The walls are in the way of a light from outside.
+    scene.instances.retain(|instance| instance.name == "ball");
+    let floor = quad(
+        vec3(-90.0, -1.0, 90.0),
+        Vec3::X * 180.0,
+        Vec3::NEG_Z * 180.0,
+        1,
+    );
+    let mesh = scene.add_mesh(floor);
+    scene.add_instance("floor", mesh, 0, Mat4::IDENTITY);
+    let disc = PI * f64::from(RADIUS * RADIUS);
+    // Of a disc's light a mirror ball sends as much into every direction; below the horizon go a half, less what the floor's end lets by.
+    let found = flux(&gpu, &scene, &[("resolution", "128")], 1);
+    check(
+        "directional",
+        found,
+        0.5 * disc * DVec3::new(1.0, 2.0, 3.0),
+        0.03,
+    );
+
+    let mut scene = room(mirror());
+    let spot = LightKind::Spot {
+        inner_cone_angle: 0.8,
+        outer_cone_angle: 1.0,
+    };
+    let at = CENTER + vec3(0.0, 1.1, 0.0);
+    scene.lights = vec![Light::new("", spot, Vec3::splat(2.0)).aimed(at, CENTER)];
+    let found = flux(&gpu, &scene, &[("resolution", "128")], 1);
+    check(
+        "spot",
+        found,
+        falling(f64::from((at - CENTER).length()), 2.0) * DVec3::ONE,
+        0.01,
+    );
+    // One that looks elsewhere.
+    scene.lights = vec![Light::new("", spot, Vec3::splat(2.0)).aimed(at, at + Vec3::Y)];
+    assert_eq!(flux(&gpu, &scene, &[], 1), DVec3::ZERO);
+}
+
+/// A lamp of any shape: every one of its points is a small light.
+#[test]
+fn flux_of_lamps_arrives() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(mirror());
+    let side = 0.2;
+    let lamp = quad(
+        CENTER + vec3(-side / 2.0, 1.4, -side / 2.0),
+        Vec3::X * side,
+        Vec3::Z * side,
+        1,
+    );
+    assert!(lamp.normals[0].y < 0.0);
+    let mesh = scene.add_mesh(lamp);
+    let material = scene.add_material(Material::emitter("lamp", Vec3::splat(5.0)));
+    scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);
+    let settings = [("resolution", "256"), ("area-samples", "64")];
+    let found = flux(&gpu, &scene, &settings, 1);
+    // L A times the form factor of a sphere straight below a small square (Howell's catalogue, B-37): pi (R/h)^2 to the third digit.
+    let expected = 5.0 * f64::from(side * side) * PI * (f64::from(RADIUS) / 1.4).powi(2);
+    check("lamp", found, expected * DVec3::ONE, 0.02);
+}
+
+/// What stands between a light and the ball keeps the light.
+#[test]
+fn flux_is_kept_by_what_is_in_the_way() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(glass());
+    let above = CENTER + Vec3::Y * 1.2;
+    scene.lights = vec![Light::new("", LightKind::Point, Vec3::ONE).aimed(above, Vec3::ZERO)];
+    for turned in [1.0, -1.0] {
+        let mut covered = scene.clone();
+        let screen = quad(
+            above - vec3(turned * 0.5, 0.3, 0.5),
+            Vec3::X * turned,
+            Vec3::Z,
+            1,
+        );
+        let mesh = covered.add_mesh(screen);
+        covered.add_instance("screen", mesh, 0, Mat4::IDENTITY);
+        assert_eq!(flux(&gpu, &covered, &[], 1), DVec3::ZERO, "{turned}");
+    }
+}
