@@ -9,7 +9,7 @@ use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{Gpu, PollType};
 
 use crate::output::write_json;
-use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, usage};
+use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, bench_path_tracer, bench_rays};
 
@@ -25,6 +25,14 @@ pub struct Arguments {
     /// Environment map
     #[arg(long, value_name = "FILE")]
     environment: Option<PathBuf>,
+    /// Objects to leave out, names with commas between and * for any letters
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        default_value = "",
+        hide_default_value = true
+    )]
+    without: String,
     /// Width and height in pixels; 1280x1024 when not given, 1920x1080 for rays
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
@@ -84,12 +92,14 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]))
         .filter(|size| size.iter().all(|&side: &u32| side > 0))
         .ok_or_else(|| Usage(format!("--size {size}: expected WIDTHxHEIGHT")))?;
-    let (mut scene, _) = scene_argument::load(&SceneArguments {
+    let (mut scene, notes) = scene_argument::load(&SceneArguments {
         scene: arguments.scene.clone(),
         detail: arguments.detail,
         environment: arguments.environment.clone(),
         time: 0.0,
+        without: arguments.without.clone(),
     })?;
+    print_notes(common, &notes);
     if let Some(count) = arguments.lights {
         scene.lights.truncate(count);
         scene.environment = None;

@@ -21,6 +21,14 @@ pub struct SceneArguments {
     /// Time of the animation (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     pub time: f32,
+    /// Objects to leave out, names with commas between and * for any letters
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        default_value = "",
+        hide_default_value = true
+    )]
+    pub without: String,
 }
 
 /// Loads the scene; gives it a sky when it has no light. Returns what a user should know of it.
@@ -49,6 +57,18 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
         scene.environment = Some(import_environment(path, &limits)?);
     }
     let mut notes = scene.warnings.clone();
+    let count = scene.instances.len();
+    scene
+        .remove(&arguments.without)
+        .map_err(|unknown| Usage(format!("--without {}: {unknown}", arguments.without)))?;
+    let left = scene.instances.len();
+    if left < count {
+        let removed = count - left;
+        notes.push(format!(
+            "{removed} of {count} objects are left out: {}",
+            arguments.without
+        ));
+    }
     if !scene.has_light() {
         scene.environment = Some(Environment::default_sky());
         notes.push(

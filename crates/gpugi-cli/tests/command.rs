@@ -191,6 +191,15 @@ fn wrong_arguments_exit_with_2_and_say_what_there_is() {
             vec!["render", "cornell", "-o", "x.png", "--tone-map", "sepia"],
             "tone-map",
         ),
+        (
+            vec!["render", "room", "-o", "x.png", "--without", "box,ball"],
+            "\"ball\"; there are: back wall, box",
+        ),
+        (vec!["measure", "room", "--without", "b*x*x"], "sphere"),
+        (
+            vec!["bench", "--scene", "room", "--without", "crate"],
+            "sphere",
+        ),
     ] {
         let output = gpugi(&arguments);
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -291,6 +300,22 @@ fn lists_and_describes() {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(text.contains(part), "{arguments:?}: {text}");
     }
+}
+
+#[test]
+fn leaves_out_what_it_is_told_to() {
+    let instances = |arguments: &[&str]| {
+        let output = gpugi(arguments);
+        assert!(output.status.success(), "{arguments:?}");
+        let facts: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        facts["instances"].as_u64().expect("a number")
+    };
+    let all = instances(&["info", "room"]);
+    assert_eq!(instances(&["info", "room", "--without", "box"]), all - 1);
+    assert_eq!(
+        instances(&["info", "room", "--without", "*wall, box"]),
+        all - 5
+    );
 }
 
 /// Two 16x12 pictures as PNG: grey, and with one bright pixel at (3, 2).

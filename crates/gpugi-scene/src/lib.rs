@@ -15,6 +15,7 @@ pub mod import;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod names;
 pub mod normals;
 pub mod polygon;
 pub mod provoking;

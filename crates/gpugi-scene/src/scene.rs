@@ -3,6 +3,7 @@
 use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
+use crate::names::{UnknownObject, check_names, is_named_by};
 use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
 
 /// One placed mesh. Two instances may share a mesh.
@@ -254,6 +255,36 @@ impl Scene {
         self.instances.len() - 1
     }
 
+    /// Takes away the instances that `list` names ([`is_named_by`]). Meshes and materials stay.
+    ///
+    /// # Errors
+    /// [`UnknownObject`] when a name of the list is nobody's; the scene is then as before.
+    pub fn remove(&mut self, list: &str) -> Result<(), UnknownObject> {
+        let known = self.instances.iter().map(|instance| instance.name.as_str());
+        check_names(list, known)?;
+        let mut kept = 0;
+        let new_index: Vec<Option<usize>> = (self.instances.iter())
+            .map(|instance| {
+                let stays = !is_named_by(&instance.name, list);
+                kept += usize::from(stays);
+                stays.then(|| kept - 1)
+            })
+            .collect();
+        self.instances
+            .retain(|instance| !is_named_by(&instance.name, list));
+        if let Some(rig) = &mut self.rig {
+            rig.deformers
+                .retain_mut(|deformer| match new_index[deformer.instance] {
+                    Some(index) => {
+                        deformer.instance = index;
+                        true
+                    }
+                    None => false,
+                });
+        }
+        Ok(())
+    }
+
     /// The box around every instance.
     pub fn bounds(&self) -> Bounds {
         let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(Mesh::bounds).collect();
@@ -316,5 +347,47 @@ impl Scene {
             bounds_min,
             bounds_max,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::animation::Deformer;
+
+    #[test]
+    fn what_is_removed_takes_what_bends_it_along() {
+        let mut scene = Scene::new("three");
+        let mut rig = Rig::default();
+        for (index, name) in ["first", "second", "third"].into_iter().enumerate() {
+            let mesh = scene.add_mesh(Mesh::default());
+            let material = scene.add_material(Material::default());
+            scene.add_instance(name, mesh, material, Mat4::IDENTITY);
+            rig.deformers.push(Deformer {
+                instance: index,
+                node: 10 + index,
+                positions: Vec::new(),
+                normals: Vec::new(),
+                tangents: Vec::new(),
+                flat: false,
+                targets: Vec::new(),
+                skin: None,
+            });
+        }
+        scene.rig = Some(rig);
+        let before = scene.clone();
+        assert!(scene.remove("second,fourth").is_err());
+        assert_eq!(scene, before);
+        scene.remove("").unwrap();
+        assert_eq!(scene, before);
+        scene.remove("sec*").unwrap();
+        let names: Vec<_> = scene.instances.iter().map(|one| &one.name).collect();
+        assert_eq!(names, ["first", "third"]);
+        let deformers = &scene.rig.as_ref().unwrap().deformers;
+        let bent: Vec<_> = deformers
+            .iter()
+            .map(|one| (one.instance, one.node))
+            .collect();
+        assert_eq!(bent, [(0, 10), (1, 12)]);
     }
 }

@@ -1,6 +1,7 @@
 //! The frame, readable as a table of contents: capture, resolve, each technique's generate, each technique's gather.
 
 use glam::Vec2;
+use gpugi_scene::names::check_names;
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
@@ -8,7 +9,7 @@ use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::{Claims, GpuScene, Object, check_environment};
+use crate::scene::{Claims, GpuScene, check_environment};
 use crate::techniques::{Lit, Map, REGISTRY, SettingError, Technique};
 
 /// A renderer that cannot do what it was asked.
@@ -188,18 +189,15 @@ impl Renderer {
         let before = found.settings()[name].clone();
         found.set(name, value).map_err(fail)?;
         let objects = &self.scene.objects;
-        let is_known = |one: &&str| objects.iter().any(|object| object.is_named_by(one));
-        let names = found.names();
-        let mut names = names.split(',').filter(|one| !one.is_empty());
-        if let Some(unknown) = names.find(|one| !is_known(one)) {
-            let reason = unknown_object(unknown.trim(), objects);
+        let known = objects.iter().map(|object| object.name.as_str());
+        if let Err(unknown) = check_names(found.names(), known) {
             // What is refused is not kept.
             let before = before.as_str().unwrap_or_default();
             found.set(name, before).map_err(fail)?;
             return Err(fail(SettingError::Value {
                 name: name.to_owned(),
                 value: value.to_owned(),
-                reason,
+                reason: unknown.to_string(),
             }));
         }
         self.settings_version += 1;
@@ -377,21 +375,6 @@ impl Renderer {
             .flat_map(|technique| technique.maps())
             .collect()
     }
-}
-
-/// Says that no object has a name, and which names there are.
-fn unknown_object(name: &str, objects: &[Object]) -> String {
-    const MOST: usize = 12;
-    let mut known: Vec<&str> = objects.iter().map(|object| object.name.as_str()).collect();
-    known.sort_unstable();
-    known.dedup();
-    let more = known.len().saturating_sub(MOST);
-    known.truncate(MOST);
-    let mut list = known.join(", ");
-    if more > 0 {
-        list += &format!(" and {more} more");
-    }
-    format!("no object of the scene is called {name:?}; there are: {list}")
 }
 
 /// Classes of light that a scene has.

@@ -5,7 +5,7 @@
 
 use std::ops::BitOr;
 
-use gpugi_scene::{AlphaMode, Instance, MaterialModel, Scene};
+use gpugi_scene::{AlphaMode, Instance, MaterialModel, Scene, names};
 
 use super::DrawClass;
 
@@ -36,33 +36,12 @@ impl Object {
 
     /// Whether `list` names it: names separated by commas, in which `*` stands for any characters.
     pub fn is_named_by(&self, list: &str) -> bool {
-        list.split(',')
-            .any(|pattern| matches(pattern.trim(), &self.name))
+        names::is_named_by(&self.name, list)
     }
 }
 
 /// `DELTA_ROUGHNESS` of shared/brdf.wesl.
 const DELTA_ROUGHNESS: f32 = 0.01;
-
-/// Whether `pattern`, in which `*` stands for any characters, describes all of `name`.
-fn matches(pattern: &str, name: &str) -> bool {
-    let Some((start, rest)) = pattern.split_once('*') else {
-        return pattern == name;
-    };
-    let Some(mut name) = name.strip_prefix(start) else {
-        return false;
-    };
-    let mut parts: Vec<&str> = rest.split('*').collect();
-    let end = parts.pop().unwrap_or("");
-    for part in parts {
-        // The first place is as good as any: what follows may begin anywhere.
-        match name.find(part) {
-            Some(at) => name = &name[at + part.len()..],
-            None => return false,
-        }
-    }
-    name.ends_with(end)
-}
 
 /// Claims on an object: the `CLAIM_` bits of scene/tables.wesl.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -109,29 +88,5 @@ pub(super) fn seen_class(
         DrawClass::DoubleSided
     } else {
         DrawClass::AlphaDoubleSided
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::matches;
-
-    #[test]
-    fn a_star_stands_for_any_characters() {
-        for (pattern, name, expected) in [
-            ("ball", "ball", true),
-            ("ball", "balls", false),
-            ("ball*", "balls", true),
-            ("*all", "ball", true),
-            ("b*l", "ball", true),
-            ("b*l*", "ball of glass", true),
-            ("b*x", "ball", false),
-            ("*a*a*", "ball", false),
-            ("*", "", true),
-            ("", "ball", false),
-            ("ball*ball", "ball", false),
-        ] {
-            assert_eq!(matches(pattern, name), expected, "{pattern} against {name}");
-        }
     }
 }

@@ -1,0 +1,126 @@
+//! Lists of names in options: commas between, and `*` for any characters.
+
+/// A list names something that does not exist.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no object of the scene is called {name:?}; there are: {known}")]
+pub struct UnknownObject {
+    /// The name or pattern.
+    pub name: String,
+    /// Some of the names there are.
+    pub known: String,
+}
+
+/// Whether `list` names `name`: names separated by commas, in which `*` stands for any characters.
+pub fn is_named_by(name: &str, list: &str) -> bool {
+    patterns(list).any(|pattern| matches(pattern, name))
+}
+
+/// Checks that each name of `list` is that of one of the objects called `known`.
+///
+/// # Errors
+/// [`UnknownObject`]: the first that is not.
+pub fn check_names<'a>(
+    list: &str,
+    known: impl Iterator<Item = &'a str> + Clone,
+) -> Result<(), UnknownObject> {
+    let is_unknown = |pattern: &&str| !known.clone().any(|name| matches(pattern, name));
+    match patterns(list).find(is_unknown) {
+        None => Ok(()),
+        Some(unknown) => Err(UnknownObject {
+            name: unknown.to_owned(),
+            known: enumerate(known),
+        }),
+    }
+}
+
+/// The names that there are, a few of them when there are many.
+fn enumerate<'a>(known: impl Iterator<Item = &'a str>) -> String {
+    const MOST: usize = 12;
+    let mut known: Vec<&str> = known.collect();
+    known.sort_unstable();
+    known.dedup();
+    let more = known.len().saturating_sub(MOST);
+    known.truncate(MOST);
+    let mut list = known.join(", ");
+    if more > 0 {
+        list += &format!(" and {more} more");
+    }
+    list
+}
+
+fn patterns(list: &str) -> impl Iterator<Item = &str> {
+    list.split(',')
+        .map(str::trim)
+        .filter(|pattern| !pattern.is_empty())
+}
+
+/// Whether `pattern`, in which `*` stands for any characters, describes all of `name`.
+fn matches(pattern: &str, name: &str) -> bool {
+    let Some((start, rest)) = pattern.split_once('*') else {
+        return pattern == name;
+    };
+    let Some(mut name) = name.strip_prefix(start) else {
+        return false;
+    };
+    let mut parts: Vec<&str> = rest.split('*').collect();
+    let end = parts.pop().unwrap_or("");
+    for part in parts {
+        // The first place is as good as any: what follows may begin anywhere.
+        match name.find(part) {
+            Some(at) => name = &name[at + part.len()..],
+            None => return false,
+        }
+    }
+    name.ends_with(end)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_star_stands_for_any_characters() {
+        for (pattern, name, expected) in [
+            ("ball", "ball", true),
+            ("ball", "balls", false),
+            ("ball*", "balls", true),
+            ("*all", "ball", true),
+            ("b*l", "ball", true),
+            ("b*l*", "ball of glass", true),
+            ("b*x", "ball", false),
+            ("*a*a*", "ball", false),
+            ("*", "", true),
+            ("", "ball", false),
+            ("ball*ball", "ball", false),
+        ] {
+            assert_eq!(matches(pattern, name), expected, "{pattern} against {name}");
+        }
+    }
+
+    #[test]
+    fn lists_name_what_any_of_their_names_describes() {
+        for (list, name, expected) in [
+            ("box, ball*", "balls", true),
+            ("box, ball*", "box", true),
+            ("box, ball*", "boxes", false),
+            ("box,", "", false),
+            ("", "", false),
+        ] {
+            assert_eq!(is_named_by(name, list), expected, "{list} against {name}");
+        }
+    }
+
+    #[test]
+    fn unknown_names_are_said_with_those_there_are() {
+        let known = || ["box", "ball", "ball"].into_iter();
+        assert_eq!(check_names("ball, b*x,", known()), Ok(()));
+        let unknown = check_names("ball, sphere, cube", known()).unwrap_err();
+        assert_eq!(
+            unknown.to_string(),
+            "no object of the scene is called \"sphere\"; there are: ball, box"
+        );
+        let many: Vec<String> = (10..40).map(|number| format!("thing {number}")).collect();
+        let unknown = check_names("x", many.iter().map(String::as_str)).unwrap_err();
+        assert!(unknown.known.ends_with("thing 21 and 18 more"), "{unknown}");
+    }
+}
