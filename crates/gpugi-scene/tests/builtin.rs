@@ -260,6 +260,48 @@ fn teapot_is_newells() {
 }
 
 #[test]
+fn glass_is_closed() {
+    for detail in [1, 2, 5] {
+        let scene = builtin("glass-room", detail).unwrap();
+        for name in ["teapot", "ball"] {
+            let instance = scene.instances.iter().find(|one| one.name == name);
+            let mesh = &scene.meshes[instance.unwrap().mesh];
+            check_mesh(mesh);
+            assert!(mesh.is_closed(), "{name}");
+            assert!(scene.materials[instance.unwrap().material].volume.is_some());
+        }
+        let solid = scene
+            .meshes
+            .iter()
+            .find(|mesh| mesh.name == "solid teapot")
+            .unwrap();
+        // Body, lid and knob turned, and a little for handle and spout: no part counts twice, as it would where solids overlap.
+        let volume = volume(solid);
+        println!("{volume}");
+        assert!((0.024..0.028).contains(&volume), "{volume}");
+    }
+}
+
+#[test]
+fn the_spot_of_the_glass_room_swings_about_where_it_was() {
+    let mut scene = scene("glass-room");
+    let aim = |scene: &Scene| (scene.lights[0].position(), scene.lights[0].direction());
+    let (place, still) = aim(&scene);
+    for (time, expected_degrees) in [(0.0, 0.0), (2.0, 12.0), (4.0, 0.0), (6.0, -12.0)] {
+        scene.pose(time);
+        let (at, direction) = aim(&scene);
+        assert!(at.distance(place) < 1e-5);
+        assert!((direction.y - still.y).abs() < 1e-5);
+        let angle = glam::vec2(still.x, -still.z).angle_to(glam::vec2(direction.x, -direction.z));
+        assert!(
+            (angle.to_degrees() - expected_degrees).abs() < 0.1,
+            "{time} s: {}",
+            angle.to_degrees()
+        );
+    }
+}
+
+#[test]
 fn chamber_is_closed_and_of_moderate_size() {
     let scene = scene("chamber");
     let triangles = scene.statistics().triangles;
@@ -316,5 +358,9 @@ fn emitters_face_what_they_light() {
     let scene = scene("teapot");
     for (middle, front) in faces(&scene, "panel") {
         assert!(front.dot(vec3(0.0, 0.15, 0.0) - middle) > 0.0);
+    }
+    let glass_room = self::scene("glass-room");
+    for (middle, front) in faces(&glass_room, "lamp") {
+        assert!(front.dot((vec3(0.0, 0.0, 0.2) - middle).normalize()) > 0.99);
     }
 }

@@ -4,9 +4,11 @@ pub mod shapes;
 
 mod chamber;
 mod cornell;
+mod glass_room;
 mod ornaments;
 mod room;
 mod shapes_scene;
+mod solid_teapot;
 mod spheres;
 mod teapot;
 mod textures;
@@ -34,6 +36,11 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "room",
         summary: "coloured room with a box and a mirror sphere, lit by a spot and a point light",
         build: room::build,
+    },
+    BuiltinScene {
+        name: "glass-room",
+        summary: "the room with a mirror sphere, teapot and ball of glass, whose caustics a spot that swings and a small lamp make",
+        build: glass_room::build,
     },
     BuiltinScene {
         name: "teapot",

@@ -14,6 +14,26 @@ pub(super) fn build(detail: u32) -> Scene {
         65.0_f32.to_radians(),
     ));
 
+    walls(&mut scene, detail);
+    let turned = Mat4::from_translation(vec3(1.0, 0.0, -0.8)) * Mat4::from_rotation_y(0.4);
+    matt_box(&mut scene, vec3(0.4, 1.2, 0.4), turned, detail);
+    mirror_ball(&mut scene, 0.6, vec3(-0.6, 0.6, -0.3), 16 * detail);
+
+    let cone = LightKind::Spot {
+        inner_cone_angle: 25.0_f32.to_radians(),
+        outer_cone_angle: 40.0_f32.to_radians(),
+    };
+    let mut spot = Light::new("spot", cone, vec3(40.0, 38.0, 34.0))
+        .aimed(vec3(1.3, 2.8, 1.3), vec3(-0.1, 0.2, -0.5));
+    spot.radius = 0.05;
+    let fill = Light::new("fill", LightKind::Point, vec3(2.0, 2.2, 2.5))
+        .aimed(vec3(-1.4, 2.5, 1.4), Vec3::ZERO);
+    scene.lights = vec![spot, fill];
+    scene
+}
+
+/// Walls, floor and ceiling of 4 x 3 x 4 m, the floor at y = 0 and the origin in its middle.
+pub(super) fn walls(scene: &mut Scene, detail: u32) {
     // Each wall: name, albedo, lower left corner seen from inside, the edge to the right and the edge up.
     let (width, height) = (4.0, 3.0);
     let half = width / 2.0;
@@ -63,28 +83,22 @@ pub(super) fn build(detail: u32) -> Scene {
         let material = scene.add_material(Material::matt(name, albedo));
         scene.add_instance(name, mesh, material, Mat4::IDENTITY);
     }
+}
 
-    let mut crate_mesh = cuboid(vec3(-0.4, 0.0, -0.4), vec3(0.4, 1.2, 0.4), 2 * detail);
-    crate_mesh.name = "box".to_owned();
-    let mesh = scene.add_mesh(crate_mesh);
+/// A box of a height and of two half widths (m), standing on its origin.
+pub(super) fn matt_box(scene: &mut Scene, size: Vec3, world_from_mesh: Mat4, detail: u32) {
+    let [low, high] = [vec3(-size.x, 0.0, -size.z), size];
+    let mut mesh = cuboid(low, high, 2 * detail);
+    mesh.name = "box".to_owned();
+    let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(Material::matt("box", vec3(0.15, 0.6, 0.25)));
-    let turned = Mat4::from_translation(vec3(1.0, 0.0, -0.8)) * Mat4::from_rotation_y(0.4);
-    scene.add_instance("box", mesh, material, turned);
+    scene.add_instance("box", mesh, material, world_from_mesh);
+}
 
-    let mesh = scene.add_mesh(sphere(0.6, 16 * detail));
+/// A ball that mirrors ideally.
+pub(super) fn mirror_ball(scene: &mut Scene, radius: f32, center: Vec3, segments: u32) {
+    let mesh = scene.add_mesh(sphere(radius, segments));
     let material = scene.add_material(Material::metal("mirror", Vec3::splat(0.95), 0.0));
-    let center = Mat4::from_translation(vec3(-0.6, 0.6, -0.3));
+    let center = Mat4::from_translation(center);
     scene.add_instance("sphere", mesh, material, center);
-
-    let cone = LightKind::Spot {
-        inner_cone_angle: 25.0_f32.to_radians(),
-        outer_cone_angle: 40.0_f32.to_radians(),
-    };
-    let mut spot = Light::new("spot", cone, vec3(40.0, 38.0, 34.0))
-        .aimed(vec3(1.3, 2.8, 1.3), vec3(-0.1, 0.2, -0.5));
-    spot.radius = 0.05;
-    let fill = Light::new("fill", LightKind::Point, vec3(2.0, 2.2, 2.5))
-        .aimed(vec3(-1.4, 2.5, 1.4), Vec3::ZERO);
-    scene.lights = vec![spot, fill];
-    scene
 }

@@ -9,12 +9,13 @@ use super::shapes::{Vertex, grid, join, quad};
 use crate::{Camera, Light, LightKind, Material, Mesh, Scene};
 
 /// Radius and height of four control points of a profile, and the handle length of its quarter circles over the radius.
-type Profile = ([[f32; 2]; 4], [f32; 4]);
+pub(super) type Profile = ([[f32; 2]; 4], [f32; 4]);
 
 /// Newell's quarter circles have handles of 0.56 radii, which is nearly round.
 const ROUND: [f32; 4] = [0.56; 4];
 
-const PROFILES: [Profile; 6] = [
+/// Rim, body (upper and lower part), lid (upper and lower part), bottom.
+pub(super) const PROFILES: [Profile; 6] = [
     // Rim, from inside over the top.
     (
         [[1.4, 2.4], [1.3375, 2.53125], [1.4375, 2.53125], [1.5, 2.4]],
@@ -34,10 +35,10 @@ const PROFILES: [Profile; 6] = [
 ];
 
 /// A row of control points across a tube: x and z on its inner and its outer side, and the half width.
-type Across = ([f32; 2], [f32; 2], f32);
+pub(super) type Across = ([f32; 2], [f32; 2], f32);
 
 /// Handle and spout, two patches each along their length, outward from the body's upper side.
-const TUBES: [[Across; 4]; 4] = [
+pub(super) const TUBES: [[Across; 4]; 4] = [
     [
         ([-1.6, 2.025], [-1.5, 2.25], 0.3),
         ([-2.3, 2.025], [-2.5, 2.25], 0.3),
@@ -118,63 +119,84 @@ pub(super) fn build(detail: u32) -> Scene {
     scene
 }
 
+/// Control points of a bicubic Bézier patch, rows from top to bottom as seen from the front.
+pub(super) type Patch = [[Vec3; 4]; 4];
+
 /// The teapot in metres, +Y up, its spout toward +X, each patch cut into `divisions` x `divisions` cells. Open where
 /// Newell left it open: between lid and rim, and at the ends of handle and spout.
 fn teapot(divisions: u32) -> Mesh {
-    let turned = PROFILES.iter().flat_map(|&(profile, handles)| {
-        (0..4).map(move |quarter| {
-            std::array::from_fn(|row| {
-                let [radius, height] = profile[row];
-                let handle = radius * handles[row];
-                let arc = [
-                    vec2(radius, 0.0),
-                    vec2(radius, handle),
-                    vec2(handle, radius),
-                    vec2(0.0, radius),
-                ];
-                // Quarter turns by exchange of coordinates are exact: neighbouring patches share their edges bitwise.
-                arc.map(|point| (0..quarter).fold(point, |p, _| p.perp()).extend(height))
-            })
-        })
-    });
-    let tubes = TUBES.iter().flat_map(|tube| {
-        [-1.0, 1.0].map(|side| {
-            tube.map(|([x0, z0], [x1, z1], width)| {
-                let mut across = [
-                    vec3(x1, 0.0, z1),
-                    vec3(x1, side * width, z1),
-                    vec3(x0, side * width, z0),
-                    vec3(x0, 0.0, z0),
-                ];
-                if side > 0.0 {
-                    across.reverse();
-                }
-                across
-            })
-        })
-    });
+    let tubes = TUBES
+        .iter()
+        .flat_map(|rows| [-1.0, 1.0].map(|side| half_tube(rows, side)));
     join(
         "teapot",
-        turned.chain(tubes).map(|points| patch(&points, divisions)),
+        PROFILES
+            .iter()
+            .flat_map(turned)
+            .chain(tubes)
+            .map(|points| patch(&points, divisions)),
     )
 }
 
-/// A bicubic Bézier patch, rows of control points from top to bottom as seen from the front.
-fn patch(points: &[[Vec3; 4]; 4], divisions: u32) -> Mesh {
+/// A profile turned about the vertical axis, a quarter a patch.
+pub(super) fn turned((profile, handles): &Profile) -> [Patch; 4] {
+    [0, 1, 2, 3].map(|quarter| {
+        std::array::from_fn(|row| {
+            let [radius, height] = profile[row];
+            let handle = radius * handles[row];
+            let arc = [
+                vec2(radius, 0.0),
+                vec2(radius, handle),
+                vec2(handle, radius),
+                vec2(0.0, radius),
+            ];
+            // Quarter turns by exchange of coordinates are exact: neighbouring patches share their edges bitwise.
+            arc.map(|point| (0..quarter).fold(point, |p, _| p.perp()).extend(height))
+        })
+    })
+}
+
+/// The half of a tube on the -y (`side` -1) or +y (1) side, whose columns go round the tube.
+pub(super) fn half_tube(rows: &[Across; 4], side: f32) -> Patch {
+    rows.map(|([x0, z0], [x1, z1], width)| {
+        let mut across = [
+            vec3(x1, 0.0, z1),
+            vec3(x1, side * width, z1),
+            vec3(x0, side * width, z0),
+            vec3(x0, 0.0, z0),
+        ];
+        if side > 0.0 {
+            across.reverse();
+        }
+        across
+    })
+}
+
+/// A patch as a mesh.
+pub(super) fn patch(points: &Patch, divisions: u32) -> Mesh {
     grid(divisions, divisions, |column, row| {
         let uv = vec2(column as f32, row as f32) / divisions as f32;
-        let mut normal = cross_of_tangents(points, uv);
-        if normal.length() < 1e-5 {
-            // At a pole the rows shrink to a point; the limit is as good as reached nearby.
-            normal = cross_of_tangents(points, uv.lerp(vec2(uv.x, 0.5), 1e-3));
-        }
-        let (position, normal) = (surface(points, uv), normal.normalize());
-        Vertex {
-            position: vec3(position.x, position.z, -position.y) * 0.1,
-            normal: vec3(normal.x, normal.z, -normal.y),
-            uv,
-        }
+        placed(surface(points, uv), normal(points, uv), uv)
     })
+}
+
+/// A vertex in metres, +Y up, from Newell's coordinates.
+pub(super) fn placed(position: Vec3, normal: Vec3, uv: Vec2) -> Vertex {
+    Vertex {
+        position: vec3(position.x, position.z, -position.y) * 0.1,
+        normal: vec3(normal.x, normal.z, -normal.y),
+        uv,
+    }
+}
+
+/// The unit normal of a patch, toward its front.
+pub(super) fn normal(points: &Patch, uv: Vec2) -> Vec3 {
+    let mut normal = cross_of_tangents(points, uv);
+    if normal.length() < 1e-5 {
+        // At a pole the rows shrink to a point; the limit is as good as reached nearby.
+        normal = cross_of_tangents(points, uv.lerp(vec2(uv.x, 0.5), 1e-3));
+    }
+    normal.normalize()
 }
 
 /// Bernstein polynomials of degree 3.
@@ -194,12 +216,13 @@ fn slopes(t: f32) -> [f32; 4] {
     ]
 }
 
-fn combine(points: &[[Vec3; 4]; 4], columns: [f32; 4], rows: [f32; 4]) -> Vec3 {
+fn combine(points: &Patch, columns: [f32; 4], rows: [f32; 4]) -> Vec3 {
     let row = |row: usize| (0..4).map(|i| points[row][i] * columns[i]).sum::<Vec3>();
     (0..4).map(|i| row(i) * rows[i]).sum()
 }
 
-fn surface(points: &[[Vec3; 4]; 4], uv: Vec2) -> Vec3 {
+/// The point of a patch at `uv`.
+pub(super) fn surface(points: &Patch, uv: Vec2) -> Vec3 {
     let pole = if uv.y == 0.0 { points[0] } else { points[3] };
     if (uv.y == 0.0 || uv.y == 1.0) && pole == [pole[0]; 4] {
         // Weights that do not sum to exactly one would pull the pole apart.
@@ -209,8 +232,12 @@ fn surface(points: &[[Vec3; 4]; 4], uv: Vec2) -> Vec3 {
 }
 
 /// Toward the front: down x right.
-fn cross_of_tangents(points: &[[Vec3; 4]; 4], uv: Vec2) -> Vec3 {
+fn cross_of_tangents(points: &Patch, uv: Vec2) -> Vec3 {
     let right = combine(points, slopes(uv.x), weights(uv.y));
-    let down = combine(points, weights(uv.x), slopes(uv.y));
-    down.cross(right)
+    down(points, uv).cross(right)
+}
+
+/// The derivative of a patch downward.
+pub(super) fn down(points: &Patch, uv: Vec2) -> Vec3 {
+    combine(points, weights(uv.x), slopes(uv.y))
 }
