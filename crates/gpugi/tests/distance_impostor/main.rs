@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod hidden;
 mod hostile;
 mod scenes;
 mod shares;
