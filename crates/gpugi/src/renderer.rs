@@ -279,7 +279,7 @@ impl Renderer {
 
     /// As if every instance had moved: maps that depend on geometry are out of date.
     pub fn invalidate_geometry(&mut self) {
-        self.scene.versions.geometry += 1;
+        self.scene.invalidate_geometry();
     }
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of

@@ -28,6 +28,8 @@ use emitters::emitters;
 pub(crate) use environment::check_environment;
 use environment::environment_texture;
 use images::ImageArrays;
+pub use motion::Placement;
+use motion::{moved, same_meshes};
 use objects::seen_class;
 pub use objects::{Claims, Object};
 use rays::{Rays, hierarchy_buffer};
@@ -75,7 +77,7 @@ pub struct Draw {
     /// World-space box.
     pub bounds: Bounds,
     /// Box of the mesh in its own space.
-    mesh_bounds: Bounds,
+    pub mesh_bounds: Bounds,
 }
 
 /// Counters that grow when something changes: a map made at other counts is out of date.
@@ -91,6 +93,8 @@ pub struct Versions {
     pub environment: u64,
     /// Which triangles there are, wherever they move.
     pub topology: u64,
+    /// Which instances there are, of which mesh and material, wherever they move and however they bend.
+    pub instances: u64,
 }
 
 /// A scene on the GPU.
@@ -120,6 +124,8 @@ pub struct GpuScene {
     pub versions: Versions,
     /// Every instance, as techniques see it that light some and not others.
     pub objects: Vec<Object>,
+    /// Where every instance is.
+    pub placements: Vec<Placement>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
     claims: Vec<Claims>,
@@ -392,6 +398,7 @@ impl GpuScene {
                 .iter()
                 .map(|instance| Object::new(scene, instance))
                 .collect(),
+            placements: motion::placements(scene),
             alpha_modes: scene
                 .instances
                 .iter()
@@ -410,6 +417,7 @@ impl GpuScene {
                 lights: 1,
                 environment: 1,
                 topology: 1,
+                instances: 1,
             },
             bytes,
             vertex_count: vertex_count as u32,
@@ -441,43 +449,51 @@ impl GpuScene {
     /// # Errors
     /// As [`GpuScene::new`].
     pub fn update(&mut self, gpu: &Gpu, before: &Scene, after: &Scene) -> Result<(), GpuError> {
-        let geometry = before.meshes != after.meshes || before.instances != after.instances;
+        let same_meshes = same_meshes(before, after);
+        let meshes = before.meshes.len() != after.meshes.len() || same_meshes.contains(&false);
+        let geometry = meshes || before.instances != after.instances;
         let materials = before.materials != after.materials
             || before.textures != after.textures
             || before.images != after.images;
         let lights = before.lights != after.lights || before.environment != after.environment;
         // A material decides how its instances are drawn, and so in which order.
         let mesh_and_material = |one: &Instance| (one.mesh, one.material);
-        let topology = materials
-            || before.meshes != after.meshes
-            || !before
-                .instances
-                .iter()
-                .map(mesh_and_material)
-                .eq(after.instances.iter().map(mesh_and_material));
+        let [old, new] = [before, after].map(|one| one.instances.iter().map(mesh_and_material));
+        let instances = materials || !old.eq(new);
+        let topology = meshes || instances;
         let texels = before.environment.as_ref().map(|one| &one.image)
             != after.environment.as_ref().map(|one| &one.image);
         if !(geometry || materials || lights) {
             return Ok(());
         }
         let versions = self.versions;
+        let mut placements = std::mem::take(&mut self.placements);
         let environment = before.environment != after.environment;
         if geometry && !topology && !environment && self.move_instances(gpu, before, after) {
             self.lights = after.lights.clone();
         } else if geometry || materials || environment {
-            let kept = self.rays.take().filter(|_| before.meshes == after.meshes);
+            let kept = self.rays.take().filter(|_| !meshes);
             *self = Self::upload(gpu, after, self.use_of, kept)?;
         } else {
             self.lights = after.lights.clone();
         }
         let grown = |count: u64, changed: bool| count + u64::from(changed);
+        let version = grown(versions.geometry, geometry);
+        if instances {
+            placements.clear();
+        }
+        self.placements = moved(placements, after, &same_meshes, version);
+        // Emitters move with their instances.
+        let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;
+        let mut placed = self.placements.iter().zip(&after.instances);
+        let emitters = geometry && placed.any(|(at, one)| at.moved == version && is_emitting(one));
         self.versions = Versions {
-            geometry: grown(versions.geometry, geometry),
+            geometry: version,
             materials: grown(versions.materials, materials),
-            // Emitters move with their instances.
-            lights: grown(versions.lights, lights || geometry || materials),
+            lights: grown(versions.lights, lights || instances || emitters),
             environment: grown(versions.environment, texels),
             topology: grown(versions.topology, topology),
+            instances: grown(versions.instances, instances),
         };
         Ok(())
     }
@@ -520,11 +536,20 @@ impl GpuScene {
 
     /// Makes every map out of date, as if everything had changed.
     pub fn invalidate(&mut self) {
-        self.versions.geometry += 1;
+        self.invalidate_geometry();
         self.versions.materials += 1;
         self.versions.lights += 1;
         self.versions.environment += 1;
         self.versions.topology += 1;
+        self.versions.instances += 1;
+    }
+
+    /// As if every instance had moved.
+    pub fn invalidate_geometry(&mut self) {
+        self.versions.geometry += 1;
+        for placement in &mut self.placements {
+            placement.moved = self.versions.geometry;
+        }
     }
 
     /// Length of the scene's diagonal (m), positive even for an empty scene.

@@ -2,12 +2,58 @@
 
 use std::mem::offset_of;
 
+use glam::Mat4;
 use gpugi_scene::{Bounds, Scene};
 
 use super::emitters::emitters;
 use super::rows::is_mirrored;
 use super::{GpuScene, Use, gpu};
 use crate::gpu::Gpu;
+
+/// Where an instance is, and since when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    /// World space from the mesh's own.
+    pub world_from_mesh: Mat4,
+    /// [`super::Versions::geometry`] since which it is there, with the same mesh.
+    pub moved: u64,
+    /// [`super::Versions::geometry`] since which it has the same mesh.
+    pub bent: u64,
+}
+
+/// Where instances are when a scene begins.
+pub(super) fn placements(scene: &Scene) -> Vec<Placement> {
+    moved(Vec::new(), scene, &[], 1)
+}
+
+/// Where instances are in `scene`, at `version` of its geometry: `before` has what they were, `same_meshes` says which meshes are as before.
+pub(super) fn moved(
+    before: Vec<Placement>,
+    scene: &Scene,
+    same_meshes: &[bool],
+    version: u64,
+) -> Vec<Placement> {
+    let instances = scene.instances.iter().enumerate();
+    let placements = instances.map(|(index, instance)| {
+        let world_from_mesh = instance.world_from_mesh;
+        let before = before.get(index).filter(|_| same_meshes[instance.mesh]);
+        let is_there = |one: &&Placement| one.world_from_mesh == world_from_mesh;
+        Placement {
+            world_from_mesh,
+            moved: before.filter(is_there).map_or(version, |one| one.moved),
+            bent: before.map_or(version, |one| one.bent),
+        }
+    });
+    placements.collect()
+}
+
+/// Which meshes of `after` are as in `before`.
+pub(super) fn same_meshes(before: &Scene, after: &Scene) -> Vec<bool> {
+    let meshes = after.meshes.iter().enumerate();
+    meshes
+        .map(|(index, mesh)| before.meshes.get(index) == Some(mesh))
+        .collect()
+}
 
 impl GpuScene {
     /// Moves instances to where `after` has them. False, and nothing done, when they differ in more than their places.
