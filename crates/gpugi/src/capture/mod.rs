@@ -15,6 +15,8 @@ pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
 
+use std::ops::Range;
+
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
@@ -30,7 +32,7 @@ pub const SURFACE_POINT_BYTES: u64 = 48;
 pub struct SurfacePoints {
     /// Packed points, row by row.
     pub points: wgpu::Buffer,
-    /// `View` uniform.
+    /// `View` uniform, which says where in the buffer the points are.
     pub view: wgpu::Buffer,
     /// Number of points.
     pub count: u32,
@@ -88,6 +90,7 @@ pub struct PerTarget<T> {
 #[derive(Debug)]
 struct Kept<T> {
     points: wgpu::Buffer,
+    view: wgpu::Buffer,
     target: wgpu::Buffer,
     /// Number of the call that asked for it last.
     asked: u64,
@@ -120,12 +123,15 @@ impl<T> PerTarget<T> {
         self.calls += 1;
         let now = self.calls;
         self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
-        let is_this = |one: &Kept<T>| one.points == points.points && one.target == target.radiance;
+        let is_this = |one: &Kept<T>| {
+            one.points == points.points && one.view == points.view && one.target == target.radiance
+        };
         let index = match self.kept.iter().position(is_this) {
             Some(index) => index,
             None => {
                 self.kept.push(Kept {
                     points: points.points.clone(),
+                    view: points.view.clone(),
                     target: target.radiance.clone(),
                     asked: now,
                     made: make()?,
@@ -204,9 +210,60 @@ pub struct Capture {
     depth: wgpu::TextureView,
     kernels: CaptureKernels,
     faces: Vec<Face>,
-    resolve_seen: wgpu::BindGroup,
+    all: Faces,
     /// The scene's merged vertices, which are others after a change of the scene, and the bind group with them.
     resolve_hits: Option<(wgpu::Buffer, wgpu::BindGroup)>,
+}
+
+/// Faces of a capture that are captured, and lit, without the others.
+#[derive(Debug, Clone)]
+pub struct Faces {
+    /// Their points, in the buffer of all.
+    pub points: SurfacePoints,
+    /// Their numbers.
+    range: Range<u32>,
+    /// Rows of each.
+    height: u32,
+    resolve_seen: wgpu::BindGroup,
+}
+
+impl Faces {
+    fn new(
+        gpu: &Gpu,
+        kernels: &CaptureKernels,
+        points: wgpu::Buffer,
+        range: Range<u32>,
+        size: [u32; 2],
+    ) -> Result<Self, GpuError> {
+        let uniform = std::mem::size_of::<ViewUniform>() as u64;
+        let points = SurfacePoints {
+            points,
+            view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
+            count: range.len() as u32 * size[0] * size[1],
+        };
+        Ok(Self {
+            resolve_seen: points.bind(gpu, &kernels.resolve)?,
+            points,
+            range,
+            height: size[1],
+        })
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> u32 {
+        self.range.len() as u32
+    }
+
+    /// Says how their points are seen.
+    pub(crate) fn look(&self, gpu: &Gpu, view: &ViewUniform) {
+        let view = ViewUniform {
+            first_row: self.range.start * self.height,
+            height: self.range.end * self.height,
+            ..*view
+        };
+        gpu.queue
+            .write_buffer(&self.points.view, 0, bytemuck::bytes_of(&view));
+    }
 }
 
 /// Where the matrix of one face lies: of an image's only one, or of a cube's six.
@@ -282,24 +339,16 @@ impl Capture {
             wgpu::TextureFormat::Depth32Float,
             wgpu::TextureUsages::empty(),
         )?;
-        let count = size[0] * size[1];
-        let points = SurfacePoints {
-            points: gpu.buffer(
-                "surface points [bytes]",
-                u64::from(count) * SURFACE_POINT_BYTES,
-                wgpu::BufferUsages::STORAGE,
-            )?,
-            view: gpu.buffer(
-                "view",
-                std::mem::size_of::<ViewUniform>() as u64,
-                wgpu::BufferUsages::UNIFORM,
-            )?,
-            count,
-        };
+        let points = gpu.buffer(
+            "surface points [bytes]",
+            u64::from(size[0] * size[1]) * SURFACE_POINT_BYTES,
+            wgpu::BufferUsages::STORAGE,
+        )?;
         let hits_view = hits.create_view(&Default::default());
-        let resolve_seen = points.bind(gpu, &kernels.resolve)?;
+        let face = [size[0], size[1] / faces];
+        let all = Faces::new(gpu, kernels, points, 0..faces, face)?;
         Ok(Self {
-            points,
+            points: all.points.clone(),
             hits,
             size,
             hits_view,
@@ -308,7 +357,7 @@ impl Capture {
             faces: (0..faces)
                 .map(|_| Face::new(gpu, kernels))
                 .collect::<Result<_, _>>()?,
-            resolve_seen,
+            all,
             resolve_hits: None,
         })
     }
@@ -329,8 +378,8 @@ impl Capture {
         view: &View,
         class_of: impl Fn(&Draw) -> DrawClass,
     ) -> Result<(), GpuError> {
-        let matrices = [view.clip_from_world];
-        self.draw(frame, scene, &view.uniform, &matrices, |draw| {
+        let (matrices, all) = ([view.clip_from_world], self.all_faces());
+        self.draw(frame, scene, &view.uniform, &matrices, &all, |draw| {
             Some(class_of(draw))
         })
     }
@@ -346,7 +395,41 @@ impl Capture {
         view: &CubeView,
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) -> Result<(), GpuError> {
-        self.draw(frame, scene, &view.uniform, &view.clip_from_world, class_of)
+        self.record_faces(frame, scene, view, &self.all_faces(), class_of)
+    }
+
+    /// Captures what some faces of a cube see; the points of the others stay as they are.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record_faces(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &CubeView,
+        faces: &Faces,
+        class_of: impl Fn(&Draw) -> Option<DrawClass>,
+    ) -> Result<(), GpuError> {
+        let matrices = &view.clip_from_world;
+        self.draw(frame, scene, &view.uniform, matrices, faces, class_of)
+    }
+
+    /// All faces.
+    pub fn all_faces(&self) -> Faces {
+        self.all.clone()
+    }
+
+    /// Faces of a cube that are captured together, by their numbers.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn faces(&self, gpu: &Gpu, range: Range<u32>) -> Result<Faces, GpuError> {
+        if range == self.all.range {
+            return Ok(self.all_faces());
+        }
+        let points = self.points.points.clone();
+        let face = [self.size[0], self.all.height];
+        Faces::new(gpu, &self.kernels, points, range, face)
     }
 
     /// The bind group with the hits and what they are hits of.
@@ -371,15 +454,20 @@ impl Capture {
         scene: &GpuScene,
         view: &ViewUniform,
         matrices: &[Mat4],
+        drawn: &Faces,
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) -> Result<(), GpuError> {
         let hits = self.hits_of(frame.gpu, scene)?;
         let queue = &frame.gpu.queue;
-        queue.write_buffer(&self.points.view, 0, bytemuck::bytes_of(view));
+        drawn.look(frame.gpu, view);
+        let faces = || {
+            let all = (0..).zip(self.faces.iter().zip(matrices));
+            all.filter(|(number, _)| drawn.range.contains(number))
+        };
         let seed = view
             .seed
             .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
-        for (face, matrix) in self.faces.iter().zip(matrices) {
+        for (_, (face, matrix)) in faces() {
             let mut words = [0.0_f32; 20];
             words[..16].copy_from_slice(&matrix.to_cols_array());
             words[16] = f32::from_bits(seed);
@@ -389,9 +477,9 @@ impl Capture {
             pass.set_bind_group(0, &scene.bind_group, &[]);
             pass.set_vertex_buffer(0, scene.vertices.slice(..));
             pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-            let [width, height] = [self.size[0], self.size[1] / self.faces.len() as u32];
-            for (number, (face, matrix)) in self.faces.iter().zip(matrices).enumerate() {
-                let top = number as u32 * height;
+            let [width, height] = [self.size[0], drawn.height];
+            for (number, (face, matrix)) in faces() {
+                let top = number * height;
                 pass.set_viewport(0.0, top as f32, width as f32, height as f32, 0.0, 1.0);
                 pass.set_scissor_rect(0, top, width, height);
                 let planes = frustum_planes(matrix);
@@ -420,8 +508,8 @@ impl Capture {
         frame.compute("capture.resolve", |pass| {
             self.kernels.resolve.dispatch(
                 pass,
-                &[(0, &scene.bind_group), (1, &self.resolve_seen), (3, &hits)],
-                [self.size[0], self.size[1], 1],
+                &[(0, &scene.bind_group), (1, &drawn.resolve_seen), (3, &hits)],
+                [self.size[0], drawn.count() * drawn.height, 1],
             );
         });
         Ok(())
@@ -451,8 +539,8 @@ fn visible_ranges<K: PartialEq + Copy>(
     draws: &[Draw],
     planes: &[Vec4; 6],
     kind: impl Fn(&Draw) -> K,
-) -> Vec<(K, std::ops::Range<u32>)> {
-    let mut ranges: Vec<(K, std::ops::Range<u32>)> = Vec::new();
+) -> Vec<(K, Range<u32>)> {
+    let mut ranges: Vec<(K, Range<u32>)> = Vec::new();
     for draw in draws.iter().filter(|draw| is_visible(&draw.bounds, planes)) {
         let kind = kind(draw);
         match ranges.last_mut() {

@@ -21,7 +21,7 @@ pub struct ViewUniform {
     pub direction_dx: [f32; 3],
     pub faces: u32,
     pub direction_dy: [f32; 3],
-    pub padding: u32,
+    pub first_row: u32,
 }
 
 /// A camera for an image of a size: the rays of its pixels and the matrix that rasterizes for them.
@@ -101,7 +101,7 @@ impl View {
                 direction_dx: direction_dx.to_array(),
                 faces: 1,
                 direction_dy: direction_dy.to_array(),
-                padding: 0,
+                first_row: 0,
             },
             clip_from_world: shift * clip_from_view * view_from_world,
             world_from_view: camera.world_from_view,
@@ -138,7 +138,7 @@ impl CubeView {
                 direction_dx: zero,
                 faces: 6,
                 direction_dy: zero,
-                padding: 0,
+                first_row: 0,
             },
             clip_from_world: faces.map(|face| face.clip_from_world),
         }

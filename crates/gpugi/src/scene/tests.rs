@@ -67,7 +67,7 @@ fn uniforms_and_storage_structs_have_one_layout() {
         environment_intensity diagonal bvh_start padding_0 padding_1);
     assert_eq!(reflected(&shader!("scene.bindings"), "SceneHeader"), header);
     let view = layout!(ViewUniform: origin width origin_dx height origin_dy sample_index direction seed direction_dx
-        faces direction_dy padding);
+        faces direction_dy first_row);
     for shader in [
         shader!("capture.resolve"),
         shader!("capture.emission"),
