@@ -14,4 +14,5 @@ pub struct Impostor {
     pub bounces: u32,
     pub is_refracting: u32,
     pub is_classical: u32,
+    pub world_from_shape: [f32; 4],
 }

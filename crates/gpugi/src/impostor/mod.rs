@@ -4,15 +4,23 @@
 //! Techniques that ask for the same maps get the same; each adds what it needs for itself, such as their radiance.
 
 pub(crate) mod gpu;
+mod renewal;
+mod shape;
+#[cfg(test)]
+mod tests;
 
-use glam::Vec3;
+pub use renewal::{Renew, Renewal};
+
+use glam::{Quat, Vec3};
 use wgpu::BindingResource::{Sampler, TextureView};
 
 use crate::capture::distance_pyramid::DistancePyramid;
-use crate::capture::{Capture, CaptureKernels, CubeView, SurfacePoints};
+use crate::capture::{Capture, CaptureKernels, CubeView, Faces, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
+use renewal::{Begun, Due, Made};
+use shape::Shaped;
 
 /// The nearest that a cube sees, as a part of the scene's diagonal.
 const NEAR: f32 = 1e-4;
@@ -28,6 +36,8 @@ pub struct Wanted {
     pub shape_side: Option<u32>,
     /// Where the cube is captured from (m): the object's middle if not said.
     pub reference: Option<Vec3>,
+    /// When they are renewed.
+    pub renewal: Renewal,
 }
 
 /// The maps of one object.
@@ -37,8 +47,14 @@ pub struct Maps {
     pub reference: Vec3,
     /// The object's middle (m).
     pub center: Vec3,
+    /// How the object turned since its shape was captured.
+    pub world_from_shape: Quat,
     /// What the reference point sees: six faces below each other.
     pub points: SurfacePoints,
+    /// The same, as many faces as are renewed in one turn.
+    pub turns: Vec<SurfacePoints>,
+    /// What is to be lit anew in this frame: all faces, those of one turn, or none.
+    pub renewed: Option<SurfacePoints>,
     /// How far that is (m).
     pub distances: wgpu::Texture,
     /// Of a refractor: its outward normals.
@@ -165,17 +181,18 @@ struct Kept {
     pyramid: DistancePyramid,
     shape_pyramid: DistancePyramid,
     stored: wgpu::BindGroup,
-    captured: Option<Captured>,
-    shaped: Option<(u64, u64)>,
-    asked: u64,
+    begun: Option<Begun>,
+    turns: Vec<Turn>,
+    shaped: Option<Shaped>,
+    /// The frame in which somebody asked last.
+    asked: Option<u64>,
 }
 
-/// What the surroundings were captured of.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Captured {
-    /// Places, materials, and the settings of techniques, which decide what cameras see whole.
-    versions: [u64; 3],
-    seed: u32,
+/// Faces that are renewed together.
+#[derive(Debug)]
+struct Turn {
+    faces: Faces,
+    captured: Option<Made>,
 }
 
 impl Impostors {
@@ -207,11 +224,12 @@ impl Impostors {
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let now = self.frame;
-        self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
+        let last = |one: &Kept| one.asked.unwrap_or(now);
+        self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
     }
 
-    /// The maps wanted, brought up to date: `settings_version` as in [`crate::techniques::Lit`]; `seed` decides what chance decides in cubes, another
-    /// one captures them anew.
+    /// The maps wanted, brought up to date as far as [`Wanted::renewal`] says, once a frame: `settings_version` as in [`crate::techniques::Lit`]; `seed`
+    /// decides what chance decides in cubes.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -231,29 +249,28 @@ impl Impostors {
             }
         };
         let kept = &mut self.kept[index];
-        kept.asked = self.frame;
-        let versions = scene.versions;
-        let captured = Captured {
-            versions: [versions.geometry, versions.materials, settings_version],
+        if kept.asked == Some(self.frame) {
+            return Ok(&kept.maps);
+        }
+        kept.asked = Some(self.frame);
+        kept.maps.renewed = None;
+        let now = Made {
+            versions: scene.versions,
+            settings: settings_version,
             seed,
         };
-        let draws = &scene.draws;
-        if kept.captured != Some(captured)
-            && let Some(draw) = draws.iter().find(|draw| draw.instance == wanted.instance)
+        let own = wanted.instance;
+        let mut draws = scene.draws.iter();
+        if !wanted.renewal.is_settled(kept.begun.as_ref(), &now)
+            && let Some(draw) = draws.find(|draw| draw.instance == own)
         {
-            let center = draw.bounds.center();
-            kept.maps.center = center;
-            kept.maps.reference = wanted.reference.unwrap_or(center);
-            let near = scene.diagonal() * NEAR;
-            // Normal maps and alpha shape it, too.
-            let shaped = Some((versions.geometry, versions.materials));
-            if wanted.shape_side.is_some() && kept.shaped != shaped {
-                let own = wanted.instance;
-                kept.capture_shape(frame, scene, &self.capture, &self.store_shape, near, own)?;
-                kept.shaped = shaped;
+            let placement = &scene.placements[own as usize];
+            let middle = draw.mesh_bounds.center();
+            kept.maps.center = placement.world_from_mesh.transform_point3(middle);
+            if wanted.shape_side.is_some() {
+                kept.follow_shape(frame, scene, &self.capture, &self.store_shape, draw)?;
             }
-            kept.capture_surroundings(frame, scene, &self.store_surroundings, near, seed)?;
-            kept.captured = Some(captured);
+            kept.renew(frame, scene, &self.store_surroundings, now, self.frame)?;
         }
         Ok(&kept.maps)
     }
@@ -275,6 +292,14 @@ impl Impostors {
         let shape_pyramid = DistancePyramid::new(gpu, &shape)?;
         let shape_normals = normals(shape_side)?;
         let capture = Capture::of_cube(gpu, &self.capture, wanted.side)?;
+        let turns = (0..wanted.renewal.turns()).map(|turn| {
+            let faces = capture.faces(gpu, wanted.renewal.faces_of(turn))?;
+            Ok(Turn {
+                faces,
+                captured: None,
+            })
+        });
+        let turns = turns.collect::<Result<Vec<_>, GpuError>>()?;
         let view = layers(&surroundings);
         let unread = layers(&normals(least)?);
         let resources = [
@@ -286,7 +311,10 @@ impl Impostors {
             maps: Maps {
                 reference: Vec3::ZERO,
                 center: Vec3::ZERO,
+                world_from_shape: Quat::IDENTITY,
                 points: capture.points.clone(),
+                turns: turns.iter().map(|turn| turn.faces.points.clone()).collect(),
+                renewed: None,
                 distances: surroundings.clone(),
                 normals: wanted.shape_side.is_some().then(|| shape_normals.clone()),
                 surroundings: DistanceCube {
@@ -303,67 +331,97 @@ impl Impostors {
             capture,
             pyramid,
             shape_pyramid,
-            captured: None,
+            begun: None,
+            turns,
             shaped: None,
-            asked: self.frame,
+            asked: None,
         })
     }
 }
 
 impl Kept {
-    fn capture_surroundings(
+    /// Captures the surroundings again as far as that is due.
+    fn renew(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         store: &Kernel,
-        near: f32,
+        now: Made,
+        number: u64,
+    ) -> Result<(), GpuError> {
+        let Wanted {
+            instance,
+            reference,
+            renewal,
+            ..
+        } = self.wanted;
+        let (own, center) = (instance as usize, self.maps.center);
+        let due = renewal.due(
+            self.begun.as_ref(),
+            now,
+            number,
+            (own, center),
+            &scene.placements,
+            reference.is_some(),
+        );
+        let Some((due, begun)) = due else {
+            return Ok(());
+        };
+        match due {
+            Due::All => {
+                self.maps.reference = reference.unwrap_or(center);
+                let faces = self.capture.all_faces();
+                self.capture_faces(frame, scene, store, &faces, now.seed)?;
+                for turn in &mut self.turns {
+                    turn.captured = Some(now);
+                }
+                self.maps.renewed = Some(faces.points);
+            }
+            Due::Turn(index) => {
+                let turn = &self.turns[index];
+                let faces = turn.faces.clone();
+                let captured = turn.captured;
+                if !captured.is_some_and(|it| it.shows(&now, own, &scene.placements)) {
+                    self.capture_faces(frame, scene, store, &faces, now.seed)?;
+                    self.turns[index].captured = Some(now);
+                }
+                self.maps.renewed = Some(faces.points);
+            }
+        }
+        self.begun = Some(begun);
+        Ok(())
+    }
+
+    fn capture_faces(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        store: &Kernel,
+        faces: &Faces,
         seed: u32,
     ) -> Result<(), GpuError> {
-        let (own, side) = (self.wanted.instance, self.wanted.side);
-        let view = CubeView::new(self.maps.reference, side, near, 0, seed);
-        self.capture.record_cube(frame, scene, &view, |draw| {
-            (draw.instance != own).then_some(seen_from_outside(draw))
-        })?;
-        let points = self.capture.points.bind(frame.gpu, store)?;
+        let (gpu, own, side) = (frame.gpu, self.wanted.instance, self.wanted.side);
+        let view = CubeView::new(self.maps.reference, side, near(scene), 0, seed);
+        // From now on turns look from here, too, also those that only light what was captured.
+        for turn in &self.turns {
+            turn.faces.look(gpu, &view.uniform);
+        }
+        let class_of = |draw: &Draw| (draw.instance != own).then_some(seen_from_outside(draw));
+        self.capture
+            .record_faces(frame, scene, &view, faces, class_of)?;
+        let points = faces.points.bind(gpu, store)?;
         frame.compute("impostor.store", |pass| {
             let groups = [(0, &scene.bind_group), (1, &points), (3, &self.stored)];
-            store.dispatch(pass, &groups, [side, side, 6]);
+            store.dispatch(pass, &groups, [side, side, faces.count()]);
         });
         self.pyramid.record(frame);
         Ok(())
     }
+}
 
-    fn capture_shape(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &CaptureKernels,
-        store: &Kernel,
-        near: f32,
-        own: u32,
-    ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let side = self.maps.shape_normals.width();
-        let mut capture = Capture::of_cube(gpu, kernels, side)?;
-        let view = CubeView::new(self.maps.center, side, near, 0, 0);
-        capture.record_cube(frame, scene, &view, |draw| {
-            (draw.instance == own).then(|| scene.whole_class(draw).from_both_sides())
-        })?;
-        let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
-        let [distances, normals] = [distances, normals].map(layers);
-        let resources = [
-            ("distances", TextureView(&distances)),
-            ("normals", TextureView(&normals)),
-        ];
-        let stored = store.bind(gpu, 3, &resources)?;
-        let points = capture.points.bind(gpu, store)?;
-        frame.compute("impostor.store", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &points), (3, &stored)];
-            store.dispatch(pass, &groups, [side, side, 6]);
-        });
-        self.shape_pyramid.record(frame);
-        Ok(())
-    }
+/// The nearest that a cube sees (m).
+fn near(scene: &GpuScene) -> f32 {
+    scene.diagonal() * NEAR
 }
 
 /// How a cube sees a thing: other glass from outside alone, because the reference point may lie in it.

@@ -467,21 +467,27 @@ impl GpuScene {
             return Ok(());
         }
         let versions = self.versions;
-        let mut placements = std::mem::take(&mut self.placements);
         let environment = before.environment != after.environment;
         if geometry && !topology && !environment && self.move_instances(gpu, before, after) {
             self.lights = after.lights.clone();
         } else if geometry || materials || environment {
             let kept = self.rays.take().filter(|_| !meshes);
-            *self = Self::upload(gpu, after, self.use_of, kept)?;
+            let uploaded = Self::upload(gpu, after, self.use_of, kept)?;
+            *self = Self {
+                placements: std::mem::take(&mut self.placements),
+                claims: std::mem::take(&mut self.claims),
+                ..uploaded
+            };
         } else {
             self.lights = after.lights.clone();
         }
         let grown = |count: u64, changed: bool| count + u64::from(changed);
         let version = grown(versions.geometry, geometry);
         if instances {
-            placements.clear();
+            self.placements.clear();
+            self.claims = vec![Claims::NONE; after.instances.len()];
         }
+        let placements = std::mem::take(&mut self.placements);
         self.placements = moved(placements, after, &same_meshes, version);
         // Emitters move with their instances.
         let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;

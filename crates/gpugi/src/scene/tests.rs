@@ -134,7 +134,8 @@ fn uniforms_and_storage_structs_have_one_layout() {
     let lookup = layout!(LookupSettings: irradiance phong_cosine last_level approximate_metals);
     let gather = shader!("techniques.environment_map.gather");
     assert_eq!(reflected(&gather, "LookupSettings"), lookup);
-    let impostor = layout!(Impostor: reference instance center search iterations bounces is_refracting is_classical);
+    let impostor = layout!(Impostor: reference instance center search iterations bounces is_refracting is_classical
+        world_from_shape);
     let gather = shader!("techniques.distance_impostor.gather");
     assert_eq!(reflected(&gather, "Impostor"), impostor);
 }

@@ -194,6 +194,10 @@ fn settings_that_cannot_work_are_refused() {
         ("reference", "middle"),
         ("search", "linear"),
         ("bounces", "17"),
+        ("renew", "0"),
+        ("renew", "often"),
+        ("threshold", "-1"),
+        ("faces-per-frame", "7"),
     ] {
         let refused = renderer.set("distance-impostor", name, value);
         assert!(

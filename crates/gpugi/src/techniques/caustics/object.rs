@@ -7,7 +7,7 @@ use super::lights::LightView;
 use super::{Kernels, Settings};
 use crate::capture::{Capture, CaptureKernels, SurfacePoints, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::impostor::{Impostors, Maps, Wanted, gpu as impostor_gpu};
+use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::scene::{GpuScene, Object};
 use crate::techniques::shadow_map::gpu::LightSample;
 use crate::techniques::shadow_map::lights::low_discrepancy;
@@ -110,6 +110,7 @@ impl Caustic {
                 side,
                 shape_side: is_refracting.then_some(settings.shape_resolution),
                 reference: None,
+                renewal: Renewal::default(),
             },
             bounces: settings.bounces,
             photons,
@@ -170,6 +171,7 @@ impl Caustic {
             bounces: self.bounces,
             is_refracting: u32::from(self.wanted.shape_side.is_some()),
             is_classical: 0,
+            world_from_shape: maps.world_from_shape.to_array(),
         };
         queue.write_buffer(&self.of_object, 0, bytemuck::bytes_of(&of_object));
         let lit_cube = LitCube {

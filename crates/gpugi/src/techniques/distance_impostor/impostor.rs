@@ -3,10 +3,10 @@
 use wgpu::BindingResource::TextureView;
 
 use super::{Search, Settings};
-use crate::capture::{SurfacePoints, Target};
+use crate::capture::{PerTarget, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Maps, Wanted, cube, cube_texture, gpu, layers_of_level};
-use crate::scene::{GpuScene, Object, Versions};
+use crate::scene::{GpuScene, Object};
 use crate::shader;
 use crate::techniques::Lit;
 
@@ -63,16 +63,23 @@ pub struct Impostor {
     coarser: Vec<(wgpu::BindGroup, u32)>,
     target: Target,
     uniform: wgpu::Buffer,
+    /// What the uniform holds.
+    written: Option<gpu::Impostor>,
     maps: Option<Bound>,
-    /// What the light was captured of: the scene, and the settings of techniques.
-    pub captured: Option<(Versions, u64)>,
+    seen: PerTarget<wgpu::BindGroup>,
+    /// Whether all of the cube holds light.
+    pub is_lit: bool,
+    /// The faces to be lit in this frame.
+    pub due: Option<SurfacePoints>,
+    /// The turn in which faces are lit once more, after others that they show.
+    pub next_turn: usize,
 }
 
 /// The maps around the object, and what reads them.
 #[derive(Debug)]
 struct Bound {
     maps: Maps,
-    stored: [wgpu::BindGroup; 2],
+    stored: wgpu::BindGroup,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
 }
@@ -120,27 +127,31 @@ impl Impostor {
                 side,
                 shape_side: is_refracting.then_some(settings.shape_resolution),
                 reference: settings.reference.0,
+                renewal: settings.renewal(),
             },
             is_smooth: object.is_smooth,
             radiance,
             coarser,
             target: Target::new(gpu, 6 * side * side)?,
             uniform,
+            written: None,
             maps: None,
-            captured: None,
+            seen: PerTarget::default(),
+            is_lit: false,
+            due: None,
+            next_turn: usize::MAX,
         })
     }
 
-    /// Captures what has changed. `add_others`: the light of other impostors on their objects.
+    /// Follows the object, and captures its surroundings as far as that is due.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn generate(
+    pub fn follow(
         &mut self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
         lit: &mut Lit<'_>,
-        add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Making {
             scene,
@@ -148,33 +159,20 @@ impl Impostor {
             settings,
             seed,
         } = making;
-        self.captured = Some((scene.versions, lit.version));
         let gpu = frame.gpu;
         let maps = lit
             .impostors
             .of(frame, scene, self.wanted, lit.version, seed)?
             .clone();
+        self.due = if self.is_lit {
+            maps.renewed.clone()
+        } else {
+            Some(maps.points.clone())
+        };
         let bound = match self.maps.take() {
             Some(bound) if bound.maps.is_same(&maps) => Bound { maps, ..bound },
             _ => self.bind(gpu, kernels, maps)?,
         };
-        let points = &bound.maps.points;
-        lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
-        add_others(frame, points, &self.target)?;
-        frame.compute("distance-impostor.store", |pass| {
-            let [seen, stored] = &bound.stored;
-            let groups = [(0, &scene.bind_group), (1, seen), (3, stored)];
-            let side = self.wanted.side;
-            kernels.store.dispatch(pass, &groups, [side, side, 6]);
-        });
-        if !self.coarser.is_empty() {
-            frame.compute("distance-impostor.levels", |pass| {
-                for (group, side) in &self.coarser {
-                    let invocations = [*side, *side, 6];
-                    kernels.coarser.dispatch(pass, &[(3, group)], invocations);
-                }
-            });
-        }
         let uniform = gpu::Impostor {
             reference: bound.maps.reference.to_array(),
             instance: self.wanted.instance,
@@ -184,10 +182,67 @@ impl Impostor {
             bounces: settings.bounces,
             is_refracting: u32::from(self.wanted.shape_side.is_some() && settings.bounces > 0),
             is_classical: u32::from(settings.search == Search::None),
+            world_from_shape: bound.maps.world_from_shape.to_array(),
         };
-        gpu.queue
-            .write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        if self.written != Some(uniform) {
+            gpu.queue
+                .write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+            self.written = Some(uniform);
+        }
         self.maps = Some(bound);
+        Ok(())
+    }
+
+    /// Whether no more than one of several turns is due.
+    pub fn is_in_turn(&self) -> bool {
+        let count = 6 * self.wanted.side * self.wanted.side;
+        self.due.as_ref().is_some_and(|due| due.count < count)
+    }
+
+    /// Makes the faces of the next turn due once more, until all were.
+    pub fn once_more(&mut self) {
+        let turns = self.maps.as_ref().map(|bound| &bound.maps.turns);
+        self.due = turns.and_then(|turns| turns.get(self.next_turn)).cloned();
+        self.next_turn = self.next_turn.saturating_add(1);
+    }
+
+    /// Lights the faces that are due. `add_others`: the light of other impostors on their objects.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn light(
+        &mut self,
+        frame: &mut Frame<'_>,
+        making: Making<'_>,
+        lit: &mut Lit<'_>,
+        add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
+    ) -> Result<(), GpuError> {
+        let Making { scene, kernels, .. } = making;
+        let (Some(points), Some(bound)) = (&self.due, &self.maps) else {
+            return Ok(());
+        };
+        let gpu = frame.gpu;
+        lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
+        add_others(frame, points, &self.target)?;
+        let seen = self.seen.of(points, &self.target, || {
+            let seen = [("seen", points.view.as_entire_binding())];
+            kernels.store.bind(gpu, 1, &seen)
+        })?;
+        frame.compute("distance-impostor.store", |pass| {
+            let groups = [(0, &scene.bind_group), (1, seen), (3, &bound.stored)];
+            let side = self.wanted.side;
+            let faces = points.count / (side * side);
+            kernels.store.dispatch(pass, &groups, [side, side, faces]);
+        });
+        if !self.coarser.is_empty() {
+            frame.compute("distance-impostor.levels", |pass| {
+                for (group, side) in &self.coarser {
+                    let invocations = [*side, *side, 6];
+                    kernels.coarser.dispatch(pass, &[(3, group)], invocations);
+                }
+            });
+        }
+        self.is_lit = true;
         Ok(())
     }
 
@@ -197,12 +252,8 @@ impl Impostor {
             ("radiance", self.target.radiance.as_entire_binding()),
             ("stored", TextureView(&finest)),
         ];
-        let seen = [("seen", maps.points.view.as_entire_binding())];
         Ok(Bound {
-            stored: [
-                kernels.store.bind(gpu, 1, &seen)?,
-                kernels.store.bind(gpu, 3, &stored)?,
-            ],
+            stored: kernels.store.bind(gpu, 3, &stored)?,
             group: maps.bind(
                 gpu,
                 &kernels.gather,

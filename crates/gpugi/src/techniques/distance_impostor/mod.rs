@@ -14,8 +14,9 @@ use serde::{Deserialize, Serialize};
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Object};
+use crate::scene::{Claims, GpuScene, Object, Versions};
 use impostor::{Impostor, Kernels, Making};
 
 /// What distance impostors say of themselves.
@@ -88,6 +89,36 @@ impl From<Reference> for String {
     }
 }
 
+/// `changed`, `every-frame`, or a number of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Often(pub Renew);
+
+impl TryFrom<String> for Often {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        match text.as_str() {
+            "changed" => Ok(Self(Renew::Changed(1))),
+            "every-frame" => Ok(Self(Renew::EveryFrame)),
+            number => match number.parse() {
+                Ok(frames) if frames > 0 => Ok(Self(Renew::Changed(frames))),
+                _ => Err("changed, every-frame, or a number of frames from 1 on".into()),
+            },
+        }
+    }
+}
+
+impl From<Often> for String {
+    fn from(often: Often) -> Self {
+        match often.0 {
+            Renew::EveryFrame => "every-frame".into(),
+            Renew::Changed(1) => "changed".into(),
+            Renew::Changed(frames) => frames.to_string(),
+        }
+    }
+}
+
 /// Settings of distance impostors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -104,10 +135,24 @@ pub struct Settings {
     pub bounces: u32,
     /// Where cubes are captured from (m).
     pub reference: Reference,
-    /// Whether cubes are captured every frame, and not only when the scene changed.
-    pub every_frame: bool,
+    /// When surroundings are captured and lit anew.
+    pub renew: Often,
+    /// An object's own way that leaves its surroundings as they are, if it is less (m).
+    pub threshold: f32,
+    /// Faces of a cube that are renewed in a frame.
+    pub faces_per_frame: u32,
     /// Objects with impostors: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
     pub objects: String,
+}
+
+impl Settings {
+    fn renewal(&self) -> Renewal {
+        Renewal {
+            renew: self.renew.0,
+            threshold: self.threshold,
+            faces: self.faces_per_frame,
+        }
+    }
 }
 
 impl Default for Settings {
@@ -119,7 +164,9 @@ impl Default for Settings {
             iterations: 4,
             bounces: 4,
             reference: Reference(None),
-            every_frame: false,
+            renew: Often(Renew::Changed(1)),
+            threshold: 0.0,
+            faces_per_frame: 6,
             objects: AUTO.to_owned(),
         }
     }
@@ -157,9 +204,19 @@ const FIELDS: &[Field] = &[
         range: None,
     },
     Field {
-        name: "every-frame",
-        summary: "true or false: capture cubes every frame, not only when the scene changed",
+        name: "renew",
+        summary: "changed, every-frame, or a number: capture surroundings when something changed, at most every so many frames",
         range: None,
+    },
+    Field {
+        name: "threshold",
+        summary: "an object's own way that leaves its surroundings as they are, if it is less [m]",
+        range: Some((0.0, 1e9)),
+    },
+    Field {
+        name: "faces-per-frame",
+        summary: "faces of a cube that are renewed in a frame, the others in the next",
+        range: Some((1.0, 6.0)),
     },
     Field {
         name: "objects",
@@ -198,6 +255,8 @@ struct Made {
     settings: Settings,
     claimed: Vec<u32>,
     objects: Vec<Object>,
+    /// The scene, and the settings of techniques, at the last frame.
+    seen: Option<(Versions, u64)>,
     impostors: Vec<Impostor>,
 }
 
@@ -350,46 +409,63 @@ impl Technique for DistanceImpostor {
                 settings: self.settings.clone(),
                 claimed: self.claimed.clone(),
                 objects: of_claimed.cloned().collect(),
+                seen: None,
                 impostors,
             });
         }
-        let Some(Made { impostors, .. }) = &mut self.made else {
+        let Some(made) = &mut self.made else {
             return Ok(());
         };
-        let now = Some((scene.versions, lit.version));
-        let is_fresh = |one: &Impostor| one.captured == now;
+        let is_every_frame = self.settings.renew.0 == Renew::EveryFrame;
         // Every frame another, so that what is decided by chance changes.
-        let seed = if self.settings.every_frame {
+        let seed = if is_every_frame {
             let view = &view.uniform;
             view.seed
                 .wrapping_add(view.sample_index.wrapping_mul(0x85eb_ca6b))
         } else {
             0
         };
-        if impostors.iter().all(is_fresh) && !self.settings.every_frame {
-            return Ok(());
+        let making = Making {
+            scene,
+            kernels: &self.kernels,
+            settings: &self.settings,
+            seed,
+        };
+        let now = Some((scene.versions, lit.version));
+        let is_changed = made.seen != now;
+        made.seen = now;
+        let impostors = &mut made.impostors;
+        for impostor in &mut *impostors {
+            impostor.follow(frame, making, lit)?;
         }
-        let rounds = if impostors.len() > 1 && !impostors.iter().all(is_fresh) {
+        let are_several = impostors.len() > 1;
+        if are_several && impostors.iter().any(Impostor::is_in_turn) {
+            for impostor in &mut *impostors {
+                impostor.next_turn = 0;
+            }
+        } else if impostors.iter().all(|one| one.due.is_none()) {
+            for impostor in &mut *impostors {
+                impostor.once_more();
+            }
+        }
+        let rounds = if are_several && (is_changed || !is_every_frame) {
             ROUNDS
         } else {
             1
         };
-        for _ in 0..rounds {
+        for round in 0..rounds {
             for index in 0..impostors.len() {
                 let (before, rest) = impostors.split_at_mut(index);
                 let Some((this, after)) = rest.split_first_mut() else {
                     break;
                 };
-                let making = Making {
-                    scene,
-                    kernels: &self.kernels,
-                    settings: &self.settings,
-                    seed,
-                };
+                if round > 0 && this.is_in_turn() {
+                    continue;
+                }
                 let bound = &mut self.bound;
-                this.generate(frame, making, lit, |frame, points, target| {
+                this.light(frame, making, lit, |frame, points, target| {
                     let others = before.iter().chain(&*after);
-                    let others = others.filter(|one| one.captured.is_some());
+                    let others = others.filter(|one| one.is_lit);
                     add(frame, scene, making.kernels, bound, points, target, others)
                 })?;
             }

@@ -1,0 +1,133 @@
+//! The shape of a refractor, which it keeps as long as it only moves and turns.
+
+use glam::{DMat3, DQuat, Mat4, Quat};
+use wgpu::BindingResource::TextureView;
+
+use super::{Kept, layers, near};
+use crate::capture::{Capture, CaptureKernels, CubeView};
+use crate::gpu::{Frame, GpuError, Kernel};
+use crate::scene::{Draw, GpuScene};
+
+/// What a shape was captured of.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shaped {
+    /// The version of the geometry since which its mesh is this, and those of instances and of materials: normal maps and alpha shape it, too.
+    versions: [u64; 3],
+    world_from_mesh: Mat4,
+}
+
+impl Shaped {
+    fn new(scene: &GpuScene, draw: &Draw) -> Self {
+        let placement = &scene.placements[draw.instance as usize];
+        let versions = scene.versions;
+        Self {
+            versions: [placement.bent, versions.instances, versions.materials],
+            world_from_mesh: placement.world_from_mesh,
+        }
+    }
+
+    /// How the object turned since, if that is all that changed.
+    fn turned_to(&self, now: &Self) -> Option<Quat> {
+        (self.versions == now.versions)
+            .then(|| rotation(&self.world_from_mesh, &now.world_from_mesh))
+            .flatten()
+    }
+}
+
+/// The rotation that leads from one placement to another, if nothing else but a translation does.
+fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
+    /// What a rotation's axes may differ from orthonormal ones: less than shows in a shape's texels.
+    const TOLERANCE: f64 = 1e-4;
+    let [from, to] = [from, to].map(|one| DMat3::from_mat4(one.as_dmat4()));
+    if from == to {
+        return Some(Quat::IDENTITY);
+    }
+    let turn = to * from.inverse();
+    let off = turn.transpose() * turn - DMat3::IDENTITY;
+    let is_rigid = off.to_cols_array().iter().all(|one| one.abs() < TOLERANCE);
+    (is_rigid && turn.determinant() > 0.0).then(|| DQuat::from_mat3(&turn).normalize().as_quat())
+}
+
+impl Kept {
+    /// Brings the object's shape up to date, by turning it if that is enough.
+    pub(super) fn follow_shape(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &CaptureKernels,
+        store: &Kernel,
+        draw: &Draw,
+    ) -> Result<(), GpuError> {
+        let now = Shaped::new(scene, draw);
+        if let Some(turn) = self.shaped.and_then(|shaped| shaped.turned_to(&now)) {
+            self.maps.world_from_shape = turn;
+            return Ok(());
+        }
+        self.capture_shape(frame, scene, kernels, store, draw)?;
+        self.maps.world_from_shape = Quat::IDENTITY;
+        self.shaped = Some(now);
+        Ok(())
+    }
+
+    fn capture_shape(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &CaptureKernels,
+        store: &Kernel,
+        own: &Draw,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let side = self.maps.shape_normals.width();
+        let mut capture = Capture::of_cube(gpu, kernels, side)?;
+        let view = CubeView::new(self.maps.center, side, near(scene), 0, 0);
+        capture.record_cube(frame, scene, &view, |draw| {
+            (draw.instance == own.instance).then(|| scene.whole_class(draw).from_both_sides())
+        })?;
+        let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
+        let [distances, normals] = [distances, normals].map(layers);
+        let resources = [
+            ("distances", TextureView(&distances)),
+            ("normals", TextureView(&normals)),
+        ];
+        let stored = store.bind(gpu, 3, &resources)?;
+        let points = capture.points.bind(gpu, store)?;
+        frame.compute("impostor.store", |pass| {
+            let groups = [(0, &scene.bind_group), (1, &points), (3, &stored)];
+            store.dispatch(pass, &groups, [side, side, 6]);
+        });
+        self.shape_pyramid.record(frame);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec3, vec3};
+
+    use super::*;
+
+    #[test]
+    fn only_rigid_movements_are_rotations() {
+        let from = Mat4::from_scale_rotation_translation(
+            vec3(2.0, -0.3, 0.01),
+            Quat::from_rotation_x(0.4),
+            vec3(5.0, 1.0, 0.0),
+        );
+        let turn = Quat::from_euler(glam::EulerRot::XYZ, 1.0, 2.5, -0.7);
+        let moved = |by: Mat4| rotation(&from, &(Mat4::from_translation(Vec3::ONE) * by * from));
+        let found = moved(Mat4::from_quat(turn)).unwrap();
+        assert!(found.angle_between(turn) < 1e-3, "{found}, not {turn}");
+        assert_eq!(moved(Mat4::IDENTITY), Some(Quat::IDENTITY));
+        let shear = Mat4::from_cols_array(&[
+            1.0, 0.1, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]);
+        let mirroring = Mat4::from_scale(vec3(1.0, 1.0, -1.0));
+        for other in [shear, mirroring, Mat4::from_scale(Vec3::splat(1.01))] {
+            assert_eq!(moved(other), None, "{other}");
+        }
+        let flat = Mat4::from_scale(vec3(1.0, 0.0, 1.0));
+        assert_eq!(rotation(&flat, &flat), Some(Quat::IDENTITY));
+        assert_eq!(rotation(&flat, &from), None);
+    }
+}

@@ -1,0 +1,148 @@
+//! Maps that are kept while things move, and renewed face by face: pictures as of a renderer that is made anew.
+
+use glam::{EulerRot, Mat4, Quat, Vec3, vec3};
+use gpugi::Renderer;
+use gpugi::gpu::Gpu;
+use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
+
+use crate::common::{Picture, gpu, picture};
+use crate::scenes::{
+    add, glass, mirror, rel_mse, renderer, renderer_of, room, shining_room, with_ball,
+};
+
+fn camera() -> Camera {
+    Camera::look_at("", vec3(0.1, 0.4, 1.7), Vec3::ZERO, 0.9)
+}
+
+/// An environment of one radiance.
+fn sky(radiance: f32) -> Environment {
+    Environment {
+        image: Image {
+            name: "sky".into(),
+            width: 1,
+            height: 1,
+            pixels: Pixels::Rgba32Float(vec![radiance; 4]),
+        },
+        rotation: 0.0,
+        intensity: 1.0,
+    }
+}
+
+/// The picture after a change.
+fn after(gpu: &Gpu, renderer: &mut Renderer, before: &Scene, scene: &Scene) -> Picture {
+    renderer.update(before, scene).expect("an update");
+    picture(gpu, renderer, &camera())
+}
+
+#[test]
+fn glass_that_turns_is_as_if_captured_anew() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = with_ball(shining_room(), glass(1.3), Vec3::ZERO);
+    let index = scene.instances.len() - 1;
+    let flat = Mat4::from_scale(vec3(1.0, 0.6, 1.3));
+    scene.instances[index].world_from_mesh = flat;
+    let mut kept = renderer(&gpu, &scene, &[]);
+    let mut before = picture(&gpu, &mut kept, &camera());
+    let quarter = std::f32::consts::FRAC_PI_2;
+    // By quarters the texels of cubes are the same; otherwise others.
+    for (name, x, y, z, error) in [
+        ("moved", 0.0, 0.0, 0.0, 1e-5),
+        ("a quarter about x", quarter, 0.0, 0.0, 1e-5),
+        ("a quarter about y", 0.0, quarter, 0.0, 1e-5),
+        ("a quarter about z", 0.0, 0.0, quarter, 1e-5),
+        ("turned", 0.4, -0.9, 0.3, 1e-4),
+    ] {
+        let old = scene.clone();
+        let turn = Quat::from_euler(EulerRot::XYZ, x, y, z);
+        scene.instances[index].world_from_mesh =
+            Mat4::from_rotation_translation(turn, vec3(0.2, -0.1, 0.1)) * flat;
+        let found = after(&gpu, &mut kept, &old, &scene);
+        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[]), &camera());
+        let mse = rel_mse(&found.radiance, &fresh.radiance);
+        let change = rel_mse(&before.radiance, &fresh.radiance);
+        println!("{name}: rel-mse {mse:.1e}, of the picture before {change:.1e}");
+        assert!(mse < error, "{name}: {mse}");
+        assert!(change > 5.0 * error, "{name} changes nothing: {change}");
+        before = found;
+    }
+}
+
+#[test]
+fn faces_in_turn_end_in_the_same_picture() {
+    let Some(gpu) = gpu() else { return };
+    let mut several = with_ball(room(), mirror(), vec3(0.5, 0.0, 0.0));
+    let alone = several.clone();
+    let at = vec3(-0.7, 0.1, 0.0);
+    add(&mut several, "other", sphere(0.4, 32), mirror(), at);
+    for (name, mut scene, same) in [("a mirror", alone, 0.0), ("two mirrors", several, 1e-3)] {
+        let block = cuboid(Vec3::splat(-0.2), Vec3::splat(0.2), 1);
+        let matt = scene.materials.len();
+        let block = add(
+            &mut scene,
+            "block",
+            block,
+            gpugi_scene::Material::matt("block", Vec3::ONE),
+            vec3(0.0, 0.6, 0.7),
+        );
+        assert_eq!(scene.instances[block].material, matt);
+        let mut in_turn = renderer(&gpu, &scene, &[("faces-per-frame", "2")]);
+        let before = picture(&gpu, &mut in_turn, &camera());
+        let old = scene.clone();
+        scene.instances[block].world_from_mesh = Mat4::from_translation(vec3(0.6, -0.5, 1.0));
+        scene.lights[0].intensity *= 0.7;
+        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[]), &camera());
+        let off = |one: &Picture| rel_mse(&one.radiance, &fresh.radiance);
+        let mut found = after(&gpu, &mut in_turn, &old, &scene);
+        let [start, first] = [&before, &found].map(off);
+        // Twice, because they show each other.
+        for _ in 1..6 {
+            found = picture(&gpu, &mut in_turn, &camera());
+        }
+        let end = off(&found);
+        println!(
+            "{name}: rel-mse {start:.1e}, after the first turn {first:.1e}, at last {end:.1e}"
+        );
+        assert!(start > 0.01 && first > 0.01, "{name}: {start}, {first}");
+        assert!(end <= same, "{name}: {end}");
+    }
+}
+
+/// Every technique finds the points of some faces, and its sums for them.
+#[test]
+fn faces_in_turn_are_lit_by_all_techniques() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = with_ball(room(), mirror(), Vec3::ZERO);
+    // Without the ceiling, the third of six walls of two halves.
+    scene.instances.drain(4..6);
+    let names = [
+        "shadow-map",
+        "image-based-lighting",
+        "environment-map",
+        "distance-impostor",
+    ];
+    let settings = [
+        ("image-based-lighting", "samples", "16"),
+        ("image-based-lighting", "reflectivity", "ratio"),
+    ];
+    let make = |scene: &Scene, faces: &str| {
+        let mut renderer = renderer_of(&gpu, scene, &names, &[("faces-per-frame", faces)]);
+        for (technique, name, value) in settings {
+            renderer.set(technique, name, value).expect("a setting");
+        }
+        renderer
+    };
+    scene.environment = Some(sky(1.0));
+    let [mut in_turn, mut at_once] = ["4", "6"].map(|faces| make(&scene, faces));
+    for renderer in [&mut in_turn, &mut at_once] {
+        picture(&gpu, renderer, &camera());
+    }
+    let old = scene.clone();
+    scene.environment = Some(sky(0.3));
+    let expected = after(&gpu, &mut at_once, &old, &scene);
+    let off = |one: &Picture| rel_mse(&one.radiance, &expected.radiance);
+    let first = off(&after(&gpu, &mut in_turn, &old, &scene));
+    let end = off(&picture(&gpu, &mut in_turn, &camera()));
+    println!("after the first turn rel-mse {first:.1e}, at last {end:.1e}");
+    assert!(first > 1e-3 && end < 1e-9, "{first}, {end}");
+}
