@@ -13,13 +13,13 @@ const LAST_SIDE: u32 = 4;
 /// The pyramid of one distance cube.
 #[derive(Debug)]
 pub struct DistancePyramid {
-    /// Six layers, least and greatest inverse depth of each cell (1/m): from half the cube's side to four cells.
+    /// As many layers, least and greatest inverse depth of each cell (1/m): from half the cube's side to four cells.
     pub texture: wgpu::Texture,
     steps: Vec<(Kernel, wgpu::BindGroup, u32)>,
 }
 
 impl DistancePyramid {
-    /// A pyramid over `distances`: six square layers of 32-bit floats (m), faces in the order of `shared/cube.wesl`.
+    /// A pyramid over `distances`: six square layers of 32-bit floats (m), faces in the order of `shared/cube.wesl`, or several times six.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the faces' side is no power of two or less than [`LEAST_SIDE`]; [`GpuError::OutOfMemory`].
@@ -40,7 +40,7 @@ impl DistancePyramid {
             size: wgpu::Extent3d {
                 width: side / 2,
                 height: side / 2,
-                depth_or_array_layers: 6,
+                depth_or_array_layers: distances.depth_or_array_layers(),
             },
             mip_level_count: levels,
             sample_count: 1,
@@ -73,15 +73,16 @@ impl DistancePyramid {
 
     /// Fills the pyramid from the distances.
     pub fn record(&self, frame: &mut Frame<'_>) {
+        let layers = self.texture.depth_or_array_layers();
         frame.compute("distance pyramid", |pass| {
             for (kernel, group, side) in &self.steps {
-                kernel.dispatch(pass, &[(3, group)], [*side, *side, 6]);
+                kernel.dispatch(pass, &[(3, group)], [*side, *side, layers]);
             }
         });
     }
 }
 
-/// The six faces of one level, as layers.
+/// The faces of one level, as layers.
 fn faces(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),

@@ -71,6 +71,14 @@ impl Room {
         }
     }
 
+    /// The same of the front of what is behind what the reference point sees; where nothing is, what it sees.
+    pub fn cast_second(&self, r: DVec3) -> Option<(f64, usize)> {
+        match *self {
+            Self::Box(walls, _) => Self::Box(walls, None).cast(DVec3::ZERO, r),
+            _ => self.cast(DVec3::ZERO, r),
+        }
+    }
+
     /// Whether the reference point sees a point of a wall.
     pub fn is_seen(&self, q: DVec3) -> bool {
         self.cast(DVec3::ZERO, q.normalize())
@@ -123,6 +131,7 @@ pub struct Found {
 pub const SEEN: u32 = 0;
 pub const PASSED_BEHIND: u32 = 1;
 pub const UNSEEN: u32 = 2;
+pub const SECOND: u32 = 3;
 
 /// A surface between four texel centres.
 struct Patch {
@@ -131,20 +140,32 @@ struct Patch {
     texel: DVec2,
 }
 
-/// Distances (m) from the origin, face after face, row after row.
+/// Distances (m) from the origin, layer after layer, face after face, row after row.
 pub struct Cube {
     pub side: usize,
     pub distances: Vec<f32>,
 }
 
 impl Cube {
+    /// What the reference point sees.
     pub fn new(side: usize, room: &Room) -> Self {
+        Self::cast(side, |toward| room.cast(DVec3::ZERO, toward))
+    }
+
+    /// Two layers.
+    pub fn with_second(side: usize, room: &Room) -> Self {
+        let mut both = Self::new(side, room);
+        let second = Self::cast(side, |toward| room.cast_second(toward));
+        both.distances.extend(second.distances);
+        both
+    }
+
+    fn cast(side: usize, cast: impl Fn(DVec3) -> Option<(f64, usize)>) -> Self {
         let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
         let distance = |i: usize| {
             let place = DVec3::new(at(i % side), at(i / side % side), 1.0);
             let toward = frame(i / (side * side)) * place.normalize();
-            room.cast(DVec3::ZERO, toward)
-                .map_or(NOTHING, |hit| hit.0 as f32)
+            cast(toward).map_or(NOTHING, |hit| hit.0 as f32)
         };
         Self {
             side,
@@ -174,7 +195,7 @@ impl Cube {
         (DVec2::new(q.x, q.y) / q.z + 1.0) / self.texel() - 0.5
     }
 
-    fn patch(&self, p: DVec3) -> Patch {
+    fn patch(&self, layer: usize, p: DVec3) -> Patch {
         let face = face(p);
         let last = DVec2::splat(self.side as f64 - 2.0);
         let texel = self
@@ -183,7 +204,7 @@ impl Cube {
             .clamp(DVec2::ZERO, last);
         let (x, y) = (texel.x as usize, texel.y as usize);
         let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            .map(|(x, y)| self.inverse_depth(face, x, y));
+            .map(|(x, y)| self.inverse_depth(6 * layer + face, x, y));
         let least = corners.iter().copied().fold(f64::MAX, f64::min);
         let greatest = corners.iter().copied().fold(0.0, f64::max);
         Patch {
@@ -211,7 +232,7 @@ impl Cube {
         if p == DVec3::ZERO {
             return 0.0;
         }
-        self.patch_ratio(&self.patch(p), p, p)
+        self.patch_ratio(&self.patch(0, p), p, p)
     }
 
     /// The tutorial's searches: the first version, or the second.
@@ -267,8 +288,25 @@ impl Cube {
         all
     }
 
-    /// The robust search.
+    /// The robust search, in all layers that there are.
     pub fn search(&self, x: DVec3, r: DVec3) -> Found {
+        let first = self.search_layer(0, x, r);
+        if first.certainty == SEEN || self.distances.len() < 12 * self.side * self.side {
+            return first;
+        }
+        let second = self.search_layer(1, x, r);
+        match second.distance {
+            Some(d) if second.certainty != UNSEEN && d < 0.999 * first.distance.unwrap_or(FAR) => {
+                Found {
+                    certainty: SECOND,
+                    ..second
+                }
+            }
+            _ => first,
+        }
+    }
+
+    fn search_layer(&self, layer: usize, x: DVec3, r: DVec3) -> Found {
         let crossings = self.crossings(x, r);
         let mut hidden_at = None;
         let mut certainty = SEEN;
@@ -276,7 +314,7 @@ impl Cube {
             let (d, end) = (ends[0], ends[1]);
             // Between the ends, and far beyond the beginning of the last cell.
             let middle = x + r * (0.5 * d + 0.5 * end.min(1e3 * (d + 1.0)));
-            let patch = self.patch(middle);
+            let patch = self.patch(layer, middle);
             let excess = |d: f64| self.patch_ratio(&patch, x + r * d, middle) - 1.0;
             let (f0, f1) = (excess(d), excess(end));
             match hidden_at {
@@ -284,7 +322,7 @@ impl Cube {
                 Some(at) if f0.min(f1) < 0.0 => {
                     if f0 >= 0.0 && at > 0.0 {
                         return Found {
-                            distance: hidden_at,
+                            distance: Some(end),
                             direction: (x + r * end).normalize(),
                             certainty: UNSEEN,
                         };
@@ -315,7 +353,7 @@ impl Cube {
             }
         }
         Found {
-            distance: hidden_at,
+            distance: hidden_at.map(|_| FAR),
             direction: r,
             certainty: hidden_at.map_or(certainty, |_| UNSEEN),
         }

@@ -6,7 +6,7 @@ use wgpu::BindingResource::TextureView;
 
 use super::impostor_cpu::{
     BOX, BOX_IN_BOX, Cube, FIRST_INNER_WALL, Found, NOTHING, OPEN, PASSED_BEHIND, POLE_IN_BOX,
-    Room, SEEN, SPHERE, UNSEEN,
+    Room, SECOND, SEEN, SPHERE, UNSEEN,
 };
 use crate::capture::distance_pyramid::DistancePyramid;
 use crate::gpu::{Frame, Gpu};
@@ -92,7 +92,7 @@ impl<'a> Impostor<'a> {
         let size = wgpu::Extent3d {
             width: side,
             height: side,
-            depth_or_array_layers: 6,
+            depth_or_array_layers: (cube.distances.len() / (cube.side * cube.side)) as u32,
         };
         let distances = gpu
             .texture(&wgpu::TextureDescriptor {
@@ -185,7 +185,7 @@ struct Score {
 
 fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
     let mut score = Score::default();
-    let mut counts = [0.0_f64; 2];
+    let (mut counts, mut unknown) = ([0.0_f64; 2], 0.0);
     for (ray, output) in rays.iter().zip(outputs) {
         score.mean_steps += f64::from(output.steps) / rays.len() as f64;
         score.most_steps = score.most_steps.max(output.steps);
@@ -196,7 +196,12 @@ fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
         let q = x + r * exact;
         let kind = usize::from(!room.is_seen(q));
         counts[kind] += 1.0;
-        let looked_up = room.cast(DVec3::ZERO, output.direction.as_dvec3());
+        let toward = output.direction.as_dvec3();
+        let looked_up = if output.certainty == SECOND {
+            room.cast_second(toward)
+        } else {
+            room.cast(DVec3::ZERO, toward)
+        };
         if looked_up.is_none_or(|hit| hit.1 != wall) {
             score.wrong_wall[kind] += 1.0;
         }
@@ -204,6 +209,11 @@ fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
             score.called_seen += f64::from(u8::from(output.certainty == SEEN));
         } else {
             score.called_unseen += f64::from(u8::from(output.certainty == UNSEEN));
+            // Lost for good: it lies anywhere.
+            if output.distance > 1e17 {
+                unknown += 1.0;
+                continue;
+            }
             let off = output.distance().map_or(f64::MAX, |d| (d - exact).abs());
             let error = off / (cube.texel() * q.length());
             score.mean += error;
@@ -211,7 +221,7 @@ fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
         }
     }
     let [seen, unseen] = counts.map(|count| count.max(1.0));
-    score.mean /= seen;
+    score.mean /= seen - unknown;
     score.wrong_wall = [score.wrong_wall[0] / seen, score.wrong_wall[1] / unseen];
     score.called_unseen /= seen;
     score.called_seen /= unseen;
@@ -221,8 +231,9 @@ fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
 #[test]
 fn searches_are_what_their_twins_are() {
     let Some(gpu) = test_gpu() else { return };
-    for room in [SPHERE, BOX, BOX_IN_BOX, POLE_IN_BOX, OPEN] {
-        let cube = Cube::new(32, &room);
+    let one = [SPHERE, BOX, BOX_IN_BOX, POLE_IN_BOX, OPEN].map(|room| (room, Cube::new(32, &room)));
+    let two = [BOX_IN_BOX, POLE_IN_BOX, OPEN].map(|room| (room, Cube::with_second(32, &room)));
+    for (room, cube) in one.into_iter().chain(two) {
         let impostor = Impostor::new(&gpu, &cube);
         let rays = random_rays(&room, 2000);
         for version in [
@@ -305,6 +316,43 @@ fn hits_that_the_reference_point_cannot_see_are_known() {
         robust.wrong_wall[1] < plain.wrong_wall[1] && robust.wrong_wall[0] < plain.wrong_wall[0],
         "{robust:?}, {plain:?}"
     );
+}
+
+#[test]
+fn a_second_layer_shows_what_is_hidden() {
+    let Some(gpu) = test_gpu() else { return };
+    for room in [BOX_IN_BOX, POLE_IN_BOX] {
+        let rays = random_rays(&room, 8000);
+        let of = |cube: Cube| {
+            let outputs = Impostor::new(&gpu, &cube).search(Version::Robust, &rays);
+            (score(&room, &cube, &rays, &outputs), outputs)
+        };
+        let (one, _) = of(Cube::new(128, &room));
+        let (two, outputs) = of(Cube::with_second(128, &room));
+        // What is left are backs of the inner box.
+        assert!(
+            one.wrong_wall[1] > 0.45 && two.wrong_wall[1] < 0.25,
+            "{room:?}: {one:?}, {two:?}"
+        );
+        assert!(
+            two.wrong_wall[0] <= one.wrong_wall[0] && two.mean <= 1.01 * one.mean,
+            "{room:?}: {one:?}, {two:?}"
+        );
+        let (mut found, mut off) = (0, 0);
+        for (ray, output) in rays.iter().zip(&outputs) {
+            if output.certainty == SECOND {
+                let (x, r) = ray.exact();
+                let (exact, _) = room.cast(x, r).unwrap();
+                let is_off = (f64::from(output.distance) - exact).abs() > 0.02 * exact;
+                found += 1;
+                off += i32::from(is_off);
+            }
+        }
+        assert!(
+            found > 100 && 10 * off < found,
+            "{room:?}: {off} of {found} hits in the second layer are elsewhere"
+        );
+    }
 }
 
 #[test]
@@ -497,6 +545,20 @@ fn print_errors() {
         "| room | texels | search | mean | worst | wrong wall | unseen called seen | seen called unseen | unseen: wrong wall | steps, most |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
+    let print = |name: &str, version: Version, s: &Score, side: usize| {
+        let percent = [
+            s.wrong_wall[0],
+            s.called_seen,
+            s.called_unseen,
+            s.wrong_wall[1],
+        ]
+        .map(|share| format!("{:.2} %", 100.0 * share))
+        .join(" | ");
+        println!(
+            "| {name} | {side} | {version:?} | {:.3} | {:.1} | {percent} | {:.1}, {} |",
+            s.mean, s.worst, s.mean_steps, s.most_steps,
+        );
+    };
     for (name, room) in [
         ("sphere", SPHERE),
         ("box", BOX),
@@ -504,28 +566,27 @@ fn print_errors() {
         ("pole in a box", POLE_IN_BOX),
     ] {
         for side in [64, 256, 1024] {
+            let rays = random_rays(&room, 20_000);
+            if matches!(room, Room::Box(_, Some(_))) {
+                let cube = Cube::with_second(side, &room);
+                let outputs = Impostor::new(&gpu, &cube).search(Version::Robust, &rays);
+                print(
+                    &format!("{name}, two layers"),
+                    Version::Robust,
+                    &score(&room, &cube, &rays, &outputs),
+                    side,
+                );
+            }
             let cube = Cube::new(side, &room);
             let impostor = Impostor::new(&gpu, &cube);
-            let rays = random_rays(&room, 20_000);
             let mut versions = vec![Version::Robust];
             for iterations in [0, 1, 2, 4, 8].into_iter().filter(|_| side == 256) {
                 versions.push(Version::Secant(iterations));
                 versions.push(Version::FalsePosition(iterations));
             }
             for version in versions {
-                let s = score(&room, &cube, &rays, &impostor.search(version, &rays));
-                let percent = [
-                    s.wrong_wall[0],
-                    s.called_seen,
-                    s.called_unseen,
-                    s.wrong_wall[1],
-                ]
-                .map(|share| format!("{:.2} %", 100.0 * share))
-                .join(" | ");
-                println!(
-                    "| {name} | {side} | {version:?} | {:.3} | {:.1} | {percent} | {:.1}, {} |",
-                    s.mean, s.worst, s.mean_steps, s.most_steps,
-                );
+                let outputs = impostor.search(version, &rays);
+                print(name, version, &score(&room, &cube, &rays, &outputs), side);
             }
         }
     }
