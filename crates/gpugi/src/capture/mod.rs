@@ -1,6 +1,7 @@
 //! Captures: rasterized "photos" of the scene. A view's triangles become hit records, hit records become surface points; light
 //! views become depth.
 
+mod behind;
 pub mod depth;
 pub mod distance_pyramid;
 mod emission;
@@ -10,6 +11,7 @@ mod visible;
 #[cfg(test)]
 mod tests;
 
+pub use behind::Behind;
 pub use emission::Emission;
 pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
@@ -20,7 +22,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, RasterKernel, RasterState};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, RasterKernel, RasterState, Shader};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -150,24 +152,19 @@ impl<T> PerTarget<T> {
     }
 }
 
-/// The pipelines of captures.
+/// The pipelines that draw hit records, single-sided and double-sided.
 #[derive(Debug, Clone)]
-pub struct CaptureKernels {
+struct HitKernels {
     opaque: [RasterKernel; 2],
     alpha: [RasterKernel; 2],
-    resolve: Kernel,
 }
 
-impl CaptureKernels {
-    /// Compiles them.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+impl HitKernels {
+    fn new(gpu: &Gpu, scene: &GpuScene, opaque: &Shader, alpha: &Shader) -> Result<Self, GpuError> {
         let raster = |shader, cull| {
             RasterKernel::new(
                 gpu,
-                &shader,
+                shader,
                 Some(&scene.layout),
                 &RasterState {
                     colors: &[wgpu::TextureFormat::R32Uint],
@@ -180,14 +177,71 @@ impl CaptureKernels {
         };
         let back = Some(wgpu::Face::Back);
         Ok(Self {
-            opaque: [
-                raster(shader!("capture.hits"), back)?,
-                raster(shader!("capture.hits"), None)?,
-            ],
-            alpha: [
-                raster(shader!("capture.hits_alpha"), back)?,
-                raster(shader!("capture.hits_alpha"), None)?,
-            ],
+            opaque: [raster(opaque, back)?, raster(opaque, None)?],
+            alpha: [raster(alpha, back)?, raster(alpha, None)?],
+        })
+    }
+
+    /// Draws what the views of `drawn` see. `matrices` and `groups`, bind group 1 for opaque and alpha: of each view of the capture.
+    fn draw<'a>(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        scene: &GpuScene,
+        drawn: &Faces,
+        matrices: &[Mat4],
+        groups: impl Iterator<Item = &'a [wgpu::BindGroup; 2]>,
+        class_of: impl Fn(&Draw) -> Option<DrawClass>,
+    ) {
+        pass.set_bind_group(0, &scene.bind_group, &[]);
+        pass.set_vertex_buffer(0, scene.vertices.slice(..));
+        pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+        let [width, height] = drawn.size;
+        for (number, (matrix, [opaque, alpha])) in (0..).zip(matrices.iter().zip(groups)) {
+            if !drawn.range.contains(&number) {
+                continue;
+            }
+            let top = number * height;
+            pass.set_viewport(0.0, top as f32, width as f32, height as f32, 0.0, 1.0);
+            pass.set_scissor_rect(0, top, width, height);
+            let planes = frustum_planes(matrix);
+            let mut current = None;
+            for (class, range) in visible_ranges(&scene.draws, &planes, &class_of) {
+                let Some(class) = class else {
+                    continue;
+                };
+                let (kernel, group) = match class {
+                    DrawClass::Closed | DrawClass::Open => (&self.opaque[0], opaque),
+                    DrawClass::DoubleSided => (&self.opaque[1], opaque),
+                    DrawClass::Alpha => (&self.alpha[0], alpha),
+                    DrawClass::AlphaDoubleSided => (&self.alpha[1], alpha),
+                };
+                if current != Some(class) {
+                    kernel.set(pass);
+                    pass.set_bind_group(1, group, &[]);
+                    current = Some(class);
+                }
+                pass.draw_indexed(range, 0, 0..1);
+            }
+        }
+    }
+}
+
+/// The pipelines of captures.
+#[derive(Debug, Clone)]
+pub struct CaptureKernels {
+    hits: HitKernels,
+    resolve: Kernel,
+}
+
+impl CaptureKernels {
+    /// Compiles them.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let (opaque, alpha) = (shader!("capture.hits"), shader!("capture.hits_alpha"));
+        Ok(Self {
+            hits: HitKernels::new(gpu, scene, &opaque, &alpha)?,
             resolve: Kernel::new(
                 gpu,
                 &shader!("capture.resolve"),
@@ -207,7 +261,8 @@ pub struct Capture {
     pub hits: wgpu::Texture,
     size: [u32; 2],
     hits_view: wgpu::TextureView,
-    depth: wgpu::TextureView,
+    depth: wgpu::Texture,
+    depth_view: wgpu::TextureView,
     kernels: CaptureKernels,
     faces: Vec<Face>,
     all: Faces,
@@ -222,8 +277,8 @@ pub struct Faces {
     pub points: SurfacePoints,
     /// Their numbers.
     range: Range<u32>,
-    /// Rows of each.
-    height: u32,
+    /// Width and height of each.
+    size: [u32; 2],
     resolve_seen: wgpu::BindGroup,
 }
 
@@ -245,7 +300,7 @@ impl Faces {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
             points,
             range,
-            height: size[1],
+            size,
         })
     }
 
@@ -257,8 +312,8 @@ impl Faces {
     /// Says how their points are seen.
     pub(crate) fn look(&self, gpu: &Gpu, view: &ViewUniform) {
         let view = ViewUniform {
-            first_row: self.range.start * self.height,
-            height: self.range.end * self.height,
+            first_row: self.range.start * self.size[1],
+            height: self.range.end * self.size[1],
             ..*view
         };
         gpu.queue
@@ -270,8 +325,8 @@ impl Faces {
 #[derive(Debug)]
 struct Face {
     matrix: wgpu::Buffer,
-    opaque_group: wgpu::BindGroup,
-    alpha_group: wgpu::BindGroup,
+    /// Bind group 1, opaque and alpha.
+    groups: [wgpu::BindGroup; 2],
 }
 
 impl Face {
@@ -279,8 +334,10 @@ impl Face {
         let matrix = gpu.buffer("clip_from_world", 80, wgpu::BufferUsages::UNIFORM)?;
         let entire = matrix.as_entire_binding();
         Ok(Self {
-            opaque_group: kernels.opaque[0].bind(gpu, 1, &[("clip_from_world", entire.clone())])?,
-            alpha_group: kernels.alpha[0].bind(gpu, 1, &[("alpha_view", entire)])?,
+            groups: [
+                kernels.hits.opaque[0].bind(gpu, 1, &[("clip_from_world", entire.clone())])?,
+                kernels.hits.alpha[0].bind(gpu, 1, &[("alpha_view", entire)])?,
+            ],
             matrix,
         })
     }
@@ -334,11 +391,13 @@ impl Capture {
             wgpu::TextureFormat::R32Uint,
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
         )?;
-        let depth = texture(
-            "depth",
-            wgpu::TextureFormat::Depth32Float,
-            wgpu::TextureUsages::empty(),
-        )?;
+        // Only behind cubes does anybody look further.
+        let is_read = if faces > 1 {
+            wgpu::TextureUsages::TEXTURE_BINDING
+        } else {
+            wgpu::TextureUsages::empty()
+        };
+        let depth = texture("depth", wgpu::TextureFormat::Depth32Float, is_read)?;
         let points = gpu.buffer(
             "surface points [bytes]",
             u64::from(size[0] * size[1]) * SURFACE_POINT_BYTES,
@@ -352,7 +411,8 @@ impl Capture {
             hits,
             size,
             hits_view,
-            depth: depth.create_view(&Default::default()),
+            depth_view: depth.create_view(&Default::default()),
+            depth,
             kernels: kernels.clone(),
             faces: (0..faces)
                 .map(|_| Face::new(gpu, kernels))
@@ -428,8 +488,7 @@ impl Capture {
             return Ok(self.all_faces());
         }
         let points = self.points.points.clone();
-        let face = [self.size[0], self.all.height];
-        Faces::new(gpu, &self.kernels, points, range, face)
+        Faces::new(gpu, &self.kernels, points, range, self.all.size)
     }
 
     /// The bind group with the hits and what they are hits of.
@@ -460,59 +519,40 @@ impl Capture {
         let hits = self.hits_of(frame.gpu, scene)?;
         let queue = &frame.gpu.queue;
         drawn.look(frame.gpu, view);
-        let faces = || {
-            let all = (0..).zip(self.faces.iter().zip(matrices));
-            all.filter(|(number, _)| drawn.range.contains(number))
-        };
         let seed = view
             .seed
             .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
-        for (_, (face, matrix)) in faces() {
+        for (face, matrix) in self.faces.iter().zip(matrices) {
             let mut words = [0.0_f32; 20];
             words[..16].copy_from_slice(&matrix.to_cols_array());
             words[16] = f32::from_bits(seed);
             queue.write_buffer(&face.matrix, 0, bytemuck::cast_slice(&words));
         }
-        frame.render("capture.hits", &[&self.hits_view], &self.depth, |pass| {
-            pass.set_bind_group(0, &scene.bind_group, &[]);
-            pass.set_vertex_buffer(0, scene.vertices.slice(..));
-            pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-            let [width, height] = [self.size[0], drawn.height];
-            for (number, (face, matrix)) in faces() {
-                let top = number * height;
-                pass.set_viewport(0.0, top as f32, width as f32, height as f32, 0.0, 1.0);
-                pass.set_scissor_rect(0, top, width, height);
-                let planes = frustum_planes(matrix);
-                let mut current = None;
-                for (class, range) in visible_ranges(&scene.draws, &planes, &class_of) {
-                    let Some(class) = class else {
-                        continue;
-                    };
-                    let (kernel, group) = match class {
-                        DrawClass::Closed | DrawClass::Open => {
-                            (&self.kernels.opaque[0], &face.opaque_group)
-                        }
-                        DrawClass::DoubleSided => (&self.kernels.opaque[1], &face.opaque_group),
-                        DrawClass::Alpha => (&self.kernels.alpha[0], &face.alpha_group),
-                        DrawClass::AlphaDoubleSided => (&self.kernels.alpha[1], &face.alpha_group),
-                    };
-                    if current != Some(class) {
-                        kernel.set(pass);
-                        pass.set_bind_group(1, group, &[]);
-                        current = Some(class);
-                    }
-                    pass.draw_indexed(range, 0, 0..1);
-                }
-            }
+        let targets = [&self.hits_view];
+        frame.render("capture.hits", &targets, &self.depth_view, |pass| {
+            let groups = self.faces.iter().map(|face| &face.groups);
+            let kernels = &self.kernels.hits;
+            kernels.draw(pass, scene, drawn, matrices, groups, class_of);
         });
-        frame.compute("capture.resolve", |pass| {
-            self.kernels.resolve.dispatch(
-                pass,
-                &[(0, &scene.bind_group), (1, &drawn.resolve_seen), (3, &hits)],
-                [self.size[0], drawn.count() * drawn.height, 1],
-            );
-        });
+        self.resolve(frame, scene, drawn, &drawn.resolve_seen, &hits);
         Ok(())
+    }
+
+    /// Hit records of some faces to the surface points of bind group `seen`.
+    fn resolve(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        drawn: &Faces,
+        seen: &wgpu::BindGroup,
+        hits: &wgpu::BindGroup,
+    ) {
+        let [width, height] = drawn.size;
+        frame.compute("capture.resolve", |pass| {
+            let groups = [(0, &scene.bind_group), (1, seen), (3, hits)];
+            let resolve = &self.kernels.resolve;
+            resolve.dispatch(pass, &groups, [width, drawn.count() * height, 1]);
+        });
     }
 }
 

@@ -31,11 +31,22 @@ fn encoder(gpu: &Gpu) -> wgpu::CommandEncoder {
         })
 }
 
-fn load<V>(clears: bool, value: V) -> wgpu::LoadOp<V> {
-    if clears {
-        wgpu::LoadOp::Clear(value)
-    } else {
+/// What a render pass's targets keep of what they hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Keeps {
+    /// Nothing: colours become all ones, depth 0 (infinitely far).
+    Nothing,
+    /// Colours; depth becomes 0.
+    Colors,
+    /// Colours and depth.
+    Everything,
+}
+
+fn load<V>(keeps: bool, cleared: V) -> wgpu::LoadOp<V> {
+    if keeps {
         wgpu::LoadOp::Load
+    } else {
+        wgpu::LoadOp::Clear(cleared)
     }
 }
 
@@ -95,14 +106,14 @@ impl<'a> Frame<'a> {
         depth: &wgpu::TextureView,
         record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
     ) -> T {
-        self.render_onto(name, true, colors, depth, record)
+        self.render_onto(name, Keeps::Nothing, colors, depth, record)
     }
 
-    /// As [`Frame::render`], but its targets keep what they hold unless `clears`.
+    /// As [`Frame::render`], but its targets keep what `keeps` says.
     pub fn render_onto<T>(
         &mut self,
         name: &str,
-        clears: bool,
+        keeps: Keeps,
         colors: &[&wgpu::TextureView],
         depth: &wgpu::TextureView,
         record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
@@ -118,7 +129,7 @@ impl<'a> Frame<'a> {
                     ops: wgpu::Operations {
                         // Of an unsigned integer target: the largest number, which stands for "no hit".
                         load: load(
-                            clears,
+                            keeps >= Keeps::Colors,
                             wgpu::Color {
                                 r: f64::from(u32::MAX),
                                 g: f64::from(u32::MAX),
@@ -137,7 +148,7 @@ impl<'a> Frame<'a> {
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: depth,
                 depth_ops: Some(wgpu::Operations {
-                    load: load(clears, 0.0),
+                    load: load(keeps >= Keeps::Everything, 0.0),
                     store: wgpu::StoreOp::Store,
                 }),
                 stencil_ops: None,

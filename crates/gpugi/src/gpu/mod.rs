@@ -14,7 +14,7 @@ pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
 pub use buffer::{read_buffer, read_texture};
 pub use error::GpuError;
-pub use frame::{Frame, Timing};
+pub use frame::{Frame, Keeps, Timing};
 pub(crate) use kernel::scene_layout;
 pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
 pub use shader::{BindingKind, Shader, all_shaders};

@@ -131,6 +131,7 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
                     (naga::ImageDimension::D2, false) => wgpu::TextureViewDimension::D2,
                     (naga::ImageDimension::D2, true) => wgpu::TextureViewDimension::D2Array,
                     (naga::ImageDimension::Cube, false) => wgpu::TextureViewDimension::Cube,
+                    (naga::ImageDimension::Cube, true) => wgpu::TextureViewDimension::CubeArray,
                     (naga::ImageDimension::D3, _) => wgpu::TextureViewDimension::D3,
                     _ => return None,
                 };

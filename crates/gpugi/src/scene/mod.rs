@@ -72,6 +72,8 @@ pub struct Draw {
     pub seen: DrawClass,
     /// Number of the instance.
     pub instance: u32,
+    /// Whether its mesh is closed: the back of its surface bounds its inside.
+    pub is_closed: bool,
     /// Its indices in the merged index buffer.
     pub indices: std::ops::Range<u32>,
     /// World-space box.
@@ -273,6 +275,7 @@ impl GpuScene {
                 class,
                 seen: class,
                 instance: index as u32,
+                is_closed: mesh.closed,
                 indices: first..merged_indices.len() as u32,
                 bounds: mesh.bounds.transformed(&instance.world_from_mesh),
                 mesh_bounds: mesh.bounds,

@@ -10,7 +10,7 @@ use glam::Vec4;
 use gpugi_scene::Bounds;
 
 use super::{DepthAtlas, DepthDraw, DepthKernels, DepthViewSpec};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{Casters, Draw, DrawClass};
 use crate::shader;
 
@@ -191,7 +191,7 @@ impl DepthCompute {
         let queue = &frame.gpu.queue;
         queue.write_buffer(&plan.views, 0, bytemuck::cast_slice(&views));
         let pass_name = format!("{name}.atlas");
-        let mut is_first = true;
+        let mut keeps = Keeps::Nothing;
         for (at, (band, steps)) in plan.bands.iter().enumerate() {
             frame.clear(&self.depths);
             for (index, step) in steps.iter().enumerate() {
@@ -203,7 +203,7 @@ impl DepthCompute {
                 });
                 let ends_band = index + 1 == steps.len();
                 let ends_atlas = ends_band && at + 1 == plan.bands.len();
-                frame.render_onto(&pass_name, is_first, &[], &atlas.view, |pass| {
+                frame.render_onto(&pass_name, keeps, &[], &atlas.view, |pass| {
                     let side = atlas.texture.width();
                     self.large.set(pass);
                     for (group, bound) in
@@ -223,7 +223,7 @@ impl DepthCompute {
                         atlas.draw(pass, kernels, casters, &[DepthDraw::Alpha]);
                     }
                 });
-                is_first = false;
+                keeps = Keeps::Everything;
             }
         }
         atlas.plan = Some(plan);

@@ -1,0 +1,102 @@
+//! The second layer of a cube's capture: what its centre would see if what it sees were not there. Depth peeling: Everitt, "Interactive
+//! Order-Independent Transparency", NVIDIA 2001.
+
+use super::{Capture, CubeView, Faces, HitKernels, SURFACE_POINT_BYTES, SurfacePoints};
+use crate::gpu::{Frame, Gpu, GpuError, Keeps};
+use crate::scene::{Draw, DrawClass, GpuScene};
+use crate::shader;
+
+/// Captures what is behind what a cube saw.
+#[derive(Debug)]
+pub struct Behind {
+    /// Where nothing is behind the first point, the first again: what surrounds a thing goes on behind it.
+    points: wgpu::Buffer,
+    kernels: HitKernels,
+    depth: wgpu::TextureView,
+    /// Bind group 1 of each face, opaque and alpha.
+    groups: Vec<[wgpu::BindGroup; 2]>,
+}
+
+impl Behind {
+    /// Room for what is behind the surfaces of `capture`, which is of a cube.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`]; [`GpuError::TooLarge`] when the adapter cannot hold it.
+    pub fn new(gpu: &Gpu, scene: &GpuScene, capture: &Capture) -> Result<Self, GpuError> {
+        let kernels = HitKernels::new(
+            gpu,
+            scene,
+            &shader!("capture.hits_behind"),
+            &shader!("capture.hits_behind_alpha"),
+        )?;
+        let nearer = wgpu::BindingResource::TextureView(&capture.depth_view);
+        let groups = capture.faces.iter().map(|face| {
+            let view = face.matrix.as_entire_binding();
+            let opaque = [
+                ("clip_from_world", view.clone()),
+                ("nearer", nearer.clone()),
+            ];
+            let alpha = [("alpha_view", view), ("nearer", nearer.clone())];
+            Ok([
+                kernels.opaque[0].bind(gpu, 1, &opaque)?,
+                kernels.alpha[0].bind(gpu, 1, &alpha)?,
+            ])
+        });
+        let groups = groups.collect::<Result<_, GpuError>>()?;
+        let depth = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("depth behind"),
+            size: capture.depth.size(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: capture.depth.format(),
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        })?;
+        let size = u64::from(capture.points.count) * SURFACE_POINT_BYTES;
+        let points = "surface points behind [bytes]";
+        Ok(Self {
+            points: gpu.buffer(points, size, wgpu::BufferUsages::STORAGE)?,
+            kernels,
+            depth: depth.create_view(&Default::default()),
+            groups,
+        })
+    }
+
+    /// The latest points behind those that a cube saw, all or some.
+    pub fn points(&self, seen: &SurfacePoints) -> SurfacePoints {
+        SurfacePoints {
+            points: self.points.clone(),
+            ..seen.clone()
+        }
+    }
+
+    /// Captures it, after `capture` has recorded the same faces of `view`, whose hit records become those behind: passes `capture.hits-behind`
+    /// and `capture.resolve`. `class_of`: how each draw is drawn.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &mut Capture,
+        view: &CubeView,
+        faces: &Faces,
+        class_of: impl Fn(&Draw) -> Option<DrawClass>,
+    ) -> Result<(), GpuError> {
+        let hits = capture.hits_of(frame.gpu, scene)?;
+        let drawn = [&capture.hits_view];
+        let name = "capture.hits-behind";
+        frame.render_onto(name, Keeps::Colors, &drawn, &self.depth, |pass| {
+            let matrices = &view.clip_from_world;
+            let groups = self.groups.iter();
+            self.kernels
+                .draw(pass, scene, faces, matrices, groups, class_of);
+        });
+        let points = self.points(&faces.points);
+        let seen = points.bind(frame.gpu, &capture.kernels.resolve)?;
+        capture.resolve(frame, scene, faces, &seen, &hits);
+        Ok(())
+    }
+}
