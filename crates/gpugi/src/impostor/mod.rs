@@ -11,11 +11,13 @@ mod tests;
 
 pub use renewal::{Renew, Renewal};
 
+use std::sync::Arc;
+
 use glam::{Quat, Vec3};
 use wgpu::BindingResource::{Sampler, TextureView};
 
 use crate::capture::distance_pyramid::DistancePyramid;
-use crate::capture::{Capture, CaptureKernels, CubeView, Faces, SurfacePoints};
+use crate::capture::{Behind, Capture, CaptureKernels, CubeView, Faces, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
@@ -36,6 +38,8 @@ pub struct Wanted {
     pub shape_side: Option<u32>,
     /// Where the cube is captured from (m): the object's middle if not said.
     pub reference: Option<Vec3>,
+    /// 1, or 2: also what the reference point would see if what is nearest were not there.
+    pub layers: u32,
     /// When they are renewed.
     pub renewal: Renewal,
 }
@@ -55,7 +59,9 @@ pub struct Maps {
     pub turns: Vec<SurfacePoints>,
     /// What is to be lit anew in this frame: all faces, those of one turn, or none.
     pub renewed: Option<SurfacePoints>,
-    /// How far that is (m).
+    /// What is behind it; where nothing is, the same again.
+    pub behind: Option<Arc<Behind>>,
+    /// How far they are (m), layer after layer.
     pub distances: wgpu::Texture,
     /// Of a refractor: its outward normals.
     pub normals: Option<wgpu::Texture>,
@@ -102,13 +108,19 @@ impl Maps {
         kernel.bind(gpu, 2, &resources)
     }
 
+    /// What is to be lit for some of [`Maps::points`]: they, and what is behind them.
+    pub fn layers(&self, points: &SurfacePoints) -> Vec<SurfacePoints> {
+        let behind = self.behind.iter().map(|behind| behind.points(points));
+        [points.clone()].into_iter().chain(behind).collect()
+    }
+
     /// Whether `other` are the same textures.
     pub fn is_same(&self, other: &Self) -> bool {
         self.distances == other.distances
     }
 }
 
-/// A texture of six layers for a cube map.
+/// A texture of six layers for each of `cubes` cube maps.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -118,13 +130,14 @@ pub fn cube_texture(
     format: wgpu::TextureFormat,
     side: u32,
     levels: u32,
+    cubes: u32,
 ) -> Result<wgpu::Texture, GpuError> {
     gpu.texture(&wgpu::TextureDescriptor {
         label: Some(label),
         size: wgpu::Extent3d {
             width: side,
             height: side,
-            depth_or_array_layers: 6,
+            depth_or_array_layers: 6 * cubes,
         },
         mip_level_count: levels,
         sample_count: 1,
@@ -155,10 +168,29 @@ pub fn layers_of_level(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView
     })
 }
 
-/// The layers as a cube map.
-pub fn cube(texture: &wgpu::Texture) -> wgpu::TextureView {
+/// The six layers of the finest level of cube map number `cube`.
+pub fn layers_of_cube(texture: &wgpu::Texture, cube: u32) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        mip_level_count: Some(1),
+        base_array_layer: 6 * cube,
+        array_layer_count: Some(6),
+        ..Default::default()
+    })
+}
+
+/// The layers as one cube map.
+fn cube(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::Cube),
+        ..Default::default()
+    })
+}
+
+/// The layers as cube maps.
+pub fn cubes(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::CubeArray),
         ..Default::default()
     })
 }
@@ -180,7 +212,8 @@ struct Kept {
     capture: Capture,
     pyramid: DistancePyramid,
     shape_pyramid: DistancePyramid,
-    stored: wgpu::BindGroup,
+    /// Of each layer.
+    stored: Vec<wgpu::BindGroup>,
     begun: Option<Begun>,
     turns: Vec<Turn>,
     shaped: Option<Shaped>,
@@ -244,7 +277,7 @@ impl Impostors {
         let index = match self.kept.iter().position(|one| one.wanted == wanted) {
             Some(index) => index,
             None => {
-                self.kept.push(self.make(frame.gpu, wanted)?);
+                self.kept.push(self.make(frame.gpu, scene, wanted)?);
                 self.kept.len() - 1
             }
         };
@@ -275,19 +308,22 @@ impl Impostors {
         Ok(&kept.maps)
     }
 
-    fn make(&self, gpu: &Gpu, wanted: Wanted) -> Result<Kept, GpuError> {
-        let distances = |side| {
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<Kept, GpuError> {
+        let distances = |side, cubes| {
             let format = wgpu::TextureFormat::R32Float;
-            cube_texture(gpu, "impostor.distances", format, side, 1)
+            cube_texture(gpu, "impostor.distances", format, side, 1, cubes)
         };
         let normals = |side| {
             let format = wgpu::TextureFormat::Rgba16Float;
-            cube_texture(gpu, "impostor.normals", format, side, 1)
+            cube_texture(gpu, "impostor.normals", format, side, 1, 1)
         };
         // A shader wants its textures, also those that it does not read.
         let least = crate::capture::distance_pyramid::LEAST_SIDE;
         let shape_side = wanted.shape_side.unwrap_or(least);
-        let [surroundings, shape] = [distances(wanted.side)?, distances(shape_side)?];
+        let [surroundings, shape] = [
+            distances(wanted.side, wanted.layers)?,
+            distances(shape_side, 1)?,
+        ];
         let pyramid = DistancePyramid::new(gpu, &surroundings)?;
         let shape_pyramid = DistancePyramid::new(gpu, &shape)?;
         let shape_normals = normals(shape_side)?;
@@ -300,19 +336,31 @@ impl Impostors {
             })
         });
         let turns = turns.collect::<Result<Vec<_>, GpuError>>()?;
-        let view = layers(&surroundings);
         let unread = layers(&normals(least)?);
-        let resources = [
-            ("distances", TextureView(&view)),
-            ("normals", TextureView(&unread)),
-        ];
+        let stored = (0..wanted.layers).map(|layer| {
+            let resources = [
+                (
+                    "distances",
+                    TextureView(&layers_of_cube(&surroundings, layer)),
+                ),
+                ("normals", TextureView(&unread)),
+            ];
+            self.store_surroundings.bind(gpu, 3, &resources)
+        });
+        let stored = stored.collect::<Result<_, GpuError>>()?;
+        let behind = if wanted.layers > 1 {
+            Some(Arc::new(Behind::new(gpu, scene, &capture)?))
+        } else {
+            None
+        };
         Ok(Kept {
-            stored: self.store_surroundings.bind(gpu, 3, &resources)?,
+            stored,
             maps: Maps {
                 reference: Vec3::ZERO,
                 center: Vec3::ZERO,
                 world_from_shape: Quat::IDENTITY,
                 points: capture.points.clone(),
+                behind,
                 turns: turns.iter().map(|turn| turn.faces.points.clone()).collect(),
                 renewed: None,
                 distances: surroundings.clone(),
@@ -409,11 +457,20 @@ impl Kept {
         let class_of = |draw: &Draw| (draw.instance != own).then_some(seen_from_outside(draw));
         self.capture
             .record_faces(frame, scene, &view, faces, class_of)?;
-        let points = faces.points.bind(gpu, store)?;
-        frame.compute("impostor.store", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &points), (3, &self.stored)];
-            store.dispatch(pass, &groups, [side, side, faces.count()]);
-        });
+        if let Some(behind) = &self.maps.behind {
+            let reference = self.maps.reference;
+            let capture = &mut self.capture;
+            behind.record(frame, scene, capture, &view, faces, |draw| {
+                (draw.instance != own).then_some(seen_behind(draw, reference))
+            })?;
+        }
+        for (points, stored) in self.maps.layers(&faces.points).iter().zip(&self.stored) {
+            let points = points.bind(gpu, store)?;
+            frame.compute("impostor.store", |pass| {
+                let groups = [(0, &scene.bind_group), (1, &points), (3, stored)];
+                store.dispatch(pass, &groups, [side, side, faces.count()]);
+            });
+        }
         self.pyramid.record(frame);
         Ok(())
     }
@@ -430,5 +487,16 @@ fn seen_from_outside(draw: &Draw) -> DrawClass {
         DrawClass::Open
     } else {
         draw.seen
+    }
+}
+
+/// How a cube sees what is behind what it sees: a closed thing's own back is not that.
+fn seen_behind(draw: &Draw, reference: Vec3) -> DrawClass {
+    let bounds = &draw.bounds;
+    let is_inside = reference.cmpge(bounds.min).all() && reference.cmple(bounds.max).all();
+    match seen_from_outside(draw) {
+        DrawClass::DoubleSided if draw.is_closed && !is_inside => DrawClass::Closed,
+        DrawClass::AlphaDoubleSided if draw.is_closed && !is_inside => DrawClass::Alpha,
+        class => class,
     }
 }

@@ -78,6 +78,7 @@ impl<'a> Watched<'a> {
             side: SIDE,
             shape_side: Some(SIDE),
             reference: None,
+            layers: 1,
             renewal,
         };
         Self {

@@ -4,6 +4,7 @@
 mod common;
 mod hidden;
 mod hostile;
+mod layers;
 mod renewal;
 mod scenes;
 mod shares;

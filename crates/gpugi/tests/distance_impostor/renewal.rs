@@ -75,7 +75,13 @@ fn faces_in_turn_end_in_the_same_picture() {
     let alone = several.clone();
     let at = vec3(-0.7, 0.1, 0.0);
     add(&mut several, "other", sphere(0.4, 32), mirror(), at);
-    for (name, mut scene, same) in [("a mirror", alone, 0.0), ("two mirrors", several, 1e-3)] {
+    let two_layers = alone.clone();
+    for (name, mut scene, layers, same) in [
+        ("a mirror", alone, "1", 0.0),
+        ("a mirror with two layers", two_layers, "2", 0.0),
+        ("two mirrors", several, "1", 1e-3),
+    ] {
+        let layers = ("layers", layers);
         let block = cuboid(Vec3::splat(-0.2), Vec3::splat(0.2), 1);
         let matt = scene.materials.len();
         let block = add(
@@ -86,12 +92,12 @@ fn faces_in_turn_end_in_the_same_picture() {
             vec3(0.0, 0.6, 0.7),
         );
         assert_eq!(scene.instances[block].material, matt);
-        let mut in_turn = renderer(&gpu, &scene, &[("faces-per-frame", "2")]);
+        let mut in_turn = renderer(&gpu, &scene, &[("faces-per-frame", "2"), layers]);
         let before = picture(&gpu, &mut in_turn, &camera());
         let old = scene.clone();
         scene.instances[block].world_from_mesh = Mat4::from_translation(vec3(0.6, -0.5, 1.0));
         scene.lights[0].intensity *= 0.7;
-        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[]), &camera());
+        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[layers]), &camera());
         let off = |one: &Picture| rel_mse(&one.radiance, &fresh.radiance);
         let mut found = after(&gpu, &mut in_turn, &old, &scene);
         let [start, first] = [&before, &found].map(off);

@@ -110,6 +110,7 @@ impl Caustic {
                 side,
                 shape_side: is_refracting.then_some(settings.shape_resolution),
                 reference: None,
+                layers: 1,
                 renewal: Renewal::default(),
             },
             bounces: settings.bounces,

@@ -2,10 +2,10 @@
 
 use wgpu::BindingResource::TextureView;
 
-use super::{Search, Settings};
+use super::{Search, Settings, Show};
 use crate::capture::{PerTarget, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::impostor::{Maps, Wanted, cube, cube_texture, gpu, layers_of_level};
+use crate::impostor::{Maps, Wanted, cube_texture, cubes, gpu, layers_of_cube, layers_of_level};
 use crate::scene::{GpuScene, Object};
 use crate::shader;
 use crate::techniques::Lit;
@@ -15,7 +15,8 @@ use crate::techniques::Lit;
 pub struct Kernels {
     store: Kernel,
     coarser: Kernel,
-    pub gather: Kernel,
+    gather: Kernel,
+    certainty: Kernel,
     sampler: wgpu::Sampler,
 }
 
@@ -28,10 +29,12 @@ impl Kernels {
         let layout = Some(&scene.layout);
         let store = shader!("techniques.distance_impostor.store");
         let gather = shader!("techniques.distance_impostor.gather");
+        let certainty = shader!("techniques.distance_impostor.certainty");
         Ok(Self {
             store: Kernel::new(gpu, &store, "main", layout)?,
             coarser: Kernel::new(gpu, &shader!("capture.coarser_cube"), "main", None)?,
             gather: Kernel::new(gpu, &gather, "main", layout)?,
+            certainty: Kernel::new(gpu, &certainty, "main", layout)?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("distance-impostor maps"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -40,6 +43,14 @@ impl Kernels {
                 ..Default::default()
             }),
         })
+    }
+
+    /// The pass that adds what is to be shown.
+    pub fn gather(&self, show: Show) -> &Kernel {
+        match show {
+            Show::Light => &self.gather,
+            Show::Certainty => &self.certainty,
+        }
     }
 }
 
@@ -79,7 +90,8 @@ pub struct Impostor {
 #[derive(Debug)]
 struct Bound {
     maps: Maps,
-    stored: wgpu::BindGroup,
+    /// Of each layer.
+    stored: Vec<wgpu::BindGroup>,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
 }
@@ -105,7 +117,9 @@ impl Impostor {
             side.ilog2() + 1
         };
         let format = wgpu::TextureFormat::Rgba16Float;
-        let radiance = cube_texture(gpu, "distance-impostor.radiance", format, side, levels)?;
+        let layers = settings.layers_searched();
+        let name = "distance-impostor.radiance";
+        let radiance = cube_texture(gpu, name, format, side, levels, layers)?;
         let coarser = (1..levels)
             .map(|level| {
                 let [finer, this] = [level - 1, level].map(|one| layers_of_level(&radiance, one));
@@ -127,6 +141,7 @@ impl Impostor {
                 side,
                 shape_side: is_refracting.then_some(settings.shape_resolution),
                 reference: settings.reference.0,
+                layers,
                 renewal: settings.renewal(),
             },
             is_smooth: object.is_smooth,
@@ -171,7 +186,7 @@ impl Impostor {
         };
         let bound = match self.maps.take() {
             Some(bound) if bound.maps.is_same(&maps) => Bound { maps, ..bound },
-            _ => self.bind(gpu, kernels, maps)?,
+            _ => self.bind(gpu, kernels, settings.show, maps)?,
         };
         let uniform = gpu::Impostor {
             reference: bound.maps.reference.to_array(),
@@ -215,29 +230,32 @@ impl Impostor {
         frame: &mut Frame<'_>,
         making: Making<'_>,
         lit: &mut Lit<'_>,
-        add_others: impl FnOnce(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
+        mut add_others: impl FnMut(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Making { scene, kernels, .. } = making;
         let (Some(points), Some(bound)) = (&self.due, &self.maps) else {
             return Ok(());
         };
         let gpu = frame.gpu;
-        lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
-        add_others(frame, points, &self.target)?;
-        let seen = self.seen.of(points, &self.target, || {
-            let seen = [("seen", points.view.as_entire_binding())];
-            kernels.store.bind(gpu, 1, &seen)
-        })?;
-        frame.compute("distance-impostor.store", |pass| {
-            let groups = [(0, &scene.bind_group), (1, seen), (3, &bound.stored)];
-            let side = self.wanted.side;
-            let faces = points.count / (side * side);
-            kernels.store.dispatch(pass, &groups, [side, side, faces]);
-        });
+        let layers = bound.maps.layers(points);
+        for (points, stored) in layers.iter().zip(&bound.stored) {
+            lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
+            add_others(frame, points, &self.target)?;
+            let seen = self.seen.of(points, &self.target, || {
+                let seen = [("seen", points.view.as_entire_binding())];
+                kernels.store.bind(gpu, 1, &seen)
+            })?;
+            frame.compute("distance-impostor.store", |pass| {
+                let groups = [(0, &scene.bind_group), (1, seen), (3, stored)];
+                let side = self.wanted.side;
+                let faces = points.count / (side * side);
+                kernels.store.dispatch(pass, &groups, [side, side, faces]);
+            });
+        }
         if !self.coarser.is_empty() {
             frame.compute("distance-impostor.levels", |pass| {
                 for (group, side) in &self.coarser {
-                    let invocations = [*side, *side, 6];
+                    let invocations = [*side, *side, 6 * self.wanted.layers];
                     kernels.coarser.dispatch(pass, &[(3, group)], invocations);
                 }
             });
@@ -246,21 +264,33 @@ impl Impostor {
         Ok(())
     }
 
-    fn bind(&self, gpu: &Gpu, kernels: &Kernels, maps: Maps) -> Result<Bound, GpuError> {
-        let [levels, finest] = [cube(&self.radiance), layers_of_level(&self.radiance, 0)];
-        let stored = [
-            ("radiance", self.target.radiance.as_entire_binding()),
-            ("stored", TextureView(&finest)),
-        ];
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        show: Show,
+        maps: Maps,
+    ) -> Result<Bound, GpuError> {
+        let stored = (0..self.wanted.layers).map(|layer| {
+            let stored = [
+                ("radiance", self.target.radiance.as_entire_binding()),
+                (
+                    "stored",
+                    TextureView(&layers_of_cube(&self.radiance, layer)),
+                ),
+            ];
+            kernels.store.bind(gpu, 3, &stored)
+        });
+        let radiance = cubes(&self.radiance);
+        let radiance = ("radiance_cubes", TextureView(&radiance));
+        let more = match show {
+            Show::Light => std::slice::from_ref(&radiance),
+            Show::Certainty => &[],
+        };
+        let gather = kernels.gather(show);
         Ok(Bound {
-            stored: kernels.store.bind(gpu, 3, &stored)?,
-            group: maps.bind(
-                gpu,
-                &kernels.gather,
-                &self.uniform,
-                &kernels.sampler,
-                &[("radiance_cube", TextureView(&levels))],
-            )?,
+            stored: stored.collect::<Result<_, _>>()?,
+            group: maps.bind(gpu, gather, &self.uniform, &kernels.sampler, more)?,
             maps,
         })
     }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Object, Versions};
@@ -55,6 +55,17 @@ impl Search {
             Self::FalsePosition => 2,
         }
     }
+}
+
+/// What the gather adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Show {
+    /// Light.
+    Light,
+    /// A colour for how sure it is what rays meet: green seen from the reference point, yellow seen at the end of a way that is not, red not
+    /// seen, blue found in the second layer, grey nothing.
+    Certainty,
 }
 
 /// A point, or the middle of each object.
@@ -133,6 +144,10 @@ pub struct Settings {
     pub iterations: u32,
     /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
     pub bounces: u32,
+    /// 1, or 2: cubes also hold what is behind what their reference point sees.
+    pub layers: u32,
+    /// What the picture shows of it.
+    pub show: Show,
     /// Where cubes are captured from (m).
     pub reference: Reference,
     /// When surroundings are captured and lit anew.
@@ -146,6 +161,15 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Layers that the search reads: the tutorial's know one.
+    fn layers_searched(&self) -> u32 {
+        if self.search == Search::Walk {
+            self.layers
+        } else {
+            1
+        }
+    }
+
     fn renewal(&self) -> Renewal {
         Renewal {
             renew: self.renew.0,
@@ -163,6 +187,8 @@ impl Default for Settings {
             search: Search::Walk,
             iterations: 4,
             bounces: 4,
+            layers: 1,
+            show: Show::Light,
             reference: Reference(None),
             renew: Often(Renew::Changed(1)),
             threshold: 0.0,
@@ -197,6 +223,16 @@ const FIELDS: &[Field] = &[
         name: "bounces",
         summary: "most surfaces that light meets inside a refractor; 0: it refracts once",
         range: Some((0.0, 16.0)),
+    },
+    Field {
+        name: "layers",
+        summary: "2: also what is behind what the reference point sees, for search=walk; 1: without",
+        range: Some((1.0, 2.0)),
+    },
+    Field {
+        name: "show",
+        summary: "light, or certainty: colours for how sure it is what rays meet",
+        range: None,
     },
     Field {
         name: "reference",
@@ -462,11 +498,12 @@ impl Technique for DistanceImpostor {
                 if round > 0 && this.is_in_turn() {
                     continue;
                 }
+                let kernel = self.kernels.gather(self.settings.show);
                 let bound = &mut self.bound;
                 this.light(frame, making, lit, |frame, points, target| {
                     let others = before.iter().chain(&*after);
                     let others = others.filter(|one| one.is_lit);
-                    add(frame, scene, making.kernels, bound, points, target, others)
+                    add(frame, scene, kernel, bound, points, target, others)
                 })?;
             }
         }
@@ -484,7 +521,7 @@ impl Technique for DistanceImpostor {
         add(
             frame,
             scene,
-            &self.kernels,
+            self.kernels.gather(self.settings.show),
             &mut self.bound,
             points,
             target,
@@ -505,17 +542,17 @@ impl Technique for DistanceImpostor {
     }
 }
 
-/// Adds what the objects of `impostors` mirror and refract.
+/// Adds what the objects of `impostors` mirror and refract, by the pass `kernel`.
 fn add<'a>(
     frame: &mut Frame<'_>,
     scene: &GpuScene,
-    kernels: &Kernels,
+    kernel: &Kernel,
     bound: &mut PerTarget<[wgpu::BindGroup; 2]>,
     points: &SurfacePoints,
     target: &Target,
     impostors: impl Iterator<Item = &'a Impostor>,
 ) -> Result<(), GpuError> {
-    let (gpu, kernel) = (frame.gpu, &kernels.gather);
+    let gpu = frame.gpu;
     let groups = bound.of(points, target, || {
         Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
     })?;
