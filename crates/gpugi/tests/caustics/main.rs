@@ -1,4 +1,4 @@
-//! caustics against the path tracer, its flux, and where it can only be sensible.
+//! caustics against the path tracer, and where they can only be sensible.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -11,7 +11,7 @@ use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi::measure::{Measured, Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{quad, sphere};
-use gpugi_scene::{Camera, Material, Scene, Volume};
+use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene, Volume};
 
 fn glass(ior: f32) -> Material {
     Material {
@@ -20,31 +20,32 @@ fn glass(ior: f32) -> Material {
         roughness: 0.0,
         ior,
         volume: Some(Volume {
-            attenuation_distance: f32::INFINITY,
-            attenuation_color: Vec3::ONE,
+            attenuation_distance: 1.0,
+            attenuation_color: vec3(0.9, 0.8, 0.5),
         }),
         ..Material::default()
     }
 }
 
-/// A floor, a ball above it, and a lamp of half a metre above that.
-fn ball_under_lamp(material: Material) -> Scene {
-    let mut scene = floor(2.0);
-    let lamp = quad(vec3(-0.05, 2.0, -0.25), Vec3::X * 0.5, Vec3::Z * 0.5, 1);
-    assert!(lamp.normals[0].y < 0.0);
-    common::place(
-        &mut scene,
-        lamp,
-        Material::emitter("lamp", Vec3::splat(20.0)),
-    );
-    let mesh = scene.add_mesh(sphere(0.4, 64));
+fn mirror() -> Material {
+    Material::metal("mirror", Vec3::splat(0.9), 0.0)
+}
+
+fn add(scene: &mut Scene, mesh: Mesh, material: Material, at: Vec3) {
+    let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(material);
-    scene.add_instance(
-        "ball",
-        mesh,
-        material,
-        Mat4::from_translation(vec3(0.0, 0.6, 0.0)),
-    );
+    scene.add_instance("object", mesh, material, Mat4::from_translation(at));
+}
+
+/// A floor, a ball above it, and a square lamp above that.
+fn ball_under_lamp(ball: Material, side: f32) -> Scene {
+    let mut scene = floor(2.0);
+    let corner = vec3(0.2, 2.0, 0.0) - vec3(side, 0.0, side) / 2.0;
+    let lamp = quad(corner, Vec3::X * side, Vec3::Z * side, 1);
+    assert!(lamp.normals[0].y < 0.0);
+    let shining = Material::emitter("lamp", Vec3::splat(20.0));
+    common::place(&mut scene, lamp, shining);
+    add(&mut scene, sphere(0.4, 64), ball, vec3(0.0, 0.6, 0.0));
     scene
 }
 
@@ -52,19 +53,24 @@ fn camera() -> Camera {
     Camera::look_at("", vec3(0.0, 1.8, 2.6), Vec3::ZERO, 0.8)
 }
 
-fn measured(
-    gpu: &Gpu,
-    scene: &Scene,
-    camera: &Camera,
-    settings: &[(&str, &str)],
-    size: u32,
-    samples: u32,
-) -> Measured {
-    let mut renderer =
-        Renderer::new(gpu, scene, [size, size], &["caustics".to_owned()]).expect("a renderer");
-    for (name, value) in settings {
-        renderer.set("caustics", name, value).expect("a setting");
+fn renderer(gpu: &Gpu, scene: &Scene, techniques: &[&str], size: u32) -> Renderer {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
+    for (technique, name, value) in [
+        ("caustics", "resolution", "64"),
+        ("caustics", "cube-resolution", "128"),
+        ("caustics", "shape-resolution", "128"),
+        ("distance-impostor", "resolution", "128"),
+        ("distance-impostor", "shape-resolution", "128"),
+    ] {
+        if techniques.contains(&technique) {
+            renderer.set(technique, name, value).expect("a setting");
+        }
     }
+    renderer
+}
+
+fn measured(gpu: &Gpu, scene: &Scene, renderer: &mut Renderer, samples: u32) -> Measured {
     let options = Options {
         samples: 8,
         reference: Quality {
@@ -73,36 +79,176 @@ fn measured(
         },
         ..Options::default()
     };
-    let found = measure(gpu, scene, camera, &mut renderer, &options, &mut |_| {
+    let found = measure(gpu, scene, &camera(), renderer, &options, &mut |_| {
         ControlFlow::Continue(())
     });
     found.expect("a measurement")
 }
 
-#[test]
-fn glass_balls_focus_light() {
-    let Some(gpu) = gpu() else { return };
-    for (name, material) in [
-        ("glass", glass(1.5)),
-        ("mirror", Material::metal("m", Vec3::splat(0.9), 0.0)),
-    ] {
-        let scene = ball_under_lamp(material);
-        let found = measured(
-            &gpu,
-            &scene,
-            &camera(),
-            &[("resolution", "256"), ("area-samples", "64")],
-            128,
-            1024,
-        );
-        let sum = |values: &[f32]| values.iter().map(|&v| f64::from(v)).sum::<f64>();
-        println!(
-            "{name}: flux {} of {}",
-            sum(&found.radiance),
-            sum(&found.truth.radiance)
-        );
-        for (which, values) in [("a", &found.radiance), ("b", &found.truth.radiance)] {
-            std::fs::write(format!("/tmp/ca-{name}-{which}.raw")).unwrap();
+/// Means over squares of 8 pixels a side.
+fn blurred(radiance: &[f32], size: usize) -> Vec<f64> {
+    let blocks = size / 8;
+    let mut sums = vec![0.0; blocks * blocks * 3];
+    for (at, pixel) in radiance.chunks_exact(3).enumerate() {
+        let block = at / size / 8 * blocks + at % size / 8;
+        for (channel, value) in pixel.iter().enumerate() {
+            sums[block * 3 + channel] += f64::from(*value) / 64.0;
         }
+    }
+    sums
+}
+
+/// The light of a lamp that comes to the floor by way of a ball: all of it, where it belongs.
+#[test]
+fn balls_throw_their_light_where_the_path_tracer_finds_it() {
+    let Some(gpu) = gpu() else { return };
+    const SIZE: usize = 64;
+    // Few paths find the lamp by way of the mirror: it is a large one.
+    for (name, material, lamp) in [("glass", glass(1.5), 0.5), ("mirror", mirror(), 1.2)] {
+        let scene = ball_under_lamp(material, lamp);
+        let mut renderer = renderer(&gpu, &scene, &["caustics"], SIZE as u32);
+        renderer
+            .set("caustics", "area-samples", "16")
+            .expect("a setting");
+        renderer
+            .set("caustics", "resolution", "512")
+            .expect("a setting");
+        let found = measured(&gpu, &scene, &mut renderer, 640);
+        let [test, truth] = [&found.radiance, &found.truth.radiance].map(|one| blurred(one, SIZE));
+        let [all, all_truth] = [&test, &truth].map(|one| one.iter().sum::<f64>());
+        let mean = all_truth / truth.len() as f64;
+        let error = test
+            .iter()
+            .zip(&truth)
+            .map(|(a, b)| (a - b).powi(2) / (b * b + mean * mean))
+            .sum::<f64>()
+            / truth.len() as f64;
+        println!(
+            "{name}: flux {:.4} of the truth's, rel-mse of the blurred light {error:.1e}",
+            all / all_truth
+        );
+        assert!((all / all_truth - 1.0).abs() < 0.03, "{name}");
+        assert!(error < 0.05, "{name}: {error}");
+    }
+}
+
+/// With shadows around them, and seen through the glass and in the mirror.
+#[test]
+fn caustics_are_seen_through_glass() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = ball_under_lamp(glass(1.5), 0.5);
+    add(&mut scene, sphere(0.3, 48), mirror(), vec3(-0.8, 0.3, 0.3));
+    let techniques = ["shadow-map", "caustics", "distance-impostor"];
+    let error = |left_out: &str| {
+        let names: Vec<&str> = techniques
+            .into_iter()
+            .filter(|name| *name != left_out)
+            .collect();
+        let mut with_all = renderer(&gpu, &scene, &techniques, 48);
+        let truth = measured(&gpu, &scene, &mut with_all, 256);
+        let mut this = renderer(&gpu, &scene, &names, 48);
+        for _ in 0..8 {
+            this.render_sample(&camera(), 8, None, false)
+                .expect("a picture");
+        }
+        let radiance = this.radiance().expect("radiance");
+        let [test, truth] = [&radiance, &truth.truth.radiance].map(|one| blurred(one, 48));
+        let squares = test.iter().zip(&truth);
+        squares
+            .map(|(a, b)| (a - b).powi(2) / (b * b + 0.01))
+            .sum::<f64>()
+            / truth.len() as f64
+    };
+    let [with, without] = ["", "caustics"].map(error);
+    println!("shadows, caustics and impostors: rel-mse {with:.1e}, without caustics {without:.1e}");
+    assert!(with < 0.02, "{with}");
+    assert!(without > 3.0 * with, "{without}");
+}
+
+/// Places where no caustic can be right: everything stays finite.
+#[test]
+fn impossible_places_stay_finite() {
+    let Some(gpu) = gpu() else { return };
+    let light = |at: Vec3| Light::new("", LightKind::Point, Vec3::ONE).aimed(at, Vec3::ZERO);
+    let center = vec3(0.0, 0.6, 0.0);
+    // In the ball, in its surface, far away, and below the floor.
+    for at in [center, center + Vec3::Y * 0.4, Vec3::Y * 1e6, -Vec3::Y] {
+        for material in [glass(1.5), mirror()] {
+            let mut scene = floor(2.0);
+            add(&mut scene, sphere(0.4, 16), material, center);
+            scene.lights.push(light(at));
+            look(&gpu, &scene);
+        }
+    }
+    // Nothing around it; larger than all there is; touching the floor; flat; open; no triangles.
+    let mut alone = Scene::new("alone");
+    add(&mut alone, sphere(0.4, 16), glass(1.5), center);
+    let mut large = floor(0.2);
+    add(&mut large, sphere(9.0, 16), glass(1.5), Vec3::ZERO);
+    let mut touching = floor(2.0);
+    add(
+        &mut touching,
+        sphere(0.4, 16),
+        mirror(),
+        vec3(0.0, 0.4, 0.0),
+    );
+    let mut flat = floor(2.0);
+    add(
+        &mut flat,
+        quad(center, Vec3::X, Vec3::Z, 1),
+        glass(1.5),
+        Vec3::ZERO,
+    );
+    let mut open = floor(2.0);
+    let mut cap = sphere(0.4, 16);
+    cap.indices.truncate(cap.indices.len() / 6 * 3);
+    add(&mut open, cap, glass(1.5), center);
+    let mut empty = floor(2.0);
+    add(&mut empty, Mesh::default(), mirror(), center);
+    for mut scene in [alone, large, touching, flat, open, empty] {
+        scene.lights.push(light(vec3(0.3, 2.0, 0.4)));
+        look(&gpu, &scene);
+    }
+    let mut dark = floor(2.0);
+    add(&mut dark, sphere(0.4, 16), glass(1.5), center);
+    let radiance = look(&gpu, &dark);
+    assert!(radiance.iter().all(|value| *value == 0.0));
+}
+
+/// Renders a few frames and returns finite radiance.
+fn look(gpu: &Gpu, scene: &Scene) -> Vec<f32> {
+    let mut renderer = renderer(gpu, scene, &["caustics"], 16);
+    for _ in 0..2 {
+        renderer
+            .render_sample(&camera(), 2, None, false)
+            .expect("a picture");
+    }
+    let radiance = renderer.radiance().expect("radiance");
+    assert!(
+        radiance
+            .iter()
+            .all(|value| value.is_finite() && *value >= 0.0)
+    );
+    radiance
+}
+
+#[test]
+fn settings_that_cannot_work_are_refused() {
+    let Some(gpu) = gpu() else { return };
+    let scene = ball_under_lamp(mirror(), 0.5);
+    let mut renderer = renderer(&gpu, &scene, &["caustics"], 16);
+    for (name, value) in [
+        ("resolution", "4"),
+        ("resolution", "4096"),
+        ("cube-resolution", "100"),
+        ("bounces", "17"),
+        ("area-samples", "0"),
+        ("objects", "nobody"),
+        ("photons", "1"),
+    ] {
+        assert!(
+            renderer.set("caustics", name, value).is_err(),
+            "{name}={value}"
+        );
     }
 }

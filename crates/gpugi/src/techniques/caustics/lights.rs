@@ -40,7 +40,7 @@ impl LightView {
             center - direction * diagonal
         };
         let intensity = Vec3::from_array(light.intensity).max_element();
-        if !shines_on(light, bounds) || !(intensity > 0.0 && intensity.is_finite()) {
+        if !(shines_on(light, bounds) && intensity > 0.0 && intensity.is_finite()) {
             return None;
         }
         let mut camera = Camera::look_at("light", eye, center, 1.0);

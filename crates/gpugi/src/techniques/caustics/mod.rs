@@ -49,8 +49,6 @@ pub struct Settings {
     pub area_samples: u32,
     /// Frames of a still scene whose photons are added up.
     pub frames: u32,
-    /// Whether photons are followed every frame, as if something had changed.
-    pub every_frame: bool,
     /// Objects that throw caustics: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
     pub objects: String,
 }
@@ -64,7 +62,6 @@ impl Default for Settings {
             bounces: 4,
             area_samples: 16,
             frames: 16,
-            every_frame: false,
             objects: AUTO.to_owned(),
         }
     }
@@ -100,11 +97,6 @@ const FIELDS: &[Field] = &[
         name: "frames",
         summary: "frames of a still scene whose photons are added up",
         range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "every-frame",
-        summary: "true or false: follow photons every frame, as if something had changed",
-        range: None,
     },
     Field {
         name: "objects",
@@ -325,7 +317,7 @@ impl Technique for Caustics {
             None => self.make(frame.gpu, scene)?,
         };
         let now = Some((scene.versions, lit.version));
-        let is_fresh = made.followed != now || self.settings.every_frame;
+        let is_fresh = made.followed != now;
         if is_fresh {
             made.followed = now;
             made.frames = 0;
