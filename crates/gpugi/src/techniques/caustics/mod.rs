@@ -45,7 +45,7 @@ pub struct Settings {
     pub shape_resolution: u32,
     /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
     pub bounces: u32,
-    /// Sample points on all area lights together.
+    /// Sample points on all area lights together, in every frame others.
     pub area_samples: u32,
     /// Frames of a still scene whose photons are added up.
     pub frames: u32,
@@ -60,7 +60,7 @@ impl Default for Settings {
             cube_resolution: 256,
             shape_resolution: 256,
             bounces: 4,
-            area_samples: 16,
+            area_samples: 4,
             frames: 16,
             objects: AUTO.to_owned(),
         }
@@ -90,7 +90,7 @@ const FIELDS: &[Field] = &[
     },
     Field {
         name: "area-samples",
-        summary: "sample points on all area lights",
+        summary: "sample points on all area lights, in every frame others",
         range: Some((1.0, 256.0)),
     },
     Field {
@@ -182,6 +182,29 @@ impl Caustics {
             made: None,
             bound: PerTarget::default(),
         })
+    }
+
+    /// Refuses what would take too many maps.
+    fn check_counts(&self, gpu: &Gpu, lights: usize) -> Result<(), GpuError> {
+        let objects = self.claimed.len();
+        for (what, needed, limit) in [
+            ("objects with caustics (name fewer)", objects, MOST_NAMED),
+            (
+                "caustic maps, lights times objects",
+                lights * objects,
+                MOST_MAPS,
+            ),
+        ] {
+            if needed > limit {
+                return Err(GpuError::TooLarge {
+                    what: what.into(),
+                    needed: needed as u64,
+                    limit: limit as u64,
+                    adapter: gpu.adapter.name.clone(),
+                });
+            }
+        }
+        Ok(())
     }
 
     fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
@@ -282,30 +305,6 @@ impl Technique for Caustics {
         _: &View,
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
-        let mut lights: Vec<_> = scene.lights.iter().map(punctual).collect();
-        let first_area = lights.len();
-        lights.extend(on_emitters(&scene.emitters, self.settings.area_samples));
-        for (what, needed, limit) in [
-            (
-                "objects with caustics (name fewer)",
-                self.claimed.len(),
-                MOST_NAMED,
-            ),
-            (
-                "caustic maps, lights times objects",
-                lights.len() * self.claimed.len(),
-                MOST_MAPS,
-            ),
-        ] {
-            if needed > limit {
-                return Err(GpuError::TooLarge {
-                    what: what.into(),
-                    needed: needed as u64,
-                    limit: limit as u64,
-                    adapter: frame.gpu.adapter.name.clone(),
-                });
-            }
-        }
         let of_claimed = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
         let is_made = |made: &Made| {
             made.settings == self.settings
@@ -323,6 +322,11 @@ impl Technique for Caustics {
             made.frames = 0;
         }
         if made.frames < self.settings.frames {
+            let mut lights: Vec<_> = scene.lights.iter().map(punctual).collect();
+            let first_area = lights.len();
+            let area_samples = self.settings.area_samples;
+            lights.extend(on_emitters(&scene.emitters, area_samples, made.frames));
+            self.check_counts(frame.gpu, lights.len())?;
             made.frames += 1;
             let making = Making {
                 scene,

@@ -15,6 +15,9 @@ use crate::techniques::shadow_map::lights::low_discrepancy;
 /// Most bytes of photons at a time: more are followed in several dispatches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
 
+/// `LANES` of splat.wesl.
+const SPLAT_LANES: u32 = 16;
+
 /// The caustics of one object.
 #[derive(Debug)]
 pub struct Caustic {
@@ -33,6 +36,8 @@ pub struct Caustic {
     maps: Vec<CausticMapOf>,
     /// Frames whose photons are counted.
     frames: u32,
+    /// Flux of one count of one frame's sums (W).
+    step: f64,
 }
 
 /// What reads the maps around the object.
@@ -128,6 +133,7 @@ impl Caustic {
             bound: None,
             maps: Vec::new(),
             frames: 0,
+            step: 1.0,
         })
     }
 
@@ -158,9 +164,14 @@ impl Caustic {
             frame.clear(&self.counters);
         }
         let views = self.views(making);
-        // Counts are as fine as sums of all frames fit 31 bits, of which half is for rounding.
-        let flux: f64 = views.iter().map(LightView::flux).sum();
-        let step = flux * f64::from(settings.frames) / f64::from(1_u32 << 30);
+        if is_fresh {
+            // Counts are as fine as sums of all frames fit 31 bits, of which half is for frames with more light than the first: their samples
+            // of area lights lie elsewhere.
+            let flux: f64 = views.iter().map(LightView::flux).sum();
+            self.step =
+                flux.max(f64::MIN_POSITIVE) * f64::from(settings.frames) / f64::from(1_u32 << 30);
+        }
+        let step = self.step;
         self.frames += 1;
         let queue = &gpu.queue;
         let of_object = impostor_gpu::Impostor {
@@ -388,7 +399,8 @@ impl CausticMapOf {
             frame.compute("caustics.splat", |pass| {
                 let photons = dispatch.range.len() as u32;
                 let groups = [(3, &dispatch.splat)];
-                kernels.splat.dispatch(pass, &groups, [side, side, photons]);
+                let invocations = side * side * photons * SPLAT_LANES;
+                kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
             });
         }
         Ok(())

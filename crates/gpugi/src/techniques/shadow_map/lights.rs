@@ -79,7 +79,7 @@ impl LightList {
         diagonal: f32,
     ) {
         let near = diagonal * 1e-4;
-        for sample in on_emitters(emitters, count) {
+        for sample in on_emitters(emitters, count, 0) {
             let [position, normal, tangent] =
                 [sample.position, sample.direction, sample.tangent].map(Vec3::from_array);
             let faces = if sample.kind == LightSample::AREA_TWO_SIDED {
@@ -123,8 +123,8 @@ pub fn punctual(light: &Light) -> LightSample {
 }
 
 /// `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it. A sample's L A is the power
-/// share over pi in the triangle's colour. Without views.
-pub fn on_emitters(emitters: &[Emitter], count: u32) -> Vec<LightSample> {
+/// share over pi in the triangle's colour. Without views. Another `turn` has other points.
+pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSample> {
     let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
     let total: f64 = weights.iter().sum();
     if !(total > 0.0 && total.is_finite()) {
@@ -141,7 +141,7 @@ pub fn on_emitters(emitters: &[Emitter], count: u32) -> Vec<LightSample> {
         let emitter = &emitters[index];
         let [a, b, c] = emitter.corners;
         let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
-        let uv = low_discrepancy(number);
+        let uv = low_discrepancy(turn * count + number);
         // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
         let (u, v) = if uv.y > uv.x {
             (uv.x / 2.0, uv.y - uv.x / 2.0)
