@@ -110,7 +110,7 @@ fn balls_throw_their_light_where_the_path_tracer_finds_it() {
         renderer
             .set("caustics", "resolution", "256")
             .expect("a setting");
-        let found = measured(&gpu, &scene, &mut renderer, 640);
+        let found = measured(&gpu, &scene, &mut renderer, 512);
         let [test, truth] = [&found.radiance, &found.truth.radiance].map(|one| blurred(one, SIZE));
         let [all, all_truth] = [&test, &truth].map(|one| one.iter().sum::<f64>());
         let mean = all_truth / truth.len() as f64;

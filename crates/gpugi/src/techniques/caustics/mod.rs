@@ -12,6 +12,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
+use super::shadow_map::gpu::LightSample;
 use super::shadow_map::lights::{on_emitters, punctual};
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
@@ -325,7 +326,12 @@ impl Technique for Caustics {
             let mut lights: Vec<_> = scene.lights.iter().map(punctual).collect();
             let first_area = lights.len();
             let area_samples = self.settings.area_samples;
-            lights.extend(on_emitters(&scene.emitters, area_samples, made.frames));
+            let samples = on_emitters(&scene.emitters, area_samples, made.frames);
+            // All frames' points share the emitters: each stands for a part of the area.
+            lights.extend(samples.into_iter().map(|sample| LightSample {
+                area: sample.area / self.settings.frames as f32,
+                ..sample
+            }));
             self.check_counts(frame.gpu, lights.len())?;
             made.frames += 1;
             let making = Making {

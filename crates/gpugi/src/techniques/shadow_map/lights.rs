@@ -130,10 +130,13 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
     if !(total > 0.0 && total.is_finite()) {
         return Vec::new();
     }
+    // All points of a turn are shifted alike: they lie as evenly over the emitters as those of the first, and so do those of one number in
+    // all turns.
+    let shift = additive(R3, turn);
     let mut before = 0.0;
     let mut index = 0;
     let sample = |number| {
-        let at = (f64::from(number) + 0.5) / f64::from(count) * total;
+        let at = (f64::from(number) + (0.5 + shift[0]).fract()) / f64::from(count) * total;
         while index + 1 < emitters.len() && before + weights[index] <= at {
             before += weights[index];
             index += 1;
@@ -141,12 +144,13 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
         let emitter = &emitters[index];
         let [a, b, c] = emitter.corners;
         let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
-        let uv = low_discrepancy(turn * count + number);
+        let [x, y] = additive(R2, number);
+        let [x, y] = [x + shift[1], y + shift[2]].map(|one| (0.5 + one).fract() as f32);
         // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
-        let (u, v) = if uv.y > uv.x {
-            (uv.x / 2.0, uv.y - uv.x / 2.0)
+        let (u, v) = if y > x {
+            (x / 2.0, y - x / 2.0)
         } else {
-            (uv.x - uv.y / 2.0, uv.y / 2.0)
+            (x - y / 2.0, y / 2.0)
         };
         let sides = if emitter.two_sided { 2.0 } else { 1.0 };
         let share = total / f64::from(count) / std::f64::consts::PI;
@@ -168,10 +172,23 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
     (0..count).map(sample).collect()
 }
 
-/// Point `index` of the additive R2 sequence (Roberts 2018) in the unit square.
+/// Steps of the additive sequences of lowest discrepancy in two and three dimensions: powers of the roots of x^3 = x + 1 and x^4 = x + 1
+/// (Roberts 2018).
+const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
+const R3: [f64; 3] = [
+    0.819_172_513_396_164_5,
+    0.671_043_606_703_789_3,
+    0.549_700_477_901_970_3,
+];
+
+/// Point `index` of an additive sequence that begins at zero.
+fn additive<const N: usize>(steps: [f64; N], index: u32) -> [f64; N] {
+    steps.map(|step| (step * f64::from(index)).fract())
+}
+
+/// Point `index` of the additive R2 sequence in the unit square, the first in its middle.
 pub fn low_discrepancy(index: u32) -> Vec2 {
-    const STEP: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
-    Vec2::from_array(STEP.map(|step| (0.5 + step * f64::from(index)).fract() as f32))
+    Vec2::from_array(additive(R2, index).map(|one| (0.5 + one).fract() as f32))
 }
 
 /// Cascades of a directional light, fitted to what the camera sees of the scene. Each covers a sphere around its slice of the view, so that its
