@@ -9,6 +9,7 @@ use crate::gpu::Shader;
 use crate::impostor::gpu::Impostor;
 use crate::ray_bench;
 use crate::shader;
+use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
@@ -138,6 +139,22 @@ fn uniforms_and_storage_structs_have_one_layout() {
         world_from_shape);
     let gather = shader!("techniques.distance_impostor.gather");
     assert_eq!(reflected(&gather, "Impostor"), impostor);
+    let (size, own) = layout!(CausticMap: reference cube_side side first end is_perspective pixel_area unit counts seed lanes);
+    let (_, light) = sample;
+    let map = (size, [light, own].concat());
+    for shader in [
+        shader!("techniques.caustics.trace"),
+        shader!("techniques.caustics.splat"),
+    ] {
+        assert_eq!(reflected(&shader, "CausticMap"), map, "{}", shader.name);
+    }
+    let photon = reflected(&shader!("techniques.caustics.splat"), "Photon");
+    assert_eq!(u64::from(photon.0), PHOTON_BYTES);
+    let gather = shader!("techniques.caustics.gather");
+    let cube = layout!(LitCube: reference side instance);
+    assert_eq!(reflected(&gather, "LitCube"), cube);
+    let texel = reflected(&gather, "LitTexel");
+    assert_eq!(u64::from(texel.0), LIT_TEXEL_BYTES);
 }
 
 #[test]
@@ -151,6 +168,9 @@ fn claims_are_the_same_bits() {
     ] {
         assert_eq!(constant(&gather, "scene_tables", name), claims.0, "{name}");
     }
+    let depth = shader!("capture.depth_alpha");
+    let shadow = constant(&depth, "scene_tables", "CLAIM_SHADOW");
+    assert_eq!(shadow, Claims::SHADOW.0);
 }
 
 #[test]

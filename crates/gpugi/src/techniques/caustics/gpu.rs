@@ -19,13 +19,7 @@ pub struct CausticMap {
     pub unit: f32,
     pub counts: f32,
     pub seed: u32,
-}
-
-/// `Counting` of irradiance.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct Counting {
-    pub unit: f32,
+    pub lanes: u32,
     pub padding: [u32; 3],
 }
 

@@ -15,7 +15,7 @@ const LARGEST_TANGENT: f32 = 3.7;
 pub struct LightView {
     /// What it captures.
     pub view: View,
-    /// What photons need to know of it; the cube, counts and range of photons are left to their owner.
+    /// What photons need to know of it; what concerns the cube and the way its photons are spread is left to their owner.
     pub map: CausticMap,
 }
 
@@ -83,6 +83,8 @@ impl LightView {
                 unit: intensity * pixel * pixel,
                 counts: 0.0,
                 seed,
+                lanes: 0,
+                padding: [0; 3],
             },
         })
     }

@@ -4,7 +4,7 @@
 //! the same maps as distance impostors use; a cube around the object counts what arrives. Gather: looks the irradiance up there.
 //! docs/techniques/caustics.md.
 
-mod gpu;
+pub(crate) mod gpu;
 mod lights;
 mod object;
 #[cfg(test)]

@@ -1,22 +1,24 @@
 //! The caustics of one object: caustic maps of the lights that shine on it, and the cube around it that holds what their photons light.
 
+use std::ops::Range;
+
 use glam::Vec2;
 
-use super::gpu::{COUNTER_BYTES, CausticMap, Counting, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
+use super::gpu::{COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use super::lights::LightView;
 use super::{Kernels, Settings};
-use crate::capture::{Capture, CaptureKernels, SurfacePoints, View};
+use crate::capture::{Capture, CaptureKernels, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::scene::{GpuScene, Object};
 use crate::techniques::shadow_map::gpu::LightSample;
 use crate::techniques::shadow_map::lights::low_discrepancy;
 
-/// Most bytes of photons at a time: more are followed in several dispatches.
+/// Most bytes of photons at a time: more are followed in several batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-
-/// `LANES` of splat.wesl.
-const SPLAT_LANES: u32 = 16;
+/// Invocations that spread the photons of one bounce of a map: so many share a photon's texels that maps of few photons, whose kernels are
+/// large, also fill a GPU.
+const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
 /// The caustics of one object.
 #[derive(Debug)]
@@ -29,11 +31,12 @@ pub struct Caustic {
     lit_texels: wgpu::Buffer,
     of_object: wgpu::Buffer,
     lit_cube: wgpu::Buffer,
-    counting: wgpu::Buffer,
+    count_flux: wgpu::Buffer,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
     bound: Option<Bound>,
     maps: Vec<CausticMapOf>,
+    batches: Vec<Vec<Dispatch>>,
     /// Frames whose photons are counted.
     frames: u32,
     /// Flux of one count of one frame's sums (W).
@@ -54,13 +57,14 @@ struct Bound {
 struct CausticMapOf {
     capture: Capture,
     seen: wgpu::BindGroup,
-    dispatches: Vec<Dispatch>,
 }
 
-/// Some of the photons of a caustic map's pixels.
+/// Photons of some of the bounces of a caustic map's pixels.
 #[derive(Debug)]
 struct Dispatch {
-    range: std::ops::Range<u32>,
+    /// Index of the caustic map.
+    of: usize,
+    bounces: Range<u32>,
     map: wgpu::Buffer,
     trace: wgpu::BindGroup,
     splat: wgpu::BindGroup,
@@ -128,10 +132,11 @@ impl Caustic {
                 uniform,
             )?,
             lit_cube,
-            counting: gpu.buffer("counting", size_of::<Counting>() as u64, uniform)?,
+            count_flux: gpu.buffer("flux of a count [W]", size_of::<f32>() as u64, uniform)?,
             group,
             bound: None,
             maps: Vec::new(),
+            batches: Vec::new(),
             frames: 0,
             step: 1.0,
         })
@@ -193,23 +198,59 @@ impl Caustic {
             padding: [0; 3],
         };
         queue.write_buffer(&self.lit_cube, 0, bytemuck::bytes_of(&lit_cube));
-        let counting = Counting {
-            unit: (step / f64::from(self.frames)) as f32,
-            padding: [0; 3],
-        };
-        queue.write_buffer(&self.counting, 0, bytemuck::bytes_of(&counting));
+        let count_flux = (step / f64::from(self.frames)) as f32;
+        queue.write_buffer(&self.count_flux, 0, bytemuck::bytes_of(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let Some(bound) = &self.bound else {
             return Ok(());
         };
         for (caustic_map, light) in self.maps.iter_mut().zip(&views) {
-            let map = CausticMap {
-                reference: maps.reference.to_array(),
-                cube_side: self.wanted.side,
-                counts: (f64::from(light.map.unit) / step) as f32,
-                ..light.map
-            };
-            caustic_map.record(frame, making, bound, self.wanted.instance, light.view, map)?;
+            caustic_map
+                .capture
+                .record(frame, scene, &light.view, |draw| {
+                    if draw.instance == self.wanted.instance {
+                        scene.whole_class(draw)
+                    } else {
+                        // Light is kept out by both sides of what is in its way.
+                        draw.seen.from_both_sides()
+                    }
+                })?;
+        }
+        for batch in &self.batches {
+            for dispatch in batch {
+                let map = views[dispatch.of].map;
+                let map = CausticMap {
+                    reference: maps.reference.to_array(),
+                    cube_side: self.wanted.side,
+                    counts: (f64::from(map.unit) / step) as f32,
+                    first: dispatch.bounces.start,
+                    end: dispatch.bounces.end,
+                    lanes: lanes(map.side),
+                    ..map
+                };
+                queue.write_buffer(&dispatch.map, 0, bytemuck::bytes_of(&map));
+            }
+            frame.compute("caustics.trace", |pass| {
+                for dispatch in batch {
+                    let of = &self.maps[dispatch.of];
+                    let side = views[dispatch.of].map.side;
+                    let groups = [
+                        (0, &scene.bind_group),
+                        (1, &of.seen),
+                        (2, &bound.trace),
+                        (3, &dispatch.trace),
+                    ];
+                    kernels.trace.dispatch(pass, &groups, [side, side, 1]);
+                }
+            });
+            frame.compute("caustics.splat", |pass| {
+                for dispatch in batch {
+                    let side = views[dispatch.of].map.side;
+                    let invocations = side * side * dispatch.bounces.len() as u32 * lanes(side);
+                    let groups = [(3, &dispatch.splat)];
+                    kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
+                }
+            });
         }
         frame.compute("caustics.irradiance", |pass| {
             let groups = [(1, &bound.seen), (3, &bound.counted)];
@@ -259,8 +300,9 @@ impl Caustic {
             return Ok(());
         }
         self.maps.clear();
+        self.batches.clear();
         let counted = [
-            ("counting", self.counting.as_entire_binding()),
+            ("count_flux", self.count_flux.as_entire_binding()),
             ("counters", self.counters.as_entire_binding()),
             ("lit_texels", self.lit_texels.as_entire_binding()),
         ];
@@ -292,50 +334,71 @@ impl Caustic {
             return Ok(());
         }
         self.maps.clear();
+        self.batches.clear();
         let limits = gpu.device.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size)
             .min(PHOTONS_AT_ONCE);
-        let Some(largest) = sides.clone().max() else {
-            return Ok(());
-        };
-        // One after the other is traced and spread: they share their photons.
-        let of_photon = u64::from(largest) * u64::from(largest) * PHOTON_BYTES;
-        let at_once = (limit / of_photon).clamp(1, u64::from(self.photons)) as u32;
-        let photons = gpu.buffer(
-            "photons [bytes]",
-            of_photon * u64::from(at_once),
-            wgpu::BufferUsages::STORAGE,
-        )?;
+        // What is traced in a batch has photons of its own, so that nothing waits; the next batch has the same.
+        let mut sizes: Vec<u64> = Vec::new();
+        let mut batches: Vec<Vec<(usize, Range<u32>)>> = Vec::new();
+        let mut left = 0;
+        for (index, side) in sides.clone().enumerate() {
+            let of_bounce = u64::from(side) * u64::from(side) * PHOTON_BYTES;
+            let at_once = (limit / of_bounce).clamp(1, u64::from(self.photons)) as u32;
+            for first in (0..self.photons).step_by(at_once as usize) {
+                let bounces = first..(first + at_once).min(self.photons);
+                let size = of_bounce * bounces.len() as u64;
+                if left < size {
+                    batches.push(Vec::new());
+                    left = PHOTONS_AT_ONCE;
+                }
+                left = left.saturating_sub(size);
+                if let Some(batch) = batches.last_mut() {
+                    if batch.len() == sizes.len() {
+                        sizes.push(0);
+                    }
+                    let room = &mut sizes[batch.len()];
+                    *room = size.max(*room);
+                    batch.push((index, bounces));
+                }
+            }
+        }
+        let photons = sizes.iter().map(|&size| {
+            let usage = wgpu::BufferUsages::STORAGE;
+            gpu.buffer("photons [bytes]", size, usage)
+        });
+        let photons: Vec<_> = photons.collect::<Result<_, _>>()?;
         for side in sides {
             let capture = Capture::of_camera(gpu, capture_kernels, [side, side])?;
-            let dispatches = (0..self.photons)
-                .step_by(at_once as usize)
-                .map(|first| {
-                    let size = size_of::<CausticMap>() as u64;
-                    let map = gpu.buffer("caustic map", size, wgpu::BufferUsages::STORAGE)?;
-                    let mut resources = vec![
-                        ("caustic_map", map.as_entire_binding()),
-                        ("photons", photons.as_entire_binding()),
-                        ("receivers", maps.points.points.as_entire_binding()),
-                    ];
-                    let trace = kernels.trace.bind(gpu, 3, &resources)?;
-                    resources.push(("counters", self.counters.as_entire_binding()));
-                    Ok(Dispatch {
-                        range: first..(first + at_once).min(self.photons),
-                        trace,
-                        splat: kernels.splat.bind(gpu, 3, &resources)?,
-                        map,
-                    })
-                })
-                .collect::<Result<_, GpuError>>()?;
             self.maps.push(CausticMapOf {
                 seen: capture.points.bind(gpu, &kernels.trace)?,
                 capture,
-                dispatches,
             });
         }
+        let dispatch = |((of, bounces), photons): ((usize, Range<u32>), &wgpu::Buffer)| {
+            let size = size_of::<CausticMap>() as u64;
+            let map = gpu.buffer("caustic map", size, wgpu::BufferUsages::STORAGE)?;
+            let mut resources = vec![
+                ("caustic_map", map.as_entire_binding()),
+                ("photons", photons.as_entire_binding()),
+                ("receivers", maps.points.points.as_entire_binding()),
+            ];
+            let trace = kernels.trace.bind(gpu, 3, &resources)?;
+            resources.push(("counters", self.counters.as_entire_binding()));
+            Ok(Dispatch {
+                of,
+                bounces,
+                trace,
+                splat: kernels.splat.bind(gpu, 3, &resources)?,
+                map,
+            })
+        };
+        self.batches = batches
+            .into_iter()
+            .map(|batch| batch.into_iter().zip(&photons).map(dispatch).collect())
+            .collect::<Result<_, GpuError>>()?;
         Ok(())
     }
 
@@ -359,52 +422,10 @@ impl Caustic {
     }
 }
 
-impl CausticMapOf {
-    fn record(
-        &mut self,
-        frame: &mut Frame<'_>,
-        making: Making<'_>,
-        bound: &Bound,
-        own: u32,
-        view: View,
-        map: CausticMap,
-    ) -> Result<(), GpuError> {
-        let Making { scene, kernels, .. } = making;
-        self.capture.record(frame, scene, &view, |draw| {
-            if draw.instance == own {
-                scene.whole_class(draw)
-            } else {
-                // Light is kept out by both sides of what is in its way.
-                draw.seen.from_both_sides()
-            }
-        })?;
-        let side = map.side;
-        for dispatch in &self.dispatches {
-            let map = CausticMap {
-                first: dispatch.range.start,
-                end: dispatch.range.end,
-                ..map
-            };
-            let queue = &frame.gpu.queue;
-            queue.write_buffer(&dispatch.map, 0, bytemuck::bytes_of(&map));
-            frame.compute("caustics.trace", |pass| {
-                let groups = [
-                    (0, &scene.bind_group),
-                    (1, &self.seen),
-                    (2, &bound.trace),
-                    (3, &dispatch.trace),
-                ];
-                kernels.trace.dispatch(pass, &groups, [side, side, 1]);
-            });
-            frame.compute("caustics.splat", |pass| {
-                let photons = dispatch.range.len() as u32;
-                let groups = [(3, &dispatch.splat)];
-                let invocations = side * side * photons * SPLAT_LANES;
-                kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
-            });
-        }
-        Ok(())
-    }
+/// Invocations that share the texels of one photon of a map: a power of two, at most a workgroup's 64.
+fn lanes(side: u32) -> u32 {
+    let lanes = SPLAT_INVOCATIONS / (side * side);
+    (1 << lanes.max(1).ilog2()).clamp(4, 64)
 }
 
 #[cfg(test)]
@@ -415,12 +436,12 @@ impl Caustic {
 
         let counters: Vec<[u32; 6]> =
             read_buffer(gpu, &self.counters, self.counters.size()).unwrap();
-        let counting: Vec<Counting> =
-            read_buffer(gpu, &self.counting, self.counting.size()).unwrap();
+        let count_flux: Vec<f32> =
+            read_buffer(gpu, &self.count_flux, self.count_flux.size()).unwrap();
         let mut sum = glam::DVec3::ZERO;
         for [r, g, b, ..] in counters {
             sum += glam::DVec3::new(r.into(), g.into(), b.into());
         }
-        sum * f64::from(counting[0].unit)
+        sum * f64::from(count_flux[0])
     }
 }
