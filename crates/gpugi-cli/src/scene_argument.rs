@@ -21,7 +21,7 @@ pub struct SceneArguments {
     /// Time of the animation (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     pub time: f32,
-    /// Objects to leave out, names with commas between and * for any letters
+    /// Objects and lights to leave out, names with commas between and * for any letters
     #[arg(
         long,
         value_name = "NAME,...",
@@ -57,15 +57,16 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
         scene.environment = Some(import_environment(path, &limits)?);
     }
     let mut notes = scene.warnings.clone();
-    let count = scene.instances.len();
+    let things = |scene: &Scene| scene.instances.len() + scene.lights.len();
+    let count = things(&scene);
     scene
         .remove(&arguments.without)
         .map_err(|unknown| Usage(format!("--without {}: {unknown}", arguments.without)))?;
-    let left = scene.instances.len();
+    let left = things(&scene);
     if left < count {
         let removed = count - left;
         notes.push(format!(
-            "{removed} of {count} objects are left out: {}",
+            "{removed} of {count} objects and lights are left out: {}",
             arguments.without
         ));
     }

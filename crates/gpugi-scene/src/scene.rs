@@ -255,13 +255,15 @@ impl Scene {
         self.instances.len() - 1
     }
 
-    /// Takes away the instances that `list` names ([`is_named_by`]). Meshes and materials stay.
+    /// Takes away the instances and lights that `list` names ([`is_named_by`]). Meshes and materials stay.
     ///
     /// # Errors
     /// [`UnknownObject`] when a name of the list is nobody's; the scene is then as before.
     pub fn remove(&mut self, list: &str) -> Result<(), UnknownObject> {
-        let known = self.instances.iter().map(|instance| instance.name.as_str());
-        check_names(list, known)?;
+        let instances = self.instances.iter().map(|instance| instance.name.as_str());
+        let lights = self.lights.iter().map(|light| light.name.as_str());
+        check_names(list, instances.chain(lights))?;
+        self.lights.retain(|light| !is_named_by(&light.name, list));
         let mut kept = 0;
         let new_index: Vec<Option<usize>> = (self.instances.iter())
             .map(|instance| {
@@ -354,6 +356,7 @@ impl Scene {
 mod tests {
     use super::*;
     use crate::animation::Deformer;
+    use crate::light::LightKind;
 
     #[test]
     fn what_is_removed_takes_what_bends_it_along() {
@@ -375,6 +378,10 @@ mod tests {
             });
         }
         scene.rig = Some(rig);
+        for name in ["lamp", "second lamp"] {
+            let light = Light::new(name, LightKind::Point, Vec3::ONE);
+            scene.lights.push(light);
+        }
         let before = scene.clone();
         assert!(scene.remove("second,fourth").is_err());
         assert_eq!(scene, before);
@@ -383,6 +390,8 @@ mod tests {
         scene.remove("sec*").unwrap();
         let names: Vec<_> = scene.instances.iter().map(|one| &one.name).collect();
         assert_eq!(names, ["first", "third"]);
+        let lights: Vec<_> = scene.lights.iter().map(|one| &one.name).collect();
+        assert_eq!(lights, ["lamp"]);
         let deformers = &scene.rig.as_ref().unwrap().deformers;
         let bent: Vec<_> = deformers
             .iter()

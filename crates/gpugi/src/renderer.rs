@@ -114,23 +114,7 @@ impl Renderer {
             if !wanted {
                 continue;
             }
-            let covered: Vec<LightPaths> = techniques
-                .iter()
-                .flat_map(|technique| technique.paths())
-                .cloned()
-                .collect();
-            let made = make(gpu, &scene, &covered)?;
-            for other in &techniques {
-                if let Some((class, path)) = overlap(made.paths(), other.paths()) {
-                    return Err(RenderError::Overlap {
-                        first: other.info().name.into(),
-                        second: info.name.into(),
-                        path,
-                        class,
-                    });
-                }
-            }
-            techniques.push(made);
+            techniques.push(make(gpu, &scene)?);
         }
         let capture = Capture::of_camera(gpu, &kernels, size)?;
         let target = Target::new(gpu, capture.points.count)?;
@@ -148,19 +132,40 @@ impl Renderer {
             settings_version: 0,
             scene,
         };
-        renderer.assign();
+        let claiming = renderer.assign();
+        // Techniques with objects of their own add their light there alone.
+        let unclaimed = renderer.techniques.iter().zip(claiming);
+        let unclaimed = unclaimed.filter_map(|(technique, claims)| (!claims).then_some(technique));
+        for (index, second) in unclaimed.clone().enumerate() {
+            for first in unclaimed.clone().take(index) {
+                if let Some((class, path)) = overlap(first.paths(), second.paths()) {
+                    return Err(RenderError::Overlap {
+                        first: first.info().name.into(),
+                        second: second.info().name.into(),
+                        path,
+                        class,
+                    });
+                }
+            }
+        }
         Ok(renderer)
     }
 
-    /// Asks the techniques which objects are their own affair.
-    fn assign(&mut self) {
+    /// Asks the techniques which objects are their own affair; returns which of them have any.
+    fn assign(&mut self) -> Vec<bool> {
         let mut claims = vec![Claims::NONE; self.scene.objects.len()];
+        let mut covered = Vec::new();
+        let mut claiming = Vec::new();
         for technique in &mut self.techniques {
-            for (all, of_technique) in claims.iter_mut().zip(technique.claim(&self.scene)) {
-                *all = *all | of_technique;
+            let own = technique.claim(&self.scene, &covered);
+            claiming.push(own.iter().any(|claim| *claim != Claims::NONE));
+            for (all, own) in claims.iter_mut().zip(own) {
+                *all = *all | own;
             }
+            covered.extend_from_slice(technique.paths());
         }
         self.scene.assign(&self.gpu, &claims);
+        claiming
     }
 
     /// Sets one setting of one technique from text.
@@ -187,10 +192,14 @@ impl Renderer {
             source,
         };
         let before = found.settings()[name].clone();
+        let names = found.names().to_owned();
         found.set(name, value).map_err(fail)?;
         let objects = &self.scene.objects;
         let known = objects.iter().map(|object| object.name.as_str());
-        if let Err(unknown) = check_names(found.names(), known) {
+        // Names that were known may be gone from the scene meanwhile.
+        if found.names() != names
+            && let Err(unknown) = check_names(found.names(), known)
+        {
             // What is refused is not kept.
             let before = before.as_str().unwrap_or_default();
             found.set(name, before).map_err(fail)?;
@@ -205,7 +214,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter.
+    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps that become finer from
+    /// frame to frame are kept when accumulation begins anew.
     pub fn set_seed(&mut self, seed: u32) {
         self.seed = seed;
         self.samples = 0;

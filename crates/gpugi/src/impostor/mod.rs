@@ -229,8 +229,8 @@ struct Turn {
 }
 
 impl Impostors {
-    /// Maps that nobody asks for in as many frames are forgotten.
-    const PATIENCE: u64 = 64;
+    /// Maps that nobody asks for in as many frames are forgotten: who drags a setting leaves others behind in every frame.
+    const PATIENCE: u64 = 2;
 
     /// Compiles the passes.
     ///

@@ -137,6 +137,15 @@ pub fn overlap(a: &[LightPaths], b: &[LightPaths]) -> Option<(LightClass, String
         .min_by_key(|(_, path)| path.len())
 }
 
+/// The shortest path in a set that no path from the eye finds: from light without extent to a mirror or glass, which sends a ray past it.
+///
+/// # Panics
+/// As [`overlap`].
+pub fn never_found(covered: &[LightPaths]) -> Option<String> {
+    let punctual = LightPaths::new(LightClass::Punctual, "LS[DGS]*E");
+    overlap(covered, &[punctual]).map(|(_, path)| path)
+}
+
 /// What a set of techniques leaves out, for the classes of light that a scene has: a few words each, for people.
 ///
 /// # Panics

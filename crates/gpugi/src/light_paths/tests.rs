@@ -286,6 +286,19 @@ fn what_is_left_out_is_named() {
 }
 
 #[test]
+fn light_that_no_path_from_the_eye_finds_is_known() {
+    let never_found = |class, pattern| super::never_found(&[LightPaths::new(class, pattern)]);
+    for (pattern, path) in [
+        ("LS+[DG]E", Some("LSDE")),
+        ("L[DG]?S{1,2}E", Some("LSE")),
+        ("L[DG]S{1,2}E", None),
+    ] {
+        assert_eq!(never_found(LightClass::Punctual, pattern).as_deref(), path);
+        assert_eq!(never_found(LightClass::Area, pattern), None);
+    }
+}
+
+#[test]
 fn the_longest_path_is_known_where_there_is_one() {
     for (pattern, most) in [
         ("LE", Some(0)),

@@ -13,7 +13,7 @@ use gpugi_scene::image::metrics::{Comparison, Metric, MetricError, Picture, comp
 use gpugi_scene::{Camera, Scene};
 
 use crate::gpu::{Gpu, PollType, Timing};
-use crate::light_paths::parts;
+use crate::light_paths::{LightClass, never_found, parts};
 use crate::renderer::{RenderError, Renderer};
 
 /// The reference counts as exact where its own error is below this part of the technique's.
@@ -165,7 +165,8 @@ pub fn measure(
             .sum(),
         picture: renderer.picture_bytes(),
     };
-    let parts = parts(&renderer.light_paths(), &renderer.light_classes());
+    let (covered, classes) = (renderer.light_paths(), renderer.light_classes());
+    let parts = parts(&covered, &classes);
     let subject = Subject {
         scene,
         camera,
@@ -173,6 +174,14 @@ pub fn measure(
     };
     let mut truth = trace(gpu, &subject, &parts, options, report)?;
     let mut notes = std::mem::take(&mut truth.notes);
+    if classes.contains(&LightClass::Punctual)
+        && let Some(path) = never_found(&covered)
+    {
+        notes.push(format!(
+            "the path tracer never finds light of points, spots and directions that meets a mirror or glass first ({path}): \
+             it counts as error; measure with area lights"
+        ));
+    }
     let picture = |of: &'static str, radiance: &[f32]| {
         Picture::of_radiance(size[0], size[1], radiance.to_vec())
             .map_err(|reason| MeasureError::Picture { of, reason })

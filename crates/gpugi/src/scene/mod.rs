@@ -130,7 +130,7 @@ pub struct GpuScene {
     pub placements: Vec<Placement>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
-    claims: Vec<Claims>,
+    pub(crate) claims: Vec<Claims>,
     header: wgpu::Buffer,
     tables: wgpu::Buffer,
     alpha_modes: Vec<AlphaMode>,

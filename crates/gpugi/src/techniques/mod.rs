@@ -44,19 +44,25 @@ pub trait Technique: std::fmt::Debug {
     /// Name, source and light paths.
     fn info(&self) -> &'static Info;
 
-    /// The light that it adds: [`Info::paths`], or what is left of them beside the techniques that it was made with.
+    /// The light that it adds: [`Info::paths`], or what is left of them beside other techniques and for the objects that it claims.
     fn paths(&self) -> &[LightPaths] {
         self.info().paths
     }
 
-    /// Which of the scene's objects it claims, one answer each: asked whenever settings or the scene change.
-    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+    /// Which of the scene's objects it claims, one answer each: asked whenever settings or the scene change. `covered`: the light that earlier
+    /// techniques in use add.
+    fn claim(&mut self, scene: &GpuScene, _covered: &[LightPaths]) -> Vec<Claims> {
         vec![Claims::NONE; scene.objects.len()]
     }
 
     /// The names of objects, separated by commas, that its settings hold.
     fn names(&self) -> &str {
         ""
+    }
+
+    /// How often its maps became finer though nothing had changed: who captured its light does so again.
+    fn refinements(&self) -> u64 {
+        0
     }
 
     /// Settings and their present values, as JSON.
@@ -127,6 +133,12 @@ impl<'a> Lit<'a> {
         }
     }
 
+    /// Grows when the light that is gathered became finer though nothing had changed.
+    pub fn refinements(&self) -> u64 {
+        let earlier = self.earlier.iter();
+        earlier.map(|technique| technique.refinements()).sum()
+    }
+
     /// Writes the light at `points` to `target`; `with_emission`: also what comes straight from emitters and the environment.
     ///
     /// # Errors
@@ -151,30 +163,28 @@ impl<'a> Lit<'a> {
     }
 }
 
-/// How the registry makes a technique, given the light that earlier ones in use add.
-type Make = fn(&Gpu, &GpuScene, &[LightPaths]) -> Result<Box<dyn Technique>, GpuError>;
+/// How the registry makes a technique.
+type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
 
 /// Every technique in the order of the frame.
 pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene, _| {
+    (&shadow_map::INFO, |gpu, scene| {
         Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
     }),
-    (&image_based_lighting::INFO, |gpu, scene, _| {
+    (&image_based_lighting::INFO, |gpu, scene| {
         Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
             gpu, scene,
         )?))
     }),
-    (&environment_map::INFO, |gpu, scene, covered| {
-        Ok(Box::new(environment_map::EnvironmentMap::new(
-            gpu, scene, covered,
-        )?))
+    (&environment_map::INFO, |gpu, scene| {
+        Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
     }),
-    (&caustics::INFO, |gpu, scene, _| {
+    (&caustics::INFO, |gpu, scene| {
         Ok(Box::new(caustics::Caustics::new(gpu, scene)?))
     }),
-    (&distance_impostor::INFO, |gpu, scene, covered| {
+    (&distance_impostor::INFO, |gpu, scene| {
         Ok(Box::new(distance_impostor::DistanceImpostor::new(
-            gpu, scene, covered,
+            gpu, scene,
         )?))
     }),
 ];

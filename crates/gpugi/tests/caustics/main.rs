@@ -9,6 +9,7 @@ use common::{floor, gpu};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
+use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::measure::{Measured, Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene, Volume};
@@ -160,6 +161,101 @@ fn caustics_are_seen_through_glass() {
     println!("shadows, caustics and impostors: rel-mse {with:.1e}, without caustics {without:.1e}");
     assert!(with < 0.02, "{with}");
     assert!(without > 3.0 * with, "{without}");
+}
+
+#[test]
+fn what_glass_shows_of_caustics_is_declared_and_follows_them() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = ball_under_lamp(glass(1.5), 0.5);
+    add(&mut scene, sphere(0.3, 16), mirror(), vec3(-0.8, 0.3, 0.3));
+    let techniques = ["shadow-map", "caustics", "distance-impostor"];
+    let mut renderer = renderer(&gpu, &scene, &techniques, 16);
+    let seen = LightPaths::new(LightClass::Area, "LSDSE");
+    assert!(overlap(&renderer.light_paths(), &[seen]).is_some());
+    let mut made = |pass: &str| {
+        let timings = renderer.render_sample(&camera(), 64, None, true);
+        timings
+            .expect("a picture")
+            .iter()
+            .any(|one| one.pass == pass)
+    };
+    if !made("caustics.splat") {
+        eprintln!("skipped: no timestamps");
+        return;
+    }
+    let frames: Vec<u32> = (2..=20)
+        .filter(|_| made("distance-impostor.store"))
+        .collect();
+    assert_eq!(frames, [2, 4, 8, 16]);
+}
+
+/// Caustics of what moved, of other lights and other materials.
+#[test]
+fn changes_of_the_scene_are_followed() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    add(&mut scene, sphere(0.4, 32), glass(1.5), vec3(0.0, 0.6, 0.0));
+    let light = Light::new("", LightKind::Point, Vec3::ONE);
+    scene.lights = vec![light.aimed(vec3(0.2, 2.0, 0.0), Vec3::ZERO)];
+    let mut kept = renderer(&gpu, &scene, &["caustics"], 24);
+    let picture = |renderer: &mut Renderer| {
+        renderer.restart();
+        let sample = renderer.render_sample(&camera(), 1, None, false);
+        sample.expect("a picture");
+        renderer.radiance().expect("radiance")
+    };
+    let mut last = picture(&mut kept);
+    let changes: [(&str, fn(&mut Scene)); 4] = [
+        ("the ball moved", |scene| {
+            scene.instances[1].world_from_mesh = Mat4::from_translation(vec3(0.5, 0.7, -0.2));
+        }),
+        ("the light moved", |scene| {
+            scene.lights[0].world_from_light.w_axis.x = -1.0
+        }),
+        ("the light is another", |scene| {
+            scene.lights[0].intensity = Vec3::X
+        }),
+        ("the glass is another", |scene| scene.materials[1].ior = 1.2),
+    ];
+    for (what, change) in changes {
+        let before = scene.clone();
+        change(&mut scene);
+        kept.update(&before, &scene).expect("an update");
+        let found = picture(&mut kept);
+        let fresh = picture(&mut renderer(&gpu, &scene, &["caustics"], 24));
+        let error = |a: &[f32], b: &[f32]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+            squares.sum::<f32>() / b.iter().map(|b| b * b).sum::<f32>()
+        };
+        let (off, moved) = (error(&found, &fresh), error(&last, &fresh));
+        assert!(off < 1e-3 && moved > 0.05, "{what}: {off}, {moved}");
+        last = found;
+    }
+}
+
+/// Few photons light as much, beside a light so strong that one of its counts is worth many of theirs.
+#[test]
+fn weak_lights_are_not_lost_beside_strong_ones() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    add(&mut scene, sphere(0.4, 32), mirror(), vec3(0.0, 0.6, 0.0));
+    let light = |at, strength| {
+        Light::new("", LightKind::Point, Vec3::splat(strength)).aimed(at, Vec3::ZERO)
+    };
+    scene.lights = vec![light(vec3(1.5, 0.6, 0.0), 1.0)];
+    let mean = |scene: &Scene| {
+        let radiance = look(&gpu, scene);
+        radiance.iter().sum::<f32>() / radiance.len() as f32
+    };
+    let alone = mean(&scene);
+    // Below the floor, which keeps its light from the ball.
+    scene.lights.push(light(vec3(0.0, -1.0, 0.0), 1e4));
+    let beside = mean(&scene);
+    println!("alone {alone}, beside a light 1e4 times as strong {beside}");
+    assert!(
+        alone > 0.0 && (beside / alone - 1.0).abs() < 0.1,
+        "{alone}, {beside}"
+    );
 }
 
 /// Places where no caustic can be right: everything stays finite.

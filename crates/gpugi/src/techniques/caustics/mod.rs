@@ -113,6 +113,8 @@ const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
 /// Most caustic maps: lights times objects.
 const MOST_MAPS: usize = 4096;
+/// Most pixels of all caustic maps, 56 bytes each: more lights and objects get smaller maps.
+const MOST_PIXELS: f32 = 16.0 * 1024.0 * 1024.0;
 /// Least side of a caustic map (pixels).
 const LEAST_RESOLUTION: u32 = 8;
 
@@ -167,6 +169,9 @@ struct Made {
     /// What the photons of so many frames were followed in: the scene, and the settings of techniques.
     followed: Option<(Versions, u64)>,
     frames: u32,
+    /// The lights of each frame: points on emitters lie elsewhere in each.
+    lights: Vec<Vec<LightSample>>,
+    refinements: u64,
 }
 
 impl Caustics {
@@ -208,6 +213,25 @@ impl Caustics {
         Ok(())
     }
 
+    /// The lights of all frames.
+    fn lights(&self, scene: &GpuScene) -> Vec<Vec<LightSample>> {
+        let Settings {
+            area_samples,
+            frames,
+            ..
+        } = self.settings;
+        let of_frame = |turn| {
+            let samples = on_emitters(&scene.emitters, area_samples, turn);
+            // All frames' points share the emitters: each stands for a part of the area.
+            let samples = samples.into_iter().map(|sample| LightSample {
+                area: sample.area / frames as f32,
+                ..sample
+            });
+            scene.lights.iter().map(punctual).chain(samples).collect()
+        };
+        (0..frames).map(of_frame).collect()
+    }
+
     fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
         let objects = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
         Ok(Made {
@@ -221,6 +245,8 @@ impl Caustics {
             objects: objects.cloned().collect(),
             followed: None,
             frames: 0,
+            lights: Vec::new(),
+            refinements: 0,
         })
     }
 }
@@ -234,13 +260,14 @@ impl Technique for Caustics {
         &self.paths
     }
 
-    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+    fn claim(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Vec<Claims> {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
         self.claimed.clear();
         let mut most = 0;
+        let lights = scene.lights.len() + self.settings.area_samples as usize;
         for (index, object) in scene.objects.iter().enumerate() {
             let is_mine = match self.settings.objects.as_str() {
-                AUTO => self.claimed.len() < MOST,
+                AUTO => self.claimed.len() < MOST && (self.claimed.len() + 1) * lights <= MOST_MAPS,
                 list => object.is_named_by(list),
             };
             // What rough surfaces mirror is no caustic.
@@ -272,6 +299,10 @@ impl Technique for Caustics {
             AUTO => "",
             list => list,
         }
+    }
+
+    fn refinements(&self) -> u64 {
+        self.made.as_ref().map_or(0, |made| made.refinements)
     }
 
     fn settings(&self) -> serde_json::Value {
@@ -321,30 +352,26 @@ impl Technique for Caustics {
         if is_fresh {
             made.followed = now;
             made.frames = 0;
+            made.lights = self.lights(scene);
+            self.check_counts(frame.gpu, made.lights.first().map_or(0, Vec::len))?;
         }
         if made.frames < self.settings.frames {
-            let mut lights: Vec<_> = scene.lights.iter().map(punctual).collect();
-            let first_area = lights.len();
-            let area_samples = self.settings.area_samples;
-            let samples = on_emitters(&scene.emitters, area_samples, made.frames);
-            // All frames' points share the emitters: each stands for a part of the area.
-            lights.extend(samples.into_iter().map(|sample| LightSample {
-                area: sample.area / self.settings.frames as f32,
-                ..sample
-            }));
-            self.check_counts(frame.gpu, lights.len())?;
-            made.frames += 1;
             let making = Making {
                 scene,
                 kernels: &self.kernels,
                 settings: &self.settings,
-                lights: &lights,
-                first_area,
+                lights: &made.lights,
+                first_area: scene.lights.len(),
+                objects: made.caustics.len(),
                 settings_version: lit.version,
             };
             for caustic in &mut made.caustics {
                 caustic.generate(frame, making, lit.impostors, is_fresh)?;
             }
+            made.frames += 1;
+            // Whoever shows caustics need not follow every step.
+            let is_step = made.frames.is_power_of_two() || made.frames == self.settings.frames;
+            made.refinements += u64::from(is_step && !is_fresh);
         }
         self.made = Some(made);
         Ok(())

@@ -6,11 +6,11 @@ use glam::Vec2;
 
 use super::gpu::{COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use super::lights::LightView;
-use super::{Kernels, Settings};
+use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
 use crate::capture::{Capture, CaptureKernels, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
-use crate::scene::{GpuScene, Object};
+use crate::scene::{Claims, GpuScene, Object};
 use crate::techniques::shadow_map::gpu::LightSample;
 use crate::techniques::shadow_map::lights::low_discrepancy;
 
@@ -39,7 +39,7 @@ pub struct Caustic {
     batches: Vec<Vec<Dispatch>>,
     /// Frames whose photons are counted.
     frames: u32,
-    /// Flux of one count of one frame's sums (W).
+    /// Flux of one count of one frame's sums (W); 0: no light shines on the object.
     step: f64,
 }
 
@@ -59,6 +59,13 @@ struct CausticMapOf {
     seen: wgpu::BindGroup,
 }
 
+/// What a light sees of the object, if anything, in a map of `side` pixels.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    side: u32,
+    view: Option<LightView>,
+}
+
 /// Photons of some of the bounces of a caustic map's pixels.
 #[derive(Debug)]
 struct Dispatch {
@@ -76,9 +83,12 @@ pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     pub settings: &'a Settings,
-    pub lights: &'a [LightSample],
+    /// Of each frame.
+    pub lights: &'a [Vec<LightSample>],
     /// First of the lights that share the pixels of one caustic map: sample points on area lights.
     pub first_area: usize,
+    /// How many objects throw caustics.
+    pub objects: usize,
     pub settings_version: u64,
 }
 
@@ -138,7 +148,7 @@ impl Caustic {
             maps: Vec::new(),
             batches: Vec::new(),
             frames: 0,
-            step: 1.0,
+            step: 0.0,
         })
     }
 
@@ -168,15 +178,16 @@ impl Caustic {
             self.frames = 0;
             frame.clear(&self.counters);
         }
-        let views = self.views(making);
         if is_fresh {
-            // Counts are as fine as sums of all frames fit 31 bits, of which half is for frames with more light than the first: their samples
-            // of area lights lie elsewhere.
-            let flux: f64 = views.iter().map(LightView::flux).sum();
-            self.step =
-                flux.max(f64::MIN_POSITIVE) * f64::from(settings.frames) / f64::from(1_u32 << 30);
+            // Counts are as fine as sums of all frames fit 31 bits and a sign.
+            let flux: f64 = (0..settings.frames)
+                .flat_map(|number| self.views(making, number))
+                .filter_map(|seen| Some(seen.view?.flux()))
+                .sum();
+            self.step = flux / f64::from(1_u32 << 30);
         }
         let step = self.step;
+        let views = self.views(making, self.frames);
         self.frames += 1;
         let queue = &gpu.queue;
         let of_object = impostor_gpu::Impostor {
@@ -204,21 +215,27 @@ impl Caustic {
         let Some(bound) = &self.bound else {
             return Ok(());
         };
-        for (caustic_map, light) in self.maps.iter_mut().zip(&views) {
-            caustic_map
-                .capture
-                .record(frame, scene, &light.view, |draw| {
-                    if draw.instance == self.wanted.instance {
-                        scene.whole_class(draw)
-                    } else {
-                        // Light is kept out by both sides of what is in its way.
-                        draw.seen.from_both_sides()
-                    }
-                })?;
+        for (caustic_map, seen) in self.maps.iter_mut().zip(&views) {
+            let Some(light) = &seen.view else { continue };
+            let capture = &mut caustic_map.capture;
+            capture.record(frame, scene, &light.view, |draw| {
+                if draw.instance == self.wanted.instance {
+                    scene.whole_class(draw)
+                } else if scene.claims[draw.instance as usize].contains(Claims::SHADOW) {
+                    // What passes through that is its own caustic.
+                    scene.whole_class(draw).from_both_sides()
+                } else {
+                    // Light is kept out by both sides of what is in its way.
+                    draw.seen.from_both_sides()
+                }
+            })?;
         }
         for batch in &self.batches {
-            for dispatch in batch {
-                let map = views[dispatch.of].map;
+            let lit = batch.iter().filter_map(|dispatch| {
+                let view = views[dispatch.of].view.as_ref()?;
+                Some((dispatch, &view.map))
+            });
+            for (dispatch, &map) in lit.clone() {
                 let map = CausticMap {
                     reference: maps.reference.to_array(),
                     cube_side: self.wanted.side,
@@ -231,12 +248,11 @@ impl Caustic {
                 queue.write_buffer(&dispatch.map, 0, bytemuck::bytes_of(&map));
             }
             frame.compute("caustics.trace", |pass| {
-                for dispatch in batch {
-                    let of = &self.maps[dispatch.of];
-                    let side = views[dispatch.of].map.side;
+                for (dispatch, map) in lit.clone() {
+                    let side = map.side;
                     let groups = [
                         (0, &scene.bind_group),
-                        (1, &of.seen),
+                        (1, &self.maps[dispatch.of].seen),
                         (2, &bound.trace),
                         (3, &dispatch.trace),
                     ];
@@ -244,8 +260,8 @@ impl Caustic {
                 }
             });
             frame.compute("caustics.splat", |pass| {
-                for dispatch in batch {
-                    let side = views[dispatch.of].map.side;
+                for (dispatch, map) in lit {
+                    let side = map.side;
                     let invocations = side * side * dispatch.bounces.len() as u32 * lanes(side);
                     let groups = [(3, &dispatch.splat)];
                     kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
@@ -260,34 +276,44 @@ impl Caustic {
         Ok(())
     }
 
-    /// The views of all lights that shine on the object.
-    fn views(&self, making: Making<'_>) -> Vec<LightView> {
-        let draws = &making.scene.draws;
-        let Some(draw) = draws
-            .iter()
-            .find(|draw| draw.instance == self.wanted.instance)
-        else {
+    /// What the lights of a frame see of the object: those that shine on it, and all points on emitters, whose number must not change.
+    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+        let Making {
+            scene,
+            settings,
+            first_area,
+            objects,
+            ..
+        } = making;
+        let mut draws = scene.draws.iter();
+        let lights = making.lights.get(number as usize);
+        let (Some(draw), Some(lights)) = (
+            draws.find(|draw| draw.instance == self.wanted.instance),
+            lights,
+        ) else {
             return Vec::new();
         };
-        let jitter = if making.settings.frames > 1 {
-            low_discrepancy(self.frames) - 0.5
+        let jitter = if settings.frames > 1 {
+            low_discrepancy(number) - 0.5
         } else {
             Vec2::ZERO
         };
-        let area_lights = (making.lights.len() - making.first_area).max(1);
-        // Area lights have as many pixels together as one point light.
-        let area_side = (making.settings.resolution as f32 / (area_lights as f32).sqrt()).ceil();
-        let lights = making.lights.iter().enumerate();
+        // Points on emitters have as many pixels together as one other light.
+        let emitters = lights.len() - first_area;
+        let whole_maps = objects * (first_area + emitters.min(1));
+        let affordable = (MOST_PIXELS / whole_maps.max(1) as f32).sqrt();
+        let side = (settings.resolution as f32).min(affordable);
+        let area_side = (side / (emitters.max(1) as f32).sqrt()).ceil();
+        let lights = lights.iter().enumerate();
         lights
             .filter_map(|(index, light)| {
-                let side = if index < making.first_area {
-                    making.settings.resolution
-                } else {
-                    (area_side as u32).max(super::LEAST_RESOLUTION)
-                };
-                let diagonal = making.scene.diagonal();
-                let seed = self.frames.wrapping_mul(0x9e37_79b9) ^ index as u32;
-                LightView::new(light, &draw.bounds, side, jitter, seed, diagonal)
+                let is_area = index >= first_area;
+                let side = if is_area { area_side } else { side };
+                let side = (side as u32).max(LEAST_RESOLUTION);
+                let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
+                let diagonal = scene.diagonal();
+                let view = LightView::new(light, &draw.bounds, side, jitter, seed, diagonal);
+                (is_area || view.is_some()).then_some(Seen { side, view })
             })
             .collect()
     }
@@ -322,9 +348,9 @@ impl Caustic {
         kernels: &Kernels,
         capture_kernels: &CaptureKernels,
         maps: &Maps,
-        views: &[LightView],
+        views: &[Seen],
     ) -> Result<(), GpuError> {
-        let sides = views.iter().map(|view| view.map.side);
+        let sides = views.iter().map(|seen| seen.side);
         if self
             .maps
             .iter()

@@ -1,4 +1,4 @@
-//! That no light is lost or gained on its way into the cubes; and what host and shaders agree on.
+//! That no light is lost or gained on its way into the cubes.
 
 use std::f64::consts::PI;
 
@@ -56,8 +56,13 @@ fn mirror() -> Material {
     Material::metal("mirror", Vec3::ONE, 0.0)
 }
 
-/// Flux in the ball's cube after some frames.
+/// Flux in the first object's cube after some frames.
 fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVec3 {
+    fluxes(gpu, scene, settings, frames)[0]
+}
+
+/// Flux in each object's cube after some frames.
+fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Vec<DVec3> {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = Caustics::new(gpu, &scene).unwrap();
@@ -71,7 +76,7 @@ fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVe
     {
         technique.set(name, value).unwrap();
     }
-    let claims = technique.claim(&scene);
+    let claims = technique.claim(&scene, &[]);
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
@@ -86,7 +91,8 @@ fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVe
             .unwrap();
         frame.submit().unwrap();
     }
-    technique.made.unwrap().caustics[0].flux(gpu)
+    let caustics = technique.made.unwrap().caustics;
+    caustics.iter().map(|caustic| caustic.flux(gpu)).collect()
 }
 
 /// What falls on the ball from a distance: intensity times the solid angle of its disc.
@@ -209,5 +215,46 @@ fn flux_is_kept_by_what_is_in_the_way() {
         let mesh = covered.add_mesh(screen);
         covered.add_instance("screen", mesh, 0, Mat4::IDENTITY);
         assert_eq!(flux(&gpu, &covered, &[], 1), DVec3::ZERO, "{turned}");
+    }
+}
+
+/// Glass in the way keeps light, too: what passes through it is its own caustic.
+#[test]
+fn flux_is_not_counted_twice() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(glass());
+    let mut above = scene.instances.last().unwrap().clone();
+    above.world_from_mesh = Mat4::from_translation(CENTER + Vec3::Y * 1.05);
+    above.name = "above".into();
+    let light = Light::new("", LightKind::Point, Vec3::ONE);
+    scene.lights = vec![light.aimed(CENTER + Vec3::Y * 1.7, Vec3::ZERO)];
+    let alone = flux(&gpu, &scene, &[], 1);
+    assert!(alone.x > 0.1, "{alone}");
+    scene.instances.push(above);
+    let found = fluxes(&gpu, &scene, &[], 1);
+    assert_eq!(found[0], DVec3::ZERO, "the ball is in the other's shadow");
+    assert!(found[1].x > 0.1, "{found:?}");
+}
+
+/// Frames whose points lie on lamps that do not shine on the object count as frames without light, whichever comes first.
+#[test]
+fn flux_of_lamps_that_face_away_is_none() {
+    let Some(gpu) = test_gpu() else { return };
+    let side = Vec3::splat(0.2);
+    let settings = [("area-samples", "1"), ("frames", "8")];
+    let found = [true, false].map(|first| {
+        let mut scene = room(mirror());
+        let material = scene.add_material(Material::emitter("lamp", Vec3::splat(5.0)));
+        for down in [first, !first] {
+            let away = if down { Vec3::Z } else { Vec3::NEG_Z };
+            let corner = CENTER + 1.3 * Vec3::Y - side * (Vec3::X + away) / 2.0;
+            let mesh = scene.add_mesh(quad(corner, side * Vec3::X, side * away, 1));
+            scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);
+        }
+        flux(&gpu, &scene, &settings, 8)
+    });
+    let expected = 5.0 * 0.04 * PI * (f64::from(RADIUS) / 1.3).powi(2);
+    for found in found {
+        check("lamp", found, expected * DVec3::ONE, 0.2);
     }
 }

@@ -62,6 +62,8 @@ pub struct Making<'a> {
     pub settings: &'a Settings,
     /// Decides what chance decides in cubes.
     pub seed: u32,
+    /// Whether the light of other techniques became finer though nothing had changed.
+    pub is_refined: bool,
 }
 
 /// An object with an impostor.
@@ -173,13 +175,14 @@ impl Impostor {
             kernels,
             settings,
             seed,
+            is_refined,
         } = making;
         let gpu = frame.gpu;
         let maps = lit
             .impostors
             .of(frame, scene, self.wanted, lit.version, seed)?
             .clone();
-        self.due = if self.is_lit {
+        self.due = if self.is_lit && !is_refined {
             maps.renewed.clone()
         } else {
             Some(maps.points.clone())

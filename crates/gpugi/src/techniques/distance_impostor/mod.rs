@@ -276,8 +276,6 @@ const MOST_BOUNCES: u32 = 32;
 pub struct DistanceImpostor {
     settings: Settings,
     kernels: Kernels,
-    /// What lights the surroundings.
-    covered: Vec<LightPaths>,
     paths: Vec<LightPaths>,
     /// Instances with an impostor.
     claimed: Vec<u32>,
@@ -293,23 +291,20 @@ struct Made {
     objects: Vec<Object>,
     /// The scene, and the settings of techniques, at the last frame.
     seen: Option<(Versions, u64)>,
+    /// [`Lit::refinements`] of the last frame.
+    refinements: u64,
     impostors: Vec<Impostor>,
 }
 
 impl DistanceImpostor {
-    /// Compiles the technique's passes. `covered`: the light that earlier techniques add, which surroundings show.
+    /// Compiles the technique's passes.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, covered: &[LightPaths]) -> Result<Self, GpuError> {
-        let mut covered = covered.to_vec();
-        for class in [LightClass::Area, LightClass::Environment] {
-            covered.push(LightPaths::new(class, SEEN_DIRECTLY));
-        }
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            covered,
             paths: Vec::new(),
             claimed: Vec::new(),
             made: None,
@@ -327,7 +322,7 @@ impl Technique for DistanceImpostor {
         &self.paths
     }
 
-    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
         let objects = &scene.objects;
         let mut claims = vec![Claims::NONE; objects.len()];
         self.claimed.clear();
@@ -367,12 +362,19 @@ impl Technique for DistanceImpostor {
         };
         self.paths.clear();
         if !self.claimed.is_empty() {
-            for covered in &self.covered {
+            // What lights the surroundings, and what is seen of lights themselves: in smooth objects alone.
+            for one in covered {
                 if is_smooth {
-                    self.paths.push(covered.continued(&bounces));
+                    self.paths.push(one.continued(&bounces));
                 }
-                if is_rough && covered.pattern != SEEN_DIRECTLY {
-                    self.paths.push(covered.continued("G"));
+                if is_rough {
+                    self.paths.push(one.continued("G"));
+                }
+            }
+            if is_smooth {
+                for class in [LightClass::Area, LightClass::Environment] {
+                    let one = LightPaths::new(class, SEEN_DIRECTLY);
+                    self.paths.push(one.continued(&bounces));
                 }
             }
         }
@@ -446,6 +448,7 @@ impl Technique for DistanceImpostor {
                 claimed: self.claimed.clone(),
                 objects: of_claimed.cloned().collect(),
                 seen: None,
+                refinements: 0,
                 impostors,
             });
         }
@@ -461,11 +464,14 @@ impl Technique for DistanceImpostor {
         } else {
             0
         };
+        let is_refined = made.refinements != lit.refinements();
+        made.refinements = lit.refinements();
         let making = Making {
             scene,
             kernels: &self.kernels,
             settings: &self.settings,
             seed,
+            is_refined,
         };
         let now = Some((scene.versions, lit.version));
         let is_changed = made.seen != now;
@@ -484,7 +490,8 @@ impl Technique for DistanceImpostor {
                 impostor.once_more();
             }
         }
-        let rounds = if are_several && (is_changed || !is_every_frame) {
+        // What only became finer, or comes every frame, goes round in time.
+        let rounds = if are_several && (is_changed || !(is_every_frame || is_refined)) {
             ROUNDS
         } else {
             1

@@ -51,14 +51,14 @@ fn room(material: Material) -> Scene {
 fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImpostor {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
-    let mut technique = DistanceImpostor::new(gpu, &scene, &[]).unwrap();
+    let mut technique = DistanceImpostor::new(gpu, &scene).unwrap();
     for name in ["resolution", "shape-resolution"] {
         technique.set(name, &SIDE.to_string()).unwrap();
     }
     for (name, value) in settings {
         technique.set(name, value).unwrap();
     }
-    let claims = technique.claim(&scene);
+    let claims = technique.claim(&scene, &[]);
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);

@@ -189,17 +189,17 @@ struct Made {
 }
 
 impl EnvironmentMap {
-    /// Compiles the technique's passes. `covered`: the light that others add.
+    /// Compiles the technique's passes.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, covered: &[LightPaths]) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let shader = shader!("techniques.environment_map.gather");
         Ok(Self {
             settings: Settings::default(),
             gather: Kernel::new(gpu, &shader, "main", Some(&scene.layout))?,
             generator: Generator::new(gpu, scene)?,
-            is_whole: overlap(INFO.paths, covered).is_none(),
+            is_whole: true,
             needs_maps: true,
             made: None,
             bound: PerTarget::default(),
@@ -222,7 +222,8 @@ impl Technique for EnvironmentMap {
         if self.is_whole { INFO.paths } else { MIRRORS }
     }
 
-    fn claim(&mut self, scene: &GpuScene) -> Vec<Claims> {
+    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
+        self.is_whole = overlap(INFO.paths, covered).is_none();
         let objects = &scene.objects;
         if scene.environment.is_none() {
             return vec![Claims::NONE; objects.len()];

@@ -60,7 +60,7 @@ pub(super) fn generated(
     let mut scene = Scene::new("environment");
     scene.environment = Some(environment.clone());
     let scene = GpuScene::new(gpu, &scene).unwrap();
-    let mut technique = EnvironmentMap::new(gpu, &scene, &[]).unwrap();
+    let mut technique = EnvironmentMap::new(gpu, &scene).unwrap();
     for (name, value) in settings {
         technique.set(name, value).unwrap();
     }
@@ -505,7 +505,7 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let mut before = Scene::new("environment");
     before.environment = Some(constant());
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
-    let mut technique = EnvironmentMap::new(&gpu, &scene, &[]).unwrap();
+    let mut technique = EnvironmentMap::new(&gpu, &scene).unwrap();
     technique.set("resolution", "8").unwrap();
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
