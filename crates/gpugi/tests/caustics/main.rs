@@ -205,7 +205,8 @@ fn changes_of_the_scene_are_followed() {
         renderer.radiance().expect("radiance")
     };
     let mut last = picture(&mut kept);
-    let changes: [(&str, fn(&mut Scene)); 4] = [
+    type Change = fn(&mut Scene);
+    let changes: [(&str, Change); 4] = [
         ("the ball moved", |scene| {
             scene.instances[1].world_from_mesh = Mat4::from_translation(vec3(0.5, 0.7, -0.2));
         }),
