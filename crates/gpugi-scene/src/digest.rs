@@ -153,6 +153,7 @@ impl Feed for Instance {
             material,
             world_from_mesh,
             node: _,
+            origin: _,
         } = self;
         mesh.feed(hasher);
         material.feed(hasher);

@@ -5,11 +5,13 @@
 //! ([`builtin`]). Importers take bytes and a [`Resolver`], so that they work where there is no file system.
 
 pub mod animation;
+pub mod atlas;
 pub mod builtin;
 pub mod bvh;
 pub mod camera;
 mod digest;
 pub mod error;
+pub mod export;
 pub mod image;
 pub mod import;
 pub mod light;
@@ -31,4 +33,4 @@ pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
 pub use mesh::Mesh;
 pub use provoking::{ProvokingMesh, provoking_order};
-pub use scene::{Bounds, Environment, Instance, Scene, Statistics};
+pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};

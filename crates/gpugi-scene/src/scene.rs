@@ -19,6 +19,18 @@ pub struct Instance {
     pub world_from_mesh: Mat4,
     /// Node of the animation hierarchy that carries it, if any.
     pub node: Option<usize>,
+    /// Where in the glTF file it comes from, if it does.
+    pub origin: Option<Origin>,
+}
+
+/// The place of an instance in its glTF file. Corner c of triangle t of the instance's mesh is corner c of triangle t of
+/// the primitive there, with strips and fans taken apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Origin {
+    /// Index into the file's nodes.
+    pub node: usize,
+    /// Index into the primitives of that node's mesh.
+    pub primitive: usize,
 }
 
 /// Light from infinitely far: an equirectangular image, +Y up, the centre looks toward -Z, u grows toward +X.
@@ -251,6 +263,7 @@ impl Scene {
             material,
             world_from_mesh,
             node: None,
+            origin: None,
         });
         self.instances.len() - 1
     }

@@ -206,7 +206,7 @@ pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
 }
 
 /// The inverse of [`linear_from_srgb`].
-pub(super) fn srgb_from_linear(linear: f32) -> f32 {
+pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     if linear <= 0.0031308 {
         linear * 12.92
     } else {

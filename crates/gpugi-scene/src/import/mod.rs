@@ -1,6 +1,6 @@
 //! Importers: bytes and a [`Resolver`] in, a [`Scene`] out.
 
-mod gltf;
+pub(crate) mod gltf;
 mod obj;
 mod ply;
 

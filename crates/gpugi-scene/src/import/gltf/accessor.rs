@@ -1,6 +1,8 @@
 //! Numbers from accessors: every component type, normalised, strided and sparse. Nothing is allocated before its
 //! count is checked against the bytes that are there, or against the limits.
 
+use std::borrow::Cow;
+
 use super::document::{Document, range};
 use super::schema::Accessor;
 use crate::ImportError;
@@ -107,6 +109,14 @@ impl Layout {
     }
 }
 
+/// The elements of an accessor as the file stores them, one after another.
+pub struct Packed<'a> {
+    /// As many times `stride` bytes as there are elements.
+    pub bytes: Cow<'a, [u8]>,
+    /// Bytes an element, padding between the columns of matrices included.
+    pub stride: usize,
+}
+
 impl Document<'_> {
     /// Number of components an element of accessor `index`, for attributes that come in several widths.
     pub fn width(&self, index: usize, place: &str) -> Result<usize, ImportError> {
@@ -208,22 +218,38 @@ impl Document<'_> {
                 ),
             ));
         }
+        let packed = self.packed(index, place)?;
+        let elements = packed.bytes.chunks_exact(packed.stride);
+        Ok(elements.map(|bytes| layout.read(bytes, read)).collect())
+    }
+
+    /// The bytes of all elements of accessor `index`, sparse ones in their places.
+    pub fn packed(&self, index: usize, place: &str) -> Result<Packed<'_>, ImportError> {
+        let (accessor, layout) = self.layout(index, place)?;
         // Also bounds an accessor without a buffer view, all of whose elements are zero.
-        if accessor.count > self.limits.elements {
-            return Err(self.error(
-                place,
-                format!(
-                    "{} elements of accessors[{index}] exceed the limit of {}",
-                    accessor.count, self.limits.elements
-                ),
-            ));
-        }
+        let packed_stride = layout.packed_stride();
+        let length = (accessor.count <= self.limits.elements)
+            .then(|| {
+                usize::try_from(accessor.count)
+                    .ok()?
+                    .checked_mul(packed_stride)
+            })
+            .flatten()
+            .ok_or_else(|| {
+                self.error(
+                    place,
+                    format!(
+                        "{} elements of accessors[{index}] exceed the limit of {}",
+                        accessor.count, self.limits.elements
+                    ),
+                )
+            })?;
         let count = accessor.count as usize;
         let accessor_place = format!("accessors[{index}]");
-        let mut elements = match accessor.buffer_view {
+        let mut packed = match accessor.buffer_view {
             Some(view) => {
                 let (bytes, stride) = self.view(view, &accessor_place)?;
-                let stride = stride.unwrap_or(layout.packed_stride() as u64);
+                let stride = stride.unwrap_or(packed_stride as u64);
                 let bytes = self.strided(
                     bytes,
                     accessor.byte_offset,
@@ -233,11 +259,19 @@ impl Document<'_> {
                     &accessor_place,
                 )?;
                 let stride = stride as usize;
-                (0..count)
-                    .map(|at| layout.read(&bytes[at * stride..], read))
-                    .collect()
+                if stride == packed_stride && bytes.len() == length {
+                    Cow::from(bytes)
+                } else {
+                    let mut packed = vec![0; length];
+                    let elements = packed.chunks_exact_mut(packed_stride);
+                    // Elements that do not exist may lie 0 bytes apart.
+                    for (element, bytes) in elements.zip(bytes.chunks(stride.max(1))) {
+                        element[..layout.size()].copy_from_slice(&bytes[..layout.size()]);
+                    }
+                    Cow::from(packed)
+                }
             }
-            None => vec![[T::default(); N]; count],
+            None => Cow::from(vec![0; length]),
         };
         if let Some(sparse) = &accessor.sparse {
             let place = format!("{accessor_place}.sparse");
@@ -251,30 +285,31 @@ impl Document<'_> {
             let replaced = sparse.count as usize;
             let values = &sparse.values;
             let (bytes, _) = self.view(values.buffer_view, &format!("{place}.values"))?;
-            let stride = layout.packed_stride();
             let bytes = self.strided(
                 bytes,
                 values.byte_offset,
                 replaced,
-                stride as u64,
+                packed_stride as u64,
                 &layout,
                 &format!("{place}.values"),
             )?;
-            for (at, target) in self
-                .sparse_indices(accessor, &format!("{place}.indices"))?
-                .into_iter()
-                .enumerate()
-            {
-                let element = elements.get_mut(target as usize).ok_or_else(|| {
-                    self.error(
+            let indices = self.sparse_indices(accessor, &format!("{place}.indices"))?;
+            let packed = packed.to_mut();
+            for (target, bytes) in indices.into_iter().zip(bytes.chunks(packed_stride)) {
+                if u64::from(target) >= accessor.count {
+                    return Err(self.error(
                         format!("{place}.indices"),
                         format!("element {target} is out of range: there are {count}"),
-                    )
-                })?;
-                *element = layout.read(&bytes[at * stride..], read);
+                    ));
+                }
+                let start = target as usize * packed_stride;
+                packed[start..start + layout.size()].copy_from_slice(&bytes[..layout.size()]);
             }
         }
-        Ok(elements)
+        Ok(Packed {
+            bytes: packed,
+            stride: packed_stride,
+        })
     }
 
     fn sparse_indices(&self, accessor: &Accessor, place: &str) -> Result<Vec<u32>, ImportError> {

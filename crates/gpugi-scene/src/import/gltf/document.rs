@@ -24,6 +24,10 @@ const MESHOPT: &str = "EXT_meshopt_compression";
 pub struct Document<'a> {
     pub root: schema::Root,
     pub limits: Limits,
+    /// The JSON that `root` was read from.
+    pub json: &'a [u8],
+    /// What follows the BIN chunk of a binary file.
+    pub further_chunks: &'a [u8],
     name: &'a str,
     buffers: Vec<Option<Cow<'a, [u8]>>>,
     /// Content of the compressed buffer views.
@@ -40,12 +44,18 @@ impl<'a> Document<'a> {
         resolver: &dyn Resolver,
         limits: &Limits,
     ) -> Result<Self, ImportError> {
-        let (json, binary) = split(name, bytes)?;
+        let Parts {
+            json,
+            binary,
+            further_chunks,
+        } = split(name, bytes)?;
         let root: schema::Root =
             serde_json::from_slice(json).map_err(|error| ImportError::new(name, "JSON", error))?;
         let mut document = Self {
             root,
             limits: *limits,
+            json,
+            further_chunks,
             name,
             buffers: Vec::new(),
             decoded_views: Vec::new(),
@@ -119,6 +129,11 @@ impl<'a> Document<'a> {
             )?,
         };
         Ok((bytes, view.byte_stride))
+    }
+
+    /// The content of a buffer, unless it has none or nobody needs it.
+    pub fn buffer(&self, index: usize) -> Option<&[u8]> {
+        self.buffers.get(index)?.as_deref()
     }
 
     /// A range of a buffer.
@@ -282,14 +297,25 @@ pub fn range(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {
     bytes.get(usize::try_from(offset).ok()?..end)
 }
 
-/// The JSON and, of a binary file, the BIN chunk.
-fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>), ImportError> {
+/// What a file consists of.
+#[derive(Default)]
+struct Parts<'a> {
+    json: &'a [u8],
+    /// The BIN chunk of a binary file.
+    binary: Option<&'a [u8]>,
+    further_chunks: &'a [u8],
+}
+
+fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<Parts<'a>, ImportError> {
     let error = |place: &str, reason: String| ImportError::new(name, place, reason);
     if bytes.is_empty() {
         return Err(error("header", "the file is empty".to_owned()));
     }
     let Some(rest) = bytes.strip_prefix(b"glTF") else {
-        return Ok((bytes, None));
+        return Ok(Parts {
+            json: bytes,
+            ..Parts::default()
+        });
     };
     let truncated = || error("header", "the file ends inside its header".to_owned());
     let (version, rest) = take_u32(rest).ok_or_else(truncated)?;
@@ -311,10 +337,18 @@ fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<&'a [u8]>)
     }
     let (json, rest) = chunk(rest, *b"JSON").map_err(|reason| error("JSON chunk", reason))?;
     if rest.len() < 8 {
-        return Ok((json, None));
+        return Ok(Parts {
+            json,
+            ..Parts::default()
+        });
     }
-    let (binary, _) = chunk(rest, *b"BIN\0").map_err(|reason| error("BIN chunk", reason))?;
-    Ok((json, Some(binary)))
+    let (binary, further_chunks) =
+        chunk(rest, *b"BIN\0").map_err(|reason| error("BIN chunk", reason))?;
+    Ok(Parts {
+        json,
+        binary: Some(binary),
+        further_chunks,
+    })
 }
 
 /// The first chunk of `bytes`, and what follows it.

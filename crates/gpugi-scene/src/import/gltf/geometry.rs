@@ -70,6 +70,23 @@ pub fn read(
     Ok(Some(geometry))
 }
 
+/// The number of vertices that the file stores for a primitive, and which of them the corners of its triangles are: three
+/// a triangle, in the order of the [`Mesh::indices`] that [`read`] gives. Neither splitting vertices nor making tangents
+/// changes that order.
+pub fn triangle_corners(
+    document: &Document,
+    primitive: &Primitive,
+    place: &str,
+) -> Result<(u64, Vec<u32>), ImportError> {
+    let reader = Reader {
+        document,
+        place,
+        attributes_place: &format!("{place}.attributes"),
+        count: vertex_count(document, primitive, place)?,
+    };
+    Ok((reader.count, reader.indices(primitive)?))
+}
+
 impl Geometry {
     /// Lets skin and morph targets follow vertices that were split.
     fn follow(&mut self, sources: &[u32]) {

@@ -6,17 +6,17 @@
 //! supported gives a warning.
 
 mod accessor;
-mod document;
+pub(crate) mod document;
 mod extras;
-mod geometry;
+pub(crate) mod geometry;
 mod material;
 #[cfg(feature = "meshopt")]
 mod meshopt;
 mod nodes;
 mod rig;
-mod schema;
+pub(crate) mod schema;
 mod texture;
-mod uri;
+pub(crate) mod uri;
 
 use crate::{ImportError, Limits, Resolver, Scene};
 use document::Document;

@@ -9,7 +9,7 @@ use super::geometry::{self, Geometry};
 use super::material::Materials;
 use super::{extras, rig, schema};
 use crate::animation::{Deformer, Node, Rig, Transform, rigid, unit_rotation};
-use crate::{Camera, ImportError, Instance, Light, LightKind, Projection, Scene};
+use crate::{Camera, ImportError, Instance, Light, LightKind, Origin, Projection, Scene};
 
 /// What an instance costs of [`crate::Limits::elements`]: it takes about the memory of as many vertices, and two short
 /// lists of a hostile file multiply to very many.
@@ -184,6 +184,8 @@ fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportEr
 /// A primitive that has been read.
 struct Loaded {
     geometry: Geometry,
+    /// Its number among the primitives of its mesh.
+    primitive: usize,
     material: usize,
     /// The scene's mesh that all instances share that do not bend.
     shared: Option<usize>,
@@ -313,6 +315,10 @@ impl Placer<'_> {
                 material: primitive.material,
                 world_from_mesh,
                 node: Some(node),
+                origin: Some(Origin {
+                    node,
+                    primitive: primitive.primitive,
+                }),
             });
         }
         Ok(())
@@ -351,6 +357,7 @@ impl Placer<'_> {
             {
                 loaded.push(Loaded {
                     geometry,
+                    primitive: at,
                     material,
                     shared: None,
                 });

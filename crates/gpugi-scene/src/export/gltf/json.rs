@@ -1,0 +1,117 @@
+//! The JSON of a file, as values: what gpugi does not know stays in it, in its place.
+
+use serde_json::{Map, Value, json};
+
+use crate::export::ExportError;
+
+/// A JSON object.
+pub type Object = Map<String, Value>;
+
+/// The root of a file.
+pub struct Json {
+    root: Object,
+}
+
+impl Json {
+    /// A file without content.
+    pub fn new() -> Self {
+        let mut root = Object::new();
+        let generator = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
+        let asset = json!({ "version": "2.0", "generator": generator });
+        root.insert("asset".to_owned(), asset);
+        Self { root }
+    }
+
+    /// The root that `json` holds.
+    pub fn parse(json: &[u8]) -> Result<Self, ExportError> {
+        let root = serde_json::from_slice(json);
+        root.map(|root| Self { root })
+            .map_err(|error| ExportError::new("JSON", error))
+    }
+
+    /// The root itself.
+    pub fn root(&mut self) -> &mut Object {
+        &mut self.root
+    }
+
+    /// As text.
+    pub fn text(&self) -> Result<Vec<u8>, ExportError> {
+        serde_json::to_vec(&self.root).map_err(|error| ExportError::new("JSON", error))
+    }
+
+    /// A list of the root; empty where there is none.
+    pub fn list(&self, list: &str) -> &[Value] {
+        let list = self.root.get(list).and_then(Value::as_array);
+        list.map_or(&[], Vec::as_slice)
+    }
+
+    /// Appends `value` to a list of the root; returns its index.
+    pub fn push(&mut self, list: &str, value: Value) -> Result<usize, ExportError> {
+        let values = array(&mut self.root, list)?;
+        values.push(value);
+        Ok(values.len() - 1)
+    }
+
+    /// The object `index` of a list of the root.
+    pub fn at(&mut self, list: &str, index: usize) -> Result<&mut Object, ExportError> {
+        let value = self.root.get_mut(list).and_then(|list| list.get_mut(index));
+        value
+            .and_then(Value::as_object_mut)
+            .ok_or_else(|| ExportError::new(format!("{list}[{index}]"), "this is no JSON object"))
+    }
+
+    /// A primitive.
+    pub fn primitive(&mut self, mesh: usize, primitive: usize) -> Result<&mut Object, ExportError> {
+        let primitives = self.at("meshes", mesh)?.get_mut("primitives");
+        primitives
+            .and_then(|primitives| primitives.get_mut(primitive)?.as_object_mut())
+            .ok_or_else(|| {
+                ExportError::new(
+                    format!("meshes[{mesh}].primitives[{primitive}]"),
+                    "this is no JSON object",
+                )
+            })
+    }
+
+    /// Notes that the file uses an extension.
+    pub fn uses(&mut self, extension: &str) -> Result<(), ExportError> {
+        let used = array(&mut self.root, "extensionsUsed")?;
+        if !used.iter().any(|used| used == extension) {
+            used.push(extension.into());
+        }
+        Ok(())
+    }
+}
+
+/// The list `key` of `parent`, made where there is none.
+pub fn array<'a>(parent: &'a mut Object, key: &str) -> Result<&'a mut Vec<Value>, ExportError> {
+    let value = parent.entry(key).or_insert_with(|| json!([]));
+    value
+        .as_array_mut()
+        .ok_or_else(|| ExportError::new(key, "this is no JSON array"))
+}
+
+/// The object `key` of `parent`, made where there is none; what is there and is no object gives way.
+pub fn object<'a>(parent: &'a mut Object, key: &str) -> &'a mut Object {
+    let value = parent.entry(key).or_insert_with(|| json!({}));
+    if !value.is_object() {
+        *value = json!({});
+    }
+    match value {
+        Value::Object(object) => object,
+        _ => unreachable!("it has just been made an object"),
+    }
+}
+
+/// Removes the object `key` of `parent` if it has nothing in it.
+pub fn remove_empty(parent: &mut Object, key: &str) {
+    let is_empty = |value: &Value| value.as_object().is_some_and(Object::is_empty);
+    if parent.get(key).is_some_and(is_empty) {
+        parent.shift_remove(key);
+    }
+}
+
+/// The index that `key` of `parent` is.
+pub fn index(parent: &Object, key: &str) -> Option<usize> {
+    usize::try_from(parent.get(key)?.as_u64()?).ok()
+}

@@ -1,0 +1,248 @@
+//! Materials that show what was baked.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use serde_json::{Value, json};
+
+use super::json::{Json, Object, index, object, remove_empty};
+use super::output::Output;
+use super::textures::{LightTexture, PageTextures};
+use crate::export::ExportError;
+
+const UNLIT: &str = "KHR_materials_unlit";
+const STRENGTH: &str = "KHR_materials_emissive_strength";
+const SPECULAR: &str = "KHR_materials_specular";
+const VARIANTS: &str = "KHR_materials_variants";
+
+/// What a baked material depends on beside the original.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Use {
+    pub page: u32,
+    /// UV set of the page.
+    pub uv_set: u32,
+}
+
+/// Primitives by mesh and number, with what their materials shall show.
+pub type Uses = HashMap<(usize, usize), Use>;
+
+/// Gives the baked primitives their materials. A material that nobody else needs changes where it stands; otherwise baked
+/// primitives share copies.
+pub fn assign(
+    output: &mut Output,
+    baked: &Uses,
+    pages: &[PageTextures],
+    warnings: &mut Vec<String>,
+) -> Result<(), ExportError> {
+    let mut materials: BTreeMap<(Option<usize>, Use), Vec<(usize, usize)>> = BTreeMap::new();
+    let mut users: BTreeMap<usize, BTreeSet<Option<Use>>> = BTreeMap::new();
+    for (mesh, json) in output.json.list("meshes").iter().enumerate() {
+        let primitives = json.get("primitives").and_then(Value::as_array);
+        for (number, json) in primitives.into_iter().flatten().enumerate() {
+            let wanted = baked.get(&(mesh, number)).copied();
+            let material = json
+                .as_object()
+                .and_then(|primitive| index(primitive, "material"));
+            if let Some(material) = material {
+                users.entry(material).or_default().insert(wanted);
+            }
+            let mappings = &json["extensions"][VARIANTS]["mappings"];
+            for mapping in mappings.as_array().into_iter().flatten() {
+                if let Some(other) = mapping
+                    .as_object()
+                    .and_then(|mapping| index(mapping, "material"))
+                {
+                    users.entry(other).or_default().insert(None);
+                }
+            }
+            if let Some(wanted) = wanted {
+                let primitives = materials.entry((material, wanted)).or_default();
+                primitives.push((mesh, number));
+                if mappings.is_array() {
+                    warnings.push(format!(
+                        "meshes[{mesh}].primitives[{number}]: its variants do not show what was baked"
+                    ));
+                }
+            }
+        }
+    }
+    for ((original, wanted), primitives) in materials {
+        let page = &pages[wanted.page as usize];
+        let material = match original {
+            Some(original) if users[&original].len() == 1 => {
+                let mut json = std::mem::take(output.json.at("materials", original)?);
+                show(&mut json, page, wanted.uv_set, &mut output.json)?;
+                *output.json.at("materials", original)? = json;
+                original
+            }
+            _ => {
+                let mut json = match original {
+                    Some(original) => output.json.at("materials", original)?.clone(),
+                    None => Object::new(),
+                };
+                show(&mut json, page, wanted.uv_set, &mut output.json)?;
+                output.json.push("materials", Value::Object(json))?
+            }
+        };
+        let is_unlit = matches!(page.light, Some(LightTexture::Unlit { .. }));
+        for (mesh, number) in primitives {
+            let primitive = output.json.primitive(mesh, number)?;
+            primitive.insert("material".to_owned(), material.into());
+            if is_unlit {
+                hide_vertex_colors(primitive);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Unlit materials multiply by vertex colours, which what was baked contains. As attributes of the application's own they
+/// are kept, and nobody multiplies.
+fn hide_vertex_colors(primitive: &mut Object) {
+    fn hide(attributes: Option<&mut Value>) {
+        if let Some(attributes) = attributes.and_then(Value::as_object_mut) {
+            let all = std::mem::take(attributes);
+            *attributes = all
+                .into_iter()
+                .map(|(name, accessor)| match name.strip_prefix("COLOR_") {
+                    Some(set) => (format!("_COLOR_{set}"), accessor),
+                    None => (name, accessor),
+                })
+                .collect();
+        }
+    }
+    hide(primitive.get_mut("attributes"));
+    let targets = primitive.get_mut("targets").and_then(Value::as_array_mut);
+    targets
+        .into_iter()
+        .flatten()
+        .for_each(|target| hide(Some(target)));
+}
+
+/// Changes `material` so that it shows `page`.
+fn show(
+    material: &mut Object,
+    page: &PageTextures,
+    uv_set: u32,
+    file: &mut Json,
+) -> Result<(), ExportError> {
+    let reference = |texture: usize| json!({ "index": texture, "texCoord": uv_set });
+    match &page.light {
+        None => {}
+        Some(LightTexture::Unlit { texture }) => {
+            strip(material);
+            let surface = object(material, "pbrMetallicRoughness");
+            surface.shift_remove("baseColorFactor");
+            surface.insert("baseColorTexture".to_owned(), reference(*texture));
+            object(material, "extensions").insert(UNLIT.to_owned(), json!({}));
+            file.uses(UNLIT)?;
+        }
+        Some(LightTexture::Emissive { texture, scale }) => {
+            let (alpha, alpha_texture) = coverage(material);
+            strip(material);
+            // Black, without diffuse reflection; and the only lobe left is specular, which factor 0 switches off entirely.
+            let surface = object(material, "pbrMetallicRoughness");
+            surface.insert(
+                "baseColorFactor".to_owned(),
+                json!([0.0, 0.0, 0.0, alpha.unwrap_or(json!(1.0))]),
+            );
+            surface.shift_remove("baseColorTexture");
+            if let Some(texture) = alpha_texture {
+                surface.insert("baseColorTexture".to_owned(), texture);
+            }
+            material.insert("emissiveTexture".to_owned(), reference(*texture));
+            // Viewers without the extension come as near as 1.
+            material.insert(
+                "emissiveFactor".to_owned(),
+                json!([scale.min(1.0), scale.min(1.0), scale.min(1.0)]),
+            );
+            let extensions = object(material, "extensions");
+            extensions.insert(SPECULAR.to_owned(), json!({ "specularFactor": 0.0 }));
+            file.uses(SPECULAR)?;
+            if *scale > 1.0 {
+                extensions.insert(STRENGTH.to_owned(), json!({ "emissiveStrength": scale }));
+                file.uses(STRENGTH)?;
+            }
+        }
+        Some(LightTexture::Lightmap {
+            texture,
+            scale,
+            exr,
+        }) => {
+            let lightmap = json!({
+                "index": texture, "texCoord": uv_set, "quantity": "irradiance", "transfer": "srgb",
+                "scale": scale, "exr": exr,
+            });
+            own_extras(material).insert("lightmap".to_owned(), lightmap);
+        }
+    }
+    if let Some(texture) = page.obscurance {
+        material.insert("occlusionTexture".to_owned(), reference(texture));
+    }
+    if let Some(texture) = page.colored_obscurance {
+        let texture = json!({ "index": texture, "texCoord": uv_set, "transfer": "linear" });
+        own_extras(material).insert("coloredObscurance".to_owned(), texture);
+    }
+    Ok(())
+}
+
+/// `extras.gpugi`. Extras that are no object move into `extras.original`.
+fn own_extras(material: &mut Object) -> &mut Object {
+    let extras = material.get_mut("extras");
+    if let Some(extras) = extras.filter(|extras| !extras.is_object() && !extras.is_null()) {
+        *extras = json!({ "original": extras.take() });
+    }
+    object(object(material, "extras"), "gpugi")
+}
+
+/// Takes away whatever reflects, transmits or emits. Name, alpha mode, sides, extras and what is not about light stay.
+fn strip(material: &mut Object) {
+    for member in [
+        "normalTexture",
+        "occlusionTexture",
+        "emissiveTexture",
+        "emissiveFactor",
+    ] {
+        material.shift_remove(member);
+    }
+    let surface = object(material, "pbrMetallicRoughness");
+    surface.shift_remove("metallicRoughnessTexture");
+    surface.insert("metallicFactor".to_owned(), json!(0.0));
+    surface.insert("roughnessFactor".to_owned(), json!(1.0));
+    if let Some(extensions) = material
+        .get_mut("extensions")
+        .and_then(Value::as_object_mut)
+    {
+        extensions.retain(|name, _| !name.starts_with("KHR_materials_"));
+    }
+    remove_empty(material, "extensions");
+    if let Some(extras) = material.get_mut("extras").and_then(Value::as_object_mut) {
+        if let Some(own) = extras.get_mut("gpugi").and_then(Value::as_object_mut) {
+            own.shift_remove("phong");
+            own.shift_remove("conductor");
+        }
+        remove_empty(extras, "gpugi");
+        remove_empty(material, "extras");
+    }
+}
+
+/// Alpha, and the texture that multiplies it, of a material that uses them.
+fn coverage(material: &Object) -> (Option<Value>, Option<Value>) {
+    let mode = material.get("alphaMode").and_then(Value::as_str);
+    if matches!(mode, None | Some("OPAQUE")) {
+        return (None, None);
+    }
+    let extensions = material.get("extensions");
+    let (surface, factor, texture) = match extensions
+        .and_then(|extensions| extensions.get("KHR_materials_pbrSpecularGlossiness"))
+    {
+        Some(surface) => (Some(surface), "diffuseFactor", "diffuseTexture"),
+        None => (
+            material.get("pbrMetallicRoughness"),
+            "baseColorFactor",
+            "baseColorTexture",
+        ),
+    };
+    let member = |name: &str| surface.and_then(|surface| surface.get(name));
+    let alpha = member(factor).and_then(|factor| factor.get(3));
+    (alpha.cloned(), member(texture).cloned())
+}

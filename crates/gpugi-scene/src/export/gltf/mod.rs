@@ -1,0 +1,262 @@
+//! glTF files with baked light.
+//!
+//! The original's JSON is kept as values and changed only where the bake must ([`json`]); its buffers and images join the
+//! one buffer of the .glb ([`embed`]), to which [`primitive`] appends geometry and [`textures`] what was baked;
+//! [`material`] refers to it. Scenes without an original are written by [`scene`] first.
+
+mod embed;
+mod json;
+mod material;
+mod output;
+mod primitive;
+pub mod scene;
+mod textures;
+
+use std::collections::{BTreeMap, HashMap};
+
+use serde_json::Value;
+
+use super::{BakedPage, ExportError, Exported, Original};
+use crate::atlas::{Atlas, InstanceUvs};
+use crate::import::gltf::document::Document;
+use crate::import::gltf::geometry;
+use crate::{Limits, Origin, Resolver, Scene};
+use json::{Json, Object};
+use material::Use;
+use output::Output;
+use primitive::Triangles;
+
+const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+/// Short names of long things multiply in a hostile file: what the copies of shared meshes may take as JSON (bytes).
+const MOST_COPIED_JSON: usize = 512 << 20;
+
+/// As [`super::export_bake`].
+pub fn bake(
+    original: Option<Original>,
+    scene: &Scene,
+    atlas: &Atlas,
+    pages: &[BakedPage],
+) -> Result<Exported, ExportError> {
+    if atlas.instances.len() != scene.instances.len() || atlas.pages as usize != pages.len() {
+        return Err(ExportError::new(
+            "atlas",
+            format!(
+                "{} instances and {} pages for a scene of {} instances and {} baked pages",
+                atlas.instances.len(),
+                atlas.pages,
+                scene.instances.len(),
+                pages.len()
+            ),
+        ));
+    }
+    let origins = scene.instances.iter().map(|instance| instance.origin);
+    if let Some(Original {
+        name,
+        bytes,
+        resolver,
+        limits,
+    }) = original
+    {
+        let document = Document::read(name, bytes, resolver, &limits)?;
+        let placed = placed(origins, atlas)?;
+        return Baker::new(&document, resolver)?.bake(placed, atlas, pages);
+    }
+    let written = scene::write(scene)?;
+    let bytes = written.output.glb()?;
+    let limits = Limits {
+        elements: u64::MAX,
+        ..Limits::default()
+    };
+    let document = Document::read(&scene.name, &bytes, &Nothing, &limits)?;
+    let placed = placed(written.origins.into_iter(), atlas)?;
+    let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages)?;
+    exported.warnings.splice(0..0, written.warnings);
+    Ok(exported)
+}
+
+/// The files beside a file that has none.
+struct Nothing;
+
+impl Resolver for Nothing {
+    fn read(&self, _: &str) -> Result<Vec<u8>, String> {
+        Err("there are no other files".to_owned())
+    }
+}
+
+/// Baked instances by their places in the file.
+type Placed<'a> = BTreeMap<Origin, &'a InstanceUvs>;
+
+fn placed<'a>(
+    origins: impl Iterator<Item = Option<Origin>>,
+    atlas: &'a Atlas,
+) -> Result<Placed<'a>, ExportError> {
+    let mut placed = Placed::new();
+    for (instance, (origin, uvs)) in origins.zip(&atlas.instances).enumerate() {
+        let Some(uvs) = uvs else { continue };
+        let refused = |reason: &str| {
+            let place = format!("instances[{instance}]");
+            Err(ExportError::new(place, reason))
+        };
+        let Some(origin) = origin else {
+            return refused("it does not come from the original file");
+        };
+        if uvs.page >= atlas.pages {
+            return refused("its page does not exist");
+        }
+        if !uvs.corners.iter().all(|uv| uv.is_finite()) {
+            return refused("its texture coordinates are not finite");
+        }
+        if placed.insert(origin, uvs).is_some() {
+            return refused("another instance stands for the same part of the file");
+        }
+    }
+    Ok(placed)
+}
+
+struct Baker<'a> {
+    document: &'a Document<'a>,
+    output: Output,
+    warnings: Vec<String>,
+    /// By mesh and primitive of the original.
+    triangles: HashMap<(usize, usize), Triangles>,
+    copied_json: usize,
+}
+
+impl<'a> Baker<'a> {
+    fn new(document: &'a Document<'a>, resolver: &dyn Resolver) -> Result<Self, ExportError> {
+        let json = Json::parse(document.json)?;
+        let mut baker = Self {
+            document,
+            output: Output::new(json, further_chunks(document.further_chunks)),
+            warnings: Vec::new(),
+            triangles: HashMap::new(),
+            copied_json: 0,
+        };
+        embed::buffers(document, &mut baker.output, &mut baker.warnings)?;
+        embed::images(&mut baker.output, resolver, &mut baker.warnings)?;
+        Ok(baker)
+    }
+
+    fn bake(
+        mut self,
+        placed: Placed,
+        atlas: &Atlas,
+        pages: &[BakedPage],
+    ) -> Result<Exported, ExportError> {
+        let root = &self.document.root;
+        let mut users = HashMap::new();
+        for node in &root.nodes {
+            *users.entry(node.mesh).or_insert(0) += 1;
+        }
+        let mut uses = material::Uses::new();
+        // The mesh of each node, once it is the node's own.
+        let mut own: HashMap<usize, Option<usize>> = HashMap::new();
+        for (origin, uvs) in placed {
+            let Origin { node, primitive } = origin;
+            let place = format!("nodes[{node}]");
+            let changed = || ExportError::new(&place, "the scene is not what this file gives");
+            let mesh = root.nodes.get(node).ok_or_else(changed)?.mesh;
+            let mesh = mesh.ok_or_else(changed)?;
+            let source = root.meshes.get(mesh).ok_or_else(changed)?;
+            let source = source.primitives.get(primitive).ok_or_else(changed)?;
+            let target = match own.get(&node) {
+                Some(target) => *target,
+                None => {
+                    let target = self.own_mesh(node, mesh, users[&Some(mesh)])?;
+                    own.insert(node, target);
+                    target
+                }
+            };
+            let Some(target) = target else { continue };
+            let triangles = match self.triangles.entry((mesh, primitive)) {
+                std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
+                std::collections::hash_map::Entry::Vacant(entry) => {
+                    let place = format!("meshes[{mesh}].primitives[{primitive}]");
+                    let (count, corners) =
+                        geometry::triangle_corners(self.document, source, &place)?;
+                    let vertices = usize::try_from(count).map_err(|_| changed())?;
+                    entry.insert(Triangles { vertices, corners })
+                }
+            };
+            if triangles.corners.len() != uvs.corners.len() {
+                return Err(ExportError::new(
+                    place,
+                    format!(
+                        "{} corners in the atlas for {} of primitive {primitive}",
+                        uvs.corners.len(),
+                        triangles.corners.len()
+                    ),
+                ));
+            }
+            let uv_set = primitive::add_uvs(
+                self.document,
+                &mut self.output,
+                (target, primitive),
+                source,
+                triangles,
+                &uvs.corners,
+            )?;
+            let page = uvs.page;
+            uses.insert((target, primitive), Use { page, uv_set });
+        }
+        let pages = textures::add_pages(&mut self.output, pages, atlas.size)?;
+        material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
+        Ok(Exported {
+            glb: self.output.glb()?,
+            warnings: self.warnings,
+        })
+    }
+
+    /// A mesh that only `node` has: the one that it has, or a copy. None if the node stands for many instances, which
+    /// cannot show one bake.
+    fn own_mesh(
+        &mut self,
+        node: usize,
+        mesh: usize,
+        users: usize,
+    ) -> Result<Option<usize>, ExportError> {
+        let json = self.output.json.at("nodes", node)?;
+        let extensions = json.get("extensions").and_then(Value::as_object);
+        if extensions.is_some_and(|extensions| extensions.contains_key(INSTANCING)) {
+            self.warnings.push(format!(
+                "nodes[{node}]: {INSTANCING} makes many of it, so it stays as it was"
+            ));
+            return Ok(None);
+        }
+        if users == 1 {
+            return Ok(Some(mesh));
+        }
+        let copy: Object = self.output.json.at("meshes", mesh)?.clone();
+        let length = serde_json::to_vec(&copy).map_or(usize::MAX, |text| text.len());
+        self.copied_json = self.copied_json.saturating_add(length);
+        if self.copied_json > MOST_COPIED_JSON {
+            return Err(ExportError::new(
+                format!("nodes[{node}].mesh"),
+                "meshes that several nodes share are too large to be copied for each",
+            ));
+        }
+        let copy = self.output.json.push("meshes", Value::Object(copy))?;
+        let json = self.output.json.at("nodes", node)?;
+        json.insert("mesh".to_owned(), copy.into());
+        Ok(Some(copy))
+    }
+}
+
+/// `bytes` as far as they are whole chunks.
+fn further_chunks(bytes: &[u8]) -> &[u8] {
+    let mut end = 0_usize;
+    while let Some(length) = bytes
+        .get(end..)
+        .and_then(|rest| rest.first_chunk::<4>())
+        .map(|length| u32::from_le_bytes(*length) as usize)
+    {
+        match end
+            .checked_add(8)
+            .and_then(|start| start.checked_add(length))
+        {
+            Some(next) if next <= bytes.len() => end = next,
+            _ => break,
+        }
+    }
+    &bytes[..end]
+}

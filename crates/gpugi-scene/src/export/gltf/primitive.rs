@@ -1,0 +1,274 @@
+//! A primitive gets texture coordinates of its atlas. Vertices where the atlas is cut become several, bit for bit alike
+//! in all else.
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::Vec2;
+use serde_json::{Value, json};
+
+use super::json::{Object, object, remove_empty};
+use super::output::{ARRAY_BUFFER, Output};
+use crate::export::ExportError;
+use crate::import::gltf::document::Document;
+use crate::import::gltf::schema::Primitive;
+
+const DRACO: &str = "KHR_draco_mesh_compression";
+
+/// The triangles of a primitive as the file stores them.
+pub struct Triangles {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// The vertex of each corner, three a triangle.
+    pub corners: Vec<u32>,
+}
+
+/// Gives primitive (mesh, number) of `output`, a copy of `source`, the coordinates `uvs` of its corners. Returns the number
+/// of their set.
+pub fn add_uvs(
+    document: &Document,
+    output: &mut Output,
+    (mesh, primitive): (usize, usize),
+    source: &Primitive,
+    triangles: &Triangles,
+    uvs: &[Vec2],
+) -> Result<u32, ExportError> {
+    let place = format!("meshes[{mesh}].primitives[{primitive}]");
+    let mut set = 0;
+    while let Some(&accessor) = source.attributes.get(&format!("TEXCOORD_{set}")) {
+        if holds(document, accessor, triangles, uvs) {
+            return Ok(set);
+        }
+        set += 1;
+    }
+    let split = Split::new(triangles, uvs);
+    let mut attributes = source.attributes.clone();
+    let mut targets = source.targets.clone();
+    let mut indices = source.indices;
+    if split.changes(triangles) {
+        let mut copies = HashMap::new();
+        let lists = std::iter::once(&mut attributes).chain(&mut targets);
+        for accessor in lists.flat_map(BTreeMap::values_mut) {
+            if let Some(&copy) = copies.get(accessor) {
+                *accessor = copy;
+                continue;
+            }
+            let copy = select(document, output, *accessor, &split, triangles, &place)?;
+            copies.insert(*accessor, copy);
+            *accessor = copy;
+        }
+        indices = Some(output.indices(&split.indices, split.sources.len())?);
+    }
+    let uvs: Vec<[f32; 2]> = split.uvs.iter().map(Vec2::to_array).collect();
+    attributes.insert(format!("TEXCOORD_{set}"), output.floats(&uvs)?);
+
+    let json = output.json.primitive(mesh, primitive)?;
+    write(object(json, "attributes"), &attributes);
+    if let Some(list) = json.get_mut("targets").and_then(Value::as_array_mut) {
+        for (json, target) in list.iter_mut().zip(&targets) {
+            json.as_object_mut()
+                .into_iter()
+                .for_each(|json| write(json, target));
+        }
+    }
+    if split.changes(triangles) {
+        json.shift_remove("mode");
+    }
+    if let Some(indices) = indices {
+        json.insert("indices".to_owned(), indices.into());
+    }
+    // What it compresses lacks the new coordinates; the importer has read what stands beside it.
+    if json.contains_key("extensions") {
+        object(json, "extensions").shift_remove(DRACO);
+        remove_empty(json, "extensions");
+    }
+    Ok(set)
+}
+
+fn write(json: &mut Object, attributes: &BTreeMap<String, usize>) {
+    for (name, &accessor) in attributes {
+        json.insert(name.clone(), accessor.into());
+    }
+}
+
+/// Whether a set of the file has just these coordinates.
+fn holds(document: &Document, accessor: usize, triangles: &Triangles, uvs: &[Vec2]) -> bool {
+    let Ok(set) = document.floats::<2>(accessor, "") else {
+        return false;
+    };
+    let mut corners = triangles.corners.iter().zip(uvs);
+    corners.all(|(&vertex, uv)| set.get(vertex as usize) == Some(&uv.to_array()))
+}
+
+/// Vertices for corners that need texture coordinates of their own.
+struct Split {
+    /// The old vertex of each new one.
+    sources: Vec<u32>,
+    uvs: Vec<Vec2>,
+    /// New vertices, three a triangle.
+    indices: Vec<u32>,
+    /// Old vertices keep their numbers, copies follow them.
+    keeps_numbers: bool,
+}
+
+impl Split {
+    fn new(triangles: &Triangles, uvs: &[Vec2]) -> Self {
+        const NONE: u32 = u32::MAX;
+        let count = triangles.vertices;
+        let mut is_used = vec![false; count];
+        for &vertex in &triangles.corners {
+            is_used[vertex as usize] = true;
+        }
+        let used = is_used.iter().filter(|used| **used).count();
+        // Many primitives may share one long list of vertices, of which each needs few.
+        let keeps_numbers = used * 2 >= count;
+        let mut split = Self {
+            sources: Vec::new(),
+            uvs: Vec::new(),
+            indices: Vec::with_capacity(triangles.corners.len()),
+            keeps_numbers,
+        };
+        if keeps_numbers {
+            split.sources = (0..count as u32).collect();
+            split.uvs = vec![Vec2::ZERO; count];
+        }
+        // The first new vertex of each old one; the others are few.
+        let mut first = vec![NONE; count];
+        let mut others = HashMap::new();
+        for (&vertex, &uv) in triangles.corners.iter().zip(uvs) {
+            let bits = |uv: Vec2| uv.to_array().map(f32::to_bits);
+            let known = first[vertex as usize];
+            let new = if known == NONE {
+                let new = if keeps_numbers {
+                    vertex
+                } else {
+                    split.append(vertex, uv)
+                };
+                split.uvs[new as usize] = uv;
+                first[vertex as usize] = new;
+                new
+            } else if bits(split.uvs[known as usize]) == bits(uv) {
+                known
+            } else {
+                *others
+                    .entry((vertex, bits(uv)))
+                    .or_insert_with(|| split.append(vertex, uv))
+            };
+            split.indices.push(new);
+        }
+        split
+    }
+
+    /// Adds a copy of old `vertex`; returns its number.
+    fn append(&mut self, vertex: u32, uv: Vec2) -> u32 {
+        self.sources.push(vertex);
+        self.uvs.push(uv);
+        self.sources.len() as u32 - 1
+    }
+
+    /// Whether the primitive needs other vertices than it has.
+    fn changes(&self, triangles: &Triangles) -> bool {
+        !self.keeps_numbers || self.sources.len() != triangles.vertices
+    }
+}
+
+/// An accessor with the elements that `split` names; returns its index.
+fn select(
+    document: &Document,
+    output: &mut Output,
+    accessor: usize,
+    split: &Split,
+    triangles: &Triangles,
+    place: &str,
+) -> Result<usize, ExportError> {
+    let count = document.count(accessor, place)?;
+    if count != triangles.vertices as u64 {
+        return Err(ExportError::new(
+            place,
+            format!(
+                "accessors[{accessor}] has {count} elements for {} vertices",
+                triangles.vertices
+            ),
+        ));
+    }
+    let packed = document.packed(accessor, place)?;
+    let size = packed.stride;
+    // glTF: vertex attributes lie at multiples of 4 bytes.
+    let stride = size.next_multiple_of(4);
+    let length = split.sources.len().checked_mul(stride);
+    let length = length.ok_or_else(|| ExportError::new(place, "the primitive is too large"))?;
+    output.reserve(length)?;
+    let mut bytes = vec![0; length];
+    for (element, &source) in bytes.chunks_exact_mut(stride).zip(&split.sources) {
+        let start = source as usize * size;
+        element[..size].copy_from_slice(&packed.bytes[start..start + size]);
+    }
+    let view = output.view(&bytes, Some(ARRAY_BUFFER))?;
+    if stride != size {
+        let view = output.json.at("bufferViews", view)?;
+        view.insert("byteStride".to_owned(), stride.into());
+    }
+    let mut json = output.json.at("accessors", accessor)?.clone();
+    for member in ["sparse", "byteOffset"] {
+        json.shift_remove(member);
+    }
+    json.insert("bufferView".to_owned(), view.into());
+    json.insert("count".to_owned(), split.sources.len().into());
+    let component = document.root.accessors[accessor].component_type;
+    let width = document.width(accessor, place)?;
+    let mut range = range(component, width, &bytes, stride, size).unwrap_or_default();
+    for bound in ["min", "max"] {
+        // What the file did not say need not be said.
+        if json.contains_key(bound) {
+            match range.shift_remove(bound) {
+                Some(value) => json.insert(bound.to_owned(), value),
+                None => json.shift_remove(bound),
+            };
+        }
+    }
+    output.json.push("accessors", Value::Object(json))
+}
+
+/// `min` and `max` of elements of `width` components, as the file stores them. None if they are not finite, or of matrices
+/// with padded columns.
+fn range(component: u32, width: usize, bytes: &[u8], stride: usize, size: usize) -> Option<Object> {
+    let bounds = |component_size: usize, read: &dyn Fn(&[u8]) -> f64| {
+        let mut bounds = vec![(f64::INFINITY, f64::NEG_INFINITY); size / component_size];
+        for element in bytes.chunks_exact(stride) {
+            let components = element.chunks_exact(component_size);
+            for (bounds, component) in bounds.iter_mut().zip(components) {
+                let value = read(component);
+                *bounds = (bounds.0.min(value), bounds.1.max(value));
+            }
+        }
+        bounds
+    };
+    macro_rules! bounds {
+        ($type:ty, $json:ty) => {{
+            const WIDTH: usize = size_of::<$type>();
+            let read = |bytes: &[u8]| {
+                let bytes = bytes.first_chunk::<WIDTH>().copied().unwrap_or_default();
+                f64::from(<$type>::from_le_bytes(bytes))
+            };
+            let bounds = bounds(WIDTH, &read);
+            let is_finite = |(min, max): &(f64, f64)| min.is_finite() && max.is_finite();
+            (bounds.len() == width && bounds.iter().all(is_finite)).then(|| {
+                let min: Vec<$json> = bounds.iter().map(|bounds| bounds.0 as $json).collect();
+                let max: Vec<$json> = bounds.iter().map(|bounds| bounds.1 as $json).collect();
+                (json!(min), json!(max))
+            })
+        }};
+    }
+    let (min, max) = match component {
+        5120 => bounds!(i8, i64),
+        5121 => bounds!(u8, i64),
+        5122 => bounds!(i16, i64),
+        5123 => bounds!(u16, i64),
+        5125 => bounds!(u32, i64),
+        5126 => bounds!(f32, f64),
+        _ => None,
+    }?;
+    Some(Object::from_iter([
+        ("min".to_owned(), min),
+        ("max".to_owned(), max),
+    ]))
+}

@@ -1,0 +1,202 @@
+//! Baked texels to PNG textures.
+
+use glam::Vec3;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use serde_json::json;
+
+use super::output::Output;
+use crate::export::{BakedLight, BakedPage, ExportError};
+use crate::image::srgb_from_linear;
+
+/// The textures of a page, by index.
+pub struct PageTextures {
+    pub obscurance: Option<usize>,
+    pub colored_obscurance: Option<usize>,
+    pub light: Option<LightTexture>,
+}
+
+/// The texture of [`BakedLight`].
+pub enum LightTexture {
+    Unlit {
+        texture: usize,
+    },
+    Emissive {
+        texture: usize,
+        /// Radiance of a texel of 1 [W/sr/m^2].
+        scale: f32,
+    },
+    Lightmap {
+        texture: usize,
+        /// Irradiance of a texel of 1 [W/m^2].
+        scale: f32,
+        exr: String,
+    },
+}
+
+/// Adds the textures of all `pages`, of `size` x `size` texels.
+pub fn add_pages(
+    output: &mut Output,
+    pages: &[BakedPage],
+    size: u32,
+) -> Result<Vec<PageTextures>, ExportError> {
+    let is_empty = |page: &BakedPage| *page == BakedPage::default();
+    let sampler = if pages.iter().all(is_empty) {
+        0
+    } else {
+        // Clamped, and without mip levels, in which charts would run together.
+        output.json.push(
+            "samplers",
+            json!({ "magFilter": 9729, "minFilter": 9729, "wrapS": 33_071, "wrapT": 33_071 }),
+        )?
+    };
+    let pages = pages.iter().enumerate();
+    let mut writer = Writer {
+        output,
+        sampler,
+        size,
+        place: String::new(),
+        page: 0,
+    };
+    pages
+        .map(|(number, page)| {
+            writer.page = number;
+            writer.place = format!("pages[{number}]");
+            writer.page(page)
+        })
+        .collect()
+}
+
+struct Writer<'a> {
+    output: &'a mut Output,
+    sampler: usize,
+    size: u32,
+    place: String,
+    page: usize,
+}
+
+impl Writer<'_> {
+    fn page(&mut self, page: &BakedPage) -> Result<PageTextures, ExportError> {
+        let obscurance = match &page.obscurance {
+            Some(texels) => Some(self.obscurance(texels)?),
+            None => None,
+        };
+        let colored_obscurance = match &page.colored_obscurance {
+            Some(texels) => Some(self.colored_obscurance(texels)?),
+            None => None,
+        };
+        let light = match &page.light {
+            None => None,
+            Some(BakedLight::Unlit(texels)) => Some(LightTexture::Unlit {
+                texture: self.unlit(texels)?,
+            }),
+            Some(BakedLight::Emissive(radiance)) => {
+                let (texture, scale) = self.scaled("radiance", radiance)?;
+                Some(LightTexture::Emissive { texture, scale })
+            }
+            Some(BakedLight::Lightmap { irradiance, exr }) => {
+                let (texture, scale) = self.scaled("irradiance", irradiance)?;
+                Some(LightTexture::Lightmap {
+                    texture,
+                    scale,
+                    exr: exr.clone(),
+                })
+            }
+        };
+        Ok(PageTextures {
+            obscurance,
+            colored_obscurance,
+            light,
+        })
+    }
+
+    fn obscurance(&mut self, texels: &[f32]) -> Result<usize, ExportError> {
+        self.check("obscurance", texels.len())?;
+        let bytes: Vec<u8> = texels.iter().copied().map(byte).collect();
+        self.png("obscurance", &bytes, ExtendedColorType::L8)
+    }
+
+    fn colored_obscurance(&mut self, texels: &[Vec3]) -> Result<usize, ExportError> {
+        self.check("coloured obscurance", texels.len())?;
+        let bytes: Vec<u8> = texels.iter().flat_map(|t| t.to_array().map(byte)).collect();
+        self.png("coloured obscurance", &bytes, ExtendedColorType::Rgb8)
+    }
+
+    fn unlit(&mut self, texels: &[[u8; 4]]) -> Result<usize, ExportError> {
+        self.check("unlit radiance", texels.len())?;
+        if texels.iter().any(|texel| texel[3] < 255) {
+            return self.png(
+                "unlit radiance",
+                texels.as_flattened(),
+                ExtendedColorType::Rgba8,
+            );
+        }
+        let opaque: Vec<u8> = texels.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+        self.png("unlit radiance", &opaque, ExtendedColorType::Rgb8)
+    }
+
+    /// Values over their largest component, and that. sRGB spends its few bits where eyes see the difference.
+    fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<(usize, f32), ExportError> {
+        self.check(what, values.len())?;
+        let finite = |value: &Vec3| {
+            if value.is_finite() {
+                *value
+            } else {
+                Vec3::ZERO
+            }
+        };
+        let scale = values
+            .iter()
+            .map(|value| finite(value).max_element())
+            .fold(0.0, f32::max);
+        let per_unit = if scale > 0.0 { scale } else { 1.0 };
+        let encode = |value: f32| byte(srgb_from_linear((value / per_unit).clamp(0.0, 1.0)));
+        let bytes: Vec<u8> = values
+            .iter()
+            .flat_map(|value| finite(value).to_array().map(encode))
+            .collect();
+        Ok((self.png(what, &bytes, ExtendedColorType::Rgb8)?, scale))
+    }
+
+    fn check(&self, what: &str, texels: usize) -> Result<(), ExportError> {
+        let size = u64::from(self.size);
+        if size == 0 || size * size != texels as u64 {
+            return Err(ExportError::new(
+                &self.place,
+                format!("{texels} texels of {what} for {size} x {size}"),
+            ));
+        }
+        Ok(())
+    }
+
+    fn png(
+        &mut self,
+        what: &str,
+        bytes: &[u8],
+        kind: ExtendedColorType,
+    ) -> Result<usize, ExportError> {
+        let png = png(self.size, self.size, bytes, kind)
+            .map_err(|reason| ExportError::new(&self.place, reason))?;
+        let name = format!("baked {what} {}", self.page);
+        self.output.texture(&name, &png, self.sampler)
+    }
+}
+
+/// A PNG file.
+pub fn png(
+    width: u32,
+    height: u32,
+    bytes: &[u8],
+    kind: ExtendedColorType,
+) -> Result<Vec<u8>, String> {
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
+        .write_image(bytes, width, height, kind)
+        .map_err(|error| error.to_string())?;
+    Ok(png)
+}
+
+/// 0..1 in 8 bits; what is no number is 0.
+fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}

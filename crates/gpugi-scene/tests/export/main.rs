@@ -1,0 +1,12 @@
+//! Bakes as glTF files: what must change does, what need not stays.
+
+mod baking;
+#[path = "../gltf/builder.rs"]
+#[allow(dead_code)]
+mod builder;
+mod hostile;
+mod mapping;
+mod materials;
+mod preserved;
+mod scenes;
+mod splits;
