@@ -140,14 +140,15 @@ fn keep(glb: &[u8]) {
     }
 }
 
-/// Every corner of every triangle of a scene, in world space, with the coordinates of UV set `set`.
-pub fn corners(scene: &Scene, set: usize) -> Vec<(Vec3, Vec2)> {
-    let instances = scene.instances.iter();
-    let corners = instances.flat_map(|instance| {
+/// Every corner of every triangle of a scene in world space, and the coordinates of a UV set that is chosen by instance.
+fn corners(scene: &Scene, set: impl Fn(usize) -> usize) -> Vec<(Vec3, Vec2)> {
+    let instances = scene.instances.iter().enumerate();
+    let corners = instances.flat_map(|(number, instance)| {
         let mesh = &scene.meshes[instance.mesh];
+        let uvs = &mesh.uvs[set(number)];
         mesh.indices.iter().map(move |&index| {
             let position = mesh.positions[index as usize];
-            let uv = mesh.uvs[set].get(index as usize);
+            let uv = uvs.get(index as usize);
             let position = instance.world_from_mesh.transform_point3(position);
             (position, uv.copied().unwrap_or(Vec2::NAN))
         })
@@ -155,14 +156,26 @@ pub fn corners(scene: &Scene, set: usize) -> Vec<(Vec3, Vec2)> {
     corners.collect()
 }
 
-/// The bake must show each triangle of the original where it was, with its coordinates of the atlas.
+/// Every corner of every triangle of a scene, in world space.
+pub fn positions(scene: &Scene) -> Vec<Vec3> {
+    let corners = corners(scene, |_| 0).into_iter();
+    corners.map(|(position, _)| position).collect()
+}
+
+/// The bake must show each triangle of the original where it was, with its coordinates of the atlas in the first set that
+/// the original had free.
 #[track_caller]
-pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene, set: usize) {
+pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene) {
     let uvs = atlas.instances.iter().flatten();
-    let uvs: Vec<Vec2> = uvs.flat_map(|uvs| uvs.corners.clone()).collect();
-    let positions = corners(original, 0)
-        .into_iter()
-        .map(|(position, _)| position);
-    let expected: Vec<(Vec3, Vec2)> = positions.zip(uvs).collect();
-    assert_eq!(corners(baked, set), expected);
+    let uvs = uvs.flat_map(|uvs| uvs.corners.clone());
+    let expected: Vec<(Vec3, Vec2)> = positions(original).into_iter().zip(uvs).collect();
+    let free = |instance: usize| {
+        let mesh = &original.meshes[original.instances[instance].mesh];
+        mesh.uvs.iter().take_while(|set| !set.is_empty()).count()
+    };
+    let found = corners(baked, free);
+    assert_eq!(found.len(), expected.len());
+    for (corner, (found, expected)) in found.into_iter().zip(expected).enumerate() {
+        assert_eq!(found, expected, "corner {corner}");
+    }
 }

@@ -28,12 +28,12 @@ fn primitive() -> serde_json::Value {
 
 /// Both when every corner is cut off and when none is.
 #[track_caller]
-fn assert_found(file: &File, set: usize) {
+fn assert_found(file: &File) {
     let scene = file.import();
     assert!(!scene.instances.is_empty());
     for atlas in [shredded(&scene), whole(&scene)] {
         let baked = bake(file, &scene, &atlas, obscured());
-        assert_mapped(&scene, &atlas, &baked.scene, set);
+        assert_mapped(&scene, &atlas, &baked.scene);
     }
 }
 
@@ -52,7 +52,7 @@ fn indices_of_each_width() {
         };
         let indices = file.accessor("SCALAR", component, bytes.len() / width, &bytes);
         file.primitive()["indices"] = json!(indices);
-        assert_found(&file, 0);
+        assert_found(&file);
     }
 }
 
@@ -61,10 +61,10 @@ fn strips_and_fans_with_and_without_indices() {
     for mode in [5, 6] {
         let mut file = points(primitive());
         file.primitive()["mode"] = json!(mode);
-        assert_found(&file, 0);
+        assert_found(&file);
         let indices = file.indices(&[4, 3, 2, 1, 0]);
         file.primitive()["indices"] = json!(indices);
-        assert_found(&file, 0);
+        assert_found(&file);
     }
 }
 
@@ -75,7 +75,7 @@ fn triangles_without_indices() {
     file.json["accessors"][positions]["min"] = json!([0.0, 0.0, 0.0]);
     file.json["accessors"][positions]["max"] = json!([1.2f32, 2.0, 0.0]);
     file.attribute("POSITION", positions);
-    assert_found(&file, 0);
+    assert_found(&file);
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn sparse_positions_and_indices() {
         "values": { "bufferView": values },
     });
     file.json["accessors"][0]["min"] = json!([0.0, 0.0, -1.0]);
-    assert_found(&file, 0);
+    assert_found(&file);
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn mirrored_nodes_and_nodes_that_share_a_mesh() {
         "nodes",
         json!({ "mesh": 0, "translation": [0.0, 0.0, 5.0] }),
     );
-    assert_found(&file, 0);
+    assert_found(&file);
 }
 
 /// The importer splits vertices itself where tangents part, or where normals are missing.
@@ -141,12 +141,12 @@ fn meshes_whose_vertices_the_importer_splits() {
         scene.meshes[0].positions.len() > 5,
         "tangents split nothing"
     );
-    assert_found(&file, 1);
+    assert_found(&file);
     file.primitive()["attributes"]
         .as_object_mut()
         .unwrap()
         .remove("NORMAL");
-    assert_found(&file, 1);
+    assert_found(&file);
 }
 
 #[test]
@@ -165,5 +165,5 @@ fn several_primitives_of_which_some_draw_no_triangles() {
     let scene = file.import();
     assert_eq!(scene.instances.len(), 1);
     assert_eq!(scene.instances[0].origin.unwrap().primitive, 1);
-    assert_found(&file, 0);
+    assert_found(&file);
 }
