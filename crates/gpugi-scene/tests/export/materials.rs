@@ -34,8 +34,6 @@ fn colourful() -> File {
         },
         "extras": { "gpugi": { "phong": { "kd": [0.5, 0.5, 0.5], "ks": [0.1, 0.1, 0.1], "shininess": 9 } }, "mine": 1 },
     }));
-    file.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
-    file.json["accessors"][0]["max"] = json!([1.0, 1.0, 0.0]);
     file.json["extensionsUsed"] = json!([
         "KHR_materials_clearcoat",
         "KHR_materials_ior",

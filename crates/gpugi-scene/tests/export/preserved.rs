@@ -8,8 +8,6 @@ use crate::builder::{File, Files, png};
 /// A file full of things that gpugi knows nothing of.
 fn rich() -> File {
     let mut file = File::with_material(json!({ "name": "paint", "extras": { "mine": 1 } }));
-    file.json["accessors"][0]["min"] = json!([0.0, 0.0, 0.0]);
-    file.json["accessors"][0]["max"] = json!([1.0, 1.0, 0.0]);
     file.json["asset"]["generator"] = json!("somebody");
     file.json["extensionsUsed"] = json!(["VENDOR_things"]);
     file.json["extensions"] =
@@ -17,7 +15,7 @@ fn rich() -> File {
     file.json["unheard of"] = json!({ "z": 1, "a": 2, "m": null });
     file.json["meshes"][0]["extras"] = json!({ "kept": [true] });
     file.json["meshes"][0]["name"] = json!("shared");
-    file.primitive()["extensions"] = json!({ "VENDOR_things": 3 });
+    file.primitive()["extensions"] = json!({ "VENDOR_things": { "much": 3 } });
     file.json["nodes"][0] = json!({ "name": "left", "mesh": 0, "extras": 7 });
     file.push(
         "nodes",
@@ -95,7 +93,10 @@ fn nodes_that_share_get_their_own_and_all_else_stays() {
         assert_eq!(mesh["name"], "shared");
         assert_eq!(mesh["extras"], json!({ "kept": [true] }));
         let primitive = &mesh["primitives"][0];
-        assert_eq!(primitive["extensions"], json!({ "VENDOR_things": 3 }));
+        assert_eq!(
+            primitive["extensions"],
+            json!({ "VENDOR_things": { "much": 3 } })
+        );
         assert_eq!(primitive["material"], 1);
     }
     let material = &baked.json["materials"][1];
@@ -203,6 +204,7 @@ fn chunks_that_follow_the_binary_one_stay() {
 #[test]
 fn nodes_that_stand_for_many_stay() {
     let mut file = rich();
+    file.json["extensionsUsed"] = json!(["VENDOR_things", "EXT_mesh_gpu_instancing"]);
     file.json["nodes"][0]["extensions"] =
         json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } });
     let scene = file.import();
@@ -224,10 +226,12 @@ fn nodes_that_stand_for_many_stay() {
 #[test]
 fn compression_gives_way_to_what_stands_beside_it() {
     let mut file = rich();
-    file.primitive()["extensions"]["KHR_draco_mesh_compression"] = json!({ "bufferView": 0 });
+    file.json["extensionsUsed"] = json!(["VENDOR_things", "KHR_draco_mesh_compression"]);
+    file.primitive()["extensions"]["KHR_draco_mesh_compression"] =
+        json!({ "bufferView": 0, "attributes": { "POSITION": 0 } });
     let scene = file.import();
     let baked = bake(&file, &scene, &whole(&scene), obscured());
-    let expected = json!({ "VENDOR_things": 3 });
+    let expected = json!({ "VENDOR_things": { "much": 3 } });
     assert_eq!(
         baked.json["meshes"][1]["primitives"][0]["extensions"],
         expected

@@ -3,7 +3,7 @@
 use glam::vec2;
 use serde_json::{Value, json};
 
-use crate::baking::{Baked, atlas, bake, obscured, positions, shredded, whole};
+use crate::baking::{Baked, atlas, bake, obscured, positions, shredded, try_bake, whole};
 use crate::builder::{File, U16};
 
 /// Two triangles over four vertices, with every kind of attribute, a skin and a morph target.
@@ -62,13 +62,13 @@ fn quad() -> File {
     );
     file.primitive()["targets"] = json!([{ "POSITION": target }]);
     file.push("nodes", json!({ "mesh": 0, "skin": 0 }));
-    file.push("nodes", json!({ "name": "hip" }));
+    file.push("nodes", json!({ "name": "hip", "children": [2] }));
     file.push(
         "nodes",
         json!({ "name": "knee", "translation": [1.0, 0.0, 0.0] }),
     );
     file.push("skins", json!({ "joints": [1, 2] }));
-    file.push("scenes", json!({ "nodes": [0, 1, 2] }));
+    file.push("scenes", json!({ "nodes": [0, 1] }));
     file.json["scene"] = json!(0);
     file
 }
@@ -179,6 +179,22 @@ fn the_first_free_set_is_taken_and_a_set_that_fits_is_used() {
         baked.json["materials"][0]["occlusionTexture"]["texCoord"],
         0
     );
+}
+
+#[test]
+fn a_third_set_is_written_with_a_warning() {
+    let mut file = quad();
+    for set in 0..2 {
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        file.attribute(&format!("TEXCOORD_{set}"), uvs);
+    }
+    let scene = file.import();
+    let files = crate::builder::Files::default();
+    let exported = try_bake(&file.glb(), &files, &scene, &shredded(&scene), obscured()).unwrap();
+    assert!(exported.warnings[0].contains("TEXCOORD_2"));
+    let baked = Baked::new(&exported.glb);
+    let occlusion = &baked.json["materials"][0]["occlusionTexture"];
+    assert_eq!(occlusion["texCoord"], 2);
 }
 
 /// A hundred vertices that the primitive shares with others must not be copied for three.

@@ -40,6 +40,8 @@ impl File {
     pub fn triangle() -> Self {
         let mut file = Self::empty();
         let positions = file.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        file.json["accessors"][positions]["min"] = json!([0.0, 0.0, 0.0]);
+        file.json["accessors"][positions]["max"] = json!([1.0, 1.0, 0.0]);
         file.push(
             "meshes",
             json!({ "primitives": [{ "attributes": { "POSITION": positions } }] }),

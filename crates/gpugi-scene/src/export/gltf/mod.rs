@@ -196,6 +196,11 @@ impl<'a> Baker<'a> {
                 triangles,
                 &uvs.corners,
             )?;
+            if uv_set > 1 {
+                self.warnings.push(format!(
+                    "nodes[{node}]: its coordinates are TEXCOORD_{uv_set}; some viewers, gpugi among them, read only two sets"
+                ));
+            }
             let page = uvs.page;
             uses.insert((target, primitive), Use { page, uv_set });
         }

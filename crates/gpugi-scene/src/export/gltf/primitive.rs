@@ -47,14 +47,18 @@ pub fn add_uvs(
     if split.changes(triangles) {
         let mut copies = HashMap::new();
         let lists = std::iter::once(&mut attributes).chain(&mut targets);
-        for accessor in lists.flat_map(BTreeMap::values_mut) {
-            if let Some(&copy) = copies.get(accessor) {
-                *accessor = copy;
-                continue;
-            }
-            let copy = select(document, output, *accessor, &split, triangles, &place)?;
-            copies.insert(*accessor, copy);
-            *accessor = copy;
+        for (name, accessor) in lists.flatten() {
+            // glTF demands bounds of positions.
+            let is_bounded = name == "POSITION";
+            let key = (*accessor, is_bounded);
+            *accessor = match copies.get(&key) {
+                Some(&copy) => copy,
+                None => {
+                    let copy = select(document, output, key, &split, triangles, &place)?;
+                    copies.insert(key, copy);
+                    copy
+                }
+            };
         }
         indices = Some(output.indices(&split.indices, split.sources.len())?);
     }
@@ -171,11 +175,12 @@ impl Split {
     }
 }
 
-/// An accessor with the elements that `split` names; returns its index.
+/// A copy of an accessor with the elements that `split` names, with `min` and `max` if the accessor has them or is to have
+/// them; returns its index.
 fn select(
     document: &Document,
     output: &mut Output,
-    accessor: usize,
+    (accessor, is_bounded): (usize, bool),
     split: &Split,
     triangles: &Triangles,
     place: &str,
@@ -217,8 +222,7 @@ fn select(
     let width = document.width(accessor, place)?;
     let mut range = range(component, width, &bytes, stride, size).unwrap_or_default();
     for bound in ["min", "max"] {
-        // What the file did not say need not be said.
-        if json.contains_key(bound) {
+        if is_bounded || json.contains_key(bound) {
             match range.shift_remove(bound) {
                 Some(value) => json.insert(bound.to_owned(), value),
                 None => json.shift_remove(bound),
