@@ -22,8 +22,14 @@ pub struct Use {
     pub uv_set: u32,
 }
 
-/// Primitives by mesh and number, with what their materials shall show.
-pub type Uses = HashMap<(usize, usize), Use>;
+/// A mesh, and the number of one of its primitives.
+type Primitive = (usize, usize);
+
+/// What the materials of baked primitives shall show.
+pub type Uses = HashMap<Primitive, Use>;
+
+/// The primitives that get the same material: a change of the same original, or of glTF's default.
+type Changes = BTreeMap<(Option<usize>, Use), Vec<Primitive>>;
 
 /// Gives the baked primitives their materials. A material that nobody else needs changes where it stands; otherwise baked
 /// primitives share copies.
@@ -33,7 +39,7 @@ pub fn assign(
     pages: &[PageTextures],
     warnings: &mut Vec<String>,
 ) -> Result<(), ExportError> {
-    let mut materials: BTreeMap<(Option<usize>, Use), Vec<(usize, usize)>> = BTreeMap::new();
+    let mut changes = Changes::new();
     let mut users: BTreeMap<usize, BTreeSet<Option<Use>>> = BTreeMap::new();
     for (mesh, json) in output.json.list("meshes").iter().enumerate() {
         let primitives = json.get("primitives").and_then(Value::as_array);
@@ -55,7 +61,7 @@ pub fn assign(
                 }
             }
             if let Some(wanted) = wanted {
-                let primitives = materials.entry((material, wanted)).or_default();
+                let primitives = changes.entry((material, wanted)).or_default();
                 primitives.push((mesh, number));
                 if mappings.is_array() {
                     warnings.push(format!(
@@ -65,7 +71,7 @@ pub fn assign(
             }
         }
     }
-    for ((original, wanted), primitives) in materials {
+    for ((original, wanted), primitives) in changes {
         let page = &pages[wanted.page as usize];
         let material = match original {
             Some(original) if users[&original].len() == 1 => {
