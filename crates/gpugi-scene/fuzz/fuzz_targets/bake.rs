@@ -32,7 +32,8 @@ fuzz_target!(|bytes: &[u8]| {
             let corners = 0..scene.meshes[instance.mesh].indices.len();
             Some(InstanceUvs {
                 corners: corners.map(|corner| glam::Vec2::splat(corner as f32)).collect(),
-                ..InstanceUvs::default()
+                page: 0,
+                charts: Vec::new(),
             })
         });
         let atlas = Atlas {

@@ -14,7 +14,7 @@ pub struct Atlas {
 }
 
 /// Where the triangles of an instance lie.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct InstanceUvs {
     /// The page that holds all of them.
     pub page: u32,

@@ -103,8 +103,10 @@ pub fn export_scene(scene: &Scene) -> Result<Exported, ExportError> {
 ///
 /// With an `original`, from which `scene` was imported, everything of that file stays as it is but what the bake must
 /// change: the instances that the atlas holds get materials, texture coordinates and, where the atlas cuts them, vertices
-/// of their own. Their other attributes, skins and morph targets included, are copied bit for bit. Without one, the scene is
-/// first written as [`export_scene`] does.
+/// of their own. Their other attributes, skins and morph targets included, are copied bit for bit. Buffers and images beside
+/// the original come into the file; geometry that nothing uses any more stays in it. What the atlas does not hold stays as it
+/// was, also what was removed from `scene` after the import. Without an original, the scene is first written as
+/// [`export_scene`] does.
 ///
 /// # Errors
 /// When the original cannot be read, when the parts do not fit together, or when the file would exceed 4 GiB.

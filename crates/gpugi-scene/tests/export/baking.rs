@@ -119,6 +119,10 @@ impl Baked {
         let view = &accessor["bufferView"];
         let stride = &self.json["bufferViews"][view.as_u64().unwrap() as usize]["byteStride"];
         let stride = stride.as_u64().map_or(size, |stride| stride as usize);
+        assert!(
+            stride.is_multiple_of(4),
+            "vertex attributes lie at multiples of 4 bytes"
+        );
         let bytes = &self.view(view)[accessor["byteOffset"].as_u64().unwrap_or(0) as usize..];
         let count = accessor["count"].as_u64().unwrap() as usize;
         let element = |at: usize| bytes[at * stride..][..size].to_vec();

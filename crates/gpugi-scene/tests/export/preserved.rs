@@ -1,5 +1,6 @@
 //! What a bake does not touch stays as it was.
 
+use base64::Engine;
 use serde_json::{Value, json};
 
 use crate::baking::{Baked, assert_mapped, bake, obscured, shredded, try_bake, whole};
@@ -144,7 +145,9 @@ fn buffers_and_images_beside_come_into_the_file() {
     let mut file = rich();
     let picture = png(1, 1, &[1, 2, 3, 255]);
     file.push("images", json!({ "name": "beside", "uri": "a%20b.png" }));
-    file.push("images", json!({ "uri": "data:image/png;base64,AAAA" }));
+    let data = base64::engine::general_purpose::STANDARD.encode(&picture);
+    let data = format!("data:image/png;base64,{data}");
+    file.push("images", json!({ "uri": data }));
     file.push("images", json!({ "uri": "gone.png" }));
     // The positions in a second buffer, all else in the first.
     let positions = file.binary[..36].to_vec();

@@ -3,11 +3,12 @@
 use glam::{Affine2, Vec2, Vec3, Vec4, vec2, vec3};
 use gpugi_scene::export::{BakedLight, BakedPage, export_bake, export_scene};
 use gpugi_scene::{
-    AlphaMode, Camera, Image, Light, LightKind, Material, MaterialModel, Mesh, Pixels, Projection,
-    Scene, Texture, TextureRef, Volume, Wrap, builtin,
+    AlphaMode, Camera, Image, Light, LightKind, Limits, Material, MaterialModel, Mesh, Pixels,
+    Projection, Scene, Texture, TextureRef, Volume, Wrap, builtin, import,
 };
 
 use crate::baking::{Baked, SIZE, assert_mapped, obscured, positions, shredded};
+use crate::builder::{Files, png};
 
 #[test]
 fn built_in_scenes_keep_their_triangles_and_can_be_baked() {
@@ -45,6 +46,46 @@ fn cornell_can_be_baked() {
         let material = &baked.scene.materials[instance.material];
         assert_eq!(material.emissive, Vec3::splat(2.0));
         assert!(material.emissive_texture.is_some());
+    }
+}
+
+#[test]
+fn other_formats_can_be_baked() {
+    let obj = "mtllib m.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 1\nvt 0 0\nvt 1 1\n\
+        f 1/1 2/1 3/2\nusemtl blue\nf 3/1 4/1 1/2\n";
+    let mtl = "newmtl red\nKd 1 0 0\nmap_Kd -s 2 3 1 t.png\nnewmtl blue\nKd 0 0 1\n";
+    let files = Files(
+        [
+            ("m.mtl".to_owned(), mtl.as_bytes().to_vec()),
+            ("t.png".to_owned(), png(1, 1, &[255, 0, 0, 255])),
+        ]
+        .into(),
+    );
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 1 2 3\n1 0 0 4 5 6\n0 1 0 7 8 9\n3 0 1 2\n";
+    for (name, text) in [("a.obj", obj), ("a.ply", ply)] {
+        let scene = import(name, text.as_bytes(), &files, &Limits::default());
+        let scene = scene.unwrap_or_else(|error| panic!("{error}"));
+        assert!(
+            scene
+                .instances
+                .iter()
+                .all(|instance| instance.origin.is_none())
+        );
+        let atlas = shredded(&scene);
+        let exported = export_bake(None, &scene, &atlas, &[obscured()]).unwrap();
+        let baked = Baked::new(&exported.glb);
+        assert_mapped(&scene, &atlas, &baked.scene);
+        let texture = |scene: &Scene| {
+            let material = &scene.materials[scene.instances[0].material];
+            material
+                .base_color_texture
+                .map(|texture| texture.uv_from_mesh)
+        };
+        assert_eq!(texture(&baked.scene), texture(&scene));
+        assert_eq!(name == "a.obj", texture(&scene).is_some());
     }
 }
 
