@@ -98,8 +98,13 @@ impl Baked {
         assert!(length.is_multiple_of(4));
         let binary = 20 + length + 8;
         let scene = import("baked.glb", glb, &Files::default(), &Limits::default());
+        let json: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+        for view in json["bufferViews"].as_array().into_iter().flatten() {
+            let offset = view["byteOffset"].as_u64().unwrap_or(0);
+            assert!(offset.is_multiple_of(4), "{view} is not aligned");
+        }
         Self {
-            json: serde_json::from_slice(&glb[20..20 + length]).unwrap(),
+            json,
             binary: glb.get(binary..).unwrap_or_default().to_vec(),
             scene: scene.unwrap_or_else(|error| panic!("{error}")),
         }
