@@ -120,6 +120,31 @@ fn copies_of_large_meshes_are_bounded() {
     );
 }
 
+#[test]
+fn long_lists_of_which_many_nodes_use_little_are_bounded() {
+    let mut file = File::triangle();
+    // Without a view all are zero, and a million cost nothing to write down.
+    let million = json!({ "componentType": 5126, "count": 1_000_000, "type": "VEC3" });
+    let positions = file.push("accessors", million.clone());
+    file.attribute("POSITION", positions);
+    let mut coordinates = million;
+    coordinates["type"] = json!("VEC2");
+    let coordinates = file.push("accessors", coordinates);
+    for set in 0..4500 {
+        file.attribute(&format!("TEXCOORD_{set}"), coordinates);
+    }
+    let indices = file.indices(&[0, 1, 2]);
+    file.primitive()["indices"] = json!(indices);
+    let scene = file.import();
+    assert_refused(
+        &file,
+        &scene,
+        &shredded(&scene),
+        obscured(),
+        "nodes share more vertices",
+    );
+}
+
 /// Marsaglia's xorshift: the same damage in every run.
 struct Random(u64);
 

@@ -7,9 +7,14 @@ use crate::export::ExportError;
 /// A JSON object.
 pub type Object = Map<String, Value>;
 
+/// Short references to long things multiply in a hostile file: what copies of its objects may take (bytes).
+const MOST_COPIED: usize = 512 << 20;
+
 /// The root of a file.
 pub struct Json {
     root: Object,
+    /// Bytes of all copies so far.
+    copied: usize,
 }
 
 impl Json {
@@ -19,13 +24,13 @@ impl Json {
         let generator = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
         let asset = json!({ "version": "2.0", "generator": generator });
         root.insert("asset".to_owned(), asset);
-        Self { root }
+        Self { root, copied: 0 }
     }
 
     /// The root that `json` holds.
     pub fn parse(json: &[u8]) -> Result<Self, ExportError> {
         let root = serde_json::from_slice(json);
-        root.map(|root| Self { root })
+        root.map(|root| Self { root, copied: 0 })
             .map_err(|error| ExportError::new("JSON", error))
     }
 
@@ -58,6 +63,21 @@ impl Json {
         value
             .and_then(Value::as_object_mut)
             .ok_or_else(|| ExportError::new(format!("{list}[{index}]"), "this is no JSON object"))
+    }
+
+    /// A copy of the object `index` of a list of the root.
+    pub fn copy(&mut self, list: &str, index: usize) -> Result<Object, ExportError> {
+        let object = self.at(list, index)?;
+        let length = serde_json::to_vec(object).map_or(usize::MAX, |text| text.len());
+        let copied = self.copied.saturating_add(length);
+        if copied > MOST_COPIED {
+            return Err(ExportError::new(
+                format!("{list}[{index}]"),
+                "it is too large to be copied for everybody who shares it",
+            ));
+        }
+        self.copied = copied;
+        Ok(self.at(list, index)?.clone())
     }
 
     /// A primitive.

@@ -82,7 +82,7 @@ pub fn assign(
             }
             _ => {
                 let mut json = match original {
-                    Some(original) => output.json.at("materials", original)?.clone(),
+                    Some(original) => output.json.copy("materials", original)?,
                     None => Object::new(),
                 };
                 show(&mut json, page, wanted.uv_set, &mut output.json)?;

@@ -21,14 +21,15 @@ use crate::atlas::{Atlas, InstanceUvs};
 use crate::import::gltf::document::Document;
 use crate::import::gltf::geometry;
 use crate::{Limits, Origin, Resolver, Scene};
-use json::{Json, Object};
+use json::Json;
 use material::Use;
 use output::Output;
 use primitive::Triangles;
 
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
-/// Short names of long things multiply in a hostile file: what the copies of shared meshes may take as JSON (bytes).
-const MOST_COPIED_JSON: usize = 512 << 20;
+/// Vertices read, sets of coordinates apart, before a file is refused: nodes of a few bytes each may share a long list. More
+/// than twice what a .glb has room for.
+const MOST_VERTICES_READ: u64 = 1 << 32;
 
 /// As [`super::export_bake`].
 pub fn bake(
@@ -119,7 +120,7 @@ struct Baker<'a> {
     warnings: Vec<String>,
     /// By mesh and primitive of the original.
     triangles: HashMap<(usize, usize), Triangles>,
-    copied_json: usize,
+    vertices_read: u64,
 }
 
 impl<'a> Baker<'a> {
@@ -130,7 +131,7 @@ impl<'a> Baker<'a> {
             output: Output::new(json, further_chunks(document.further_chunks)),
             warnings: Vec::new(),
             triangles: HashMap::new(),
-            copied_json: 0,
+            vertices_read: 0,
         };
         embed::buffers(document, &mut baker.output, &mut baker.warnings)?;
         embed::images(&mut baker.output, resolver, &mut baker.warnings)?;
@@ -188,6 +189,16 @@ impl<'a> Baker<'a> {
                     ),
                 ));
             }
+            let sets = source.attributes.keys();
+            let sets = sets.filter(|name| name.starts_with("TEXCOORD_")).count();
+            let reads = (triangles.vertices as u64).saturating_mul(1 + sets as u64);
+            self.vertices_read = self.vertices_read.saturating_add(reads);
+            if self.vertices_read > MOST_VERTICES_READ {
+                return Err(ExportError::new(
+                    place,
+                    "nodes share more vertices than can be read for each",
+                ));
+            }
             let uv_set = primitive::add_uvs(
                 self.document,
                 &mut self.output,
@@ -231,15 +242,7 @@ impl<'a> Baker<'a> {
         if users == 1 {
             return Ok(Some(mesh));
         }
-        let copy: Object = self.output.json.at("meshes", mesh)?.clone();
-        let length = serde_json::to_vec(&copy).map_or(usize::MAX, |text| text.len());
-        self.copied_json = self.copied_json.saturating_add(length);
-        if self.copied_json > MOST_COPIED_JSON {
-            return Err(ExportError::new(
-                format!("nodes[{node}].mesh"),
-                "meshes that several nodes share are too large to be copied for each",
-            ));
-        }
+        let copy = self.output.json.copy("meshes", mesh)?;
         let copy = self.output.json.push("meshes", Value::Object(copy))?;
         let json = self.output.json.at("nodes", node)?;
         json.insert("mesh".to_owned(), copy.into());

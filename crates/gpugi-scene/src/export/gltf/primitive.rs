@@ -212,7 +212,7 @@ fn select(
         let view = output.json.at("bufferViews", view)?;
         view.insert("byteStride".to_owned(), stride.into());
     }
-    let mut json = output.json.at("accessors", accessor)?.clone();
+    let mut json = output.json.copy("accessors", accessor)?;
     for member in ["sparse", "byteOffset"] {
         json.shift_remove(member);
     }
