@@ -25,6 +25,7 @@ pub mod scene;
 pub mod simplify;
 pub mod tangents;
 
+pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, TexelDensity};
 pub use camera::{Camera, Projection};
 pub use error::ImportError;
 pub use image::{Image, Pixels};
