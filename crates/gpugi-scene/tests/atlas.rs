@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::{Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::atlas::{
-    Atlas, AtlasError, AtlasOptions, InstanceUvs, NO_CHART, SecondSetFault, TexelDensity,
+    Atlas, AtlasError, AtlasOptions, InstanceUvs, NO_CHART, Seams, SecondSetFault, TexelDensity,
     check_second_set,
 };
 use gpugi_scene::builtin::{builtin, shapes};
@@ -398,4 +398,35 @@ fn atlases_of_other_scenes_are_told() {
     assert!(spoil(|uvs| uvs.corners[2].x = f32::NAN).contains("corner 2"));
     assert!(spoil(|uvs| uvs.corners[2].y = 1.01).contains("corner 2"));
     assert!(spoil(|uvs| uvs.charts.clear()).contains("charts"));
+}
+
+#[test]
+fn seams_of_smooth_surfaces_close_and_hard_edges_stay() {
+    let scene = scene_of(shapes::sphere(1.0, 16));
+    let atlas = Atlas::new(&scene, &small()).unwrap();
+    let seams = Seams::new(&scene, &atlas);
+    assert!(!seams.is_empty());
+    // What lies far apart in the page differs, so that charts do not fit at their borders.
+    let at = |index: usize| Vec2::new((index as u32 % SIZE) as f32, (index as u32 / SIZE) as f32);
+    let color = |index| Vec3::new(1.0 + at(index).x / 256.0, 2.0 - at(index).y / 256.0, 1.0);
+    let before: Vec<Vec3> = (0..(SIZE * SIZE) as usize).map(color).collect();
+    let mut after = before.clone();
+    seams.smooth(&mut after);
+    let [was, is] = [&before, &after].map(|image| seams.difference(image));
+    assert!(is < 0.1 * was, "{was} to {is}");
+    let changed = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+    assert!(
+        changed > 100 && changed < before.len() / 3,
+        "{changed} texels"
+    );
+    // No more than it takes, and nothing where nothing differs.
+    let worst = before.iter().zip(&after).map(|(a, b)| a.distance(*b));
+    assert!(worst.fold(0.0, f32::max) < 1.5);
+    assert!(after.iter().all(|texel| (texel.z - 1.0).abs() < 1e-5));
+
+    let scene = scene_of(shapes::cuboid(Vec3::ZERO, Vec3::ONE, 2));
+    let atlas = Atlas::new(&scene, &small()).unwrap();
+    assert!(Seams::new(&scene, &atlas).is_empty());
+    let mut dark = vec![Vec3::NAN; (SIZE * SIZE) as usize];
+    Seams::new(&scene, &atlas).smooth(&mut dark);
 }

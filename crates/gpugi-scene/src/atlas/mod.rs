@@ -6,10 +6,12 @@
 //! gutters and texel density are then as asked for, whatever resolution the file's author had in mind.
 
 mod error;
+mod seams;
 mod second_set;
 mod shape;
 
 pub use error::AtlasError;
+pub use seams::Seams;
 pub use second_set::{SecondSetFault, check_second_set};
 
 use std::collections::HashMap;

@@ -1,6 +1,7 @@
 //! Captures: rasterized "photos" of the scene. A view's triangles become hit records, hit records become surface points; light
-//! views become depth.
+//! views become depth. Texels of an atlas become surface points without anybody's view.
 
+pub mod atlas;
 mod behind;
 pub mod depth;
 pub mod distance_pyramid;

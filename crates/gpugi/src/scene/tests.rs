@@ -2,6 +2,7 @@
 
 use super::Claims;
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
+use crate::capture::atlas::{AtlasTriangle, LeakSettings, LevelsUniform, PieceUniform};
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
@@ -104,6 +105,26 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "LightSample"), sample);
     let range = layout!(GatherRange: first_light end_light first_point end_point);
     assert_eq!(reflected(&gather, "GatherRange"), range);
+    let piece =
+        layout!(PieceUniform: size first_row end_row phase block_count lobes area_unit padding);
+    let triangle = layout!(AtlasTriangle: instance primitive a b c);
+    for shader in [
+        shader!("capture.atlas.cover"),
+        shader!("capture.atlas.resolve"),
+    ] {
+        assert_eq!(reflected(&shader, "Piece"), piece);
+        assert_eq!(reflected(&shader, "AtlasTriangle"), triangle);
+    }
+    let leaks = layout!(LeakSettings: share reach offset count);
+    assert_eq!(
+        reflected(&shader!("capture.atlas.leaks"), "Settings"),
+        leaks
+    );
+    let levels = layout!(LevelsUniform: fine coarse fine_size coarse_size padding);
+    assert_eq!(
+        reflected(&shader!("capture.atlas.dilate"), "Levels"),
+        levels
+    );
     let bench = layout!(ray_bench::Settings: eye width direction height direction_dx offset direction_dy seed light padding);
     assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
     let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);

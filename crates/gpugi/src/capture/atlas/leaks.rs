@@ -1,0 +1,163 @@
+//! Texels whose points lie inside other things: found, moved out or taken away, counted.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{AtlasCapture, AtlasPiece};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Of the hemisphere's rays, at least so many (0 to 1) meet surfaces from behind where a point is inside.
+const SHARE: f32 = 0.5;
+/// Rays start so many sides of a texel above the surface.
+const OFFSET: f32 = 0.01;
+
+/// `Settings` of capture/atlas/leaks.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(crate) struct LeakSettings {
+    pub share: f32,
+    pub reach: f32,
+    pub offset: f32,
+    pub count: u32,
+}
+
+/// What became of the texels of an atlas.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct LeakReport {
+    /// Texels that no triangle touches.
+    pub empty: u64,
+    /// Texels whose points lie where light can be.
+    pub good: u64,
+    /// Texels whose points lay inside something and were moved out, by a texel at most.
+    pub moved: u64,
+    /// Texels whose points lay inside something, which have none now.
+    pub invalid: u64,
+}
+
+/// Finds the texels of an atlas whose points lie inside other things.
+#[derive(Debug)]
+pub struct LeakTest {
+    kernel: Kernel,
+    pieces: Vec<Piece>,
+    /// Number of the capture whose points were tested.
+    tested: u64,
+}
+
+#[derive(Debug)]
+struct Piece {
+    group: wgpu::BindGroup,
+    states: wgpu::Buffer,
+    counts: wgpu::Buffer,
+    count: u32,
+}
+
+impl LeakTest {
+    /// Room for the texels of `capture`; `rays` is the same scene, in which rays are traced ([`GpuScene::with_rays`]).
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Gpu, rays: &GpuScene, capture: &AtlasCapture) -> Result<Self, GpuError> {
+        let kernel = Kernel::with_options(
+            gpu,
+            &shader!("capture.atlas.leaks"),
+            "main",
+            Some(&rays.layout),
+            &KernelOptions {
+                constants: &rays.ray_constants(),
+                ..Default::default()
+            },
+        )?;
+        let side = capture.texel_side;
+        let piece = |piece: &AtlasPiece| {
+            let count = piece.points.count;
+            let settings = LeakSettings {
+                share: SHARE,
+                reach: side,
+                // Below that, positions are rounded.
+                offset: (side * OFFSET).max(rays.diagonal() * 1e-6),
+                count,
+            };
+            let settings = gpu.uniform("leak test", &settings)?;
+            let storage = wgpu::BufferUsages::STORAGE;
+            let states = gpu.buffer("states of texels [bytes]", u64::from(count) * 4, storage)?;
+            let counts = gpu.buffer("leak counts", 16, storage)?;
+            let resources = [
+                ("settings", settings.as_entire_binding()),
+                ("points", piece.points.points.as_entire_binding()),
+                ("states", states.as_entire_binding()),
+                ("counts", counts.as_entire_binding()),
+            ];
+            Ok(Piece {
+                group: kernel.bind(gpu, 1, &resources)?,
+                states,
+                counts,
+                count,
+            })
+        };
+        Ok(Self {
+            pieces: capture
+                .pieces()
+                .iter()
+                .map(piece)
+                .collect::<Result<_, GpuError>>()?,
+            kernel,
+            tested: 0,
+        })
+    }
+
+    /// Tests the points of `capture` if they are new since the last time: pass `capture.atlas.leaks`. Those that lie inside something are moved out
+    /// along their surface or lose their instance, as if no triangle touched the texel.
+    pub fn record(&mut self, frame: &mut Frame<'_>, rays: &GpuScene, capture: &AtlasCapture) {
+        if self.tested == capture.number {
+            return;
+        }
+        self.tested = capture.number;
+        for piece in &self.pieces {
+            frame.clear(&piece.counts);
+            frame.compute("capture.atlas.leaks", |pass| {
+                let groups = [(0, &rays.bind_group), (1, &piece.group)];
+                self.kernel.dispatch(pass, &groups, [piece.count, 1, 1]);
+            });
+        }
+    }
+
+    /// How many texels there are of each kind. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn report(&self, gpu: &Gpu) -> Result<LeakReport, GpuError> {
+        let mut sums = [0_u64; 4];
+        for piece in &self.pieces {
+            let counts: Vec<u32> = read_buffer(gpu, &piece.counts, 16)?;
+            for (sum, count) in sums.iter_mut().zip(counts) {
+                *sum += u64::from(count);
+            }
+        }
+        let [empty, good, moved, invalid] = sums;
+        Ok(LeakReport {
+            empty,
+            good,
+            moved,
+            invalid,
+        })
+    }
+
+    /// A picture of all rows, 8-bit RGBA: empty texels transparent, good ones grey, moved ones green, invalid ones red. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn map(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
+        let mut pixels = Vec::new();
+        for piece in &self.pieces {
+            let states: Vec<u32> = read_buffer(gpu, &piece.states, u64::from(piece.count) * 4)?;
+            pixels.extend(states.into_iter().flat_map(|state| match state {
+                0 => [0, 0, 0, 0],
+                1 => [128, 128, 128, 255],
+                2 => [0, 200, 0, 255],
+                _ => [230, 0, 0, 255],
+            }));
+        }
+        Ok(pixels)
+    }
+}

@@ -1,0 +1,327 @@
+//! The texels of an atlas as surface points, which every technique lights as it lights a camera's pixels: light in texture space (tutorial, section 2 and
+//! figure 6).
+//!
+//! Each texel that a triangle touches is a point, also where the triangle misses its middle (section 7.3, figures 71 to 73): the point of the surface nearest
+//! to the middle. A texel's area is what of all triangles lies in it, exactly; all areas add up to the scene's. Points lie on the fronts of surfaces, of
+//! double-sided ones, too; what is cut out by alpha has points like what is not; what passes through surfaces is left out.
+
+mod blocks;
+mod dilate;
+mod leaks;
+#[cfg(test)]
+mod tests;
+
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+use gpugi_scene::{Atlas, Scene};
+
+use super::{SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::{GpuScene, Versions};
+use crate::shader;
+pub(crate) use blocks::AtlasTriangle;
+use blocks::Layout;
+pub use dilate::Dilation;
+pub(crate) use dilate::LevelsUniform;
+pub(crate) use leaks::LeakSettings;
+pub use leaks::{LeakReport, LeakTest};
+
+/// Which lobes the points of texels have. What mirrors looks different from everywhere, and a texel is seen from everywhere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TexelLobes {
+    /// Diffuse reflection, as of a Lambert surface that sends on as much of even light. Gathers give radiance, alike in all directions.
+    #[default]
+    Diffuse,
+    /// As [`TexelLobes::Diffuse`] of a white surface: the radiance that gathers give, times pi, is the irradiance [W/m^2].
+    White,
+    /// All, seen from straight above.
+    All,
+}
+
+/// How texels become points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AtlasCaptureOptions {
+    /// Their lobes.
+    pub lobes: TexelLobes,
+    /// Most texels in one buffer; the adapter's limits may be lower.
+    pub most_texels: u32,
+}
+
+impl Default for AtlasCaptureOptions {
+    fn default() -> Self {
+        Self {
+            lobes: TexelLobes::Diffuse,
+            most_texels: u32::MAX,
+        }
+    }
+}
+
+/// `Piece` of capture/atlas/coverage.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(crate) struct PieceUniform {
+    pub size: u32,
+    pub first_row: u32,
+    pub end_row: u32,
+    pub phase: u32,
+    pub block_count: u32,
+    pub lobes: u32,
+    pub area_unit: f32,
+    pub padding: u32,
+}
+
+/// Bytes of a `Texel` of capture/atlas/coverage.wesl.
+const TEXEL_BYTES: u64 = 16;
+
+/// As many rows of an atlas as fit a buffer.
+#[derive(Debug)]
+pub struct AtlasPiece {
+    /// Their texels, row by row.
+    pub points: SurfacePoints,
+    /// The rows, counted through all pages, which lie below each other.
+    pub rows: Range<u32>,
+    /// `Texel` of capture/atlas/coverage.wesl, one a point.
+    pub texels: wgpu::Buffer,
+    block_count: u32,
+    /// Bind group 1 of `cover`, by phase.
+    cover: [wgpu::BindGroup; 2],
+    resolve: wgpu::BindGroup,
+}
+
+/// Captures the texels of an atlas as surface points.
+#[derive(Debug)]
+pub struct AtlasCapture {
+    /// Texels a side of a page.
+    pub size: u32,
+    /// Number of pages.
+    pub pages: u32,
+    /// Side of a square with as much surface as texels have on average (m).
+    pub texel_side: f32,
+    /// How often points were made.
+    number: u64,
+    pieces: Vec<AtlasPiece>,
+    cover: Kernel,
+    resolve: Kernel,
+    /// Of the triangles that the atlas was made for.
+    topology: u64,
+    captured: Option<Versions>,
+}
+
+impl AtlasCapture {
+    /// Room for the texels of `atlas`, which is one of `scene`, of which `on_gpu` is the upload.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the atlas is not one of the scene; [`GpuError::TooLarge`] when a row of it does not fit a buffer; [`GpuError::OutOfMemory`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        on_gpu: &GpuScene,
+        atlas: &Atlas,
+        options: &AtlasCaptureOptions,
+    ) -> Result<Self, GpuError> {
+        atlas.check(scene).map_err(|reason| GpuError::Pass {
+            pass: "capture.atlas".into(),
+            reason,
+        })?;
+        let cover = Kernel::new(
+            gpu,
+            &shader!("capture.atlas.cover"),
+            "main",
+            Some(&on_gpu.layout),
+        )?;
+        let resolve = Kernel::new(
+            gpu,
+            &shader!("capture.atlas.resolve"),
+            "main",
+            Some(&on_gpu.layout),
+        )?;
+        let layout = Layout::new(gpu, scene, atlas)?;
+        let triangles = gpu.storage("atlas triangles [bytes]", &layout.triangles)?;
+        let rows = rows_of_pieces(gpu, atlas, options)?;
+        let pieces = rows
+            .into_iter()
+            .map(|rows| {
+                let blocks = layout.blocks(gpu, atlas, &rows)?;
+                let blocks_on_gpu = gpu.storage("blocks of an atlas [bytes]", &blocks)?;
+                let count = (rows.end - rows.start) * atlas.size;
+                let storage = wgpu::BufferUsages::STORAGE;
+                let texels = gpu.buffer(
+                    "texels of an atlas [bytes]",
+                    u64::from(count) * TEXEL_BYTES,
+                    storage,
+                )?;
+                let points = SurfacePoints {
+                    points: gpu.buffer(
+                        "surface points [bytes]",
+                        u64::from(count) * SURFACE_POINT_BYTES,
+                        storage,
+                    )?,
+                    view: gpu.buffer(
+                        "view",
+                        size_of::<ViewUniform>() as u64,
+                        wgpu::BufferUsages::UNIFORM,
+                    )?,
+                    count,
+                };
+                let uniform = |phase| {
+                    gpu.uniform(
+                        "piece of an atlas",
+                        &PieceUniform {
+                            size: atlas.size,
+                            first_row: rows.start,
+                            end_row: rows.end,
+                            phase,
+                            block_count: blocks.len() as u32,
+                            lobes: options.lobes as u32,
+                            area_unit: layout.area_unit,
+                            padding: 0,
+                        },
+                    )
+                };
+                let phases = [uniform(0)?, uniform(1)?];
+                let bind_cover = |phase: usize| {
+                    let resources = [
+                        ("piece", phases[phase].as_entire_binding()),
+                        ("triangles", triangles.as_entire_binding()),
+                        ("blocks", blocks_on_gpu.as_entire_binding()),
+                        ("texels", texels.as_entire_binding()),
+                    ];
+                    cover.bind(gpu, 1, &resources)
+                };
+                let resources = [
+                    ("piece", phases[0].as_entire_binding()),
+                    ("triangles", triangles.as_entire_binding()),
+                    ("texels", texels.as_entire_binding()),
+                    ("points", points.points.as_entire_binding()),
+                ];
+                Ok(AtlasPiece {
+                    cover: [bind_cover(0)?, bind_cover(1)?],
+                    resolve: resolve.bind(gpu, 1, &resources)?,
+                    points,
+                    rows,
+                    texels,
+                    block_count: blocks.len() as u32,
+                })
+            })
+            .collect::<Result<_, GpuError>>()?;
+        let capture = Self {
+            size: atlas.size,
+            pages: atlas.pages,
+            texel_side: layout.texel_side,
+            number: 0,
+            pieces,
+            cover,
+            resolve,
+            topology: on_gpu.versions.topology,
+            captured: None,
+        };
+        capture.look(gpu, 0, 0);
+        Ok(capture)
+    }
+
+    /// The pieces, from the first row to the last.
+    pub fn pieces(&self) -> &[AtlasPiece] {
+        &self.pieces
+    }
+
+    /// The points of each piece.
+    pub fn points(&self) -> impl Iterator<Item = &SurfacePoints> {
+        self.pieces.iter().map(|piece| &piece.points)
+    }
+
+    /// Says which sample of light the next gathers take, and from which seed; targets begin anew with sample 0.
+    pub fn look(&self, gpu: &Gpu, sample_index: u32, seed: u32) {
+        for (number, piece) in (0..).zip(&self.pieces) {
+            let view = ViewUniform {
+                width: self.size,
+                height: piece.rows.end - piece.rows.start,
+                sample_index,
+                // Pieces look alike to what is stochastic.
+                seed: seed.wrapping_add(number * 0x0001_0001),
+                ..Zeroable::zeroed()
+            };
+            gpu.queue
+                .write_buffer(&piece.points.view, 0, bytemuck::bytes_of(&view));
+        }
+    }
+
+    /// Brings the points up to date with the scene, if they are not: passes `capture.atlas.cover` and `capture.atlas.resolve`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the scene has other triangles than the atlas.
+    pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
+        if scene.versions.topology != self.topology {
+            return Err(GpuError::Pass {
+                pass: "capture.atlas".into(),
+                reason: "the scene has other triangles than the atlas".into(),
+            });
+        }
+        let versions = scene.versions;
+        let is_kept = |before: &Versions| {
+            before.geometry == versions.geometry && before.materials == versions.materials
+        };
+        if self.captured.as_ref().is_some_and(is_kept) {
+            return Ok(());
+        }
+        for piece in &self.pieces {
+            frame.clear(&piece.texels);
+            for group in &piece.cover {
+                frame.compute("capture.atlas.cover", |pass| {
+                    let groups = [(0, &scene.bind_group), (1, group)];
+                    self.cover
+                        .dispatch(pass, &groups, [piece.block_count, 1, 1]);
+                });
+            }
+            frame.compute("capture.atlas.resolve", |pass| {
+                let groups = [(0, &scene.bind_group), (1, &piece.resolve)];
+                self.resolve
+                    .dispatch(pass, &groups, [piece.points.count, 1, 1]);
+            });
+        }
+        self.number += 1;
+        self.captured = Some(versions);
+        Ok(())
+    }
+}
+
+/// The fewest pieces that fit the adapter's buffers.
+fn rows_of_pieces(
+    gpu: &Gpu,
+    atlas: &Atlas,
+    options: &AtlasCaptureOptions,
+) -> Result<Vec<Range<u32>>, GpuError> {
+    let limits = gpu.device.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let most_texels = (bytes / SURFACE_POINT_BYTES).min(u64::from(options.most_texels));
+    let most_rows = most_texels / u64::from(atlas.size.max(1));
+    if most_rows == 0 {
+        return Err(GpuError::TooLarge {
+            what: "texels in a row of an atlas".into(),
+            needed: u64::from(atlas.size),
+            limit: most_texels,
+            adapter: gpu.adapter.name.clone(),
+        });
+    }
+    let all = u64::from(atlas.pages) * u64::from(atlas.size);
+    let end = u32::try_from(all).map_err(|_| GpuError::TooLarge {
+        what: "rows of all pages of an atlas".into(),
+        needed: all,
+        limit: u64::from(u32::MAX),
+        adapter: gpu.adapter.name.clone(),
+    })?;
+    // Whole pages where they fit, so that no chart is cut.
+    let size = u64::from(atlas.size);
+    let rows = if most_rows >= size {
+        most_rows - most_rows % size
+    } else {
+        most_rows
+    };
+    let rows = rows.min(u64::from(u32::MAX)) as u32;
+    let firsts = (0..end).step_by(rows as usize);
+    Ok(firsts
+        .map(|first| first..first.saturating_add(rows).min(end))
+        .collect())
+}
