@@ -2,7 +2,10 @@
 
 use super::Claims;
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
-use crate::capture::atlas::{AtlasTriangle, LeakSettings, LevelsUniform, PieceUniform};
+use crate::capture::atlas::PieceUniform;
+use crate::capture::atlas::blocks::AtlasTriangle;
+use crate::capture::atlas::dilate::LevelsUniform;
+use crate::capture::atlas::leaks::LeakSettings;
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};

@@ -5,9 +5,9 @@
 //! to the middle. A texel's area is what of all triangles lies in it, exactly; all areas add up to the scene's. Points lie on the fronts of surfaces, of
 //! double-sided ones, too; what is cut out by alpha has points like what is not; what passes through surfaces is left out.
 
-mod blocks;
-mod dilate;
-mod leaks;
+pub(crate) mod blocks;
+pub(crate) mod dilate;
+pub(crate) mod leaks;
 #[cfg(test)]
 mod tests;
 
@@ -20,11 +20,8 @@ use super::{SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
-pub(crate) use blocks::AtlasTriangle;
 use blocks::Layout;
 pub use dilate::Dilation;
-pub(crate) use dilate::LevelsUniform;
-pub(crate) use leaks::LeakSettings;
 pub use leaks::{LeakReport, LeakTest};
 
 /// Which lobes the points of texels have. What mirrors looks different from everywhere, and a texel is seen from everywhere.
