@@ -1,4 +1,4 @@
-//! `gpugi bake`.
+//! `gpugi bake`: a scene's light into texture space, or an environment's maps.
 
 use std::path::{Path, PathBuf};
 
@@ -8,35 +8,61 @@ use gpugi::techniques::environment_map::{self, export};
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::{Limits, import_environment};
 
+use crate::bake_scene::{self, SceneOptions};
 use crate::output::write_json;
 use crate::render::split_settings;
+use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
 
 /// Options of `gpugi bake`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Equirectangular environment map (.exr, .hdr)
-    #[arg(value_name = "FILE")]
-    environment: PathBuf,
-    /// Folder to write into; made if there is none
-    #[arg(short, long, value_name = "DIR")]
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// File to write (.glb); of an environment map a folder
+    #[arg(short, long, value_name = "FILE.glb|DIR")]
     output: PathBuf,
-    /// Technique whose maps are written
-    #[arg(long, value_parser = [environment_map::INFO.name])]
-    technique: String,
-    /// A setting of the technique (repeatable)
+    /// Techniques whose light is baked, separated by commas; environment-map alone writes the maps of an environment (SCENE is an .exr or .hdr)
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    technique: Vec<String>,
+    /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
+    #[command(flatten)]
+    options: SceneOptions,
+}
+
+/// Bakes.
+pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.technique == [environment_map::INFO.name] {
+        return environment(common, arguments);
+    }
+    let scene = &arguments.scene.scene;
+    if has_extension(Path::new(scene), &["exr", "hdr"]) {
+        return Err(Usage(format!(
+            "{scene}: the maps of an environment are baked with --technique {}",
+            environment_map::INFO.name
+        ))
+        .into());
+    }
+    bake_scene::run(
+        common,
+        &arguments.scene,
+        &arguments.output,
+        &arguments.technique,
+        &arguments.set,
+        &arguments.options,
+    )
 }
 
 /// Makes the maps of an environment and writes them: each file complete or not at all.
-pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let mut settings = environment_map::Settings::default();
     for [technique, key, value] in split_settings(&arguments.set)? {
-        if technique != arguments.technique {
+        if technique != environment_map::INFO.name {
             let message = format!(
                 "--set {technique}.{key}: {technique} is not in use, {} is",
-                arguments.technique
+                environment_map::INFO.name
             );
             return Err(Usage(message).into());
         }
@@ -49,7 +75,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             .set(key, value)
             .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
     }
-    let environment = import_environment(&arguments.environment, &Limits::default())?;
+    let environment = import_environment(Path::new(&arguments.scene.scene), &Limits::default())?;
     let folder = &arguments.output;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("{}: cannot be made", folder.display()))?;
@@ -83,6 +109,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         "nine spherical harmonics, roughness of each level",
     );
     Ok(())
+}
+
+/// Whether a path ends so, in capitals or not.
+pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .is_some_and(|found| extensions.iter().any(|one| found.eq_ignore_ascii_case(one)))
 }
 
 fn say(common: &Common, path: &Path, what: &str) {

@@ -180,7 +180,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             .flatten()
             .map(PathBuf::as_path),
     )?;
-    let display = display_settings(arguments)?;
+    let display = display_settings(&arguments.exposure, arguments.tone_map.as_deref())?;
     let with_path_tracer = is_path_tracer(&arguments.technique)?;
     let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
     let size = arguments.size;
@@ -371,8 +371,9 @@ fn render_reference(
     })
 }
 
-fn display_settings(arguments: &Arguments) -> anyhow::Result<DisplaySettings> {
-    let exposure = match arguments.exposure.as_str() {
+/// How a picture is shown, from `--exposure` and `--tone-map`.
+pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Result<DisplaySettings> {
+    let exposure = match exposure {
         "auto" => Exposure::Auto,
         text => Exposure::Manual(
             text.parse()
@@ -385,7 +386,7 @@ fn display_settings(arguments: &Arguments) -> anyhow::Result<DisplaySettings> {
         exposure,
         ..Default::default()
     };
-    if let Some(name) = &arguments.tone_map {
+    if let Some(name) = tone_map {
         settings.tone_map = name
             .parse::<ToneMap>()
             .map_err(|error| Usage(format!("--tone-map: {error}")))?;

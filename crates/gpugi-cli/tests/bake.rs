@@ -1,4 +1,4 @@
-//! `gpugi bake`: an environment's maps as files.
+//! `gpugi bake`: an environment's maps as files, and scenes whose light lies in textures.
 
 mod common;
 
@@ -198,4 +198,86 @@ fn a_file_that_cannot_be_replaced_is_named() {
     );
     assert!(output.join("ggx.ktx2").join("inside").is_dir());
     assert!(names(&output).iter().all(|name| !name.contains("tmp")));
+}
+
+/// What is baked looks as what is lit.
+#[test]
+fn a_baked_scene_looks_as_it_is_lit() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-scene");
+    let file = |name: &str| folder.join(name).display().to_string();
+    let run = |arguments: &[&str]| {
+        let output = gpugi(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {errors}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let small = ["--set", "shadow-map.area-samples=4"];
+    let options = ["--atlas-size", "256", "--samples", "2"];
+    let baked = file("emissive.glb");
+    let bake = ["bake", "cornell", "--bake-mode", "emissive", "-o", &baked];
+    run(&[&bake[..], &options, &small].concat());
+    let picture = |scene: &str, technique: &str, name: &str| {
+        let name = file(name);
+        let of_scene = ["render", scene, "--technique", technique, "-o", &name];
+        let size = ["--size", "96x96", "--samples", "2"];
+        let settings = if technique == "shadow-map" {
+            &small[..]
+        } else {
+            &[]
+        };
+        run(&[&of_scene[..], &size, settings].concat());
+        name
+    };
+    let lit = picture("cornell", "shadow-map", "lit.exr");
+    // Adds nothing where there is no environment: what is left is what shines.
+    let shining = picture(&baked, "environment-map", "shining.exr");
+    let compared = run(&["compare", &shining, &lit, "--metric", "rel-mse"]);
+    let error = compared
+        .split_whitespace()
+        .find_map(|word| word.parse::<f64>().ok())
+        .expect("a number");
+    println!("{compared}");
+    assert!(error < 0.02, "{compared}");
+
+    for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "lightmap")] {
+        let baked = file(&format!("{mode}.glb"));
+        let bake = ["bake", "cornell", "--bake-mode", mode, "-o", &baked];
+        run(&[&bake[..], &["--atlas-size", "64", "--samples", "1"], &small].concat());
+        let bytes = std::fs::read(&baked).expect("a file");
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(text.contains(extension), "{mode}");
+    }
+    assert!(folder.join("lightmap-0.exr").is_file());
+}
+
+#[test]
+fn bakes_that_cannot_be_are_refused() {
+    let folder = folder("bake-refused");
+    let output = folder.join("x.glb").display().to_string();
+    for (arguments, words) in [
+        (vec!["cornell", "-o", "x.png"], ".glb"),
+        (vec!["cornell", "-o", &output, "--atlas-size", "7"], "7"),
+        (
+            vec!["cornell", "-o", &output, "--texel-density=-1"],
+            "density",
+        ),
+        (
+            vec!["cornell", "-o", &output, "--texel-density", "1e5"],
+            "pages",
+        ),
+        (
+            vec!["cornell", "-o", &output, "--technique", "radiance"],
+            "shadow-map",
+        ),
+        (vec!["nowhere", "-o", &output], "nowhere"),
+    ] {
+        let done = gpugi(&[&["bake"][..], &arguments].concat());
+        let errors = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {errors}");
+        assert!(errors.contains(words), "{arguments:?}: {errors}");
+    }
+    assert!(!folder.join("x.glb").exists());
 }

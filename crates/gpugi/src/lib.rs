@@ -11,6 +11,7 @@
 //! # Ok::<(), gpugi::RenderError>(())
 //! ```
 
+pub mod bake;
 pub mod capture;
 pub mod display;
 pub mod gpu;

@@ -4,6 +4,7 @@ use glam::Vec2;
 use gpugi_scene::names::check_names;
 use gpugi_scene::{Camera, Scene};
 
+use crate::capture::atlas::AtlasCapture;
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
@@ -322,17 +323,7 @@ impl Renderer {
         self.scene.merge(&mut frame);
         self.capture
             .record(&mut frame, &self.scene, &view, |draw| draw.seen)?;
-        self.impostors.begin_frame();
-        for index in 0..self.techniques.len() {
-            let (earlier, rest) = self.techniques.split_at_mut(index);
-            let mut lit = Lit::new(
-                &mut self.emission,
-                earlier,
-                &mut self.impostors,
-                self.settings_version,
-            );
-            rest[0].generate(&mut frame, &self.scene, &view, &mut lit)?;
-        }
+        self.generate(&mut frame, &view)?;
         let points = &self.capture.points;
         self.emission
             .record(&mut frame, &self.scene, points, &self.target)?;
@@ -345,6 +336,53 @@ impl Renderer {
                 .record(&mut frame, &self.target.radiance, self.samples, settings)?;
         }
         Ok(frame.submit()?)
+    }
+
+    /// Brings the maps of all techniques up to date.
+    fn generate(&mut self, frame: &mut Frame<'_>, view: &View) -> Result<(), GpuError> {
+        self.impostors.begin_frame();
+        for index in 0..self.techniques.len() {
+            let (earlier, rest) = self.techniques.split_at_mut(index);
+            let mut lit = Lit::new(
+                &mut self.emission,
+                earlier,
+                &mut self.impostors,
+                self.settings_version,
+            );
+            rest[0].generate(frame, &self.scene, view, &mut lit)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a sample of light at the texels of an atlas to `targets`, one for each of its pieces: emission, and what the techniques add whose names
+    /// `adds` accepts. `view`: what maps that follow a camera follow; `mend`: called when the points are there.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub(crate) fn light_atlas(
+        &mut self,
+        frame: &mut Frame<'_>,
+        view: &View,
+        capture: &mut AtlasCapture,
+        mend: impl FnOnce(&mut Frame<'_>, &AtlasCapture),
+        targets: &[Target],
+        adds: impl Fn(&str) -> bool,
+    ) -> Result<(), GpuError> {
+        self.scene.merge(frame);
+        capture.look(frame.gpu, self.samples, self.seed);
+        capture.record(frame, &self.scene)?;
+        mend(frame, capture);
+        self.generate(frame, view)?;
+        for (points, target) in capture.points().zip(targets) {
+            self.emission.record(frame, &self.scene, points, target)?;
+            for technique in &mut self.techniques {
+                if adds(technique.info().name) {
+                    technique.gather(frame, &self.scene, points, target)?;
+                }
+            }
+        }
+        self.samples += 1;
+        Ok(())
     }
 
     /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display settings.

@@ -30,7 +30,7 @@ pub enum TexelLobes {
     /// Diffuse reflection, as of a Lambert surface that sends on as much of even light. Gathers give radiance, alike in all directions.
     #[default]
     Diffuse,
-    /// As [`TexelLobes::Diffuse`] of a white surface: the radiance that gathers give, times pi, is the irradiance [W/m^2].
+    /// As [`TexelLobes::Diffuse`] of a white surface that emits nothing: the radiance that gathers give, times pi, is the irradiance [W/m^2].
     White,
     /// All, seen from straight above.
     All,

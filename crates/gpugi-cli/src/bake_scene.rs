@@ -1,0 +1,280 @@
+//! `gpugi bake` of scenes: light into the texels of an atlas, and a .glb that shows it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use glam::Vec3;
+use gpugi::Renderer;
+use gpugi::bake::{Bake, Quantity};
+use gpugi::display::Display;
+use gpugi::gpu::Gpu;
+use gpugi::techniques::{caustics, image_based_lighting, shadow_map};
+use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
+use gpugi_scene::image::{replace_file, save_exr};
+use gpugi_scene::{
+    AlphaMode, Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity,
+};
+
+use crate::bake::has_extension;
+use crate::progress::Progress;
+use crate::render::{apply_settings, display_settings, print_notes, usage};
+use crate::scene_argument::{self, SceneArguments};
+use crate::{Common, Usage, interrupt};
+
+/// Techniques that light what is diffuse.
+const LIGHTS: [&str; 3] = [
+    shadow_map::INFO.name,
+    image_based_lighting::INFO.name,
+    caustics::INFO.name,
+];
+
+/// In which form a file holds light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Mode {
+    /// What a display shows, in baseColorTexture, with KHR_materials_unlit
+    Unlit,
+    /// Radiance, in emissiveTexture, with KHR_materials_emissive_strength, over black
+    Emissive,
+    /// Irradiance without albedo, named in extras, with an .exr a page beside the file
+    Lightmap,
+}
+
+/// Options of bakes of scenes.
+#[derive(Debug, clap::Args)]
+pub struct SceneOptions {
+    /// Texels per metre, in as many pages as it takes; as many as fit one page when not given
+    #[arg(long, value_name = "N")]
+    texel_density: Option<f32>,
+    /// Side of a page (texels)
+    #[arg(long, value_name = "TEXELS", default_value_t = 1024)]
+    atlas_size: u32,
+    /// Empty texels between charts, at least
+    #[arg(long, value_name = "TEXELS", default_value_t = 2)]
+    gutter: u32,
+    /// In which form the file holds light
+    #[arg(long, value_name = "MODE", default_value = "unlit")]
+    bake_mode: Mode,
+    /// Samples a texel
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: u32,
+    /// Seed of all that is stochastic
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Exposure of unlit bakes in EV (0 shows radiance 1 as 1), or auto
+    #[arg(
+        long,
+        value_name = "EV|auto",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
+    exposure: String,
+    /// Tone mapping of unlit bakes: none, reinhard, aces, agx, neutral
+    #[arg(long, value_name = "NAME")]
+    tone_map: Option<String>,
+}
+
+/// Bakes and writes: the file complete or not at all.
+pub fn run(
+    common: &Common,
+    arguments: &SceneArguments,
+    output: &Path,
+    techniques: &[String],
+    settings: &[String],
+    options: &SceneOptions,
+) -> anyhow::Result<()> {
+    let started = std::time::Instant::now();
+    if !has_extension(output, &["glb"]) {
+        return Err(Usage(format!(
+            "-o {}: scenes are baked into .glb files",
+            output.display()
+        ))
+        .into());
+    }
+    crate::output::check_folders([output])?;
+    let display = display_settings(&options.exposure, options.tone_map.as_deref())?;
+    if let Some(name) = techniques
+        .iter()
+        .find(|name| !LIGHTS.contains(&name.as_str()))
+    {
+        return Err(Usage(format!(
+            "--technique {name}: baked into texels are {}",
+            LIGHTS.join(", ")
+        ))
+        .into());
+    }
+    let (scene, mut notes) = scene_argument::load(arguments)?;
+    let gpu = Gpu::open(&common.adapter)?;
+    interrupt::catch();
+    let mut progress = Progress::new(common.quiet);
+    let mut atlas = unwrap(&scene, options, &mut progress)?;
+    if options.bake_mode == Mode::Emissive {
+        // Eight bits for a lamp and its light would leave few to the light: what shines goes on shining as it did.
+        for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
+            if scene.materials[instance.material].emissive != Vec3::ZERO {
+                *place = None;
+            }
+        }
+    }
+    let quantity = match options.bake_mode {
+        Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
+        Mode::Lightmap => Quantity::White,
+    };
+    let names = names(&gpu, &scene, techniques)?;
+    let mut bake = Bake::new(&gpu, &scene, &atlas, &names, quantity).map_err(usage)?;
+    apply_settings(bake.renderer(), settings)?;
+    bake.renderer().set_seed(options.seed);
+    let left_out = bake.renderer().left_out();
+    if !left_out.is_empty() {
+        notes.push(format!("not in this bake: {}", left_out.join("; ")));
+    }
+    notes.extend(alpha_is_lost(&scene, options.bake_mode));
+    for sample in 1..=options.samples {
+        bake.sample(|_| true)?;
+        // Wait, so that the bar tells the truth, the queue stays short and Ctrl-C is heard.
+        gpu.device
+            .poll(gpugi::gpu::PollType::wait_indefinitely())
+            .ok();
+        progress.show(
+            f64::from(sample) / f64::from(options.samples),
+            &format!("{sample} of {} samples", options.samples),
+        );
+        if interrupt::asked() {
+            progress.finish();
+            anyhow::bail!("interrupted: {} is not written", output.display());
+        }
+    }
+    progress.finish();
+    let leaks = bake.leaks()?;
+    if leaks.moved + leaks.invalid > 0 {
+        notes.push(format!(
+            "{} texels lay inside something: {} were moved out, {} took their neighbours' light",
+            leaks.moved + leaks.invalid,
+            leaks.moved,
+            leaks.invalid
+        ));
+    }
+    let images = bake.finish()?;
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    let exr = |page: usize| format!("{stem}-{page}.exr");
+    let mut pages = Vec::new();
+    for (number, image) in images.into_iter().enumerate() {
+        let light = match options.bake_mode {
+            Mode::Unlit => {
+                let floats: Vec<f32> = image.iter().flat_map(|texel| texel.to_array()).collect();
+                let pixels = Display::picture(&gpu, &floats, &display)?;
+                BakedLight::Unlit(bytemuck::cast_slice(&pixels).to_vec())
+            }
+            Mode::Emissive => BakedLight::Emissive(image),
+            Mode::Lightmap => {
+                let irradiance: Vec<Vec3> = image
+                    .into_iter()
+                    .map(|texel| texel * std::f32::consts::PI)
+                    .collect();
+                let path = output.with_file_name(exr(number));
+                save_exr(
+                    &path,
+                    atlas.size,
+                    atlas.size,
+                    bytemuck::cast_slice(&irradiance),
+                )
+                .context("cannot be written")?;
+                BakedLight::Lightmap {
+                    irradiance,
+                    exr: exr(number),
+                }
+            }
+        };
+        pages.push(BakedPage {
+            light: Some(light),
+            ..BakedPage::default()
+        });
+    }
+    let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
+    notes.extend(warnings);
+    print_notes(common, &notes);
+    if !common.quiet {
+        println!(
+            "{}: {} pages of {}x{} texels, {} samples, {:.2} s on {}",
+            output.display(),
+            atlas.pages,
+            atlas.size,
+            atlas.size,
+            options.samples,
+            started.elapsed().as_secs_f64(),
+            gpu.adapter.name
+        );
+    }
+    Ok(())
+}
+
+fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
+    let layout = AtlasOptions {
+        size: options.atlas_size,
+        density: match options.texel_density {
+            Some(density) => TexelDensity::PerMetre(density),
+            None => TexelDensity::OnePage,
+        },
+        gutter: options.gutter,
+        ..AtlasOptions::default()
+    };
+    progress.show(0.0, "unwrapping");
+    Atlas::with_progress(scene, &layout, |_| !interrupt::asked()).map_err(|error| match error {
+        AtlasError::Option { .. } | AtlasError::TooManyPages { .. } => {
+            Usage(error.to_string()).into()
+        }
+        error => error.into(),
+    })
+}
+
+/// The techniques that are used: those named, or all that light what is diffuse in the scene.
+fn names(gpu: &Gpu, scene: &Scene, named: &[String]) -> anyhow::Result<Vec<String>> {
+    if !named.is_empty() {
+        return Ok(named.to_vec());
+    }
+    let best = Renderer::new(gpu, scene, [1, 1], &[]).map_err(usage)?;
+    let names = best.techniques().iter().map(|one| one.info().name);
+    Ok(names
+        .filter(|name| LIGHTS.contains(name))
+        .map(str::to_owned)
+        .collect())
+}
+
+/// What unlit and black materials lose.
+fn alpha_is_lost(scene: &Scene, mode: Mode) -> Option<String> {
+    let has_alpha = scene
+        .materials
+        .iter()
+        .any(|material| material.alpha_mode != AlphaMode::Opaque);
+    (mode == Mode::Unlit && has_alpha)
+        .then(|| "unlit bakes are opaque: alpha is not kept".to_owned())
+}
+
+/// Writes the file; returns what it could not keep.
+fn write(
+    scene: &Scene,
+    name: &str,
+    atlas: &Atlas,
+    pages: &[BakedPage],
+    output: &Path,
+) -> anyhow::Result<Vec<String>> {
+    let limits = Limits::default();
+    let path = PathBuf::from(name);
+    let exported = if has_extension(&path, &["gltf", "glb"]) {
+        let bytes = std::fs::read(&path).with_context(|| format!("{name}: cannot be read"))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let original = Original {
+            name,
+            bytes: &bytes,
+            resolver: &FileResolver::new(folder, limits),
+            limits,
+        };
+        export_bake(Some(original), scene, atlas, pages)?
+    } else {
+        export_bake(None, scene, atlas, pages)?
+    };
+    replace_file(output, |file| {
+        std::io::Write::write_all(file, &exported.glb)
+    })
+    .context("cannot be written")?;
+    Ok(exported.warnings)
+}
