@@ -118,7 +118,7 @@ fn uniforms_and_storage_structs_have_one_layout() {
         assert_eq!(reflected(&shader, "Piece"), piece);
         assert_eq!(reflected(&shader, "AtlasTriangle"), triangle);
     }
-    let leaks = layout!(LeakSettings: share reach offset count);
+    let leaks = layout!(LeakSettings: share reach offset first end);
     assert_eq!(
         reflected(&shader!("capture.atlas.leaks"), "Settings"),
         leaks

@@ -11,6 +11,8 @@ use crate::shader;
 const SHARE: f32 = 0.5;
 /// Rays start so many sides of a texel above the surface.
 const OFFSET: f32 = 0.01;
+/// Texels of a dispatch, each of which traces up to 40 rays: no driver may take it for one that hangs.
+const TEXELS_AT_ONCE: u32 = if cfg!(test) { 1 << 10 } else { 1 << 16 };
 
 /// `Settings` of capture/atlas/leaks.wesl.
 #[repr(C)]
@@ -19,7 +21,8 @@ pub(crate) struct LeakSettings {
     pub share: f32,
     pub reach: f32,
     pub offset: f32,
-    pub count: u32,
+    pub first: u32,
+    pub end: u32,
 }
 
 /// What became of the texels of an atlas.
@@ -46,7 +49,8 @@ pub struct LeakTest {
 
 #[derive(Debug)]
 struct Piece {
-    group: wgpu::BindGroup,
+    /// Bind group 1 of each dispatch, and its texels.
+    dispatches: Vec<(wgpu::BindGroup, u32)>,
     states: wgpu::Buffer,
     counts: wgpu::Buffer,
     count: u32,
@@ -71,25 +75,31 @@ impl LeakTest {
         let side = capture.texel_side;
         let piece = |piece: &AtlasPiece| {
             let count = piece.points.count;
-            let settings = LeakSettings {
-                share: SHARE,
-                reach: side,
-                // Below that, positions are rounded.
-                offset: (side * OFFSET).max(rays.diagonal() * 1e-6),
-                count,
-            };
-            let settings = gpu.uniform("leak test", &settings)?;
             let storage = wgpu::BufferUsages::STORAGE;
             let states = gpu.buffer("states of texels [bytes]", u64::from(count) * 4, storage)?;
             let counts = gpu.buffer("leak counts", 16, storage)?;
-            let resources = [
-                ("settings", settings.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
-                ("states", states.as_entire_binding()),
-                ("counts", counts.as_entire_binding()),
-            ];
+            let dispatch = |first: u32| {
+                let end = first.saturating_add(TEXELS_AT_ONCE).min(count);
+                let settings = LeakSettings {
+                    share: SHARE,
+                    reach: side,
+                    // Below that, positions are rounded.
+                    offset: (side * OFFSET).max(rays.diagonal() * 1e-6),
+                    first,
+                    end,
+                };
+                let settings = gpu.uniform("leak test", &settings)?;
+                let resources = [
+                    ("settings", settings.as_entire_binding()),
+                    ("points", piece.points.points.as_entire_binding()),
+                    ("states", states.as_entire_binding()),
+                    ("counts", counts.as_entire_binding()),
+                ];
+                Ok((kernel.bind(gpu, 1, &resources)?, end - first))
+            };
+            let firsts = (0..count).step_by(TEXELS_AT_ONCE as usize);
             Ok(Piece {
-                group: kernel.bind(gpu, 1, &resources)?,
+                dispatches: firsts.map(dispatch).collect::<Result<_, GpuError>>()?,
                 states,
                 counts,
                 count,
@@ -116,8 +126,10 @@ impl LeakTest {
         for piece in &self.pieces {
             frame.clear(&piece.counts);
             frame.compute("capture.atlas.leaks", |pass| {
-                let groups = [(0, &rays.bind_group), (1, &piece.group)];
-                self.kernel.dispatch(pass, &groups, [piece.count, 1, 1]);
+                for (group, count) in &piece.dispatches {
+                    let groups = [(0, &rays.bind_group), (1, group)];
+                    self.kernel.dispatch(pass, &groups, [*count, 1, 1]);
+                }
             });
         }
     }
