@@ -2,7 +2,7 @@
 //!
 //! Charts are unwrapped by uvunwrap (segmentation into nearly flat charts, least squares conformal maps made as rigid as possible, packing by
 //! shape), which is pure Rust and so works in a browser, gives the same atlas at any number of threads, and mirrors nothing. It was measured against
-//! xatlas: docs/atlas.md. Where a file brings a valid second set of texture coordinates ([`second_set`]), its charts are kept and only placed anew:
+//! xatlas: docs/atlas.md. Where a file brings a valid second set of texture coordinates ([`check_second_set`]), its charts are kept and only placed anew:
 //! gutters and texel density are then as asked for, whatever resolution the file's author had in mind.
 
 mod error;
