@@ -250,11 +250,11 @@ fn weak_lights_are_not_lost_beside_strong_ones() {
     };
     let alone = mean(&scene);
     // Below the floor, which keeps its light from the ball.
-    scene.lights.push(light(vec3(0.0, -1.0, 0.0), 3e3));
+    scene.lights.push(light(vec3(0.0, -1.0, 0.0), 3e4));
     let beside = mean(&scene);
-    println!("alone {alone}, beside a light 3e3 times as strong {beside}");
+    println!("alone {alone}, beside a light 3e4 times as strong {beside}");
     assert!(
-        alone > 0.0 && (beside / alone - 1.0).abs() < 0.1,
+        alone > 0.0 && (beside / alone - 1.0).abs() < 0.2,
         "{alone}, {beside}"
     );
 }
