@@ -128,22 +128,8 @@ pub fn run(
         notes.push(format!("not in this bake: {}", left_out.join("; ")));
     }
     notes.extend(alpha_is_lost(&scene, options.bake_mode));
-    for sample in 1..=options.samples {
-        bake.sample(|_| true)?;
-        // Wait, so that the bar tells the truth, the queue stays short and Ctrl-C is heard.
-        gpu.device
-            .poll(gpugi::gpu::PollType::wait_indefinitely())
-            .ok();
-        progress.show(
-            f64::from(sample) / f64::from(options.samples),
-            &format!("{sample} of {} samples", options.samples),
-        );
-        if interrupt::asked() {
-            progress.finish();
-            anyhow::bail!("interrupted: {} is not written", output.display());
-        }
-    }
-    progress.finish();
+    light(&gpu, &mut bake, options, &mut progress)
+        .with_context(|| format!("{} is not written", output.display()))?;
     let leaks = bake.leaks()?;
     if leaks.moved + leaks.invalid > 0 {
         notes.push(format!(
@@ -224,6 +210,41 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
         }
         error => error.into(),
     })
+}
+
+/// Lights all texels.
+fn light(
+    gpu: &Gpu,
+    bake: &mut Bake,
+    options: &SceneOptions,
+    progress: &mut Progress,
+) -> anyhow::Result<()> {
+    // Waits, so that the bar tells the truth, the queue stays short and Ctrl-C is heard.
+    let is_interrupted = || {
+        let wait = gpugi::gpu::PollType::wait_indefinitely();
+        gpu.device.poll(wait).ok();
+        interrupt::asked()
+    };
+    let mut before = -1.0;
+    loop {
+        let done = bake.refine()?;
+        progress.show(f64::from(done), "maps");
+        anyhow::ensure!(!is_interrupted(), "interrupted");
+        if done >= 1.0 || done <= before {
+            break;
+        }
+        before = done;
+    }
+    for sample in 1..=options.samples {
+        bake.sample(|_| true)?;
+        progress.show(
+            f64::from(sample) / f64::from(options.samples),
+            &format!("{sample} of {} samples", options.samples),
+        );
+        anyhow::ensure!(!is_interrupted(), "interrupted");
+    }
+    progress.finish();
+    Ok(())
 }
 
 /// The techniques that are used: those named, or all that light what is diffuse in the scene.

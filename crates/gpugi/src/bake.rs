@@ -79,6 +79,14 @@ impl Bake {
         &mut self.renderer
     }
 
+    /// Brings maps that become finer from frame to frame one frame further; returns how far they are. At 1 samples may begin.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn refine(&mut self) -> Result<f32, RenderError> {
+        Ok(self.renderer.refine(&self.view)?)
+    }
+
     /// Adds a sample of the light of those techniques whose names `adds` accepts; the others light what these see.
     ///
     /// # Errors

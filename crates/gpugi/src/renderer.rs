@@ -354,11 +354,26 @@ impl Renderer {
         Ok(())
     }
 
+    /// Brings the techniques' maps of a still scene one frame further, without a picture; returns how far they are, 0 to 1. `view`: what maps that
+    /// follow a camera follow.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub(crate) fn refine(&mut self, view: &View) -> Result<f32, GpuError> {
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        self.scene.merge(&mut frame);
+        self.generate(&mut frame, view)?;
+        frame.submit()?;
+        let progress = self.techniques.iter().map(|one| one.progress());
+        Ok(progress.fold(1.0, f32::min))
+    }
+
     /// Adds a sample of light at the texels of an atlas to `targets`, one for each of its pieces: emission, and what the techniques add whose names
     /// `adds` accepts. `view`: what maps that follow a camera follow; `mend`: called when the points are there.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
+    /// [`GpuError`].
     pub(crate) fn light_atlas(
         &mut self,
         frame: &mut Frame<'_>,

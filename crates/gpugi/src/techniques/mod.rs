@@ -65,6 +65,11 @@ pub trait Technique: std::fmt::Debug {
         0
     }
 
+    /// How far its maps of a still scene are, 0 to 1: at 1 they stay as they are.
+    fn progress(&self) -> f32 {
+        1.0
+    }
+
     /// Settings and their present values, as JSON.
     fn settings(&self) -> serde_json::Value;
 

@@ -305,6 +305,11 @@ impl Technique for Caustics {
         self.made.as_ref().map_or(0, |made| made.refinements)
     }
 
+    fn progress(&self) -> f32 {
+        let frames = self.made.as_ref().map_or(0, |made| made.frames);
+        frames as f32 / self.settings.frames as f32
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }
