@@ -11,7 +11,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::scene::{Claims, GpuScene, check_environment};
-use crate::techniques::{Lit, Map, REGISTRY, SettingError, Technique};
+use crate::techniques::{Info, Lit, Map, REGISTRY, SettingError, Technique};
 
 /// A renderer that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -86,7 +86,13 @@ impl Renderer {
         names: &[String],
     ) -> Result<Self, RenderError> {
         check_environment(scene.environment.as_ref())?;
-        let scene = GpuScene::new(gpu, scene)?;
+        let is_named = |info: &Info| names.iter().any(|name| name == info.name);
+        let mut infos = REGISTRY.iter().map(|(info, _)| info);
+        let scene = if infos.any(|info| info.keeps_texels && is_named(info)) {
+            GpuScene::with_texels(gpu, scene)?
+        } else {
+            GpuScene::new(gpu, scene)?
+        };
         let present = light_classes(&scene);
         if let Some(name) = names
             .iter()
@@ -110,7 +116,7 @@ impl Renderer {
                     .any(|paths| present.contains(&paths.class))
                     && (info.suits)(&scene)
             } else {
-                names.iter().any(|name| name == info.name)
+                is_named(info)
             };
             if !wanted {
                 continue;

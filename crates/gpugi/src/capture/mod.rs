@@ -39,6 +39,8 @@ pub struct SurfacePoints {
     pub view: wgpu::Buffer,
     /// Number of points.
     pub count: u32,
+    /// Hit records that they were resolved from: the provoking merged vertex of each one's triangle. None of texels, which nobody sees.
+    pub hits: Option<wgpu::TextureView>,
 }
 
 impl SurfacePoints {
@@ -288,6 +290,7 @@ impl Faces {
         gpu: &Gpu,
         kernels: &CaptureKernels,
         points: wgpu::Buffer,
+        hits: wgpu::TextureView,
         range: Range<u32>,
         size: [u32; 2],
     ) -> Result<Self, GpuError> {
@@ -296,6 +299,7 @@ impl Faces {
             points,
             view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
             count: range.len() as u32 * size[0] * size[1],
+            hits: Some(hits),
         };
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
@@ -406,7 +410,7 @@ impl Capture {
         )?;
         let hits_view = hits.create_view(&Default::default());
         let face = [size[0], size[1] / faces];
-        let all = Faces::new(gpu, kernels, points, 0..faces, face)?;
+        let all = Faces::new(gpu, kernels, points, hits_view.clone(), 0..faces, face)?;
         Ok(Self {
             points: all.points.clone(),
             hits,
@@ -489,7 +493,8 @@ impl Capture {
             return Ok(self.all_faces());
         }
         let points = self.points.points.clone();
-        Faces::new(gpu, &self.kernels, points, range, self.all.size)
+        let hits = self.hits_view.clone();
+        Faces::new(gpu, &self.kernels, points, hits, range, self.all.size)
     }
 
     /// The bind group with the hits and what they are hits of.

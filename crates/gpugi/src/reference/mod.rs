@@ -45,6 +45,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Environment, "L.*E"),
     ],
     suits: |_| true,
+    keeps_texels: false,
 };
 
 /// Largest side of a tile (pixels): its film then fits into the smallest storage binding that WebGPU promises, 128 MiB.

@@ -140,6 +140,7 @@ pub struct GpuScene {
     merged_version: u64,
     rays: Option<Rays>,
     use_of: Use,
+    host: Option<Scene>,
 }
 
 /// What a scene on the GPU is for: nothing else is uploaded.
@@ -149,6 +150,8 @@ enum Use {
     Captures,
     /// Shaders trace rays.
     Rays,
+    /// Both, and the host keeps meshes and instances, to lay out atlases of them.
+    Texels,
 }
 
 /// Where a mesh lies in the geometry buffer, and what captures need of it.
@@ -194,6 +197,19 @@ impl GpuScene {
         Self::upload(gpu, scene, Use::Rays, None)
     }
 
+    /// Uploads a scene whose light is kept in texels: captures draw it, rays are traced in it, and [`GpuScene::host`] has what atlases are laid out of.
+    ///
+    /// # Errors
+    /// As [`GpuScene::new`].
+    pub fn with_texels(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        Self::upload(gpu, scene, Use::Texels, None)
+    }
+
+    /// Meshes and instances as they are now, without anything else, where light is kept in texels.
+    pub fn host(&self) -> Option<&Scene> {
+        self.host.as_ref()
+    }
+
     /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
     pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
         [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]
@@ -227,7 +243,7 @@ impl GpuScene {
         for (index, instance) in scene.instances.iter().enumerate() {
             let mesh = &meshes[instance.mesh];
             instances[index] = instance_row(instance, mesh, vertex_count as u32);
-            if use_of == Use::Captures {
+            if use_of != Use::Rays {
                 vertex_count += u64::from(mesh.vertex_count);
                 index_count += mesh.indices.len() as u64;
             }
@@ -296,7 +312,7 @@ impl GpuScene {
         let rotation = environment.map_or(0.0, |environment| environment.rotation);
         let rays = match kept {
             Some(rays) => Some(rays.moved(gpu, scene)?),
-            None if use_of == Use::Rays => Some(Rays::new(gpu, scene, &meshes, &words)?),
+            None if use_of != Use::Captures => Some(Rays::new(gpu, scene, &meshes, &words)?),
             None => None,
         };
         let header = gpu::SceneHeader {
@@ -429,6 +445,11 @@ impl GpuScene {
             merged_version: 0,
             rays,
             use_of,
+            host: (use_of == Use::Texels).then(|| Scene {
+                meshes: scene.meshes.clone(),
+                instances: scene.instances.clone(),
+                ..Scene::new(&scene.name)
+            }),
         })
     }
 

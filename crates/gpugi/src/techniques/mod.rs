@@ -4,6 +4,7 @@ pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
 pub mod image_based_lighting;
+pub mod radiosity;
 pub mod settings;
 pub mod shadow_map;
 
@@ -28,6 +29,8 @@ pub struct Info {
     pub paths: &'static [LightPaths],
     /// Whether a scene with such light has anything else that it needs: then it is in the best set for the scene.
     pub suits: fn(&GpuScene) -> bool,
+    /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
+    pub keeps_texels: bool,
 }
 
 /// A texture that a technique keeps, for dumps and tests.
@@ -183,6 +186,9 @@ pub const REGISTRY: &[(&Info, Make)] = &[
     }),
     (&environment_map::INFO, |gpu, scene| {
         Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
+    }),
+    (&radiosity::INFO, |gpu, scene| {
+        Ok(Box::new(radiosity::Radiosity::new(gpu, scene)?))
     }),
     (&caustics::INFO, |gpu, scene| {
         Ok(Box::new(caustics::Caustics::new(gpu, scene)?))

@@ -142,7 +142,7 @@ fn extent_in_band(corners: [Vec2; 3], [top, bottom]: [f32; 2]) -> [f32; 2] {
 }
 
 /// The corners of each triangle in the order of the scene's tables, which rotate triangles.
-fn ordered_corners(mesh: &Mesh, uvs: &InstanceUvs) -> Vec<[Vec2; 3]> {
+pub(super) fn ordered_corners(mesh: &Mesh, uvs: &InstanceUvs) -> Vec<[Vec2; 3]> {
     let ordered = provoking_order(&mesh.indices, mesh.positions.len());
     let triangles = mesh.indices.as_chunks::<3>().0.iter();
     let corners = uvs.corners.as_chunks::<3>().0.iter();

@@ -8,6 +8,7 @@
 pub(crate) mod blocks;
 pub(crate) mod dilate;
 pub(crate) mod leaks;
+pub mod lookup;
 #[cfg(test)]
 mod tests;
 
@@ -23,6 +24,7 @@ use crate::shader;
 use blocks::Layout;
 pub use dilate::Dilation;
 pub use leaks::{LeakReport, LeakTest};
+pub use lookup::AtlasLookup;
 
 /// Which lobes the points of texels have. What mirrors looks different from everywhere, and a texel is seen from everywhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -160,6 +162,7 @@ impl AtlasCapture {
                         wgpu::BufferUsages::UNIFORM,
                     )?,
                     count,
+                    hits: None,
                 };
                 let uniform = |phase| {
                     gpu.uniform(

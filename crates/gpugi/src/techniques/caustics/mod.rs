@@ -32,6 +32,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "LS+[DG]E"),
     ],
     suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+    keeps_texels: false,
 };
 
 /// Settings of caustics.

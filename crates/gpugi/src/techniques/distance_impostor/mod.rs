@@ -30,6 +30,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Environment, "L[DG]?S+E"),
     ],
     suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+    keeps_texels: false,
 };
 
 /// How hits are searched for.

@@ -32,6 +32,7 @@ pub const INFO: Info = Info {
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
     paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
     suits: |_| true,
+    keeps_texels: false,
 };
 
 /// What is left beside a technique that adds the rest.

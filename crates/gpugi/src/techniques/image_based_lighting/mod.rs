@@ -33,6 +33,7 @@ pub const INFO: Info = Info {
     source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
     paths: &[LightPaths::new(LightClass::Environment, "L[DG]E")],
     suits: |_| true,
+    keeps_texels: false,
 };
 
 /// How relaxation spreads directions.

@@ -34,6 +34,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L[DG]E"),
     ],
     suits: |_| true,
+    keeps_texels: false,
 };
 
 /// How shadows are smoothed.

@@ -1,0 +1,19 @@
+//! Structs shared with the shaders of this folder.
+
+use bytemuck::{Pod, Zeroable};
+
+/// `Work` of texel.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Work {
+    pub first_texel: u32,
+    pub count: u32,
+    pub rays: u32,
+    pub burn_in: u32,
+    pub seed: u32,
+    pub with_environment: u32,
+    pub padding: [u32; 2],
+}
+
+/// Bytes of `Texel` of texel.wesl.
+pub const TEXEL_BYTES: u64 = 32;

@@ -1,0 +1,344 @@
+//! Radiosity: diffuse light that was reflected by diffuse surfaces before, kept in the texels of an atlas (tutorial section 6.1).
+//!
+//! Generate: the techniques before it light the atlas's texels; from that direct light a stochastic iteration finds the indirect one, a few steps a
+//! frame, as the average of the iterates. Gather: looks the irradiance up where a point lies in the atlas. docs/techniques/radiosity.md.
+
+pub(crate) mod gpu;
+mod solution;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use crate::capture::{PerTarget, SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::scene::{Claims, GpuScene, Versions};
+use crate::shader;
+pub use solution::Solution;
+use solution::{Kernels, Layout};
+
+/// What radiosity says of itself.
+pub const INFO: Info = Info {
+    name: "radiosity",
+    summary: "indirect light between diffuse surfaces, kept in the texels of an atlas",
+    source: "tutorial section 6.1; Szirmay-Kalos 1999; Barsi et al. 2005",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, INDIRECT),
+        LightPaths::new(LightClass::Area, INDIRECT),
+        LightPaths::new(LightClass::Environment, INDIRECT),
+    ],
+    // Unwrapping may take minutes: nobody should wait for that unasked.
+    suits: |_| false,
+    keeps_texels: true,
+};
+
+/// What it adds to the direct light of others, and what it adds alone.
+const INDIRECT: &str = "LDD+E";
+const ALL: &str = "LD+E";
+
+/// Settings of radiosity.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Settings {
+    /// Side of the atlas's pages (texels).
+    pub resolution: u32,
+    /// Texels per metre (1/m), in as many pages as it takes; 0: as many as one page holds.
+    pub density: f32,
+    /// Rays of a texel in a step.
+    pub rays: u32,
+    /// Steps of the iteration in a frame.
+    pub steps: u32,
+    /// Steps after which a still scene's light is final.
+    pub iterations: u32,
+    /// First steps that are dropped: light has spread so often before iterates count.
+    pub burn_in: u32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            resolution: 512,
+            density: 0.0,
+            rays: 4,
+            steps: 1,
+            iterations: 256,
+            burn_in: 8,
+        }
+    }
+}
+
+const FIELDS: &[Field] = &[
+    Field {
+        name: "resolution",
+        summary: "side of the atlas's pages [texels]",
+        range: Some((16.0, 8192.0)),
+    },
+    Field {
+        name: "density",
+        summary: "texels per metre, in as many pages as it takes; 0: as many as one page holds [1/m]",
+        range: Some((0.0, 1e6)),
+    },
+    Field {
+        name: "rays",
+        summary: "rays of a texel in a step",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "steps",
+        summary: "steps of the iteration in a frame",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "iterations",
+        summary: "steps after which a still scene's light is final",
+        range: Some((1.0, 65_536.0)),
+    },
+    Field {
+        name: "burn-in",
+        summary: "first steps that are dropped, so that light has spread so often before iterates count",
+        range: Some((0.0, 256.0)),
+    },
+];
+
+/// Direct light that nobody before radiosity adds, so that it begins in texels itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Own {
+    emission: bool,
+    environment: bool,
+}
+
+/// Radiosity.
+#[derive(Debug)]
+pub struct Radiosity {
+    settings: Settings,
+    kernels: Kernels,
+    gather: Kernel,
+    /// Stands for the hit records of points that have none.
+    no_hits: wgpu::TextureView,
+    paths: Vec<LightPaths>,
+    own: Own,
+    made: Option<Made>,
+    bound: PerTarget<[wgpu::BindGroup; 2]>,
+}
+
+/// The light of a scene, and what it was found for.
+#[derive(Debug)]
+struct Made {
+    layout: Layout,
+    solution: Solution,
+    of_gather: wgpu::BindGroup,
+    lit: Option<LitAs>,
+    refinements: u64,
+}
+
+/// What direct light and its reflections depend on.
+#[derive(Debug, Clone, PartialEq)]
+struct LitAs {
+    versions: Versions,
+    settings: u64,
+    refinements: u64,
+    own: Own,
+}
+
+impl Radiosity {
+    /// Compiles the technique's passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let no_hits = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("no hit records"),
+            size: wgpu::Extent3d::default(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        })?;
+        let gather = shader!("techniques.radiosity.gather");
+        Ok(Self {
+            settings: Settings::default(),
+            kernels: Kernels::new(gpu, scene)?,
+            gather: Kernel::new(gpu, &gather, "main", Some(&scene.layout))?,
+            no_hits: no_hits.create_view(&Default::default()),
+            paths: INFO.paths.to_vec(),
+            own: Own::default(),
+            made: None,
+            bound: PerTarget::default(),
+        })
+    }
+
+    /// The light in texels, once generated.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.made.as_ref().map(|made| &made.solution)
+    }
+
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, layout: Layout) -> Result<Made, GpuError> {
+        let solution = Solution::new(gpu, scene, &self.kernels, &layout)?;
+        let resources = [
+            ("atlas", solution.lookup.words.as_entire_binding()),
+            ("irradiance", solution.irradiance.radiance.as_entire_binding()),
+        ];
+        Ok(Made {
+            layout,
+            of_gather: self.gather.bind(gpu, 2, &resources)?,
+            solution,
+            lit: None,
+            refinements: 0,
+        })
+    }
+}
+
+impl Technique for Radiosity {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn paths(&self) -> &[LightPaths] {
+        &self.paths
+    }
+
+    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
+        let is_covered = |class| overlap(covered, &[LightPaths::new(class, "LDE")]).is_some();
+        self.own = Own {
+            emission: !is_covered(LightClass::Area),
+            environment: !is_covered(LightClass::Environment),
+        };
+        self.paths.clear();
+        let own = [
+            (LightClass::Area, self.own.emission),
+            (LightClass::Environment, self.own.environment),
+        ];
+        for (class, is_own) in own {
+            let pattern = if is_own { ALL } else { INDIRECT };
+            self.paths.push(LightPaths::new(class, pattern));
+        }
+        // Nobody but others can light texels by points.
+        if is_covered(LightClass::Punctual) {
+            let indirect = LightPaths::new(LightClass::Punctual, INDIRECT);
+            self.paths.push(indirect);
+        }
+        vec![Claims::NONE; scene.objects.len()]
+    }
+
+    fn refinements(&self) -> u64 {
+        self.made.as_ref().map_or(0, |made| made.refinements)
+    }
+
+    fn settings(&self) -> serde_json::Value {
+        settings::to_json(&self.settings)
+    }
+
+    fn fields(&self) -> &'static [Field] {
+        FIELDS
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
+        settings::set(&mut self.settings, FIELDS, name, value)
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &View,
+        lit: &mut Lit<'_>,
+    ) -> Result<(), GpuError> {
+        let layout = Layout {
+            resolution: self.settings.resolution,
+            density: self.settings.density,
+            topology: scene.versions.topology,
+        };
+        let mut made = match self.made.take().filter(|made| made.layout == layout) {
+            Some(made) => made,
+            None => {
+                self.bound.clear();
+                self.make(frame.gpu, scene, layout)?
+            }
+        };
+        made.solution.capture(frame, scene)?;
+        let lit_as = LitAs {
+            versions: scene.versions,
+            settings: lit.version,
+            refinements: lit.refinements(),
+            own: self.own,
+        };
+        let Settings {
+            steps,
+            iterations,
+            burn_in,
+            ..
+        } = self.settings;
+        let is_fresh = made.lit.as_ref() != Some(&lit_as);
+        if is_fresh {
+            made.lit = Some(lit_as);
+            for (points, direct) in made.solution.direct() {
+                lit.gather(frame, scene, points, direct, self.own.emission)?;
+            }
+            let work = gpu::Work {
+                rays: self.settings.rays,
+                burn_in,
+                seed: view.uniform.seed,
+                with_environment: u32::from(self.own.environment && scene.environment.is_some()),
+                ..bytemuck::Zeroable::zeroed()
+            };
+            made.solution.begin(frame, &self.kernels, &work);
+        }
+        let all = burn_in + iterations;
+        if made.solution.iterates < all {
+            let first = if is_fresh { burn_in } else { 0 };
+            let now = (first + steps).min(all - made.solution.iterates);
+            made.solution.iterate(frame, scene, &self.kernels, now)?;
+            // Whoever shows the light need not follow every step.
+            let counted = made.solution.iterates - burn_in;
+            let was = counted - now.min(counted);
+            let is_step = counted.ilog2() > was.checked_ilog2().unwrap_or(0) || made.solution.iterates == all;
+            made.refinements += u64::from(is_step && !is_fresh);
+        }
+        self.made = Some(made);
+        Ok(())
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(());
+        };
+        let own = made.solution.first_texel_of(points);
+        // Texels of other atlases have no hit records.
+        if points.hits.is_none() && own.is_none() {
+            return Ok(());
+        }
+        let (gpu, kernel) = (frame.gpu, &self.gather);
+        let [seen, added] = self.bound.of(points, target, || {
+            let own = gpu.uniform("own texels", &[own.unwrap_or(0), 0, 0, 0])?;
+            let hits = points.hits.as_ref().unwrap_or(&self.no_hits);
+            let resources = [
+                ("radiance", target.radiance.as_entire_binding()),
+                ("hits", wgpu::BindingResource::TextureView(hits)),
+                ("own_texels", own.as_entire_binding()),
+            ];
+            Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
+        })?;
+        frame.compute("radiosity.gather", |pass| {
+            let groups = [
+                (0, &scene.bind_group),
+                (1, seen),
+                (2, &made.of_gather),
+                (3, added),
+            ];
+            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+        });
+        Ok(())
+    }
+
+    fn maps(&self) -> Vec<Map> {
+        Vec::new()
+    }
+}

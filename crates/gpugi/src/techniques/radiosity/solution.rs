@@ -1,0 +1,304 @@
+//! The light in the texels of an atlas: direct light from others, and the iteration that finds the indirect one.
+
+use gpugi_scene::atlas::{AtlasOptions, TexelDensity};
+use gpugi_scene::{Atlas, Scene};
+
+use super::gpu::{TEXEL_BYTES, Work};
+use crate::capture::atlas::{
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest,
+};
+use crate::capture::{SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Of more triangles than this, unwrapping takes longer than anybody expects.
+const MOST_TRIANGLES: usize = 500_000;
+
+/// What an atlas is laid out for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Layout {
+    /// Texels a side of a page.
+    pub resolution: u32,
+    /// Texels per metre (1/m); 0: one page.
+    pub density: f32,
+    /// Version of the scene's triangles.
+    pub topology: u64,
+}
+
+/// The passes of the iteration.
+#[derive(Debug)]
+pub(super) struct Kernels {
+    begin: Kernel,
+    rays: Kernel,
+    average: Kernel,
+}
+
+impl Kernels {
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
+        Ok(Self {
+            begin: kernel(shader!("techniques.radiosity.begin"))?,
+            average: kernel(shader!("techniques.radiosity.average"))?,
+            rays: Kernel::with_options(
+                gpu,
+                &shader!("techniques.radiosity.rays"),
+                "main",
+                Some(&scene.layout),
+                &KernelOptions {
+                    constants: &scene.ray_constants(),
+                    ..Default::default()
+                },
+            )?,
+        })
+    }
+}
+
+/// The light in the texels of an atlas.
+#[derive(Debug)]
+pub struct Solution {
+    /// Indirect irradiance [W/m^2] of the texels of all rows, row by row, 1 in a; empty ones are filled from those around them.
+    pub irradiance: Target,
+    /// Where triangles lie in it.
+    pub lookup: AtlasLookup,
+    /// The texels.
+    pub texels: AtlasCapture,
+    /// Iterates so far, dropped ones among them.
+    pub iterates: u32,
+    leaks: LeakTest,
+    pieces: Vec<Piece>,
+    /// Bind group of the texels that are looked up in `rays`.
+    corners: wgpu::BindGroup,
+    dilation: Dilation,
+    /// Which of two buffers has the last iterate.
+    last: usize,
+}
+
+/// What the passes need for one piece of the atlas.
+#[derive(Debug)]
+struct Piece {
+    first_texel: u32,
+    count: u32,
+    direct: Target,
+    work: wgpu::Buffer,
+    begin: wgpu::BindGroup,
+    rays: wgpu::BindGroup,
+    average: wgpu::BindGroup,
+    /// By the buffer that has the last iterate.
+    begin_texels: [wgpu::BindGroup; 2],
+    rays_texels: [wgpu::BindGroup; 2],
+    average_texels: [wgpu::BindGroup; 2],
+}
+
+impl Solution {
+    pub(super) fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        layout: &Layout,
+    ) -> Result<Self, GpuError> {
+        let host = scene.host().ok_or_else(|| GpuError::Pass {
+            pass: "radiosity".into(),
+            reason: "the scene was uploaded without what an atlas is laid out of".into(),
+        })?;
+        let atlas = laid_out(gpu, host, layout)?;
+        let options = AtlasCaptureOptions::default();
+        let texels = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
+        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
+        let size = [atlas.size, atlas.size * atlas.pages];
+        let count = size[0] * size[1];
+        let storage = wgpu::BufferUsages::STORAGE;
+        let bytes = u64::from(count) * TEXEL_BYTES;
+        let iterates = [0, 1].map(|_| gpu.buffer("light of texels [bytes]", bytes, storage));
+        let [one, other] = iterates;
+        let iterates = [one?, other?];
+        let irradiance = Target::new(gpu, count)?;
+        let resources = [("atlas", lookup.words.as_entire_binding())];
+        let corners = kernels.rays.bind(gpu, 2, &resources)?;
+        let pieces = texels.pieces().iter();
+        let pieces = pieces
+            .map(|piece| Piece::new(gpu, kernels, piece, atlas.size, &iterates, &irradiance))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            leaks: LeakTest::new(gpu, scene, &texels)?,
+            dilation: Dilation::new(gpu, size)?,
+            irradiance,
+            lookup,
+            texels,
+            iterates: 0,
+            pieces,
+            corners,
+            last: 0,
+        })
+    }
+
+    /// Brings the texels' points up to date.
+    pub(super) fn capture(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
+        self.texels.record(frame, scene)?;
+        self.leaks.record(frame, scene, &self.texels);
+        Ok(())
+    }
+
+    /// The texels' points, and where their direct light goes.
+    pub(super) fn direct(&self) -> impl Iterator<Item = (&SurfacePoints, &Target)> {
+        let direct = self.pieces.iter().map(|piece| &piece.direct);
+        self.texels.points().zip(direct)
+    }
+
+    /// The first of the texels whose points these are; none: they are others.
+    pub(super) fn first_texel_of(&self, points: &SurfacePoints) -> Option<u32> {
+        let mut own = self.texels.points().zip(&self.pieces);
+        let (_, piece) = own.find(|(own, _)| own.points == points.points)?;
+        Some(piece.first_texel)
+    }
+
+    /// Forgets all iterates but the light of the last, which is where the next begins: pass `radiosity.begin`.
+    pub(super) fn begin(&mut self, frame: &mut Frame<'_>, kernels: &Kernels, work: &Work) {
+        self.iterates = 0;
+        for piece in &self.pieces {
+            let work = Work {
+                first_texel: piece.first_texel,
+                count: piece.count,
+                ..*work
+            };
+            let queue = &frame.gpu.queue;
+            queue.write_buffer(&piece.work, 0, bytemuck::bytes_of(&work));
+        }
+        frame.compute("radiosity.begin", |pass| {
+            for piece in &self.pieces {
+                let groups = [(1, &piece.begin), (3, &piece.begin_texels[self.last])];
+                kernels.begin.dispatch(pass, &groups, [piece.count, 1, 1]);
+            }
+        });
+    }
+
+    /// Makes `count` iterates, and the average of all: passes `radiosity.rays`, `radiosity.average` and `capture.atlas.dilate`.
+    pub(super) fn iterate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        count: u32,
+    ) -> Result<(), GpuError> {
+        for _ in 0..count {
+            frame.compute("radiosity.rays", |pass| {
+                for piece in &self.pieces {
+                    let groups = [
+                        (0, &scene.bind_group),
+                        (1, &piece.rays),
+                        (2, &self.corners),
+                        (3, &piece.rays_texels[self.last]),
+                    ];
+                    kernels.rays.dispatch(pass, &groups, [piece.count, 1, 1]);
+                }
+            });
+            self.last = 1 - self.last;
+        }
+        self.iterates += count;
+        frame.compute("radiosity.average", |pass| {
+            for piece in &self.pieces {
+                let groups = [(1, &piece.average), (3, &piece.average_texels[self.last])];
+                kernels.average.dispatch(pass, &groups, [piece.count, 1, 1]);
+            }
+        });
+        self.dilation.record(frame, &self.irradiance)
+    }
+}
+
+impl Piece {
+    fn new(
+        gpu: &Gpu,
+        kernels: &Kernels,
+        piece: &AtlasPiece,
+        size: u32,
+        iterates: &[wgpu::Buffer; 2],
+        irradiance: &Target,
+    ) -> Result<Self, GpuError> {
+        let count = piece.points.count;
+        let direct = Target::new(gpu, count)?;
+        let bytes = size_of::<Work>() as u64;
+        let work = gpu.buffer("radiosity", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let begin = [("work", work.as_entire_binding())];
+        let average = [
+            ("work", work.as_entire_binding()),
+            ("points", piece.points.points.as_entire_binding()),
+        ];
+        let rays = [
+            ("work", work.as_entire_binding()),
+            ("points", piece.points.points.as_entire_binding()),
+            ("direct", direct.radiance.as_entire_binding()),
+        ];
+        let by_last = |bind: &dyn Fn(usize) -> Result<wgpu::BindGroup, GpuError>| {
+            Ok::<_, GpuError>([bind(0)?, bind(1)?])
+        };
+        Ok(Self {
+            first_texel: piece.rows.start * size,
+            count,
+            begin: kernels.begin.bind(gpu, 1, &begin)?,
+            rays: kernels.rays.bind(gpu, 1, &rays)?,
+            average: kernels.average.bind(gpu, 1, &average)?,
+            begin_texels: by_last(&|last| {
+                let resources = [("after", iterates[last].as_entire_binding())];
+                kernels.begin.bind(gpu, 3, &resources)
+            })?,
+            rays_texels: by_last(&|last| {
+                let resources = [
+                    ("before", iterates[last].as_entire_binding()),
+                    ("after", iterates[1 - last].as_entire_binding()),
+                ];
+                kernels.rays.bind(gpu, 3, &resources)
+            })?,
+            average_texels: by_last(&|last| {
+                let resources = [
+                    ("before", iterates[last].as_entire_binding()),
+                    ("irradiance", irradiance.radiance.as_entire_binding()),
+                ];
+                kernels.average.bind(gpu, 3, &resources)
+            })?,
+            direct,
+            work,
+        })
+    }
+}
+
+/// Lays out the atlas; refuses what would take too long or too much memory.
+fn laid_out(gpu: &Gpu, scene: &Scene, layout: &Layout) -> Result<Atlas, GpuError> {
+    let of_instance = |instance: &gpugi_scene::Instance| scene.meshes[instance.mesh].indices.len() / 3;
+    let triangles: usize = scene.instances.iter().map(of_instance).sum();
+    let refused = |what: &str, needed: u64, limit: u64| GpuError::TooLarge {
+        what: what.to_owned(),
+        needed,
+        limit,
+        adapter: gpu.adapter.name.clone(),
+    };
+    if triangles > MOST_TRIANGLES {
+        return Err(GpuError::Pass {
+            pass: "radiosity".into(),
+            reason: format!(
+                "unwrapping {triangles} triangles would take too long, {MOST_TRIANGLES} are allowed: leave some objects out"
+            ),
+        });
+    }
+    let limits = gpu.device.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let (most_texels, page) = (bytes / TEXEL_BYTES, u64::from(layout.resolution).pow(2));
+    if page > most_texels {
+        return Err(refused("texels in a page of radiosity's atlas (lower the resolution)", page, most_texels));
+    }
+    let options = AtlasOptions {
+        size: layout.resolution,
+        density: if layout.density > 0.0 {
+            TexelDensity::PerMetre(layout.density)
+        } else {
+            TexelDensity::OnePage
+        },
+        most_pages: u32::try_from(most_texels / page).unwrap_or(u32::MAX),
+        ..AtlasOptions::default()
+    };
+    Atlas::new(scene, &options).map_err(|error| GpuError::Pass {
+        pass: "radiosity".into(),
+        reason: error.to_string(),
+    })
+}
