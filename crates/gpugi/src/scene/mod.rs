@@ -210,6 +210,16 @@ impl GpuScene {
         self.host.as_ref()
     }
 
+    /// Whether shaders may trace rays in it.
+    pub fn has_rays(&self) -> bool {
+        self.rays.is_some()
+    }
+
+    /// Whether captures see it.
+    pub fn has_captures(&self) -> bool {
+        self.use_of != Use::Rays
+    }
+
     /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
     pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
         [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]

@@ -6,6 +6,7 @@ use crate::capture::atlas::PieceUniform;
 use crate::capture::atlas::blocks::AtlasTriangle;
 use crate::capture::atlas::dilate::LevelsUniform;
 use crate::capture::atlas::leaks::LeakSettings;
+use crate::capture::atlas::places::Place;
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
@@ -16,6 +17,7 @@ use crate::shader;
 use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
+use crate::techniques::obscurances::gpu as obscurances;
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{constant, run_kernel, test_gpu};
 
@@ -179,6 +181,44 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "LitCube"), cube);
     let texel = reflected(&gather, "LitTexel");
     assert_eq!(u64::from(texel.0), LIT_TEXEL_BYTES);
+}
+
+#[test]
+fn structs_of_obscurances_have_one_layout() {
+    let prepare = shader!("techniques.obscurances.prepare");
+    let rays = shader!("techniques.obscurances.rays");
+    let transfer = shader!("techniques.obscurances.transfer");
+    let settings = layout!(obscurances::SettingsUniform: distance falloff offset seed size first_texel first_point end_point
+        first_sample end_sample padding);
+    let texel = reflected(&prepare, "Texel");
+    assert_eq!(u64::from(texel.0), obscurances::TEXEL_BYTES);
+    assert_eq!(reflected(&transfer, "AtomicTexel"), texel);
+    for shader in [prepare, rays, transfer] {
+        assert_eq!(reflected(&shader, "Settings"), settings, "{}", shader.name);
+    }
+    let row = layout!(obscurances::BoxRow: low padding_0 high padding_1);
+    assert_eq!(reflected(&prepare, "Box"), row);
+    let renewal = layout!(obscurances::Renewal: all box_count finished padding);
+    assert_eq!(reflected(&prepare, "Renewal"), renewal);
+    let page = layout!(obscurances::PageUniform: first count padding);
+    assert_eq!(
+        reflected(&shader!("techniques.obscurances.resolve"), "Page"),
+        page
+    );
+    let view = layout!(obscurances::PeelView: clip_from_world seed);
+    assert_eq!(
+        reflected(&shader!("techniques.obscurances.peel"), "AlphaView"),
+        view
+    );
+    let bundle = layout!(obscurances::Bundle: origin range origin_dx first_column origin_dy first_row direction end_column
+        end_row is_first padding);
+    assert_eq!(reflected(&transfer, "Bundle"), bundle);
+    let place = layout!(Place: first_triangle page);
+    let triangle = layout!(AtlasTriangle: instance primitive a b c);
+    for shader in [rays, transfer] {
+        assert_eq!(reflected(&shader, "Place"), place);
+        assert_eq!(reflected(&shader, "AtlasTriangle"), triangle);
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
 pub mod image_based_lighting;
+pub mod obscurances;
 pub mod radiosity;
 pub mod settings;
 pub mod shadow_map;

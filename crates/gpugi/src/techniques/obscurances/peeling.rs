@@ -1,0 +1,323 @@
+//! Bundles of parallel lines through the whole scene, layer by layer.
+
+use std::f32::consts::TAU;
+
+use bytemuck::Zeroable;
+use glam::{Mat4, Vec2, Vec3};
+use gpugi_scene::Bounds;
+
+use super::gpu::{Bundle, PeelView, SettingsUniform};
+use super::{AtlasCapture, Frame, Gpu, GpuError, GpuScene, Kernel, Places, Settings};
+use crate::capture::orthographic_reverse;
+use crate::gpu::{KernelOptions, RasterKernel, RasterState};
+use crate::scene::DrawClass;
+use crate::shader;
+use crate::techniques::shadow_map::lights::low_discrepancy;
+
+/// Fewest pixels a side of a bundle.
+const LEAST_SIDE: u32 = 16;
+/// Words before the arguments of the dispatch.
+const DISPATCH_AT: u64 = 40;
+
+/// Takes samples by peeling.
+#[derive(Debug)]
+pub(super) struct Peeling {
+    /// Of opaque surfaces, and of those with alpha.
+    peel: [RasterKernel; 2],
+    transfer: Kernel,
+    plan: Kernel,
+    places: Places,
+    side: u32,
+    /// Two layers in turn.
+    layers: [wgpu::TextureView; 2],
+    depth: wgpu::TextureView,
+    most_layers: u32,
+    /// Bundles; none where there are no texels.
+    directions: u32,
+    seed: u32,
+}
+
+impl Peeling {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        settings: &Settings,
+        places: Places,
+    ) -> Result<Self, GpuError> {
+        let raster = |shader| {
+            let state = RasterState {
+                colors: &[wgpu::TextureFormat::Rg32Uint],
+                cull: None,
+                slope_bias: 0.0,
+                has_fragment: true,
+                has_vertices: true,
+            };
+            RasterKernel::new(gpu, &shader, Some(&scene.layout), &state)
+        };
+        let texels = scene.bounds.diagonal() / capture.texel_side.max(f32::MIN_POSITIVE);
+        let most = settings.resolution.min(gpu.device.limits().max_texture_dimension_2d);
+        let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
+        let texture = |label, format, usage| {
+            let texture = gpu.texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d {
+                    width: side,
+                    height: side,
+                    depth_or_array_layers: 1,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
+                view_formats: &[],
+            })?;
+            Ok::<_, GpuError>(texture.create_view(&Default::default()))
+        };
+        let layer = || {
+            let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+            texture("layer of a bundle", wgpu::TextureFormat::Rg32Uint, usage)
+        };
+        Ok(Self {
+            peel: [
+                raster(shader!("techniques.obscurances.peel"))?,
+                raster(shader!("techniques.obscurances.peel_alpha"))?,
+            ],
+            transfer: Kernel::with_options(
+                gpu,
+                &shader!("techniques.obscurances.transfer"),
+                "main",
+                Some(&scene.layout),
+                &KernelOptions {
+                    constants: &[super::colored(settings)],
+                    ..Default::default()
+                },
+            )?,
+            plan: Kernel::new(gpu, &shader!("techniques.obscurances.plan"), "main", None)?,
+            places,
+            side,
+            layers: [layer()?, layer()?],
+            depth: texture(
+                "depth of a layer",
+                wgpu::TextureFormat::Depth32Float,
+                wgpu::TextureUsages::empty(),
+            )?,
+            most_layers: settings.layers,
+            directions: match capture.pieces() {
+                [] => 0,
+                _ => settings.directions,
+            },
+            seed: settings.seed,
+        })
+    }
+
+    /// Steps until every texel has all its samples: a bundle each.
+    pub fn steps(&self) -> u64 {
+        u64::from(self.directions)
+    }
+
+    /// Takes one. `region`: around all texels that are computed, where not all are.
+    pub fn step(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        texels: &wgpu::Buffer,
+        number: u64,
+        region: Option<Bounds>,
+        settings: SettingsUniform,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let lines = Lines::new(number as u32, self.seed, &scene.bounds, self.side);
+        let [x, y, width, height] = match region {
+            Some(region) => lines.pixels_of(&region),
+            None => [0, 0, self.side, self.side],
+        };
+        if width == 0 || height == 0 {
+            return Ok(());
+        }
+        let settings = gpu.uniform("obscurances", &settings)?;
+        let alpha = |class: DrawClass| class >= DrawClass::Alpha;
+        let of_kind = |is_alpha: bool| {
+            let draws = scene.draws.iter().filter(move |draw| alpha(draw.class) == is_alpha);
+            let start = draws.clone().map(|draw| draw.indices.start).min().unwrap_or(0);
+            let end = draws.map(|draw| draw.indices.end).max().unwrap_or(start);
+            start..end
+        };
+        let ranges = [false, true].map(of_kind);
+        let [opaque, translucent] = ranges.clone();
+        let arguments = [
+            [opaque.len() as u32, 1, opaque.start, 0, 0],
+            [translucent.len() as u32, 1, translucent.start, 0, 0],
+        ];
+        let dispatch = [width.div_ceil(8), height.div_ceil(8), 1];
+        let arguments: Vec<u32> = [arguments.as_flattened(), &dispatch].concat();
+        let indirect = wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::STORAGE;
+        let arguments = gpu.buffer_with("what is drawn of a layer", &arguments, indirect)?;
+        let mut first_triangles = vec![0; scene.objects.len()];
+        for draw in &scene.draws {
+            first_triangles[draw.instance as usize] = draw.indices.start / 3;
+        }
+        let first_triangles = gpu.storage("first triangles of instances [bytes]", &first_triangles)?;
+
+        let plan = [
+            ("texels", texels.as_entire_binding()),
+            ("arguments", arguments.as_entire_binding()),
+        ];
+        let plan = self.plan.bind(gpu, 1, &plan)?;
+        let mut groups = Vec::new();
+        for layer in 0..self.most_layers.min(3) {
+            let is_first = u32::from(layer == 0);
+            let view = gpu.uniform(
+                "bundle of lines",
+                &PeelView {
+                    clip_from_world: lines.clip_from_world.to_cols_array_2d(),
+                    seed: [self.seed.wrapping_add(number as u32), is_first, 0, 0],
+                },
+            )?;
+            let bundle = gpu.uniform(
+                "bundle of lines",
+                &Bundle {
+                    first_column: x,
+                    first_row: y,
+                    end_column: x + width,
+                    end_row: y + height,
+                    is_first,
+                    ..lines.bundle
+                },
+            )?;
+            let [farther, nearer] = [layer, layer + 1]
+                .map(|layer| wgpu::BindingResource::TextureView(&self.layers[layer as usize % 2]));
+            let peel = [
+                ("view", view.as_entire_binding()),
+                ("first_triangles", first_triangles.as_entire_binding()),
+                ("nearer", nearer.clone()),
+            ];
+            let transfer = [
+                ("settings", settings.as_entire_binding()),
+                ("lines", bundle.as_entire_binding()),
+                ("nearer", nearer),
+                ("farther", farther),
+                ("indices", scene.indices.as_entire_binding()),
+                ("merged", scene.vertices.as_entire_binding()),
+                ("instances", self.places.instances.as_entire_binding()),
+                ("triangles", self.places.triangles.as_entire_binding()),
+                ("texels", texels.as_entire_binding()),
+            ];
+            groups.push((
+                [self.peel[0].bind(gpu, 1, &peel)?, self.peel[1].bind(gpu, 1, &peel)?],
+                self.transfer.bind(gpu, 1, &transfer)?,
+            ));
+        }
+        for layer in 0..self.most_layers as usize {
+            // The first has groups of its own; of the others, two in turn.
+            let (peel, transfer) = match layer {
+                0 => &groups[0],
+                _ => &groups[2 - layer % 2],
+            };
+            let target = &self.layers[layer % 2];
+            frame.render("obscurances.peel", &[target], &self.depth, |pass| {
+                pass.set_bind_group(0, &scene.bind_group, &[]);
+                pass.set_vertex_buffer(0, scene.vertices.slice(..));
+                pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+                pass.set_scissor_rect(x, y, width, height);
+                for (kind, range) in ranges.iter().enumerate() {
+                    if !range.is_empty() {
+                        self.peel[kind].set(pass);
+                        pass.set_bind_group(1, &peel[kind], &[]);
+                        pass.draw_indexed_indirect(&arguments, kind as u64 * 20);
+                    }
+                }
+            });
+            frame.compute("obscurances.transfer", |pass| {
+                let groups = [(0, &scene.bind_group), (1, transfer)];
+                self.transfer
+                    .dispatch_indirect(pass, &groups, &arguments, DISPATCH_AT);
+                self.plan.dispatch(pass, &[(1, &plan)], [1, 1, 1]);
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Parallel lines, one through the middle of each pixel of a square around the scene.
+struct Lines {
+    clip_from_world: Mat4,
+    bundle: Bundle,
+    view_from_world: Mat4,
+    half: f32,
+    side: u32,
+}
+
+impl Lines {
+    /// Number `number` of a sequence that spreads directions evenly over the sphere, and the places of lines over pixels.
+    fn new(number: u32, seed: u32, bounds: &Bounds, side: u32) -> Self {
+        // Lines are looked along both ways: half of the sphere is all of it.
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        const PLASTIC: f64 = 0.754_877_666_246_692_8;
+        let [along, around, roll] = offsets(seed);
+        let fraction = |value: f64| value.fract() as f32;
+        let z = fraction(f64::from(number.reverse_bits()) / f64::from(u32::MAX) + along);
+        let phi = TAU * fraction(f64::from(number) * GOLDEN + around);
+        let radius = (1.0 - z * z).max(0.0).sqrt();
+        let direction = Vec3::new(radius * phi.cos(), radius * phi.sin(), z).normalize();
+        let (right, up) = direction.any_orthonormal_pair();
+        let (sin, cos) = (TAU * fraction(f64::from(number) * PLASTIC + roll)).sin_cos();
+        let (right, up) = (right * cos + up * sin, up * cos - right * sin);
+
+        // The ball around everything, and a pixel for where lines begin in theirs.
+        let radius = (bounds.diagonal() / 2.0).max(1e-6) * 1.001;
+        let half = radius * (1.0 + 2.0 / side as f32);
+        let pixel = 2.0 * half / side as f32;
+        let place: Vec2 = (low_discrepancy(number) - 0.5) * pixel;
+        let eye = bounds.center() + right * place.x + up * place.y - direction * radius;
+        let range = 2.0 * radius;
+        let world_from_view = Mat4::from_cols(
+            right.extend(0.0),
+            up.extend(0.0),
+            // Views look along -z, with x to the right and y up.
+            (-direction).extend(0.0),
+            eye.extend(1.0),
+        );
+        let view_from_world = world_from_view.inverse();
+        let projection = orthographic_reverse(Vec2::splat(half), 0.0, range);
+        Self {
+            clip_from_world: projection * view_from_world,
+            bundle: Bundle {
+                origin: (eye + (right - up) * (pixel / 2.0) - (right - up) * half).to_array(),
+                range,
+                origin_dx: (right * pixel).to_array(),
+                origin_dy: (up * -pixel).to_array(),
+                direction: direction.to_array(),
+                ..Zeroable::zeroed()
+            },
+            view_from_world,
+            half,
+            side,
+        }
+    }
+
+    /// First column and row, width and height of the pixels whose lines may meet a box.
+    fn pixels_of(&self, region: &Bounds) -> [u32; 4] {
+        let seen = region.transformed(&self.view_from_world);
+        let pixels = self.side as f32 / (2.0 * self.half);
+        let index = |at: f32| (at * pixels).clamp(0.0, self.side as f32);
+        let x = index(seen.min.x + self.half).floor() as u32;
+        let y = index(self.half - seen.max.y).floor() as u32;
+        let end_x = index(seen.max.x + self.half).ceil() as u32;
+        let end_y = index(self.half - seen.min.y).ceil() as u32;
+        [x, y, end_x.saturating_sub(x), end_y.saturating_sub(y)]
+    }
+}
+
+/// Where the sequences of a seed begin, each in [0, 1): SplitMix64.
+fn offsets(seed: u32) -> [f64; 3] {
+    let mut state = u64::from(seed);
+    [(); 3].map(|()| {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    })
+}

@@ -1,0 +1,107 @@
+//! Rays from every texel.
+
+use std::ops::Range;
+
+use super::gpu::SettingsUniform;
+use super::{AtlasCapture, Frame, Gpu, GpuError, GpuScene, Kernel, Places, Settings};
+use crate::capture::atlas::AtlasPiece;
+use crate::gpu::KernelOptions;
+use crate::shader;
+
+/// Rays of a step: some 40 ms of a small GPU.
+const RAYS_OF_STEP: u32 = 1 << 22;
+
+/// Takes samples by rays.
+#[derive(Debug)]
+pub(super) struct Rays {
+    kernel: Kernel,
+    places: Places,
+    /// Points that one step is for: a piece's number and some of its points.
+    chunks: Vec<(usize, Range<u32>)>,
+    /// Rays that a step traces from each.
+    at_once: u32,
+    directions: u32,
+}
+
+impl Rays {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        settings: &Settings,
+        places: Places,
+    ) -> Result<Self, GpuError> {
+        let transmits = scene.objects.iter().any(|object| object.is_transmissive);
+        let [alpha] = scene.ray_constants();
+        let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
+        let kernel = Kernel::with_options(
+            gpu,
+            &shader!("techniques.obscurances.rays"),
+            "main",
+            Some(&scene.layout),
+            &KernelOptions {
+                constants: &[alpha, transmits, super::colored(settings)],
+                ..Default::default()
+            },
+        )?;
+        let chunks_of = |(number, piece): (usize, &AtlasPiece)| {
+            let count = piece.points.count;
+            let firsts = (0..count).step_by(RAYS_OF_STEP as usize);
+            firsts.map(move |first| (number, first..count.min(first + RAYS_OF_STEP)))
+        };
+        let chunks: Vec<_> = capture.pieces().iter().enumerate().flat_map(chunks_of).collect();
+        let most = chunks.iter().map(|(_, points)| points.len() as u32).max();
+        Ok(Self {
+            kernel,
+            places,
+            chunks,
+            at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1)).clamp(1, settings.directions),
+            directions: settings.directions,
+        })
+    }
+
+    /// Steps until every texel has all its samples.
+    pub fn steps(&self) -> u64 {
+        self.chunks.len() as u64 * u64::from(self.directions.div_ceil(self.at_once))
+    }
+
+    /// Takes one.
+    pub fn step(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        texels: &wgpu::Buffer,
+        number: u64,
+        base: SettingsUniform,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let chunks = self.chunks.len() as u64;
+        let (piece, points) = &self.chunks[(number % chunks) as usize];
+        let piece = &capture.pieces()[*piece];
+        let first_sample = (number / chunks) as u32 * self.at_once;
+        let settings = SettingsUniform {
+            first_texel: piece.rows.start * base.size,
+            first_point: points.start,
+            end_point: points.end,
+            first_sample,
+            end_sample: (first_sample + self.at_once).min(self.directions),
+            ..base
+        };
+        let settings = gpu.uniform("obscurances", &settings)?;
+        let resources = [
+            ("settings", settings.as_entire_binding()),
+            ("points", piece.points.points.as_entire_binding()),
+            ("texels", texels.as_entire_binding()),
+            ("instances", self.places.instances.as_entire_binding()),
+            ("triangles", self.places.triangles.as_entire_binding()),
+        ];
+        let group = self.kernel.bind(gpu, 1, &resources)?;
+        frame.compute("obscurances.rays", |pass| {
+            let groups = [(0, &scene.bind_group), (1, &group)];
+            self.kernel
+                .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
+        });
+        Ok(())
+    }
+}

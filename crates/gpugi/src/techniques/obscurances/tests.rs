@@ -1,0 +1,141 @@
+//! Obscurances against closed forms and a direct evaluation of their integral in double precision.
+
+mod sampling;
+mod scenes;
+
+use glam::{DVec3, Vec3};
+use gpugi_scene::atlas::AtlasOptions;
+use gpugi_scene::{Atlas, Scene};
+
+use super::{Falloff, Mode, ObscurancePage, Obscurances, Settings};
+use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// A texel with a surface: where, and what was found there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Found {
+    instance: u32,
+    position: DVec3,
+    normal: DVec3,
+    plain: f64,
+    colored: DVec3,
+}
+
+/// A scene, its upload as a mode needs it, and its obscurances.
+struct Bench {
+    scene: Scene,
+    on_gpu: GpuScene,
+    capture: AtlasCapture,
+    obscurances: Obscurances,
+}
+
+impl Bench {
+    fn new(
+        gpu: &Gpu,
+        scene: Scene,
+        atlas: &AtlasOptions,
+        capture: &AtlasCaptureOptions,
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let atlas = Atlas::new(&scene, atlas).unwrap();
+        let on_gpu = match settings.mode {
+            Mode::Rays => GpuScene::with_rays(gpu, &scene)?,
+            Mode::Peeling => GpuScene::new(gpu, &scene)?,
+        };
+        let capture = AtlasCapture::new(gpu, &scene, &on_gpu, &atlas, capture)?;
+        let obscurances = Obscurances::new(gpu, &scene, &on_gpu, &atlas, &capture, settings)?;
+        Ok(Self {
+            scene,
+            on_gpu,
+            capture,
+            obscurances,
+        })
+    }
+
+    /// One step.
+    fn step(&mut self, gpu: &Gpu) {
+        let mut frame = Frame::new(gpu, false);
+        self.on_gpu.merge(&mut frame);
+        self.capture.record(&mut frame, &self.on_gpu).unwrap();
+        self.obscurances
+            .record(&mut frame, &self.on_gpu, &self.capture)
+            .unwrap();
+        frame.submit().unwrap();
+    }
+
+    /// Steps until all is done.
+    fn finish(&mut self, gpu: &Gpu) -> Vec<ObscurancePage> {
+        self.step(gpu);
+        while !self.obscurances.is_done() {
+            self.step(gpu);
+        }
+        assert_eq!(self.obscurances.progress(), 1.0);
+        self.obscurances.pages(gpu).unwrap()
+    }
+
+    fn follow(&mut self, gpu: &Gpu, after: Scene) {
+        self.on_gpu.update(gpu, &self.scene, &after).unwrap();
+        self.scene = after;
+    }
+
+    /// The texels with surfaces.
+    fn found(&self, gpu: &Gpu, pages: &[ObscurancePage]) -> Vec<Found> {
+        let shader = shader!("testing.points");
+        let kernel = Kernel::new(gpu, &shader, "main", Some(&self.on_gpu.layout)).unwrap();
+        let plain = pages.iter().flat_map(|page| &page.obscurance);
+        let colored = pages
+            .iter()
+            .flat_map(|page| page.colored.clone().unwrap_or(vec![Vec3::ZERO; page.obscurance.len()]));
+        let mut rows: Vec<[[u32; 4]; 4]> = Vec::new();
+        for points in self.capture.points() {
+            let bytes = u64::from(points.count) * 64;
+            let storage = wgpu::BufferUsages::STORAGE;
+            let output = gpu.buffer("output", bytes, storage).unwrap();
+            let resources = [
+                ("points", points.points.as_entire_binding()),
+                ("output", output.as_entire_binding()),
+            ];
+            let group = kernel.bind(gpu, 1, &resources).unwrap();
+            let mut frame = Frame::new(gpu, false);
+            frame.compute("points", |pass| {
+                let groups = [(0, &self.on_gpu.bind_group), (1, &group)];
+                kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+            });
+            frame.submit().unwrap();
+            rows.extend(read_buffer::<[[u32; 4]; 4]>(gpu, &output, bytes).unwrap());
+        }
+        let vector = |row: [u32; 4]| Vec3::from_array([row[0], row[1], row[2]].map(f32::from_bits));
+        let texels = rows.iter().zip(plain.zip(colored));
+        let found = texels.filter(|(rows, _)| rows[0][3] != u32::MAX);
+        found
+            .map(|(rows, (&plain, colored))| Found {
+                instance: rows[0][3],
+                position: vector(rows[0]).as_dvec3(),
+                normal: vector(rows[2]).as_dvec3(),
+                plain: f64::from(plain),
+                colored: colored.as_dvec3(),
+            })
+            .collect()
+    }
+}
+
+/// All obscurances of a scene.
+fn found(gpu: &Gpu, scene: &Scene, size: u32, settings: &Settings) -> Vec<Found> {
+    let atlas = AtlasOptions {
+        size,
+        ..Default::default()
+    };
+    let options = AtlasCaptureOptions::default();
+    let mut bench = Bench::new(gpu, scene.clone(), &atlas, &options, settings).unwrap();
+    let pages = bench.finish(gpu);
+    bench.found(gpu, &pages)
+}
+
+/// Root of the mean of squares.
+fn rms(errors: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = errors.fold((0.0, 0), |(sum, count), one| (sum + one * one, count + 1));
+    assert!(count > 0, "nothing is compared");
+    (sum / f64::from(count)).sqrt()
+}
