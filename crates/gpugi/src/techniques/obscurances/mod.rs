@@ -36,7 +36,7 @@ pub const INFO: Info = Info {
     suits: |_| false,
 };
 
-/// Rays start so much of their reach above the surface.
+/// Rays start so much of their reach above the surface, and away from its edges.
 const OFFSET: f32 = 1e-4;
 /// Below so much of the scene's size, positions are rounded.
 const ROUNDING: f32 = 1e-6;
@@ -144,11 +144,7 @@ impl Obscurances {
         let count = u64::from(atlas.pages) * u64::from(atlas.size) * u64::from(atlas.size);
         // One more, in which peeling counts.
         let bytes = (count + 1) * TEXEL_BYTES;
-        let texels = gpu.buffer(
-            "obscurances [bytes]",
-            bytes,
-            wgpu::BufferUsages::STORAGE,
-        )?;
+        let texels = gpu.buffer("obscurances [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
         let sampler = match settings.mode {
             Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, places)?),
@@ -252,9 +248,7 @@ impl Obscurances {
             .collect();
         let [geometry, materials] = [scene.versions.geometry, scene.versions.materials];
         let changed = match self.state.made {
-            Some([before, same]) if same == materials => {
-                Some(self.changed(scene, before, &bounds))
-            }
+            Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
             _ => None,
         };
         let was_done = self.is_done();
@@ -315,7 +309,10 @@ impl Obscurances {
     /// Boxes of what is within reach of instances that have moved since `version` of the geometry, before or now.
     fn changed(&self, scene: &GpuScene, version: u64, bounds: &[Bounds]) -> Vec<Bounds> {
         let reach = self.settings.distance + scene.diagonal() * ROUNDING;
-        let placed = scene.placements.iter().zip(self.state.bounds.iter().zip(bounds));
+        let placed = scene
+            .placements
+            .iter()
+            .zip(self.state.bounds.iter().zip(bounds));
         let moved = placed.filter(|(place, _)| place.moved > version);
         let boxes = moved.flat_map(|(_, (before, now))| [*before, *now]);
         let boxes = boxes.filter(|one| !one.is_empty()).map(|one| Bounds {
@@ -402,7 +399,9 @@ impl Obscurances {
         ];
         let group = pictures.resolve.bind(gpu, 1, &resources)?;
         frame.compute("obscurances.resolve", |pass| {
-            pictures.resolve.dispatch(pass, &[(1, &group)], [count, 1, 1]);
+            pictures
+                .resolve
+                .dispatch(pass, &[(1, &group)], [count, 1, 1]);
         });
         pictures.dilation.record(frame, &pictures.plain)?;
         pictures.dilation.record(frame, &pictures.colored)
@@ -445,7 +444,9 @@ impl Obscurances {
             ];
             let group = pictures.store.bind(gpu, 1, &resources)?;
             frame.compute("obscurances.store", |pass| {
-                pictures.store.dispatch(pass, &[(1, &group)], [size, size, 1]);
+                pictures
+                    .store
+                    .dispatch(pass, &[(1, &group)], [size, size, 1]);
             });
         }
         Ok(())

@@ -56,7 +56,9 @@ impl Peeling {
             RasterKernel::new(gpu, &shader, Some(&scene.layout), &state)
         };
         let texels = scene.bounds.diagonal() / capture.texel_side.max(f32::MIN_POSITIVE);
-        let most = settings.resolution.min(gpu.device.limits().max_texture_dimension_2d);
+        let most = settings
+            .resolution
+            .min(gpu.device.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
         let texture = |label, format, usage| {
             let texture = gpu.texture(&wgpu::TextureDescriptor {
@@ -139,8 +141,15 @@ impl Peeling {
         let settings = gpu.uniform("obscurances", &settings)?;
         let alpha = |class: DrawClass| class >= DrawClass::Alpha;
         let of_kind = |is_alpha: bool| {
-            let draws = scene.draws.iter().filter(move |draw| alpha(draw.class) == is_alpha);
-            let start = draws.clone().map(|draw| draw.indices.start).min().unwrap_or(0);
+            let draws = scene
+                .draws
+                .iter()
+                .filter(move |draw| alpha(draw.class) == is_alpha);
+            let start = draws
+                .clone()
+                .map(|draw| draw.indices.start)
+                .min()
+                .unwrap_or(0);
             let end = draws.map(|draw| draw.indices.end).max().unwrap_or(start);
             start..end
         };
@@ -158,7 +167,8 @@ impl Peeling {
         for draw in &scene.draws {
             first_triangles[draw.instance as usize] = draw.indices.start / 3;
         }
-        let first_triangles = gpu.storage("first triangles of instances [bytes]", &first_triangles)?;
+        let first_triangles =
+            gpu.storage("first triangles of instances [bytes]", &first_triangles)?;
 
         let plan = [
             ("texels", texels.as_entire_binding()),
@@ -205,7 +215,10 @@ impl Peeling {
                 ("texels", texels.as_entire_binding()),
             ];
             groups.push((
-                [self.peel[0].bind(gpu, 1, &peel)?, self.peel[1].bind(gpu, 1, &peel)?],
+                [
+                    self.peel[0].bind(gpu, 1, &peel)?,
+                    self.peel[1].bind(gpu, 1, &peel)?,
+                ],
                 self.transfer.bind(gpu, 1, &transfer)?,
             ));
         }

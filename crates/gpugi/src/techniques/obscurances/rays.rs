@@ -49,7 +49,12 @@ impl Rays {
             let firsts = (0..count).step_by(RAYS_OF_STEP as usize);
             firsts.map(move |first| (number, first..count.min(first + RAYS_OF_STEP)))
         };
-        let chunks: Vec<_> = capture.pieces().iter().enumerate().flat_map(chunks_of).collect();
+        let chunks: Vec<_> = capture
+            .pieces()
+            .iter()
+            .enumerate()
+            .flat_map(chunks_of)
+            .collect();
         let most = chunks.iter().map(|(_, points)| points.len() as u32).max();
         Ok(Self {
             kernel,
@@ -95,6 +100,7 @@ impl Rays {
             ("texels", texels.as_entire_binding()),
             ("instances", self.places.instances.as_entire_binding()),
             ("triangles", self.places.triangles.as_entire_binding()),
+            ("covered", piece.texels.as_entire_binding()),
         ];
         let group = self.kernel.bind(gpu, 1, &resources)?;
         frame.compute("obscurances.rays", |pass| {

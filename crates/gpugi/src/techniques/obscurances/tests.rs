@@ -85,9 +85,11 @@ impl Bench {
         let shader = shader!("testing.points");
         let kernel = Kernel::new(gpu, &shader, "main", Some(&self.on_gpu.layout)).unwrap();
         let plain = pages.iter().flat_map(|page| &page.obscurance);
-        let colored = pages
-            .iter()
-            .flat_map(|page| page.colored.clone().unwrap_or(vec![Vec3::ZERO; page.obscurance.len()]));
+        let colored = pages.iter().flat_map(|page| {
+            page.colored
+                .clone()
+                .unwrap_or(vec![Vec3::ZERO; page.obscurance.len()])
+        });
         let mut rows: Vec<[[u32; 4]; 4]> = Vec::new();
         for points in self.capture.points() {
             let bytes = u64::from(points.count) * 64;

@@ -6,10 +6,10 @@ use gpugi_scene::builtin::shapes;
 use gpugi_scene::{Atlas, Material, Scene};
 
 use super::scenes::{
-    FLOOR, check_bleeding, check_floor_and_wall, check_integral, check_sphere, corner,
-    floor_and_wall, hollow_sphere, matt, settings,
+    FLOOR, check_bleeding, check_floor_and_wall, check_integral, check_sphere, corner, faces,
+    floor_and_wall, hollow_sphere, matt, settings, to_edge,
 };
-use super::{Bench, Falloff, Found, Mode, ObscurancePage, Obscurances, Settings, found, rms};
+use super::{Bench, Falloff, Found, Mode, Obscurances, Settings, found, rms};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
 use crate::gpu::GpuError;
 use crate::scene::GpuScene;
@@ -19,6 +19,7 @@ use crate::testing::test_gpu;
 fn peeling(distance: f32, falloff: Falloff) -> Settings {
     Settings {
         lines: 2.0,
+        layers: 12,
         ..settings(Mode::Peeling, distance, falloff)
     }
 }
@@ -41,7 +42,7 @@ fn peeling_looks_around_inside_a_sphere() {
     let albedo = Vec3::new(0.9, 0.5, 0.25);
     let scene = matt([(hollow_sphere(1.0, 64), albedo)]);
     let all = found(&gpu, &scene, 64, &peeling(2.5, Falloff::Sqrt));
-    check_sphere(&all, albedo.as_dvec3(), 0.01);
+    check_sphere(&all, albedo.as_dvec3(), 0.015);
 }
 
 #[test]
@@ -56,7 +57,10 @@ fn difference(one: &[Found], other: &[Found]) -> (f64, f64) {
     assert_eq!(one.len(), other.len());
     let pairs = one.iter().zip(other);
     let plain = rms(pairs.clone().map(|(a, b)| a.plain - b.plain));
-    (plain, rms(pairs.map(|(a, b)| a.colored.distance(b.colored))))
+    (
+        plain,
+        rms(pairs.map(|(a, b)| a.colored.distance(b.colored))),
+    )
 }
 
 #[test]
@@ -72,15 +76,27 @@ fn rays_and_peeling_agree() {
         }
     }
     let [rays, peeled] = [Mode::Rays, Mode::Peeling].map(|mode| {
-        let settings = settings(mode, diagonal / 4.0, Falloff::Sqrt);
+        let settings = Settings {
+            mode,
+            ..peeling(diagonal / 4.0, Falloff::Sqrt)
+        };
         found(&gpu, &scene, 64, &settings)
     });
+    // Texels at edges are computed at the edge by rays, over what lies in them by peeling.
+    let faces = faces(&scene);
+    let [rays, peeled] = [rays, peeled].map(|all| -> Vec<Found> {
+        let inner = all
+            .into_iter()
+            .filter(|one| to_edge(&faces, one.position) > 0.3);
+        inner.collect()
+    });
+    assert!(rays.len() > 300, "{}", rays.len());
     let (plain, colored) = difference(&rays, &peeled);
     println!("rays and peeling: {plain:.4}, colours {colored:.4}");
     let mean = |all: &[Found]| all.iter().map(|one| one.plain).sum::<f64>() / all.len() as f64;
     println!("means {:.4} {:.4}", mean(&rays), mean(&peeled));
-    assert!(plain < 0.03 && colored < 0.03, "{plain}, {colored}");
-    assert!((mean(&rays) - mean(&peeled)).abs() < 0.003);
+    assert!(plain < 0.015 && colored < 0.015, "{plain}, {colored}");
+    assert!((mean(&rays) - mean(&peeled)).abs() < 0.004);
 }
 
 #[test]
@@ -89,8 +105,14 @@ fn surfaces_on_each_other_are_neither_lost_nor_met_twice() {
     // Below a plane, at a distance, several others that lie on each other.
     let quad = |y: f32| shapes::quad(Vec3::Y * y, Vec3::Z * 2.0, Vec3::X * 2.0, 1);
     let sheets = |count: usize| {
-        let above = (shapes::transformed(quad(0.0), &Mat4::from_rotation_x(3.14159)), FLOOR);
-        let above = (shapes::transformed(above.0, &Mat4::from_translation(Vec3::new(0.0, 0.5, 2.0))), FLOOR);
+        let above = (
+            shapes::transformed(quad(0.0), &Mat4::from_rotation_x(3.14159)),
+            FLOOR,
+        );
+        let above = (
+            shapes::transformed(above.0, &Mat4::from_translation(Vec3::new(0.0, 0.5, 2.0))),
+            FLOOR,
+        );
         let below = (0..count).map(|_| (quad(0.0), Vec3::new(0.9, 0.3, 0.1)));
         matt([above].into_iter().chain(below))
     };
@@ -132,10 +154,6 @@ fn blocks(at: f32) -> Scene {
     scene
 }
 
-fn plain(pages: &[ObscurancePage]) -> Vec<&Vec<f32>> {
-    pages.iter().map(|page| &page.obscurance).collect()
-}
-
 #[test]
 fn what_moves_changes_what_is_near_and_nothing_else() {
     let Some(gpu) = test_gpu() else { return };
@@ -159,12 +177,19 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         let region = moving.obscurances.state.region.unwrap();
         assert!(region.max.x < -0.5 && region.min.x > -3.0, "{region:?}");
         let after = moving.finish(&gpu);
-        assert!(after == bench(-1.5).finish(&gpu), "{mode:?}: not as if computed at once");
+        assert!(
+            after == bench(-1.5).finish(&gpu),
+            "{mode:?}: not as if computed at once"
+        );
         let found = moving.found(&gpu, &after);
         let pairs = before.iter().zip(&found);
         let differ = pairs.filter(|(before, after)| before.plain != after.plain);
         let differ: Vec<_> = differ.map(|(_, after)| after.position.as_vec3()).collect();
-        println!("{mode:?}: {} of {} texels changed", differ.len(), found.len());
+        println!(
+            "{mode:?}: {} of {} texels changed",
+            differ.len(),
+            found.len()
+        );
         assert!(differ.len() > 50 && differ.len() < found.len() / 2);
         let is_near = |at: &Vec3| at.cmpge(region.min).all() && at.cmple(region.max).all();
         assert!(differ.iter().all(is_near), "{mode:?}");
@@ -178,13 +203,6 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         moving.follow(&gpu, blocks(0.5));
         let after = moving.finish(&gpu);
         assert!(after == bench(0.5).finish(&gpu), "{mode:?}: interrupted");
-        // Another colour changes colours alone, everywhere: the mean has changed.
-        let mut painted = blocks(0.5);
-        painted.materials[0].base_color = Vec3::new(0.1, 0.2, 0.9).extend(1.0);
-        moving.follow(&gpu, painted);
-        let painted = moving.finish(&gpu);
-        assert_eq!(plain(&after), plain(&painted));
-        assert!(after[0].colored != painted[0].colored);
     }
 }
 
@@ -197,7 +215,7 @@ fn pieces_and_pages_make_no_difference() {
         (shapes::transformed(block.clone(), &at), FLOOR)
     }));
     let atlas = AtlasOptions {
-        size: 32,
+        size: 48,
         density: TexelDensity::PerMetre(15.0),
         gutter: 1,
         ..Default::default()
@@ -217,7 +235,7 @@ fn pieces_and_pages_make_no_difference() {
         };
         let (whole, pieces) = of(u32::MAX);
         assert!(whole.len() > 1 && pieces == 1);
-        let (parts, pieces) = of(32 * 5);
+        let (parts, pieces) = of(48 * 5);
         assert!(pieces > 6 && whole == parts);
     }
 }
@@ -277,7 +295,10 @@ fn texels_without_samples_continue_their_neighbours() {
     let [half, one] = [0x3800, 0x3c00];
     for [r, g, b, w] in halves {
         assert_eq!(w, one);
-        assert!([r, g, b].iter().all(|value| value.abs_diff(half) < 3), "{r:x}");
+        assert!(
+            [r, g, b].iter().all(|value| value.abs_diff(half) < 3),
+            "{r:x}"
+        );
     }
 }
 
@@ -304,7 +325,10 @@ fn impossible_settings_and_scenes_are_refused_or_empty() {
         assert!(reason.contains("distance"), "{reason}");
         let mut settings = Settings::default();
         let text = distance.to_string();
-        assert!(matches!(settings.set("distance", &text), Err(SettingError::Value { .. })));
+        assert!(matches!(
+            settings.set("distance", &text),
+            Err(SettingError::Value { .. })
+        ));
     }
     let none = Settings {
         directions: 0,
@@ -315,10 +339,17 @@ fn impossible_settings_and_scenes_are_refused_or_empty() {
     let mut words = Settings::default();
     assert!(words.set("mode", "guessing").is_err());
     assert!(words.set("reach", "1").is_err());
-    for (name, value) in [("mode", "peeling"), ("falloff", "step"), ("colored", "false")] {
+    for (name, value) in [
+        ("mode", "peeling"),
+        ("falloff", "step"),
+        ("colored", "false"),
+    ] {
         words.set(name, value).unwrap();
     }
-    assert_eq!((words.mode, words.falloff, words.colored), (Mode::Peeling, Falloff::Step, false));
+    assert_eq!(
+        (words.mode, words.falloff, words.colored),
+        (Mode::Peeling, Falloff::Step, false)
+    );
     let fewer = {
         let mut scene = scene.clone();
         scene.instances.pop();
