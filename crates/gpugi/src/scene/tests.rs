@@ -6,7 +6,6 @@ use crate::capture::atlas::PieceUniform;
 use crate::capture::atlas::blocks::AtlasTriangle;
 use crate::capture::atlas::dilate::LevelsUniform;
 use crate::capture::atlas::leaks::LeakSettings;
-use crate::capture::atlas::places::Place;
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
@@ -188,8 +187,8 @@ fn structs_of_obscurances_have_one_layout() {
     let prepare = shader!("techniques.obscurances.prepare");
     let rays = shader!("techniques.obscurances.rays");
     let transfer = shader!("techniques.obscurances.transfer");
-    let settings = layout!(obscurances::SettingsUniform: distance falloff offset seed size first_texel first_point end_point
-        first_sample end_sample padding);
+    let settings = layout!(obscurances::SettingsUniform: distance falloff seed first_texel first_point end_point
+        first_sample end_sample);
     let texel = reflected(&prepare, "Texel");
     assert_eq!(u64::from(texel.0), obscurances::TEXEL_BYTES);
     assert_eq!(reflected(&transfer, "AtomicTexel"), texel);
@@ -205,6 +204,11 @@ fn structs_of_obscurances_have_one_layout() {
         reflected(&shader!("techniques.obscurances.resolve"), "Page"),
         page
     );
+    let ambient = layout!(obscurances::AmbientUniform: colored first_texel padding);
+    assert_eq!(
+        reflected(&shader!("techniques.obscurances.gather"), "Ambient"),
+        ambient
+    );
     let view = layout!(obscurances::PeelView: clip_from_world seed);
     assert_eq!(
         reflected(&shader!("techniques.obscurances.peel"), "AlphaView"),
@@ -213,12 +217,6 @@ fn structs_of_obscurances_have_one_layout() {
     let bundle = layout!(obscurances::Bundle: origin range origin_dx first_column origin_dy first_row direction end_column
         end_row is_first padding);
     assert_eq!(reflected(&transfer, "Bundle"), bundle);
-    let place = layout!(Place: first_triangle page);
-    let triangle = layout!(AtlasTriangle: instance primitive a b c);
-    for shader in [rays, transfer] {
-        assert_eq!(reflected(&shader, "Place"), place);
-        assert_eq!(reflected(&shader, "AtlasTriangle"), triangle);
-    }
 }
 
 #[test]

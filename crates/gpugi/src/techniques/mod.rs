@@ -191,6 +191,9 @@ pub const REGISTRY: &[(&Info, Make)] = &[
     (&radiosity::INFO, |gpu, scene| {
         Ok(Box::new(radiosity::Radiosity::new(gpu, scene)?))
     }),
+    (&obscurances::INFO, |gpu, scene| {
+        Ok(Box::new(obscurances::Obscurances::new(gpu, scene)?))
+    }),
     (&caustics::INFO, |gpu, scene| {
         Ok(Box::new(caustics::Caustics::new(gpu, scene)?))
     }),

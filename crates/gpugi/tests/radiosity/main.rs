@@ -84,6 +84,9 @@ fn a_closed_room_that_shines_everywhere_has_the_light_of_a_geometric_series() {
     let expected = 2.0 / (1.0 - albedo);
     for (pixel, radiance) in picture(&mut renderer, &camera, 4).iter().enumerate() {
         let off = *radiance / expected - 1.0;
-        assert!(off.abs().max_element() < 0.01, "pixel {pixel}: {radiance}, not {expected}");
+        assert!(
+            off.abs().max_element() < 0.01,
+            "pixel {pixel}: {radiance}, not {expected}"
+        );
     }
 }

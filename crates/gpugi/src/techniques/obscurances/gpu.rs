@@ -9,15 +9,12 @@ use gpugi_scene::Bounds;
 pub struct SettingsUniform {
     pub distance: f32,
     pub falloff: u32,
-    pub offset: f32,
     pub seed: u32,
-    pub size: u32,
     pub first_texel: u32,
     pub first_point: u32,
     pub end_point: u32,
     pub first_sample: u32,
     pub end_sample: u32,
-    pub padding: [u32; 2],
 }
 
 /// `Box` of prepare.wesl.
@@ -85,5 +82,14 @@ pub struct Bundle {
     pub end_column: u32,
     pub end_row: u32,
     pub is_first: u32,
+    pub padding: [u32; 2],
+}
+
+/// `Ambient` of gather.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct AmbientUniform {
+    pub colored: u32,
+    pub first_texel: u32,
     pub padding: [u32; 2],
 }

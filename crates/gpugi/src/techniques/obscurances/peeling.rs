@@ -6,11 +6,12 @@ use bytemuck::Zeroable;
 use glam::{Mat4, Vec2, Vec3};
 use gpugi_scene::Bounds;
 
+use super::Settings;
 use super::gpu::{Bundle, PeelView, SettingsUniform};
-use super::{AtlasCapture, Frame, Gpu, GpuError, GpuScene, Kernel, Places, Settings};
+use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
-use crate::gpu::{KernelOptions, RasterKernel, RasterState};
-use crate::scene::DrawClass;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::scene::{DrawClass, GpuScene};
 use crate::shader;
 use crate::techniques::shadow_map::lights::low_discrepancy;
 
@@ -26,7 +27,8 @@ pub(super) struct Peeling {
     peel: [RasterKernel; 2],
     transfer: Kernel,
     plan: Kernel,
-    places: Places,
+    /// Bind group of the texels that are looked up in `transfer`.
+    corners: wgpu::BindGroup,
     side: u32,
     /// Two layers in turn.
     layers: [wgpu::TextureView; 2],
@@ -43,7 +45,7 @@ impl Peeling {
         scene: &GpuScene,
         capture: &AtlasCapture,
         settings: &Settings,
-        places: Places,
+        lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
         let raster = |shader| {
             let state = RasterState {
@@ -57,7 +59,7 @@ impl Peeling {
         };
         let texels = scene.bounds.diagonal() / capture.texel_side.max(f32::MIN_POSITIVE);
         let most = settings
-            .resolution
+            .most_lines
             .min(gpu.device.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
         let texture = |label, format, usage| {
@@ -81,23 +83,25 @@ impl Peeling {
             let usage = wgpu::TextureUsages::TEXTURE_BINDING;
             texture("layer of a bundle", wgpu::TextureFormat::Rg32Uint, usage)
         };
+        let transfer = Kernel::with_options(
+            gpu,
+            &shader!("techniques.obscurances.transfer"),
+            "main",
+            Some(&scene.layout),
+            &KernelOptions {
+                constants: &[super::solution::colored(settings)],
+                ..Default::default()
+            },
+        )?;
+        let corners = transfer.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?;
         Ok(Self {
             peel: [
                 raster(shader!("techniques.obscurances.peel"))?,
                 raster(shader!("techniques.obscurances.peel_alpha"))?,
             ],
-            transfer: Kernel::with_options(
-                gpu,
-                &shader!("techniques.obscurances.transfer"),
-                "main",
-                Some(&scene.layout),
-                &KernelOptions {
-                    constants: &[super::colored(settings)],
-                    ..Default::default()
-                },
-            )?,
+            transfer,
             plan: Kernel::new(gpu, &shader!("techniques.obscurances.plan"), "main", None)?,
-            places,
+            corners,
             side,
             layers: [layer()?, layer()?],
             depth: texture(
@@ -210,8 +214,6 @@ impl Peeling {
                 ("farther", farther),
                 ("indices", scene.indices.as_entire_binding()),
                 ("merged", scene.vertices.as_entire_binding()),
-                ("instances", self.places.instances.as_entire_binding()),
-                ("triangles", self.places.triangles.as_entire_binding()),
                 ("texels", texels.as_entire_binding()),
             ];
             groups.push((
@@ -243,7 +245,7 @@ impl Peeling {
                 }
             });
             frame.compute("obscurances.transfer", |pass| {
-                let groups = [(0, &scene.bind_group), (1, transfer)];
+                let groups = [(0, &scene.bind_group), (1, transfer), (2, &self.corners)];
                 self.transfer
                     .dispatch_indirect(pass, &groups, &arguments, DISPATCH_AT);
                 self.plan.dispatch(pass, &[(1, &plan)], [1, 1, 1]);

@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
+use super::Settings;
 use super::gpu::SettingsUniform;
-use super::{AtlasCapture, Frame, Gpu, GpuError, GpuScene, Kernel, Places, Settings};
-use crate::capture::atlas::AtlasPiece;
-use crate::gpu::KernelOptions;
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::scene::GpuScene;
 use crate::shader;
 
 /// Rays of a step: some 40 ms of a small GPU.
@@ -15,7 +16,8 @@ const RAYS_OF_STEP: u32 = 1 << 22;
 #[derive(Debug)]
 pub(super) struct Rays {
     kernel: Kernel,
-    places: Places,
+    /// Bind group of the texels that are looked up.
+    corners: wgpu::BindGroup,
     /// Points that one step is for: a piece's number and some of its points.
     chunks: Vec<(usize, Range<u32>)>,
     /// Rays that a step traces from each.
@@ -29,7 +31,7 @@ impl Rays {
         scene: &GpuScene,
         capture: &AtlasCapture,
         settings: &Settings,
-        places: Places,
+        lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
         let transmits = scene.objects.iter().any(|object| object.is_transmissive);
         let [alpha] = scene.ray_constants();
@@ -40,7 +42,7 @@ impl Rays {
             "main",
             Some(&scene.layout),
             &KernelOptions {
-                constants: &[alpha, transmits, super::colored(settings)],
+                constants: &[alpha, transmits, super::solution::colored(settings)],
                 ..Default::default()
             },
         )?;
@@ -57,8 +59,8 @@ impl Rays {
             .collect();
         let most = chunks.iter().map(|(_, points)| points.len() as u32).max();
         Ok(Self {
+            corners: kernel.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?,
             kernel,
-            places,
             chunks,
             at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1)).clamp(1, settings.directions),
             directions: settings.directions,
@@ -86,7 +88,7 @@ impl Rays {
         let piece = &capture.pieces()[*piece];
         let first_sample = (number / chunks) as u32 * self.at_once;
         let settings = SettingsUniform {
-            first_texel: piece.rows.start * base.size,
+            first_texel: piece.rows.start * capture.size,
             first_point: points.start,
             end_point: points.end,
             first_sample,
@@ -98,13 +100,10 @@ impl Rays {
             ("settings", settings.as_entire_binding()),
             ("points", piece.points.points.as_entire_binding()),
             ("texels", texels.as_entire_binding()),
-            ("instances", self.places.instances.as_entire_binding()),
-            ("triangles", self.places.triangles.as_entire_binding()),
-            ("covered", piece.texels.as_entire_binding()),
         ];
         let group = self.kernel.bind(gpu, 1, &resources)?;
         frame.compute("obscurances.rays", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &group)];
+            let groups = [(0, &scene.bind_group), (1, &group), (2, &self.corners)];
             self.kernel
                 .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
         });

@@ -28,6 +28,19 @@ pub enum Falloff {
     Step,
 }
 
+/// The ambient light that obscurances let through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ambient {
+    /// None: obscurances are maps and no light.
+    #[default]
+    Off,
+    /// Equation 25 with W.
+    Plain,
+    /// Equation 25 with W in colours.
+    Colored,
+}
+
 /// Settings of obscurances.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
@@ -47,9 +60,17 @@ pub struct Settings {
     /// Lines of a bundle across a texel of mean size that faces it, along each axis (peeling).
     pub lines: f32,
     /// Most lines of a bundle along each axis (peeling).
-    pub resolution: u32,
+    pub most_lines: u32,
     /// Seed of all that is stochastic.
     pub seed: u32,
+    /// The indirect light that is added.
+    pub ambient: Ambient,
+    /// Side of the pages of the atlas that a renderer lays out (texels).
+    pub resolution: u32,
+    /// Its texels per metre (1/m), in as many pages as it takes; 0: as many as one page holds.
+    pub density: f32,
+    /// Steps that a renderer takes in a frame.
+    pub steps: u32,
 }
 
 impl Default for Settings {
@@ -62,8 +83,12 @@ impl Default for Settings {
             directions: 512,
             layers: 32,
             lines: 1.0,
-            resolution: 2048,
+            most_lines: 2048,
             seed: 0,
+            ambient: Ambient::Off,
+            resolution: 512,
+            density: 0.0,
+            steps: 1,
         }
     }
 }
@@ -106,7 +131,7 @@ pub const FIELDS: &[Field] = &[
         range: Some((0.1, 8.0)),
     },
     Field {
-        name: "resolution",
+        name: "most-lines",
         summary: "most lines of a bundle along each axis (peeling)",
         range: Some((16.0, 8192.0)),
     },
@@ -114,6 +139,26 @@ pub const FIELDS: &[Field] = &[
         name: "seed",
         summary: "seed of all that is stochastic",
         range: Some((0.0, 4_294_967_295.0)),
+    },
+    Field {
+        name: "ambient",
+        summary: "indirect light in closed scenes: off, plain, or colored",
+        range: None,
+    },
+    Field {
+        name: "resolution",
+        summary: "side of the atlas's pages [texels]",
+        range: Some((16.0, 8192.0)),
+    },
+    Field {
+        name: "density",
+        summary: "texels per metre, in as many pages as it takes; 0: as many as one page holds [1/m]",
+        range: Some((0.0, 1e6)),
+    },
+    Field {
+        name: "steps",
+        summary: "steps taken in a frame: 4 million rays, or a bundle, each",
+        range: Some((1.0, 4096.0)),
     },
 ];
 

@@ -1,5 +1,6 @@
 //! Obscurances against closed forms and a direct evaluation of their integral in double precision.
 
+mod ambient;
 mod sampling;
 mod scenes;
 
@@ -7,7 +8,7 @@ use glam::{DVec3, Vec3};
 use gpugi_scene::atlas::AtlasOptions;
 use gpugi_scene::{Atlas, Scene};
 
-use super::{Falloff, Mode, ObscurancePage, Obscurances, Settings};
+use super::{Falloff, Mode, ObscurancePage, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
@@ -28,7 +29,7 @@ struct Bench {
     scene: Scene,
     on_gpu: GpuScene,
     capture: AtlasCapture,
-    obscurances: Obscurances,
+    obscurances: Solution,
 }
 
 impl Bench {
@@ -45,7 +46,7 @@ impl Bench {
             Mode::Peeling => GpuScene::new(gpu, &scene)?,
         };
         let capture = AtlasCapture::new(gpu, &scene, &on_gpu, &atlas, capture)?;
-        let obscurances = Obscurances::new(gpu, &scene, &on_gpu, &atlas, &capture, settings)?;
+        let obscurances = Solution::new(gpu, &scene, &on_gpu, &atlas, &capture, settings)?;
         Ok(Self {
             scene,
             on_gpu,

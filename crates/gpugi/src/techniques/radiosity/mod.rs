@@ -178,7 +178,10 @@ impl Radiosity {
         let solution = Solution::new(gpu, scene, &self.kernels, &layout)?;
         let resources = [
             ("atlas", solution.lookup.words.as_entire_binding()),
-            ("irradiance", solution.irradiance.radiance.as_entire_binding()),
+            (
+                "irradiance",
+                solution.irradiance.radiance.as_entire_binding(),
+            ),
         ];
         Ok(Made {
             layout,
@@ -293,7 +296,8 @@ impl Technique for Radiosity {
             // Whoever shows the light need not follow every step.
             let counted = made.solution.iterates - burn_in;
             let was = counted - now.min(counted);
-            let is_step = counted.ilog2() > was.checked_ilog2().unwrap_or(0) || made.solution.iterates == all;
+            let is_step =
+                counted.ilog2() > was.checked_ilog2().unwrap_or(0) || made.solution.iterates == all;
             made.refinements += u64::from(is_step && !is_fresh);
         }
         self.made = Some(made);

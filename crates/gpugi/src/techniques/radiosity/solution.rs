@@ -133,7 +133,11 @@ impl Solution {
     }
 
     /// Brings the texels' points up to date.
-    pub(super) fn capture(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
+    pub(super) fn capture(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+    ) -> Result<(), GpuError> {
         self.texels.record(frame, scene)?;
         self.leaks.record(frame, scene, &self.texels);
         Ok(())
@@ -263,7 +267,8 @@ impl Piece {
 
 /// Lays out the atlas; refuses what would take too long or too much memory.
 fn laid_out(gpu: &Gpu, scene: &Scene, layout: &Layout) -> Result<Atlas, GpuError> {
-    let of_instance = |instance: &gpugi_scene::Instance| scene.meshes[instance.mesh].indices.len() / 3;
+    let of_instance =
+        |instance: &gpugi_scene::Instance| scene.meshes[instance.mesh].indices.len() / 3;
     let triangles: usize = scene.instances.iter().map(of_instance).sum();
     let refused = |what: &str, needed: u64, limit: u64| GpuError::TooLarge {
         what: what.to_owned(),
@@ -285,7 +290,11 @@ fn laid_out(gpu: &Gpu, scene: &Scene, layout: &Layout) -> Result<Atlas, GpuError
         .min(limits.max_storage_buffer_binding_size);
     let (most_texels, page) = (bytes / TEXEL_BYTES, u64::from(layout.resolution).pow(2));
     if page > most_texels {
-        return Err(refused("texels in a page of radiosity's atlas (lower the resolution)", page, most_texels));
+        return Err(refused(
+            "texels in a page of radiosity's atlas (lower the resolution)",
+            page,
+            most_texels,
+        ));
     }
     let options = AtlasOptions {
         size: layout.resolution,

@@ -9,7 +9,7 @@ use super::scenes::{
     FLOOR, check_bleeding, check_floor_and_wall, check_integral, check_sphere, corner, faces,
     floor_and_wall, hollow_sphere, matt, settings, to_edge,
 };
-use super::{Bench, Falloff, Found, Mode, Obscurances, Settings, found, rms};
+use super::{Bench, Falloff, Found, Mode, Settings, Solution, found, rms};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
 use crate::gpu::GpuError;
 use crate::scene::GpuScene;
@@ -82,21 +82,21 @@ fn rays_and_peeling_agree() {
         };
         found(&gpu, &scene, 64, &settings)
     });
-    // Texels at edges are computed at the edge by rays, over what lies in them by peeling.
+    // By rays, W is that of a point, by peeling the mean of a texel, which is less in corners: it bends.
     let faces = faces(&scene);
     let [rays, peeled] = [rays, peeled].map(|all| -> Vec<Found> {
         let inner = all
             .into_iter()
-            .filter(|one| to_edge(&faces, one.position) > 0.3);
+            .filter(|one| to_edge(&faces, one.position) > 0.1);
         inner.collect()
     });
-    assert!(rays.len() > 300, "{}", rays.len());
+    assert!(rays.len() > 400, "{}", rays.len());
     let (plain, colored) = difference(&rays, &peeled);
     println!("rays and peeling: {plain:.4}, colours {colored:.4}");
     let mean = |all: &[Found]| all.iter().map(|one| one.plain).sum::<f64>() / all.len() as f64;
     println!("means {:.4} {:.4}", mean(&rays), mean(&peeled));
-    assert!(plain < 0.015 && colored < 0.015, "{plain}, {colored}");
-    assert!((mean(&rays) - mean(&peeled)).abs() < 0.004);
+    assert!(plain < 0.02 && colored < 0.02, "{plain}, {colored}");
+    assert!((mean(&rays) - mean(&peeled)).abs() < 0.006);
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         let before = moving.found(&gpu, &before);
         moving.follow(&gpu, blocks(-1.5));
         moving.step(&gpu);
-        let region = moving.obscurances.state.region.unwrap();
+        let region = moving.obscurances.region().unwrap();
         assert!(region.max.x < -0.5 && region.min.x > -3.0, "{region:?}");
         let after = moving.finish(&gpu);
         assert!(
@@ -314,7 +314,7 @@ fn impossible_settings_and_scenes_are_refused_or_empty() {
     let rays = GpuScene::with_rays(&gpu, &scene).unwrap();
     let capture = AtlasCapture::new(&gpu, &scene, &rays, &atlas, &Default::default()).unwrap();
     let refused = |settings: &Settings| {
-        let made = Obscurances::new(&gpu, &scene, &rays, &atlas, &capture, settings);
+        let made = Solution::new(&gpu, &scene, &rays, &atlas, &capture, settings);
         match made {
             Err(GpuError::Pass { reason, .. }) => reason,
             other => panic!("{other:?}"),
@@ -356,7 +356,7 @@ fn impossible_settings_and_scenes_are_refused_or_empty() {
         scene
     };
     let settings = Settings::default();
-    let made = Obscurances::new(&gpu, &fewer, &rays, &atlas, &capture, &settings);
+    let made = Solution::new(&gpu, &fewer, &rays, &atlas, &capture, &settings);
     assert!(made.is_err());
 
     for mode in [Mode::Rays, Mode::Peeling] {

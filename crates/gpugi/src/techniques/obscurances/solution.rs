@@ -1,0 +1,459 @@
+//! The obscurances of the texels of an atlas, computed in steps.
+
+use bytemuck::Zeroable;
+use glam::Vec3;
+use gpugi_scene::{Atlas, Bounds, Scene};
+
+use super::gpu::{BoxRow, PageUniform, Renewal, SettingsUniform, TEXEL_BYTES};
+use super::peeling::Peeling;
+use super::rays::Rays;
+use super::{INFO, Mode, Settings};
+use crate::capture::Target;
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::Map;
+
+/// Below so much of the scene's size, positions are rounded.
+const ROUNDING: f32 = 1e-6;
+
+/// A page's obscurances, a value a texel, row by row from the top. Texels that no surface lies in continue their neighbours.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ObscurancePage {
+    /// W, 0 to 1: how much of the ambient light arrives.
+    pub obscurance: Vec<f32>,
+    /// W with the albedo of what obscures, or the scene's mean where nothing does; `None` when colours are not wanted.
+    pub colored: Option<Vec<Vec3>>,
+}
+
+/// Computes the obscurances of the texels of an atlas.
+#[derive(Debug)]
+pub struct Solution {
+    settings: Settings,
+    size: u32,
+    pages: u32,
+    /// Where triangles lie in the atlas.
+    pub lookup: AtlasLookup,
+    /// `Texel` of obscurance.wesl, page after page.
+    texels: wgpu::Buffer,
+    /// Sums over all surfaces: area times albedo, area.
+    mean: wgpu::Buffer,
+    prepare: Kernel,
+    average: Kernel,
+    sampler: Sampler,
+    pictures: Option<Pictures>,
+    /// Box of each instance's mesh in its own space.
+    mesh_bounds: Vec<Bounds>,
+    state: State,
+}
+
+/// Who takes samples.
+#[derive(Debug)]
+enum Sampler {
+    Rays(Rays),
+    Peeling(Peeling),
+}
+
+impl Sampler {
+    /// Steps until every texel has all its samples.
+    fn steps(&self) -> u64 {
+        match self {
+            Self::Rays(rays) => rays.steps(),
+            Self::Peeling(peeling) => peeling.steps(),
+        }
+    }
+}
+
+/// What was computed, and how far it has come.
+#[derive(Debug, Default)]
+struct State {
+    /// Versions of geometry and materials.
+    made: Option<[u64; 2]>,
+    /// World-space box of each instance then.
+    bounds: Vec<Bounds>,
+    /// Box around the texels that are computed, where not all are.
+    region: Option<Bounds>,
+    /// Steps taken.
+    steps: u64,
+}
+
+/// The images of a page, and the maps that are made of them.
+#[derive(Debug)]
+struct Pictures {
+    plain: Target,
+    colored: Target,
+    dilation: Dilation,
+    resolve: Kernel,
+    store: Kernel,
+    maps: Vec<wgpu::Texture>,
+}
+
+impl Solution {
+    /// Room for the obscurances of `capture`'s texels, whose lobes must be diffuse. `atlas` is one of `scene`, of which `on_gpu` is the upload, for rays
+    /// or captures as [`Settings::mode`] wants it.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when settings are out of range or the upload does not fit the mode; [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        on_gpu: &GpuScene,
+        atlas: &Atlas,
+        capture: &AtlasCapture,
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let refused = |reason: String| GpuError::Pass {
+            pass: INFO.name.into(),
+            reason,
+        };
+        settings
+            .check()
+            .map_err(|error| refused(error.to_string()))?;
+        atlas.check(scene).map_err(refused)?;
+        if [capture.size, capture.pages] != [atlas.size, atlas.pages] {
+            return Err(refused("the points are of another atlas".into()));
+        }
+        match settings.mode {
+            Mode::Rays if !on_gpu.has_rays() => {
+                return Err(refused("mode=rays needs a scene with rays".into()));
+            }
+            Mode::Peeling if !on_gpu.has_captures() => {
+                return Err(refused(
+                    "mode=peeling needs a scene that captures see".into(),
+                ));
+            }
+            _ => (),
+        }
+        let lookup = AtlasLookup::new(gpu, scene, atlas)?;
+        let count = u64::from(atlas.pages) * u64::from(atlas.size) * u64::from(atlas.size);
+        // One more, in which peeling counts.
+        let bytes = (count + 1) * TEXEL_BYTES;
+        let texels = gpu.buffer("obscurances [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
+        let sampler = match settings.mode {
+            Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, &lookup)?),
+            Mode::Peeling => {
+                Sampler::Peeling(Peeling::new(gpu, on_gpu, capture, settings, &lookup)?)
+            }
+        };
+        Ok(Self {
+            settings: settings.clone(),
+            size: atlas.size,
+            pages: atlas.pages,
+            lookup,
+            texels,
+            mean: gpu.buffer("mean albedo", 16, wgpu::BufferUsages::STORAGE)?,
+            prepare: kernel(shader!("techniques.obscurances.prepare"))?,
+            average: kernel(shader!("techniques.obscurances.mean"))?,
+            sampler,
+            pictures: None,
+            mesh_bounds: scene
+                .instances
+                .iter()
+                .map(|instance| scene.meshes[instance.mesh].bounds())
+                .collect(),
+            state: State::default(),
+        })
+    }
+
+    /// Sums that shaders look up: `Texel` of obscurance.wesl, and area times albedo of all surfaces.
+    pub(super) fn buffers(&self) -> [&wgpu::Buffer; 2] {
+        [&self.texels, &self.mean]
+    }
+
+    /// Share of the work done (0 to 1).
+    pub fn progress(&self) -> f32 {
+        let all = self.sampler.steps();
+        match self.state.made {
+            None => 0.0,
+            Some(_) if all == 0 => 1.0,
+            Some(_) => self.state.steps as f32 / all as f32,
+        }
+    }
+
+    /// Whether every texel has all its samples, of the scene as it was last recorded.
+    pub fn is_done(&self) -> bool {
+        self.state.made.is_some() && self.state.steps >= self.sampler.steps()
+    }
+
+    /// Takes a step: passes `obscurances.prepare`, when the scene has changed, and `obscurances.rays` or `obscurances.peel` and
+    /// `obscurances.transfer`. Before, `capture` has recorded the same scene and its vertices are merged.
+    ///
+    /// Where instances have moved since the last call and nothing else changed, only texels within reach of where they were or are begin anew.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+    ) -> Result<(), GpuError> {
+        let now = [scene.versions.geometry, scene.versions.materials];
+        if self.state.made != Some(now) {
+            self.begin(frame, scene, capture)?;
+        }
+        if self.is_done() {
+            return Ok(());
+        }
+        let (base, texels, number) = (self.uniform(), &self.texels, self.state.steps);
+        match &self.sampler {
+            Sampler::Rays(rays) => rays.step(frame, scene, capture, texels, number, base)?,
+            Sampler::Peeling(peeling) => {
+                peeling.step(frame, scene, texels, number, self.state.region, base)?;
+            }
+        }
+        self.state.steps += 1;
+        Ok(())
+    }
+
+    /// Box around the texels that are computed; none: all may be.
+    #[cfg(test)]
+    pub(super) fn region(&self) -> Option<Bounds> {
+        self.state.region
+    }
+
+    /// Settings as shaders read them, of no points yet.
+    fn uniform(&self) -> SettingsUniform {
+        SettingsUniform {
+            distance: self.settings.distance,
+            falloff: self.settings.falloff as u32,
+            seed: self.settings.seed,
+            ..Zeroable::zeroed()
+        }
+    }
+
+    /// Finds the texels that are computed anew, and clears their sums.
+    fn begin(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let placed = self.mesh_bounds.iter().zip(&scene.placements);
+        let bounds: Vec<Bounds> = placed
+            .map(|(bounds, place)| bounds.transformed(&place.world_from_mesh))
+            .collect();
+        let [geometry, materials] = [scene.versions.geometry, scene.versions.materials];
+        let changed = match self.state.made {
+            Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
+            _ => None,
+        };
+        let was_done = self.is_done();
+        let renewal = Renewal {
+            all: u32::from(changed.is_none()),
+            box_count: changed.as_ref().map_or(0, |boxes| boxes.len() as u32),
+            finished: u32::from(was_done),
+            padding: 0,
+        };
+        let mut boxes: Vec<BoxRow> = changed.iter().flatten().map(BoxRow::new).collect();
+        // A buffer holds one at least.
+        boxes.resize(boxes.len().max(1), BoxRow::new(&Bounds::EMPTY));
+        let renewal = gpu.uniform("what is computed anew", &renewal)?;
+        let boxes = gpu.storage("boxes around what changed [bytes]", &boxes)?;
+        frame.clear(&self.mean);
+        for piece in capture.pieces() {
+            let settings = SettingsUniform {
+                first_texel: piece.rows.start * self.size,
+                end_point: piece.points.count,
+                ..self.uniform()
+            };
+            let settings = gpu.uniform("obscurances", &settings)?;
+            let shared = [
+                ("settings", settings.as_entire_binding()),
+                ("points", piece.points.points.as_entire_binding()),
+            ];
+            let [one, two] = shared;
+            let resources = [
+                one.clone(),
+                two.clone(),
+                ("texels", self.texels.as_entire_binding()),
+                ("boxes", boxes.as_entire_binding()),
+                ("renewal", renewal.as_entire_binding()),
+            ];
+            let prepare = self.prepare.bind(gpu, 1, &resources)?;
+            let resources = [one, two, ("mean", self.mean.as_entire_binding())];
+            let average = self.average.bind(gpu, 1, &resources)?;
+            frame.compute("obscurances.prepare", |pass| {
+                let count = [piece.points.count, 1, 1];
+                let groups = [(0, &scene.bind_group), (1, &prepare)];
+                self.prepare.dispatch(pass, &groups, count);
+                let groups = [(0, &scene.bind_group), (1, &average)];
+                self.average.dispatch(pass, &groups, [1, 1, 1]);
+            });
+        }
+        // Texels that were not done yet may lie anywhere.
+        let changed = changed.filter(|_| was_done);
+        let is_same = changed.as_ref().is_some_and(Vec::is_empty);
+        self.state = State {
+            made: Some([geometry, materials]),
+            bounds,
+            region: changed.map(|boxes| boxes.into_iter().fold(Bounds::EMPTY, Bounds::union)),
+            steps: if is_same { self.sampler.steps() } else { 0 },
+        };
+        Ok(())
+    }
+
+    /// Boxes of what is within reach of instances that have moved since `version` of the geometry, before or now.
+    fn changed(&self, scene: &GpuScene, version: u64, bounds: &[Bounds]) -> Vec<Bounds> {
+        let reach = self.settings.distance + scene.diagonal() * ROUNDING;
+        let placed = scene
+            .placements
+            .iter()
+            .zip(self.state.bounds.iter().zip(bounds));
+        let moved = placed.filter(|(place, _)| place.moved > version);
+        let boxes = moved.flat_map(|(_, (before, now))| [*before, *now]);
+        let boxes = boxes.filter(|one| !one.is_empty()).map(|one| Bounds {
+            min: one.min - reach,
+            max: one.max + reach,
+        });
+        boxes.collect()
+    }
+
+    /// Images of one page, made when first asked for.
+    fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
+        if self.pictures.is_none() {
+            let count = self.size * self.size;
+            self.pictures = Some(Pictures {
+                plain: Target::new(gpu, count)?,
+                colored: Target::new(gpu, count)?,
+                dilation: Dilation::new(gpu, [self.size; 2])?,
+                resolve: Kernel::new(
+                    gpu,
+                    &shader!("techniques.obscurances.resolve"),
+                    "main",
+                    None,
+                )?,
+                store: Kernel::new(gpu, &shader!("techniques.obscurances.store"), "main", None)?,
+                maps: Vec::new(),
+            });
+        }
+        Ok(self.pictures.as_mut().expect("just made"))
+    }
+
+    /// The obscurances of all pages as they are now. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn pages(&mut self, gpu: &Gpu) -> Result<Vec<ObscurancePage>, GpuError> {
+        (0..self.pages).map(|page| self.page(gpu, page)).collect()
+    }
+
+    /// As [`Solution::pages`], of one page.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn page(&mut self, gpu: &Gpu, page: u32) -> Result<ObscurancePage, GpuError> {
+        let mut frame = Frame::new(gpu, false);
+        self.resolve(&mut frame, page)?;
+        frame.submit()?;
+        let is_colored = self.settings.colored;
+        let count = u64::from(self.size) * u64::from(self.size);
+        let pictures = self.pictures(gpu)?;
+        let read = |image: &Target| -> Result<Vec<[f32; 4]>, GpuError> {
+            read_buffer(gpu, &image.radiance, count * 16)
+        };
+        let plain = read(&pictures.plain)?;
+        let colored = is_colored.then(|| read(&pictures.colored)).transpose()?;
+        Ok(ObscurancePage {
+            obscurance: plain.into_iter().map(|[w, ..]| w).collect(),
+            colored: colored.map(|texels| {
+                let texels = texels.into_iter();
+                texels.map(|[r, g, b, _]| Vec3::new(r, g, b)).collect()
+            }),
+        })
+    }
+
+    /// Divides a page's sums by their samples, and fills what is empty: passes `obscurances.resolve` and `capture.atlas.dilate`.
+    fn resolve(&mut self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let count = self.size * self.size;
+        let (texels, mean) = (self.texels.clone(), self.mean.clone());
+        let pictures = self.pictures(gpu)?;
+        let uniform = gpu.uniform(
+            "page",
+            &PageUniform {
+                first: page * count,
+                count,
+                padding: [0; 2],
+            },
+        )?;
+        let resources = [
+            ("page", uniform.as_entire_binding()),
+            ("texels", texels.as_entire_binding()),
+            ("mean", mean.as_entire_binding()),
+            ("plain", pictures.plain.radiance.as_entire_binding()),
+            ("colored", pictures.colored.radiance.as_entire_binding()),
+        ];
+        let group = pictures.resolve.bind(gpu, 1, &resources)?;
+        frame.compute("obscurances.resolve", |pass| {
+            pictures
+                .resolve
+                .dispatch(pass, &[(1, &group)], [count, 1, 1]);
+        });
+        pictures.dilation.record(frame, &pictures.plain)?;
+        pictures.dilation.record(frame, &pictures.colored)
+    }
+
+    /// Brings the maps up to date with the samples taken so far, for whoever looks them up: passes `obscurances.resolve`, `capture.atlas.dilate`
+    /// and `obscurances.store`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record_maps(&mut self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let size = self.size;
+        for page in 0..self.pages {
+            self.resolve(frame, page)?;
+            let pictures = self.pictures(gpu)?;
+            if pictures.maps.len() == page as usize {
+                pictures.maps.push(gpu.texture(&wgpu::TextureDescriptor {
+                    label: Some("obscurances"),
+                    size: wgpu::Extent3d {
+                        width: size,
+                        height: size,
+                        depth_or_array_layers: 1,
+                    },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format: wgpu::TextureFormat::Rgba16Float,
+                    usage: wgpu::TextureUsages::STORAGE_BINDING
+                        | wgpu::TextureUsages::TEXTURE_BINDING
+                        | wgpu::TextureUsages::COPY_SRC,
+                    view_formats: &[],
+                })?);
+            }
+            let map = pictures.maps[page as usize].create_view(&Default::default());
+            let resources = [
+                ("plain", pictures.plain.radiance.as_entire_binding()),
+                ("colored", pictures.colored.radiance.as_entire_binding()),
+                ("map", wgpu::BindingResource::TextureView(&map)),
+            ];
+            let group = pictures.store.bind(gpu, 1, &resources)?;
+            frame.compute("obscurances.store", |pass| {
+                pictures
+                    .store
+                    .dispatch(pass, &[(1, &group)], [size, size, 1]);
+            });
+        }
+        Ok(())
+    }
+
+    /// The maps that [`Solution::record_maps`] made, one a page: rgb with colours, a without.
+    pub fn maps(&self) -> Vec<Map> {
+        let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
+        let named = maps.enumerate().map(|(page, texture)| Map {
+            name: format!("{}.{page}", INFO.name),
+            texture: texture.clone(),
+        });
+        named.collect()
+    }
+}
+
+/// Constant of pipelines that take samples.
+pub(super) fn colored(settings: &Settings) -> (&'static str, f64) {
+    ("COLORED", f64::from(u8::from(settings.colored)))
+}

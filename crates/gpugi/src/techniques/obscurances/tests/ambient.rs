@@ -1,0 +1,105 @@
+//! The ambient term.
+
+use glam::{Mat4, Vec3};
+use gpugi_scene::builtin::shapes;
+use gpugi_scene::{Camera, Light, LightKind, Scene};
+
+use super::scenes::{hollow_sphere, matt};
+use crate::gpu::Gpu;
+use crate::testing::test_gpu;
+use crate::{RenderError, Renderer};
+
+/// The picture from within a scene, after all steps.
+fn radiance(
+    gpu: &Gpu,
+    scene: &Scene,
+    techniques: &[&str],
+    settings: &[(&str, &str)],
+) -> Result<Vec<f32>, RenderError> {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, [16; 2], &names)?;
+    for (name, value) in settings {
+        renderer.set("obscurances", name, value)?;
+    }
+    let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
+    renderer.render_sample(&camera, 1, None, false)?;
+    renderer.radiance()
+}
+
+/// A ball seen from inside, with a lamp in its middle.
+fn lit_ball(albedo: Vec3) -> Scene {
+    let mut scene = matt([(hollow_sphere(1.0, 32), albedo)]);
+    let light = Light::new("lamp", LightKind::Point, Vec3::splat(2.0));
+    scene.lights.push(light.aimed(Vec3::ZERO, Vec3::X));
+    scene
+}
+
+const SETTINGS: [(&str, &str); 3] = [("resolution", "64"), ("directions", "16"), ("steps", "16")];
+
+#[test]
+fn in_an_even_room_ambient_light_is_the_sum_of_all_bounces() {
+    let Some(gpu) = test_gpu() else { return };
+    let albedo = Vec3::new(0.8, 0.5, 0.2);
+    let scene = lit_ball(albedo);
+    let direct = radiance(&gpu, &scene, &["shadow-map"], &[]).unwrap();
+    // Nothing is near, so that W = 1: L = a / pi R E / (1 - R), and L_direct = a E / pi.
+    for (ambient, mode) in [("plain", "rays"), ("colored", "rays"), ("plain", "peeling")] {
+        let settings = [("ambient", ambient), ("distance", "0.001"), ("mode", mode)];
+        let settings = [&settings[..], &SETTINGS].concat();
+        let all = radiance(&gpu, &scene, &["shadow-map", "obscurances"], &settings).unwrap();
+        for (index, (all, direct)) in all.iter().zip(&direct).enumerate() {
+            let albedo = albedo[index % 3];
+            let wanted = 1.0 / (1.0 - albedo);
+            assert!(
+                (all / direct / wanted - 1.0).abs() < 0.05,
+                "{ambient}: {all}, {direct} {wanted}"
+            );
+        }
+    }
+}
+
+#[test]
+fn ambient_light_is_obscured_and_off_unless_asked_for() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = lit_ball(Vec3::splat(0.5));
+    let both = ["shadow-map", "obscurances"];
+    let direct = radiance(&gpu, &scene, &["shadow-map"], &[]).unwrap();
+    assert_eq!(radiance(&gpu, &scene, &both, &SETTINGS).unwrap(), direct);
+    let of = |distance| {
+        let settings = [("ambient", "plain"), ("distance", distance)];
+        let all = radiance(&gpu, &scene, &both, &[&settings[..], &SETTINGS].concat()).unwrap();
+        let added = all.iter().zip(&direct).map(|(all, direct)| all - direct);
+        added.sum::<f32>()
+    };
+    // As many as inside a sphere.
+    let share = of("2.5") / of("0.001");
+    let known = 0.8 * (2.0_f32 / 2.5).sqrt();
+    assert!((share - known).abs() < 0.03, "{share}, not {known}");
+}
+
+#[test]
+fn indirect_light_is_added_once() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = lit_ball(Vec3::splat(0.5));
+    let all = ["shadow-map", "radiosity", "obscurances"];
+    let refused = radiance(&gpu, &scene, &all, &[("ambient", "colored")]);
+    assert!(refused.unwrap_err().to_string().contains("ambient=off"));
+    // As maps, obscurances go with everything.
+    let settings = [("resolution", "16"), ("directions", "1")];
+    assert!(radiance(&gpu, &scene, &all, &settings).is_ok());
+}
+
+#[test]
+fn scenes_without_surfaces_or_light_have_no_ambient_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let black = matt([(shapes::quad(Vec3::ZERO, Vec3::Z, Vec3::X, 1), Vec3::ZERO)]);
+    let mut white = lit_ball(Vec3::ONE);
+    white.lights.clear();
+    let mut behind = lit_ball(Vec3::ONE);
+    behind.instances[0].world_from_mesh = Mat4::from_scale(Vec3::ZERO);
+    for scene in [Scene::new("empty"), black, white, behind] {
+        let settings = [&[("ambient", "colored")][..], &SETTINGS].concat();
+        let all = radiance(&gpu, &scene, &["shadow-map", "obscurances"], &settings).unwrap();
+        assert!(all.iter().all(|&one| one == 0.0), "{all:?}");
+    }
+}
