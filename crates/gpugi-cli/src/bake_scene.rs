@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use glam::Vec3;
 use gpugi::Renderer;
-use gpugi::bake::{Bake, Quantity};
+use gpugi::bake::{self, Bake, Quantity};
+use gpugi::capture::atlas::LeakReport;
 use gpugi::display::Display;
 use gpugi::gpu::Gpu;
-use gpugi::techniques::{caustics, image_based_lighting, shadow_map};
+use gpugi::techniques::obscurances::{self, ObscurancePage};
+use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr};
 use gpugi_scene::{
@@ -17,16 +19,29 @@ use gpugi_scene::{
 
 use crate::bake::has_extension;
 use crate::progress::Progress;
-use crate::render::{apply_settings, display_settings, print_notes, usage};
+use crate::render::{apply_settings, display_settings, print_notes, split_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
-/// Techniques that light what is diffuse.
-const LIGHTS: [&str; 3] = [
+/// Techniques that light what is diffuse, straight from lights.
+const DIRECT: [&str; 3] = [
     shadow_map::INFO.name,
     image_based_lighting::INFO.name,
     caustics::INFO.name,
 ];
+/// By way of diffuse surfaces.
+const INDIRECT: &str = radiosity::INFO.name;
+/// What is no light, but how much of it arrives.
+const FACTOR: &str = obscurances::INFO.name;
+
+/// Parts of light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Part {
+    /// Straight from lights, and what mirrors and glass throw
+    Direct,
+    /// By way of diffuse surfaces: radiosity
+    Indirect,
+}
 
 /// In which form a file holds light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -54,6 +69,9 @@ pub struct SceneOptions {
     /// In which form the file holds light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
     bake_mode: Mode,
+    /// Parts of light, separated by commas; both when neither they nor techniques are named
+    #[arg(long, value_name = "PART,...", value_delimiter = ',')]
+    include: Vec<Part>,
     /// Samples a texel
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
@@ -92,13 +110,11 @@ pub fn run(
     }
     crate::output::check_folders([output])?;
     let display = display_settings(&options.exposure, options.tone_map.as_deref())?;
-    if let Some(name) = techniques
-        .iter()
-        .find(|name| !LIGHTS.contains(&name.as_str()))
-    {
+    let is_known = |name: &str| DIRECT.contains(&name) || name == INDIRECT || name == FACTOR;
+    if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
         return Err(Usage(format!(
-            "--technique {name}: baked into texels are {}",
-            LIGHTS.join(", ")
+            "--technique {name}: baked into texels are {}, {INDIRECT}, {FACTOR}",
+            DIRECT.join(", ")
         ))
         .into());
     }
@@ -115,65 +131,50 @@ pub fn run(
             }
         }
     }
-    let quantity = match options.bake_mode {
-        Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
-        Mode::Lightmap => Quantity::White,
-    };
-    let names = names(&gpu, &scene, techniques)?;
-    let mut bake = Bake::new(&gpu, &scene, &atlas, &names, quantity).map_err(usage)?;
-    apply_settings(bake.renderer(), settings)?;
-    bake.renderer().set_seed(options.seed);
-    let left_out = bake.renderer().left_out();
-    if !left_out.is_empty() {
-        notes.push(format!("not in this bake: {}", left_out.join("; ")));
+    let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
+        .iter()
+        .partition(|one| one.starts_with(&format!("{FACTOR}.")));
+    let mut pages = vec![BakedPage::default(); atlas.pages as usize];
+    if techniques.iter().any(|name| name == FACTOR) {
+        let found = factor(&gpu, &scene, &atlas, &of_factor, &mut progress)?;
+        for (page, found) in pages.iter_mut().zip(found) {
+            page.obscurance = Some(found.obscurance);
+            page.colored_obscurance = found.colored;
+        }
+    } else if let Some(setting) = of_factor.first() {
+        return Err(Usage(format!("--set {setting}: {FACTOR} is not in use")).into());
     }
-    notes.extend(alpha_is_lost(&scene, options.bake_mode));
-    light(&gpu, &mut bake, options, &mut progress)
-        .with_context(|| format!("{} is not written", output.display()))?;
-    let leaks = bake.leaks()?;
-    if leaks.moved + leaks.invalid > 0 {
-        notes.push(format!(
-            "{} texels lay inside something: {} were moved out, {} took their neighbours' light",
-            leaks.moved + leaks.invalid,
-            leaks.moved,
-            leaks.invalid
-        ));
-    }
-    let images = bake.finish()?;
-    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-    let exr = |page: usize| format!("{stem}-{page}.exr");
-    let mut pages = Vec::new();
-    for (number, image) in images.into_iter().enumerate() {
-        let light = match options.bake_mode {
-            Mode::Unlit => {
-                let floats: Vec<f32> = image.iter().flat_map(|texel| texel.to_array()).collect();
-                let pixels = Display::picture(&gpu, &floats, &display)?;
-                BakedLight::Unlit(bytemuck::cast_slice(&pixels).to_vec())
-            }
-            Mode::Emissive => BakedLight::Emissive(image),
-            Mode::Lightmap => {
-                let irradiance: Vec<Vec3> = image
-                    .into_iter()
-                    .map(|texel| texel * std::f32::consts::PI)
-                    .collect();
-                let path = output.with_file_name(exr(number));
-                save_exr(
-                    &path,
-                    atlas.size,
-                    atlas.size,
-                    bytemuck::cast_slice(&irradiance),
-                )
-                .context("cannot be written")?;
-                BakedLight::Lightmap {
-                    irradiance,
-                    exr: exr(number),
-                }
-            }
+    let lights = Lights::new(&gpu, &scene, techniques, &options.include)?;
+    if !lights.names.is_empty() {
+        let of_light: Vec<String> = of_light.into_iter().cloned().collect();
+        let quantity = match options.bake_mode {
+            Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
+            Mode::Lightmap => Quantity::White,
         };
-        pages.push(BakedPage {
-            light: Some(light),
-            ..BakedPage::default()
-        });
+        let mut bake = Bake::new(&gpu, &scene, &atlas, &lights.names, quantity).map_err(usage)?;
+        apply_settings(bake.renderer(), &of_light)?;
+        bake.renderer().set_seed(options.seed);
+        let left_out = bake.renderer().left_out();
+        if !left_out.is_empty() {
+            notes.push(format!("not in this bake: {}", left_out.join("; ")));
+        }
+        notes.extend(alpha_is_lost(&scene, options.bake_mode));
+        light(&gpu, &mut bake, &lights, options.samples, &mut progress)
+            .with_context(|| format!("{} is not written", output.display()))?;
+        notes.extend(moved(&bake.leaks()?));
+        let images = bake.finish()?;
+        for (number, (page, image)) in pages.iter_mut().zip(images).enumerate() {
+            page.light = Some(match options.bake_mode {
+                Mode::Unlit => {
+                    let floats: Vec<f32> =
+                        image.iter().flat_map(|texel| texel.to_array()).collect();
+                    let pixels = Display::picture(&gpu, &floats, &display)?;
+                    BakedLight::Unlit(bytemuck::cast_slice(&pixels).to_vec())
+                }
+                Mode::Emissive => BakedLight::Emissive(image),
+                Mode::Lightmap => lightmap(image, atlas.size, output, number)?,
+            });
+        }
     }
     let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
     notes.extend(warnings);
@@ -212,52 +213,124 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
     })
 }
 
+/// What became of texels that lie inside things.
+fn moved(leaks: &LeakReport) -> Option<String> {
+    let all = leaks.moved + leaks.invalid;
+    (all > 0).then(|| {
+        format!(
+            "{all} texels lay inside something: {} were moved out, {} took their neighbours' light",
+            leaks.moved, leaks.invalid
+        )
+    })
+}
+
+/// Irradiance from that over pi, also written beside the output.
+fn lightmap(image: Vec<Vec3>, size: u32, output: &Path, page: usize) -> anyhow::Result<BakedLight> {
+    let texels = image.into_iter().map(|texel| texel * std::f32::consts::PI);
+    let irradiance: Vec<Vec3> = texels.collect();
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    let exr = format!("{stem}-{page}.exr");
+    let floats = bytemuck::cast_slice(&irradiance);
+    save_exr(&output.with_file_name(&exr), size, size, floats).context("cannot be written")?;
+    Ok(BakedLight::Lightmap { irradiance, exr })
+}
+
+/// Obscurances.
+fn factor(
+    gpu: &Gpu,
+    scene: &Scene,
+    atlas: &Atlas,
+    options: &[&String],
+    progress: &mut Progress,
+) -> anyhow::Result<Vec<ObscurancePage>> {
+    let mut settings = obscurances::Settings::default();
+    for option in options {
+        for [technique, key, value] in split_settings(std::slice::from_ref(*option))? {
+            settings
+                .set(key, value)
+                .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
+        }
+    }
+    let found = bake::obscurances(gpu, scene, atlas, &settings, |done| {
+        progress.show(f64::from(done), FACTOR);
+        !is_interrupted(gpu)
+    })?;
+    found.context("interrupted: nothing is written")
+}
+
+/// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard.
+fn is_interrupted(gpu: &Gpu) -> bool {
+    let wait = gpugi::gpu::PollType::wait_indefinitely();
+    gpu.device.poll(wait).ok();
+    interrupt::asked()
+}
+
 /// Lights all texels.
 fn light(
     gpu: &Gpu,
     bake: &mut Bake,
-    options: &SceneOptions,
+    lights: &Lights,
+    samples: u32,
     progress: &mut Progress,
 ) -> anyhow::Result<()> {
-    // Waits, so that the bar tells the truth, the queue stays short and Ctrl-C is heard.
-    let is_interrupted = || {
-        let wait = gpugi::gpu::PollType::wait_indefinitely();
-        gpu.device.poll(wait).ok();
-        interrupt::asked()
-    };
     let mut before = -1.0;
     loop {
         let done = bake.refine()?;
         progress.show(f64::from(done), "maps");
-        anyhow::ensure!(!is_interrupted(), "interrupted");
+        anyhow::ensure!(!is_interrupted(gpu), "interrupted");
         if done >= 1.0 || done <= before {
             break;
         }
         before = done;
     }
-    for sample in 1..=options.samples {
-        bake.sample(|_| true)?;
+    for sample in 1..=samples {
+        bake.sample(|name| lights.adds(name))?;
         progress.show(
-            f64::from(sample) / f64::from(options.samples),
-            &format!("{sample} of {} samples", options.samples),
+            f64::from(sample) / f64::from(samples),
+            &format!("{sample} of {samples} samples"),
         );
-        anyhow::ensure!(!is_interrupted(), "interrupted");
+        anyhow::ensure!(!is_interrupted(gpu), "interrupted");
     }
     progress.finish();
     Ok(())
 }
 
-/// The techniques that are used: those named, or all that light what is diffuse in the scene.
-fn names(gpu: &Gpu, scene: &Scene, named: &[String]) -> anyhow::Result<Vec<String>> {
-    if !named.is_empty() {
-        return Ok(named.to_vec());
+/// The techniques that light texels.
+struct Lights {
+    names: Vec<String>,
+    /// Whether direct light is only there for what it becomes.
+    only_indirect: bool,
+}
+
+impl Lights {
+    /// Those named and those that `parts` need: all, when there are neither.
+    fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> anyhow::Result<Self> {
+        let mut names: Vec<String> = named.to_vec();
+        names.retain(|name| name != FACTOR);
+        let all = [Part::Direct, Part::Indirect];
+        let parts = if named.is_empty() && parts.is_empty() {
+            &all
+        } else {
+            parts
+        };
+        let only_indirect = names.is_empty() && parts == [Part::Indirect];
+        if !parts.is_empty() {
+            let best = Renderer::new(gpu, scene, [1, 1], &[]).map_err(usage)?;
+            let best = best.techniques().iter().map(|one| one.info().name);
+            names.extend(best.filter(|name| DIRECT.contains(name)).map(str::to_owned));
+        }
+        if parts.contains(&Part::Indirect) {
+            names.push(INDIRECT.to_owned());
+        }
+        Ok(Self {
+            names,
+            only_indirect,
+        })
     }
-    let best = Renderer::new(gpu, scene, [1, 1], &[]).map_err(usage)?;
-    let names = best.techniques().iter().map(|one| one.info().name);
-    Ok(names
-        .filter(|name| LIGHTS.contains(name))
-        .map(str::to_owned)
-        .collect())
+
+    fn adds(&self, name: &str) -> bool {
+        !(self.only_indirect && DIRECT.contains(&name))
+    }
 }
 
 /// What unlit and black materials lose.

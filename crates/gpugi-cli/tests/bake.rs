@@ -218,7 +218,8 @@ fn a_baked_scene_looks_as_it_is_lit() {
     let options = ["--atlas-size", "256", "--samples", "2"];
     let baked = file("emissive.glb");
     let bake = ["bake", "cornell", "--bake-mode", "emissive", "-o", &baked];
-    run(&[&bake[..], &options, &small].concat());
+    let direct = ["--include", "direct"];
+    run(&[&bake[..], &options, &small, &direct].concat());
     let picture = |scene: &str, technique: &str, name: &str| {
         let name = file(name);
         let of_scene = ["render", scene, "--technique", technique, "-o", &name];
@@ -235,22 +236,62 @@ fn a_baked_scene_looks_as_it_is_lit() {
     // Adds nothing where there is no environment: what is left is what shines.
     let shining = picture(&baked, "environment-map", "shining.exr");
     let compared = run(&["compare", &shining, &lit, "--metric", "rel-mse"]);
-    let error = compared
-        .split_whitespace()
-        .find_map(|word| word.parse::<f64>().ok())
-        .expect("a number");
-    println!("{compared}");
+    let number = |text: &str| {
+        let mut words = text.split_whitespace();
+        let found = words.find_map(|word| word.parse::<f64>().ok());
+        found.expect("a number")
+    };
+    let error = number(&compared);
+    println!("direct light: {compared}");
     assert!(error < 0.02, "{compared}");
 
+    // All light, also of the corners that only other walls light.
+    let options = ["--atlas-size", "128", "--samples", "2", "--set"];
+    let coarse = [
+        "radiosity.resolution=64",
+        "--set",
+        "radiosity.iterations=64",
+    ];
+    run(&[&bake[..], &options, &coarse].concat());
+    let shining = picture(&baked, "environment-map", "all.exr");
+    let truth = file("truth.exr");
+    let of_truth = [
+        "render",
+        "cornell",
+        "--technique",
+        "path-tracer",
+        "-o",
+        &truth,
+    ];
+    run(&[&of_truth[..], &["--size", "96x96", "--samples", "192"]].concat());
+    let compared = run(&["compare", &shining, &truth, "--metric", "rel-mse-4"]);
+    let error = number(&compared);
+    println!("all light: {compared}");
+    assert!(error < 0.02, "{compared}");
+
+    let few = ["--atlas-size", "64", "--samples", "1"];
     for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "lightmap")] {
         let baked = file(&format!("{mode}.glb"));
         let bake = ["bake", "cornell", "--bake-mode", mode, "-o", &baked];
-        run(&[&bake[..], &["--atlas-size", "64", "--samples", "1"], &small].concat());
+        run(&[&bake[..], &few, &small, &direct].concat());
         let bytes = std::fs::read(&baked).expect("a file");
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains(extension), "{mode}");
     }
     assert!(folder.join("lightmap-0.exr").is_file());
+
+    let occluded = file("occluded.glb");
+    let bake = [
+        "bake",
+        "cornell",
+        "--technique",
+        "obscurances",
+        "-o",
+        &occluded,
+    ];
+    run(&[&bake[..], &few, &["--set", "obscurances.directions=16"]].concat());
+    let bytes = std::fs::read(&occluded).expect("a file");
+    assert!(String::from_utf8_lossy(&bytes).contains("occlusionTexture"));
 }
 
 #[test]
@@ -273,6 +314,22 @@ fn bakes_that_cannot_be_are_refused() {
             "shadow-map",
         ),
         (vec!["nowhere", "-o", &output], "nowhere"),
+        (
+            vec!["cornell", "-o", &output, "--set", "obscurances.distance=2"],
+            "not in use",
+        ),
+        (
+            vec![
+                "cornell",
+                "-o",
+                &output,
+                "--technique",
+                "obscurances",
+                "--set",
+                "obscurances.distance=0",
+            ],
+            "distance",
+        ),
     ] {
         let done = gpugi(&[&["bake"][..], &arguments].concat());
         let errors = String::from_utf8_lossy(&done.stderr).into_owned();

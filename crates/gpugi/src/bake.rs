@@ -9,6 +9,7 @@ use crate::capture::{Target, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::renderer::{RenderError, Renderer};
 use crate::scene::GpuScene;
+use crate::techniques::obscurances::{self, ObscurancePage};
 
 pub use crate::capture::atlas::TexelLobes as Quantity;
 
@@ -137,5 +138,37 @@ impl Bake {
         let size = self.capture.size as usize;
         let pages = image.chunks(size * size);
         Ok(pages.map(<[Vec3]>::to_vec).collect())
+    }
+}
+
+/// Computes the obscurances of an atlas, page by page. `goes_on` is asked after each step, with the share of the work done, whether to go on.
+///
+/// # Errors
+/// [`RenderError::Gpu`]; `None` when `goes_on` said no.
+pub fn obscurances(
+    gpu: &Gpu,
+    scene: &Scene,
+    atlas: &Atlas,
+    settings: &obscurances::Settings,
+    mut goes_on: impl FnMut(f32) -> bool,
+) -> Result<Option<Vec<ObscurancePage>>, RenderError> {
+    let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
+    let options = AtlasCaptureOptions::default();
+    let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, &options)?;
+    let mut leaks = LeakTest::new(gpu, &on_gpu, &capture)?;
+    let mut solution = obscurances::Solution::new(gpu, scene, &on_gpu, atlas, &capture, settings)?;
+    loop {
+        let mut frame = Frame::new(gpu, false);
+        on_gpu.merge(&mut frame);
+        capture.record(&mut frame, &on_gpu)?;
+        leaks.record(&mut frame, &on_gpu, &capture);
+        solution.record(&mut frame, &on_gpu, &capture)?;
+        frame.submit()?;
+        if !goes_on(solution.progress()) {
+            return Ok(None);
+        }
+        if solution.is_done() {
+            return Ok(Some(solution.pages(gpu)?));
+        }
     }
 }

@@ -140,6 +140,7 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
                         naga::StorageFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
                         naga::StorageFormat::Rg32Float => wgpu::TextureFormat::Rg32Float,
                         naga::StorageFormat::R32Float => wgpu::TextureFormat::R32Float,
+                        naga::StorageFormat::R32Uint => wgpu::TextureFormat::R32Uint,
                         _ => return None,
                     };
                     return (access == naga::StorageAccess::STORE)

@@ -204,7 +204,7 @@ fn structs_of_obscurances_have_one_layout() {
         reflected(&shader!("techniques.obscurances.resolve"), "Page"),
         page
     );
-    let ambient = layout!(obscurances::AmbientUniform: colored first_texel padding);
+    let ambient = layout!(obscurances::AmbientUniform: colored first_texel is_own padding);
     assert_eq!(
         reflected(&shader!("techniques.obscurances.gather"), "Ambient"),
         ambient

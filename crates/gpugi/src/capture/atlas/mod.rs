@@ -150,6 +150,22 @@ impl AtlasCapture {
                     u64::from(count) * TEXEL_BYTES,
                     storage,
                 )?;
+                let hits = gpu.texture(&wgpu::TextureDescriptor {
+                    label: Some("hits of an atlas"),
+                    size: wgpu::Extent3d {
+                        width: atlas.size,
+                        height: rows.end - rows.start,
+                        depth_or_array_layers: 1,
+                    },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format: wgpu::TextureFormat::R32Uint,
+                    usage: wgpu::TextureUsages::TEXTURE_BINDING
+                        | wgpu::TextureUsages::STORAGE_BINDING,
+                    view_formats: &[],
+                })?;
+                let hits = hits.create_view(&Default::default());
                 let points = SurfacePoints {
                     points: gpu.buffer(
                         "surface points [bytes]",
@@ -162,7 +178,7 @@ impl AtlasCapture {
                         wgpu::BufferUsages::UNIFORM,
                     )?,
                     count,
-                    hits: None,
+                    hits: Some(hits.clone()),
                 };
                 let uniform = |phase| {
                     gpu.uniform(
@@ -194,6 +210,7 @@ impl AtlasCapture {
                     ("triangles", triangles.as_entire_binding()),
                     ("texels", texels.as_entire_binding()),
                     ("points", points.points.as_entire_binding()),
+                    ("hits", wgpu::BindingResource::TextureView(&hits)),
                 ];
                 Ok(AtlasPiece {
                     cover: [bind_cover(0)?, bind_cover(1)?],
@@ -312,6 +329,7 @@ fn rows_of_pieces(
         limit: u64::from(u32::MAX),
         adapter: gpu.adapter.name.clone(),
     })?;
+    let most_rows = most_rows.min(u64::from(limits.max_texture_dimension_2d));
     // Whole pages where they fit, so that no chart is cut.
     let size = u64::from(atlas.size);
     let rows = if most_rows >= size {

@@ -200,6 +200,10 @@ impl Technique for Obscurances {
         self.made.as_ref().map_or(0, |made| made.refinements)
     }
 
+    fn progress(&self) -> f32 {
+        self.solution().map_or(0.0, Solution::progress)
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }
@@ -271,14 +275,14 @@ impl Technique for Obscurances {
         }
         let mut own = made.capture.pieces().iter();
         let own = own.find(|piece| piece.points.points == points.points);
-        // Texels of other atlases have no hit records.
         if points.hits.is_none() && own.is_none() {
             return Ok(());
         }
         let uniform = AmbientUniform {
             colored: u32::from(self.settings.ambient == Ambient::Colored),
             first_texel: own.map_or(0, |piece| piece.rows.start * made.capture.size),
-            padding: [0; 2],
+            is_own: u32::from(own.is_some()),
+            padding: 0,
         };
         let (gpu, kernel) = (frame.gpu, &self.gather);
         let [seen, added] = self.bound.of(points, target, || {

@@ -91,5 +91,6 @@ pub struct Bundle {
 pub struct AmbientUniform {
     pub colored: u32,
     pub first_texel: u32,
-    pub padding: [u32; 2],
+    pub is_own: u32,
+    pub padding: u32,
 }

@@ -229,6 +229,11 @@ impl Technique for Radiosity {
         self.made.as_ref().map_or(0, |made| made.refinements)
     }
 
+    fn progress(&self) -> f32 {
+        let done = self.made.as_ref().map_or(0, |made| made.solution.iterates);
+        done as f32 / (self.settings.burn_in + self.settings.iterations) as f32
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }
@@ -315,13 +320,13 @@ impl Technique for Radiosity {
             return Ok(());
         };
         let own = made.solution.first_texel_of(points);
-        // Texels of other atlases have no hit records.
         if points.hits.is_none() && own.is_none() {
             return Ok(());
         }
         let (gpu, kernel) = (frame.gpu, &self.gather);
         let [seen, added] = self.bound.of(points, target, || {
-            let own = gpu.uniform("own texels", &[own.unwrap_or(0), 0, 0, 0])?;
+            let words = [own.unwrap_or(0), u32::from(own.is_some()), 0, 0];
+            let own = gpu.uniform("own texels", &words)?;
             let hits = points.hits.as_ref().unwrap_or(&self.no_hits);
             let resources = [
                 ("radiance", target.radiance.as_entire_binding()),
