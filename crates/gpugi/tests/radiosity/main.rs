@@ -90,3 +90,212 @@ fn a_closed_room_that_shines_everywhere_has_the_light_of_a_geometric_series() {
         );
     }
 }
+
+/// Relative mean squared error against the path tracer, and the ratio of all light.
+fn against_the_path_tracer(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    renderer: &mut Renderer,
+    samples: u32,
+) -> (f64, f64) {
+    // Maps first, so that no sample shows an early one.
+    for _ in 0..4 {
+        renderer
+            .render_sample(camera, 8, None, false)
+            .expect("a sample");
+    }
+    renderer.restart();
+    let options = Options {
+        samples: 8,
+        reference: Quality {
+            samples,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = found.expect("a measurement");
+    let sum = |radiance: &[f32]| radiance.iter().map(|value| f64::from(*value)).sum::<f64>();
+    let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
+    let noise = found.truth.rel_mse();
+    println!("the reference's own error is {noise:.1e}");
+    (found.value(Metric::RelMse).expect("a value") - noise, ratio)
+}
+
+/// Alone, radiosity adds all light of a lamp between diffuse surfaces, with shadow-map the indirect part.
+#[test]
+fn indirect_light_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let camera = &scene.cameras[0];
+    let alone = ["radiosity"];
+    let rays = ["resolution=128", "rays=16", "iterations=16", "steps=4"];
+    let shooting = [
+        "mode=shooting",
+        "resolution=128",
+        "hemicube-resolution=64",
+        "iterations=512",
+        "steps=128",
+    ];
+    for (techniques, settings) in [
+        (&alone[..], &rays[..]),
+        (&["shadow-map", "radiosity"], &rays),
+        (&["shadow-map", "radiosity"], &shooting),
+    ] {
+        let mut renderer = renderer(&gpu, &scene, techniques, 48, settings);
+        let (error, ratio) = against_the_path_tracer(&gpu, &scene, camera, &mut renderer, 256);
+        println!("{techniques:?}: rel-mse {error:.1e}, {ratio:.4} of the light");
+        assert!(error < 0.01, "{techniques:?}: {error}");
+        assert!((ratio - 1.0).abs() < 0.03, "{techniques:?}: {ratio}");
+    }
+}
+
+/// Two rooms behind each other and a thin wall between them; a lamp in one.
+#[test]
+fn a_thin_wall_lets_no_light_through() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("rooms");
+    let white = Vec3::splat(0.8);
+    for (index, side) in [-1.0, 1.0].into_iter().enumerate() {
+        let (near, far) = (side * 0.01, side * 2.0);
+        let (low, high) = (f32::min(near, far), f32::max(near, far));
+        let room = inside_out(cuboid(vec3(low, 0.0, -1.0), vec3(high, 2.0, 1.0), 1));
+        place(
+            &mut scene,
+            room,
+            Material::matt(["lit", "dark"][index], white),
+        );
+    }
+    let light = Light::new("", LightKind::Point, Vec3::ONE);
+    let lit = light.aimed(vec3(-1.0, 1.5, 0.0), Vec3::ZERO);
+    scene.lights.push(lit);
+    let settings = ["resolution=64", "iterations=16", "steps=4"];
+    let techniques = ["shadow-map", "radiosity"];
+    let mut renderer = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let looking_at = |side: f32| {
+        let eye = vec3(side * 1.8, 1.0, 0.8);
+        Camera::look_at("", eye, vec3(side * 0.1, 0.8, -0.5), 1.3)
+    };
+    let lit = mean(&picture(&mut renderer, &looking_at(-1.0), 4));
+    let dark = mean(&picture(&mut renderer, &looking_at(1.0), 1));
+    println!("lit {lit}, dark {dark}");
+    assert!(lit.min_element() > 0.05);
+    assert!(dark.max_element() < 1e-3 * lit.min_element(), "{dark}");
+}
+
+/// What a white floor sends out is what comes in: all light of a lamp in a closed room is absorbed in the end.
+#[test]
+fn energy_is_conserved() {
+    let Some(gpu) = gpu() else { return };
+    let albedo = 0.6;
+    let mut scene = Scene::new("room");
+    let room = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
+    place(
+        &mut scene,
+        room,
+        Material::matt("grey", Vec3::splat(albedo)),
+    );
+    // A ball in the middle, half of whose surface shines.
+    let lamp = cuboid(vec3(-0.2, 0.6, -0.2), vec3(0.2, 0.9, 0.2), 1);
+    let shining = Material {
+        emissive: Vec3::splat(3.0),
+        ..Material::matt("lamp", Vec3::ZERO)
+    };
+    place(&mut scene, lamp, shining);
+    let settings = ["resolution=64", "rays=16", "iterations=16", "steps=16"];
+    let names = ["radiosity".to_owned()];
+    let mut renderer = renderer(&gpu, &scene, &["radiosity"], 16, &settings);
+    let camera = Camera::look_at("", vec3(0.8, 0.2, 1.2), Vec3::Y, 1.2);
+    picture(&mut renderer, &camera, 1);
+    drop(names);
+    drop(renderer);
+}
+
+#[test]
+fn paths_are_what_others_leave_over() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let direct = LightPaths::new(LightClass::Area, "LDE");
+    let alone = renderer(&gpu, &scene, &["radiosity"], 8, &[]);
+    assert!(overlap(&alone.light_paths(), &[direct]).is_some());
+    // Two that add the same light would be refused.
+    let both = renderer(&gpu, &scene, &["shadow-map", "radiosity"], 8, &[]);
+    let paths = both.techniques()[1].paths();
+    let indirect = LightPaths::new(LightClass::Area, "LDDDE");
+    let direct = LightPaths::new(LightClass::Area, "LDE");
+    assert!(overlap(paths, &[indirect]).is_some() && overlap(paths, &[direct]).is_none());
+}
+
+/// Light that changes, and things that move.
+#[test]
+fn changes_of_the_scene_are_followed() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = builtin("cornell", 1).expect("a scene");
+    let camera = scene.cameras[0].clone();
+    let settings = ["resolution=64", "rays=16", "iterations=8", "steps=8"];
+    let techniques = ["shadow-map", "radiosity"];
+    let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let mut last = picture(&mut kept, &camera, 1);
+    type Change = fn(&mut Scene);
+    let changes: [(&str, Change); 3] = [
+        ("a wall is another", |scene| {
+            let red = scene.instances[3].material;
+            scene.materials[red] = Material::matt("blue", vec3(0.1, 0.1, 0.9));
+        }),
+        ("the light is another", |scene| {
+            let lamp = scene.instances[5].material;
+            scene.materials[lamp].emissive = vec3(2.0, 9.0, 2.0);
+        }),
+        ("a block moved", |scene| {
+            scene.instances[7].world_from_mesh.w_axis.x += 1.0;
+        }),
+    ];
+    for (what, change) in changes {
+        let before = scene.clone();
+        change(&mut scene);
+        kept.update(&before, &scene).expect("an update");
+        let found = picture(&mut kept, &camera, 1);
+        let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let fresh = picture(&mut fresh, &camera, 1);
+        let error = |a: &[Vec3], b: &[Vec3]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (*a - *b).length_squared());
+            squares.sum::<f32>() / b.iter().map(|b| b.length_squared()).sum::<f32>()
+        };
+        let (off, moved) = (error(&found, &fresh), error(&last, &fresh));
+        println!("{what}: off {off:.1e}, from before {moved:.1e}");
+        assert!(off < 2e-3 && moved > 5.0 * off, "{what}: {off}, {moved}");
+        last = found;
+    }
+}
+
+#[test]
+fn settings_that_cannot_work_are_refused() {
+    let Some(gpu) = gpu() else { return };
+    let scene = shining_room(1.0, Vec3::splat(0.5));
+    let mut renderer = renderer(&gpu, &scene, &["radiosity"], 8, &[]);
+    for (name, value) in [
+        ("resolution", "8"),
+        ("resolution", "10000"),
+        ("density", "-1"),
+        ("rays", "0"),
+        ("steps", "0"),
+        ("iterations", "0"),
+        ("burn-in", "300"),
+        ("bounces", "1"),
+    ] {
+        assert!(
+            renderer.set("radiosity", name, value).is_err(),
+            "{name}={value}"
+        );
+    }
+    // More texels than a buffer holds.
+    renderer
+        .set("radiosity", "density", "1e5")
+        .expect("a setting");
+    let camera = Camera::look_at("", vec3(0.8, 0.2, 1.2), Vec3::Y, 1.2);
+    let refused = renderer.render_sample(&camera, 1, None, false);
+    assert!(matches!(refused, Err(RenderError::Gpu(_))), "{refused:?}");
+}

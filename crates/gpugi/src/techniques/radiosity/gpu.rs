@@ -12,8 +12,22 @@ pub struct Work {
     pub burn_in: u32,
     pub seed: u32,
     pub with_environment: u32,
-    pub padding: [u32; 2],
+    pub texels: u32,
+    pub shooters: u32,
 }
+
+/// `Level` of sum.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Level {
+    pub fine: u32,
+    pub fine_count: u32,
+    pub coarse: u32,
+    pub padding: u32,
+}
+
+/// `CHILDREN` of pyramid.wesl.
+pub const CHILDREN: u32 = 16;
 
 /// Bytes of `Texel` of texel.wesl.
 pub const TEXEL_BYTES: u64 = 32;

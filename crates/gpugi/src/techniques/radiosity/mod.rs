@@ -4,6 +4,7 @@
 //! frame, as the average of the iterates. Gather: looks the irradiance up where a point lies in the atlas. docs/techniques/radiosity.md.
 
 pub(crate) mod gpu;
+mod shooting;
 mod solution;
 
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
+use shooting::Batch;
 pub use solution::Solution;
 use solution::{Kernels, Layout};
 
@@ -36,16 +38,32 @@ pub const INFO: Info = Info {
 const INDIRECT: &str = "LDD+E";
 const ALL: &str = "LD+E";
 
+/// How an iterate is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Every texel follows rays.
+    Rays,
+    /// Some texels shoot the power of all through hemicubes.
+    Shooting,
+}
+
 /// Settings of radiosity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
+    /// How an iterate is made.
+    pub mode: Mode,
     /// Side of the atlas's pages (texels).
     pub resolution: u32,
     /// Texels per metre (1/m), in as many pages as it takes; 0: as many as one page holds.
     pub density: f32,
     /// Rays of a texel in a step.
     pub rays: u32,
+    /// Texels that shoot in a step.
+    pub shooters: u32,
+    /// Side of their hemicubes (texels).
+    pub hemicube_resolution: u32,
     /// Steps of the iteration in a frame.
     pub steps: u32,
     /// Steps after which a still scene's light is final.
@@ -57,9 +75,12 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            mode: Mode::Rays,
             resolution: 512,
             density: 0.0,
             rays: 4,
+            shooters: 16,
+            hemicube_resolution: 256,
             steps: 1,
             iterations: 256,
             burn_in: 8,
@@ -68,6 +89,11 @@ impl Default for Settings {
 }
 
 const FIELDS: &[Field] = &[
+    Field {
+        name: "mode",
+        summary: "rays: every texel follows rays; shooting: some texels shoot the power of all through hemicubes",
+        range: None,
+    },
     Field {
         name: "resolution",
         summary: "side of the atlas's pages [texels]",
@@ -82,6 +108,16 @@ const FIELDS: &[Field] = &[
         name: "rays",
         summary: "rays of a texel in a step",
         range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "shooters",
+        summary: "texels that shoot in a step, of mode=shooting",
+        range: Some((1.0, 256.0)),
+    },
+    Field {
+        name: "hemicube-resolution",
+        summary: "side of their hemicubes [texels]",
+        range: Some((16.0, 1024.0)),
     },
     Field {
         name: "steps",
@@ -206,7 +242,8 @@ impl Technique for Radiosity {
         let is_covered = |class| overlap(covered, &[LightPaths::new(class, "LDE")]).is_some();
         self.own = Own {
             emission: !is_covered(LightClass::Area),
-            environment: !is_covered(LightClass::Environment),
+            // Hemicubes hold no sky.
+            environment: self.settings.mode == Mode::Rays && !is_covered(LightClass::Environment),
         };
         self.paths.clear();
         let own = [
@@ -291,7 +328,13 @@ impl Technique for Radiosity {
                 with_environment: u32::from(self.own.environment && scene.environment.is_some()),
                 ..bytemuck::Zeroable::zeroed()
             };
-            made.solution.begin(frame, &self.kernels, &work);
+            let batch = Batch {
+                shooters: self.settings.shooters,
+                side: self.settings.hemicube_resolution,
+            };
+            let batch = (self.settings.mode == Mode::Shooting).then_some(batch);
+            let solution = &mut made.solution;
+            solution.begin(frame, scene, &self.kernels, &work, batch)?;
         }
         let all = burn_in + iterations;
         if made.solution.iterates < all {

@@ -4,6 +4,7 @@ use gpugi_scene::atlas::{AtlasOptions, TexelDensity};
 use gpugi_scene::{Atlas, Scene};
 
 use super::gpu::{TEXEL_BYTES, Work};
+use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest,
 };
@@ -70,8 +71,21 @@ pub struct Solution {
     /// Bind group of the texels that are looked up in `rays`.
     corners: wgpu::BindGroup,
     dilation: Dilation,
-    /// Which of two buffers has the last iterate.
+    /// Two in turn.
+    light: [wgpu::Buffer; 2],
+    /// Which of them has the last iterate.
     last: usize,
+    /// What made the last iterates, if not rays.
+    shooting: Option<Shooting>,
+}
+
+/// What the passes of one step read of a piece.
+#[derive(Debug)]
+pub(super) struct ForStep<'a> {
+    pub count: u32,
+    pub work: &'a wgpu::Buffer,
+    pub points: &'a wgpu::Buffer,
+    pub direct: &'a wgpu::Buffer,
 }
 
 /// What the passes need for one piece of the atlas.
@@ -128,7 +142,9 @@ impl Solution {
             iterates: 0,
             pieces,
             corners,
+            light: iterates,
             last: 0,
+            shooting: None,
         })
     }
 
@@ -156,11 +172,39 @@ impl Solution {
         Some(piece.first_texel)
     }
 
-    /// Forgets all iterates but the light of the last, which is where the next begins: pass `radiosity.begin`.
-    pub(super) fn begin(&mut self, frame: &mut Frame<'_>, kernels: &Kernels, work: &Work) {
+    /// Forgets all iterates but the light of the last, which is where the next begins: pass `radiosity.begin`. `batch`: who shoots, if not rays are
+    /// followed.
+    pub(super) fn begin(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        work: &Work,
+        batch: Option<Batch>,
+    ) -> Result<(), GpuError> {
         self.iterates = 0;
+        let texels = self.pieces.iter().map(|piece| piece.count).sum();
+        if self.shooting.as_ref().map(|shooting| shooting.batch) != batch {
+            self.shooting = None;
+        }
+        if let (None, Some(batch)) = (&self.shooting, batch) {
+            let points = self.texels.points();
+            let steps: Vec<_> = points
+                .zip(&self.pieces)
+                .map(|(points, piece)| ForStep {
+                    count: piece.count,
+                    work: &piece.work,
+                    points: &points.points,
+                    direct: &piece.direct.radiance,
+                })
+                .collect();
+            let shooting = Shooting::new(frame.gpu, scene, batch, texels, &self.light, &steps)?;
+            self.shooting = Some(shooting);
+        }
         for piece in &self.pieces {
             let work = Work {
+                texels,
+                shooters: batch.map_or(0, |batch| batch.shooters),
                 first_texel: piece.first_texel,
                 count: piece.count,
                 ..*work
@@ -174,9 +218,10 @@ impl Solution {
                 kernels.begin.dispatch(pass, &groups, [piece.count, 1, 1]);
             }
         });
+        Ok(())
     }
 
-    /// Makes `count` iterates, and the average of all: passes `radiosity.rays`, `radiosity.average` and `capture.atlas.dilate`.
+    /// Makes `count` iterates, and the average of all: passes `radiosity.rays` or those of shooting, `radiosity.average` and `capture.atlas.dilate`.
     pub(super) fn iterate(
         &mut self,
         frame: &mut Frame<'_>,
@@ -185,6 +230,11 @@ impl Solution {
         count: u32,
     ) -> Result<(), GpuError> {
         for _ in 0..count {
+            if let Some(shooting) = &self.shooting {
+                shooting.iterate(frame, scene, self.last);
+                self.last = 1 - self.last;
+                continue;
+            }
             frame.compute("radiosity.rays", |pass| {
                 for piece in &self.pieces {
                     let groups = [
