@@ -17,6 +17,7 @@ use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHO
 use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::obscurances::gpu as obscurances;
+use crate::techniques::radiosity::gpu::{CHILDREN, Level, TEXEL_BYTES, Work};
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{constant, run_kernel, test_gpu};
 
@@ -180,6 +181,21 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "LitCube"), cube);
     let texel = reflected(&gather, "LitTexel");
     assert_eq!(u64::from(texel.0), LIT_TEXEL_BYTES);
+    let work = layout!(Work: first_texel count rays burn_in seed with_environment texels shooters);
+    for shader in [
+        shader!("techniques.radiosity.rays"),
+        shader!("techniques.radiosity.choose"),
+        shader!("techniques.radiosity.receive"),
+    ] {
+        assert_eq!(reflected(&shader, "Work"), work, "{}", shader.name);
+        let texel = reflected(&shader, "Texel");
+        assert_eq!(u64::from(texel.0), TEXEL_BYTES);
+    }
+    let sum = shader!("techniques.radiosity.sum");
+    let level = layout!(Level: fine fine_count coarse padding);
+    assert_eq!(reflected(&sum, "Level"), level);
+    let children = constant(&sum, "radiosity_pyramid", "CHILDREN");
+    assert_eq!(children, CHILDREN);
 }
 
 #[test]

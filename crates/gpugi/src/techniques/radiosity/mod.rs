@@ -6,6 +6,8 @@
 pub(crate) mod gpu;
 mod shooting;
 mod solution;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +35,9 @@ pub const INFO: Info = Info {
     suits: |_| false,
     keeps_texels: true,
 };
+
+/// Texels that one dispatch works at, so that none keeps a GPU busy for long.
+const MOST_TEXELS: u32 = 1 << 20;
 
 /// What it adds to the direct light of others, and what it adds alone.
 const INDIRECT: &str = "LDD+E";
@@ -106,8 +111,8 @@ const FIELDS: &[Field] = &[
     },
     Field {
         name: "rays",
-        summary: "rays of a texel in a step",
-        range: Some((1.0, 256.0)),
+        summary: "rays of a texel in a step, of mode=rays",
+        range: Some((1.0, 64.0)),
     },
     Field {
         name: "shooters",
@@ -154,6 +159,7 @@ pub struct Radiosity {
     paths: Vec<LightPaths>,
     own: Own,
     made: Option<Made>,
+    most_texels: u32,
     bound: PerTarget<[wgpu::BindGroup; 2]>,
 }
 
@@ -201,6 +207,7 @@ impl Radiosity {
             paths: INFO.paths.to_vec(),
             own: Own::default(),
             made: None,
+            most_texels: MOST_TEXELS,
             bound: PerTarget::default(),
         })
     }
@@ -246,18 +253,16 @@ impl Technique for Radiosity {
             environment: self.settings.mode == Mode::Rays && !is_covered(LightClass::Environment),
         };
         self.paths.clear();
-        let own = [
+        for (class, is_own) in [
+            (LightClass::Punctual, false),
             (LightClass::Area, self.own.emission),
             (LightClass::Environment, self.own.environment),
-        ];
-        for (class, is_own) in own {
-            let pattern = if is_own { ALL } else { INDIRECT };
-            self.paths.push(LightPaths::new(class, pattern));
-        }
-        // Nobody but others can light texels by points.
-        if is_covered(LightClass::Punctual) {
-            let indirect = LightPaths::new(LightClass::Punctual, INDIRECT);
-            self.paths.push(indirect);
+        ] {
+            if is_own {
+                self.paths.push(LightPaths::new(class, ALL));
+            } else if is_covered(class) {
+                self.paths.push(LightPaths::new(class, INDIRECT));
+            }
         }
         vec![Claims::NONE; scene.objects.len()]
     }
@@ -294,6 +299,7 @@ impl Technique for Radiosity {
             resolution: self.settings.resolution,
             density: self.settings.density,
             topology: scene.versions.topology,
+            most_texels: self.most_texels,
         };
         let mut made = match self.made.take().filter(|made| made.layout == layout) {
             Some(made) => made,

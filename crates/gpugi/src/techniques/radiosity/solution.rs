@@ -25,6 +25,8 @@ pub(super) struct Layout {
     pub density: f32,
     /// Version of the scene's triangles.
     pub topology: u64,
+    /// Most texels in one dispatch.
+    pub most_texels: u32,
 }
 
 /// The passes of the iteration.
@@ -116,7 +118,10 @@ impl Solution {
             reason: "the scene was uploaded without what an atlas is laid out of".into(),
         })?;
         let atlas = laid_out(gpu, host, layout)?;
-        let options = AtlasCaptureOptions::default();
+        let options = AtlasCaptureOptions {
+            most_texels: layout.most_texels,
+            ..AtlasCaptureOptions::default()
+        };
         let texels = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
         let lookup = AtlasLookup::new(gpu, host, &atlas)?;
         let size = [atlas.size, atlas.size * atlas.pages];

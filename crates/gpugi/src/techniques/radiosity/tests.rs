@@ -1,0 +1,206 @@
+//! Energy, of all texels together, and their irradiance against that of the path tracer's rays.
+
+use std::f32::consts::PI;
+
+use glam::{Mat4, Vec3, vec3};
+use gpugi_scene::builtin::shapes::cuboid;
+use gpugi_scene::{Camera, Material, Mesh, Scene};
+
+use super::Radiosity;
+use crate::capture::{CaptureKernels, Emission, View};
+use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
+use crate::impostor::Impostors;
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::{Lit, Technique};
+use crate::testing::test_gpu;
+
+const ALBEDO: f32 = 0.6;
+
+/// A mesh seen from within.
+fn inside_out(mut mesh: Mesh) -> Mesh {
+    for triangle in mesh.indices.as_chunks_mut::<3>().0 {
+        triangle.swap(1, 2);
+    }
+    for normal in &mut mesh.normals {
+        *normal = -*normal;
+    }
+    mesh
+}
+
+/// A closed room with a box in it that shines and reflects nothing.
+fn room() -> Scene {
+    let mut scene = Scene::new("room");
+    let mut add = |mesh: Mesh, material: Material| {
+        let (mesh, material) = (scene.add_mesh(mesh), scene.add_material(material));
+        scene.add_instance("", mesh, material, Mat4::IDENTITY);
+    };
+    let walls = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
+    add(walls, Material::matt("grey", Vec3::splat(ALBEDO)));
+    let lamp = cuboid(vec3(-0.2, 0.6, -0.3), vec3(0.3, 0.9, 0.2), 1);
+    add(lamp, Material::emitter("lamp", Vec3::splat(3.0)));
+    scene
+}
+
+/// A texel: instance, area (m^2) and irradiance of its first channel (W/m^2).
+type Texel = (u32, f32, f32);
+
+/// The texels of a scene's first frame, all pieces of at most `most_texels` one after the other.
+fn texels(
+    gpu: &Gpu,
+    scene: &Scene,
+    settings: &[(&str, &str)],
+    seed: u32,
+    most_texels: u32,
+) -> Vec<Texel> {
+    let on_gpu = &mut GpuScene::with_texels(gpu, scene).unwrap();
+    let mut radiosity = Radiosity::new(gpu, on_gpu).unwrap();
+    radiosity.most_texels = most_texels;
+    for (name, value) in settings {
+        radiosity.set(name, value).unwrap();
+    }
+    radiosity.claim(on_gpu, &[]);
+    let mut emission = Emission::new(gpu, on_gpu).unwrap();
+    let kernels = CaptureKernels::new(gpu, on_gpu).unwrap();
+    let mut impostors = Impostors::new(gpu, on_gpu, &kernels).unwrap();
+    let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
+    let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
+    let mut frame = Frame::new(gpu, false);
+    on_gpu.merge(&mut frame);
+    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    radiosity
+        .generate(&mut frame, on_gpu, &view, &mut lit)
+        .unwrap();
+    frame.submit().unwrap();
+    let solution = radiosity.solution().unwrap();
+    let shader = shader!("testing.points");
+    let kernel = Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout)).unwrap();
+    let mut all: Vec<[[u32; 4]; 4]> = Vec::new();
+    for points in solution.texels.points() {
+        let bytes = u64::from(points.count) * 64;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let output = gpu.buffer("output", bytes, storage).unwrap();
+        let resources = [
+            ("points", points.points.as_entire_binding()),
+            ("output", output.as_entire_binding()),
+        ];
+        let group = kernel.bind(gpu, 1, &resources).unwrap();
+        let mut frame = Frame::new(gpu, false);
+        frame.compute("points", |pass| {
+            let groups = [(0, &on_gpu.bind_group), (1, &group)];
+            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+        });
+        frame.submit().unwrap();
+        let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, bytes).unwrap();
+        all.extend(rows);
+    }
+    let irradiance = &solution.irradiance.radiance;
+    let irradiance: Vec<[f32; 4]> = read_buffer(gpu, irradiance, irradiance.size()).unwrap();
+    let texels = all.iter().zip(&irradiance);
+    texels
+        .filter(|(rows, _)| rows[0][3] != u32::MAX)
+        .map(|(rows, found)| (rows[0][3], f32::from_bits(rows[1][3]), found[0]))
+        .collect()
+}
+
+const RAYS: &[(&str, &str)] = &[
+    ("resolution", "48"),
+    ("rays", "16"),
+    ("burn-in", "24"),
+    ("iterations", "16"),
+    ("steps", "16"),
+];
+const SHOOTING: &[(&str, &str)] = &[
+    ("mode", "shooting"),
+    ("resolution", "48"),
+    ("hemicube-resolution", "64"),
+    ("burn-in", "24"),
+    ("iterations", "96"),
+    ("steps", "96"),
+];
+
+/// The part of a lamp's power that is absorbed in the end: sum (1 - rho) E A / (pi L_e A_lamp), which is 1 in a closed room.
+fn absorbed_part(gpu: &Gpu, settings: &[(&str, &str)]) -> f32 {
+    let texels = texels(gpu, &room(), settings, 0, u32::MAX);
+    let absorbed = |(instance, area, irradiance): &Texel| {
+        let part = if *instance == 0 { 1.0 - ALBEDO } else { 1.0 };
+        part * area * irradiance
+    };
+    let lamp = texels.iter().filter(|texel| texel.0 == 1);
+    let emitted = PI * 3.0 * lamp.map(|texel| texel.1).sum::<f32>();
+    texels.iter().map(absorbed).sum::<f32>() / emitted
+}
+
+#[test]
+fn all_power_is_absorbed_in_a_closed_room() {
+    let Some(gpu) = test_gpu() else { return };
+    let part = absorbed_part(&gpu, RAYS);
+    println!("rays: {part}");
+    assert!((part - 1.0).abs() < 0.01, "{part}");
+}
+
+/// The bound on the light of near texels takes less and less away as they shrink.
+#[test]
+fn shooting_conserves_power_as_texels_shrink() {
+    let Some(gpu) = test_gpu() else { return };
+    let lost = ["24", "48", "96"].map(|resolution| {
+        let mut settings = SHOOTING.to_vec();
+        settings.push(("resolution", resolution));
+        1.0 - absorbed_part(&gpu, &settings)
+    });
+    println!("lost: {lost:?}");
+    assert!(
+        lost[2] < 0.05 && lost[2] < 0.6 * lost[1] && lost[1] < 0.7 * lost[0],
+        "{lost:?}"
+    );
+}
+
+/// The mean over seeds is what many rays find, and its distance to that falls as the number of seeds grows; so for both modes.
+#[test]
+fn the_mean_over_seeds_converges() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = room();
+    let mut exact = RAYS.to_vec();
+    exact.extend([("rays", "64"), ("iterations", "64"), ("steps", "64")]);
+    let exact = texels(&gpu, &scene, &exact, 1000, u32::MAX);
+    let total: f32 = exact.iter().map(|texel| texel.1 * texel.2 * texel.2).sum();
+    // What mean light differs by, relative, with as few rays as leave much noise.
+    let few = [
+        ("rays", "1"),
+        ("iterations", "2"),
+        ("steps", "2"),
+        ("burn-in", "16"),
+    ];
+    let mut settings = RAYS.to_vec();
+    settings.extend(few);
+    let mut sums = vec![0.0; exact.len()];
+    let mut errors = Vec::new();
+    for seed in 0..16_u32 {
+        let found = texels(&gpu, &scene, &settings, seed, u32::MAX);
+        for (sum, texel) in sums.iter_mut().zip(&found) {
+            *sum += texel.2;
+        }
+        let off =
+            |(sum, texel): (&f32, &Texel)| texel.1 * (sum / (seed + 1) as f32 - texel.2).powi(2);
+        errors.push(sums.iter().zip(&exact).map(off).sum::<f32>() / total);
+    }
+    println!("{errors:?}");
+    // Variance falls as one over the number of seeds; a bias would stay.
+    assert!(errors[0] > 12.0 * errors[15], "{errors:?}");
+}
+
+/// Texels in several dispatches, and in several pages.
+#[test]
+fn pieces_make_no_difference_and_pages_hold_the_same_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = room();
+    for settings in [RAYS, SHOOTING] {
+        let [whole, pieces] = [u32::MAX, 500].map(|most| texels(&gpu, &scene, settings, 0, most));
+        assert!(whole.len() > 500 && whole == pieces);
+    }
+    // Many texels a metre in small pages.
+    let mut settings = RAYS.to_vec();
+    settings.extend([("resolution", "64"), ("density", "20")]);
+    let part = absorbed_part(&gpu, &settings);
+    assert!((part - 1.0).abs() < 0.01, "{part}");
+}
