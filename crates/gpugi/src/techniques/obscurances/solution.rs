@@ -52,7 +52,7 @@ pub struct Solution {
 #[derive(Debug)]
 enum Sampler {
     Rays(Rays),
-    Peeling(Peeling),
+    Peeling(Box<Peeling>),
 }
 
 impl Sampler {
@@ -134,7 +134,8 @@ impl Solution {
         let sampler = match settings.mode {
             Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, &lookup)?),
             Mode::Peeling => {
-                Sampler::Peeling(Peeling::new(gpu, on_gpu, capture, settings, &lookup)?)
+                let peeling = Peeling::new(gpu, on_gpu, capture, settings, &lookup)?;
+                Sampler::Peeling(Box::new(peeling))
             }
         };
         Ok(Self {

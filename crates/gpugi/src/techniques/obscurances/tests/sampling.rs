@@ -102,19 +102,12 @@ fn rays_and_peeling_agree() {
 #[test]
 fn surfaces_on_each_other_are_neither_lost_nor_met_twice() {
     let Some(gpu) = test_gpu() else { return };
-    // Below a plane, at a distance, several others that lie on each other.
-    let quad = |y: f32| shapes::quad(Vec3::Y * y, Vec3::Z * 2.0, Vec3::X * 2.0, 1);
+    // Below a plane that faces down, at a distance, several others that face up and lie on each other.
+    let quad = || shapes::quad(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0, 1);
     let sheets = |count: usize| {
-        let above = (
-            shapes::transformed(quad(0.0), &Mat4::from_rotation_x(3.14159)),
-            FLOOR,
-        );
-        let above = (
-            shapes::transformed(above.0, &Mat4::from_translation(Vec3::new(0.0, 0.5, 2.0))),
-            FLOOR,
-        );
-        let below = (0..count).map(|_| (quad(0.0), Vec3::new(0.9, 0.3, 0.1)));
-        matt([above].into_iter().chain(below))
+        let above = shapes::quad(Vec3::Y * 0.5, Vec3::X * 2.0, Vec3::Z * 2.0, 1);
+        let below = (0..count).map(|_| (quad(), Vec3::new(0.9, 0.3, 0.1)));
+        matt([(above, FLOOR)].into_iter().chain(below))
     };
     let of = |count| {
         let settings = Settings {
