@@ -284,6 +284,9 @@ fn render_techniques(
         }
     }
     progress.finish();
+    let warnings = renderer.warnings()?;
+    print_notes(common, &warnings);
+    notes.extend(warnings);
     output::write_aovs(
         gpu,
         &renderer,

@@ -279,6 +279,20 @@ impl Renderer {
         left_out(&self.light_paths(), &self.light_classes())
     }
 
+    /// What the techniques in use have to say of the picture, once a sample is rendered.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn warnings(&self) -> Result<Vec<String>, RenderError> {
+        let mut all = Vec::new();
+        for technique in &self.techniques {
+            let name = technique.info().name;
+            let warnings = technique.warnings(&self.gpu)?.into_iter();
+            all.extend(warnings.map(|warning| format!("{name}: {warning}")));
+        }
+        Ok(all)
+    }
+
     /// Samples accumulated so far.
     pub fn samples(&self) -> u32 {
         self.samples

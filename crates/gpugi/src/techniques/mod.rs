@@ -112,6 +112,14 @@ pub trait Technique: std::fmt::Debug {
 
     /// The maps that exist now.
     fn maps(&self) -> Vec<Map>;
+
+    /// What to know of the picture beyond its light paths, in words: what the scene, once generated, does to it. May wait for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn warnings(&self, _gpu: &Gpu) -> Result<Vec<String>, GpuError> {
+        Ok(Vec::new())
+    }
 }
 
 /// The light of the frame and of the techniques earlier in the registry, whose maps are up to date: for techniques that capture their lit

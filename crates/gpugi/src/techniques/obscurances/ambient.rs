@@ -8,7 +8,7 @@ use super::gpu::{AmbientUniform, SettingsUniform, TEXEL_BYTES};
 use super::{Ambient, FIELDS, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, LeakTest};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
@@ -34,11 +34,17 @@ const INDIRECT: &str = "LDD+E";
 /// Of more triangles than this, unwrapping takes longer than anybody expects.
 const MOST_TRIANGLES: usize = 500_000;
 
+/// Rays that tell how open a scene is, of each piece of the atlas.
+const OPENNESS_RAYS: u32 = 4096;
+/// Share of them that may get out (0 to 1).
+const MOST_ESCAPES: f32 = 0.02;
+
 /// Obscurances, and the ambient light that they let through.
 #[derive(Debug)]
 pub struct Obscurances {
     settings: Settings,
     light: Kernel,
+    openness: Kernel,
     gather: Kernel,
     /// Stands for the hit records of points that have none.
     no_hits: wgpu::TextureView,
@@ -62,6 +68,8 @@ struct Made {
     light: wgpu::Buffer,
     /// The direct light of each piece's texels.
     direct: Vec<Target>,
+    /// Rays from all surfaces, and those that met nothing.
+    escapes: wgpu::Buffer,
     lit: Option<(Versions, u64, u64)>,
     refinements: u64,
     /// Whether the maps show all samples.
@@ -88,6 +96,16 @@ impl Obscurances {
         Ok(Self {
             settings: Settings::default(),
             light: kernel(shader!("techniques.obscurances.light"))?,
+            openness: Kernel::with_options(
+                gpu,
+                &shader!("techniques.obscurances.openness"),
+                "main",
+                Some(&scene.layout),
+                &KernelOptions {
+                    constants: &scene.ray_constants(),
+                    ..Default::default()
+                },
+            )?,
             gather: kernel(shader!("techniques.obscurances.gather"))?,
             no_hits: no_hits.create_view(&Default::default()),
             paths: Vec::new(),
@@ -134,13 +152,14 @@ impl Obscurances {
             solution,
             capture,
             light,
+            escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
             lit: None,
             refinements: 0,
             is_shown: false,
         })
     }
 
-    /// Sums up the direct light that surfaces send on: pass `obscurances.light`.
+    /// Sums up the direct light that surfaces send on, and counts how many rays get out: passes `obscurances.light` and `obscurances.openness`.
     fn sum_light(
         &self,
         frame: &mut Frame<'_>,
@@ -150,16 +169,20 @@ impl Obscurances {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         frame.clear(&made.light);
+        frame.clear(&made.escapes);
         for (points, direct) in made.capture.points().zip(&made.direct) {
             lit.gather(frame, scene, points, direct, false)?;
             let uniform = SettingsUniform {
                 end_point: points.count,
+                end_sample: OPENNESS_RAYS,
                 ..Zeroable::zeroed()
             };
             let uniform = gpu.uniform("obscurances", &uniform)?;
+            let settings = ("settings", uniform.as_entire_binding());
+            let of_points = ("points", points.points.as_entire_binding());
             let resources = [
-                ("settings", uniform.as_entire_binding()),
-                ("points", points.points.as_entire_binding()),
+                settings.clone(),
+                of_points.clone(),
                 ("radiance", direct.radiance.as_entire_binding()),
                 ("light", made.light.as_entire_binding()),
             ];
@@ -167,6 +190,12 @@ impl Obscurances {
             frame.compute("obscurances.light", |pass| {
                 let groups = [(0, &scene.bind_group), (1, &group)];
                 self.light.dispatch(pass, &groups, [1, 1, 1]);
+            });
+            let counts = ("counts", made.escapes.as_entire_binding());
+            let group = self.openness.bind(gpu, 1, &[settings, of_points, counts])?;
+            frame.compute("obscurances.openness", |pass| {
+                let groups = [(0, &scene.bind_group), (1, &group)];
+                self.openness.dispatch(pass, &groups, [OPENNESS_RAYS, 1, 1]);
             });
         }
         Ok(())
@@ -309,6 +338,22 @@ impl Technique for Obscurances {
 
     fn maps(&self) -> Vec<Map> {
         self.solution().map_or(Vec::new(), Solution::maps)
+    }
+
+    fn warnings(&self, gpu: &Gpu) -> Result<Vec<String>, GpuError> {
+        let lit = self.made.iter().filter(|made| made.lit.is_some());
+        let mut warnings = Vec::new();
+        for made in lit {
+            let [all, out] = read_buffer::<[u32; 2]>(gpu, &made.escapes, 8)?[0];
+            let share = out as f32 / all.max(1) as f32;
+            if share > MOST_ESCAPES {
+                warnings.push(format!(
+                    "{:.0} % of the light that surfaces send on leaves the scene: ambient light, which is that of closed scenes, is too bright",
+                    share * 100.0
+                ));
+            }
+        }
+        Ok(warnings)
     }
 }
 

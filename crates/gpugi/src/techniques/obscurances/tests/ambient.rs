@@ -21,9 +21,35 @@ fn radiance(
     for (name, value) in settings {
         renderer.set("obscurances", name, value)?;
     }
+    rendered(&mut renderer)
+}
+
+fn rendered(renderer: &mut Renderer) -> Result<Vec<f32>, RenderError> {
     let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
     renderer.render_sample(&camera, 1, None, false)?;
     renderer.radiance()
+}
+
+#[test]
+fn who_asks_for_ambient_light_in_the_open_is_warned() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut open = matt([(shapes::sphere(1.0, 16), Vec3::splat(0.5))]);
+    open.lights = lit_ball(Vec3::ONE).lights;
+    let names = ["shadow-map", "obscurances"].map(str::to_owned);
+    for (scene, is_open) in [(lit_ball(Vec3::splat(0.5)), false), (open, true)] {
+        let mut renderer = Renderer::new(&gpu, &scene, [8; 2], &names).unwrap();
+        renderer.set("obscurances", "resolution", "32").unwrap();
+        rendered(&mut renderer).unwrap();
+        assert!(renderer.warnings().unwrap().is_empty());
+        renderer.set("obscurances", "ambient", "plain").unwrap();
+        rendered(&mut renderer).unwrap();
+        let warnings = renderer.warnings().unwrap();
+        assert_eq!(warnings.len(), usize::from(is_open), "{warnings:?}");
+        assert!(
+            warnings.iter().all(|one| one.contains("100 %")),
+            "{warnings:?}"
+        );
+    }
 }
 
 /// A ball seen from inside, with a lamp in its middle.
