@@ -64,8 +64,6 @@ struct Made {
     capture: AtlasCapture,
     leaks: LeakTest,
     of_gather: wgpu::BindGroup,
-    /// Sum over all surfaces of area times the direct light that they send on.
-    light: wgpu::Buffer,
     /// The direct light of each piece's texels.
     direct: Vec<Target>,
     /// Rays from all surfaces, and those that met nothing.
@@ -131,13 +129,11 @@ impl Obscurances {
         let atlas = laid_out(gpu, host, &settings)?;
         let capture = AtlasCapture::new(gpu, host, scene, &atlas, &Default::default())?;
         let solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
-        let light = gpu.buffer("direct light", 16, wgpu::BufferUsages::STORAGE)?;
         let [texels, mean] = solution.buffers();
         let resources = [
             ("atlas", solution.lookup.words.as_entire_binding()),
             ("texels", texels.as_entire_binding()),
             ("mean", mean.as_entire_binding()),
-            ("light", light.as_entire_binding()),
         ];
         let is_lit = settings.ambient != Ambient::Off;
         let direct = capture.points().filter(|_| is_lit);
@@ -151,7 +147,6 @@ impl Obscurances {
                 .collect::<Result<_, _>>()?,
             solution,
             capture,
-            light,
             escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
             lit: None,
             refinements: 0,
@@ -168,11 +163,13 @@ impl Obscurances {
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        frame.clear(&made.light);
+        let [_, mean] = made.solution.buffers();
         frame.clear(&made.escapes);
-        for (points, direct) in made.capture.points().zip(&made.direct) {
+        for (piece, direct) in made.capture.pieces().iter().zip(&made.direct) {
+            let points = &piece.points;
             lit.gather(frame, scene, points, direct, false)?;
             let uniform = SettingsUniform {
+                first_texel: piece.rows.start * made.capture.size,
                 end_point: points.count,
                 end_sample: OPENNESS_RAYS,
                 ..Zeroable::zeroed()
@@ -184,7 +181,7 @@ impl Obscurances {
                 settings.clone(),
                 of_points.clone(),
                 ("radiance", direct.radiance.as_entire_binding()),
-                ("light", made.light.as_entire_binding()),
+                ("mean", mean.as_entire_binding()),
             ];
             let group = self.light.bind(gpu, 1, &resources)?;
             frame.compute("obscurances.light", |pass| {

@@ -37,7 +37,7 @@ pub struct Solution {
     pub lookup: AtlasLookup,
     /// `Texel` of obscurance.wesl, page after page.
     texels: wgpu::Buffer,
-    /// Sums over all surfaces: area times albedo, area.
+    /// Sums over all surfaces: area times albedo, area; area times the direct light that they send on.
     mean: wgpu::Buffer,
     prepare: Kernel,
     average: Kernel,
@@ -144,7 +144,7 @@ impl Solution {
             pages: atlas.pages,
             lookup,
             texels,
-            mean: gpu.buffer("mean albedo", 16, wgpu::BufferUsages::STORAGE)?,
+            mean: gpu.buffer("mean albedo and light", 32, wgpu::BufferUsages::STORAGE)?,
             prepare: kernel(shader!("techniques.obscurances.prepare"))?,
             average: kernel(shader!("techniques.obscurances.mean"))?,
             sampler,
@@ -158,7 +158,7 @@ impl Solution {
         })
     }
 
-    /// Sums that shaders look up: `Texel` of obscurance.wesl, and area times albedo of all surfaces.
+    /// Sums that shaders look up: `Texel` of obscurance.wesl, and those over all surfaces.
     pub(super) fn buffers(&self) -> [&wgpu::Buffer; 2] {
         [&self.texels, &self.mean]
     }
