@@ -129,3 +129,39 @@ fn scenes_without_surfaces_or_light_have_no_ambient_light() {
         assert!(all.iter().all(|&one| one == 0.0), "{all:?}");
     }
 }
+
+#[test]
+fn ambient_light_follows_what_moves() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = |x: f32| {
+        let block = shapes::cuboid(Vec3::splat(-0.1), Vec3::splat(0.1), 1);
+        let mut scene = lit_ball(Vec3::splat(0.5));
+        let mesh = scene.add_mesh(block);
+        let at = Mat4::from_translation(Vec3::new(0.7, x, 0.0));
+        scene.add_instance("block", mesh, 0, at);
+        scene
+    };
+    let names = ["shadow-map", "obscurances"].map(str::to_owned);
+    for mode in ["rays", "peeling"] {
+        let renderer = |scene: &Scene| {
+            let mut renderer = Renderer::new(&gpu, scene, [16; 2], &names).unwrap();
+            let settings = [("ambient", "plain"), ("distance", "0.3"), ("mode", mode)];
+            for (name, value) in [&settings[..], &SETTINGS].concat() {
+                renderer.set("obscurances", name, value).unwrap();
+            }
+            renderer
+        };
+        let (before, after) = (scene(-0.2), scene(0.2));
+        let mut moving = renderer(&before);
+        let first = rendered(&mut moving).unwrap();
+        moving.update(&before, &after).unwrap();
+        let moved = rendered(&mut moving).unwrap();
+        let fresh = rendered(&mut renderer(&after)).unwrap();
+        let difference = |a: &[f32], b: &[f32]| {
+            let pairs = a.iter().zip(b);
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(difference(&moved, &fresh) < 1e-5, "{mode}");
+        assert!(difference(&moved, &first) > 1e-2, "{mode}");
+    }
+}

@@ -28,7 +28,7 @@ fn peeling(distance: f32, falloff: Falloff) -> Settings {
 fn peeling_finds_a_floor_before_a_wall_too() {
     let Some(gpu) = test_gpu() else { return };
     for falloff in [Falloff::Sqrt, Falloff::Step] {
-        let all = found(&gpu, &floor_and_wall(), 64, &peeling(1.0, falloff));
+        let all = found(&gpu, &floor_and_wall(), 48, &peeling(1.0, falloff));
         check_floor_and_wall(&all, falloff, 0.01);
         if falloff == Falloff::Sqrt {
             check_bleeding(&all);
@@ -40,7 +40,7 @@ fn peeling_finds_a_floor_before_a_wall_too() {
 fn peeling_looks_around_inside_a_sphere() {
     let Some(gpu) = test_gpu() else { return };
     let albedo = Vec3::new(0.9, 0.5, 0.25);
-    let scene = matt([(hollow_sphere(1.0, 64), albedo)]);
+    let scene = matt([(hollow_sphere(1.0, 32), albedo)]);
     let all = found(&gpu, &scene, 64, &peeling(2.5, Falloff::Sqrt));
     check_sphere(&all, albedo.as_dvec3(), 0.015);
 }
@@ -246,7 +246,11 @@ fn light_passes_glass_and_leaves_gaps_open() {
         change(&mut material);
         let material = scene.add_material(material);
         scene.add_instance("sheet", mesh, material, Mat4::IDENTITY);
-        let all = found(&gpu, &scene, 32, &settings(mode, 10.0, Falloff::Step));
+        let settings = Settings {
+            directions: 128,
+            ..settings(mode, 10.0, Falloff::Step)
+        };
+        let all = found(&gpu, &scene, 32, &settings);
         let floor: Vec<_> = all.iter().filter(|one| one.instance == 0).collect();
         floor.iter().map(|one| one.plain).sum::<f64>() / floor.len() as f64
     };
