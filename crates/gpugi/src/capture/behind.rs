@@ -11,6 +11,9 @@ use crate::shader;
 pub struct Behind {
     /// Where nothing is behind the first point, the first again: what surrounds a thing goes on behind it.
     points: wgpu::Buffer,
+    /// Their hit records.
+    hits: wgpu::Texture,
+    hits_view: wgpu::TextureView,
     kernels: HitKernels,
     depth: wgpu::TextureView,
     /// Bind group 1 of each face, opaque and alpha.
@@ -53,10 +56,24 @@ impl Behind {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
             view_formats: &[],
         })?;
+        let hits = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("hit records behind"),
+            size: capture.hits.size(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: capture.hits.format(),
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        })?;
         let size = u64::from(capture.points.count) * SURFACE_POINT_BYTES;
         let points = "surface points behind [bytes]";
         Ok(Self {
             points: gpu.buffer(points, size, wgpu::BufferUsages::STORAGE)?,
+            hits_view: hits.create_view(&Default::default()),
+            hits,
             kernels,
             depth: depth.create_view(&Default::default()),
             groups,
@@ -67,11 +84,12 @@ impl Behind {
     pub fn points(&self, seen: &SurfacePoints) -> SurfacePoints {
         SurfacePoints {
             points: self.points.clone(),
+            hits: Some(self.hits_view.clone()),
             ..seen.clone()
         }
     }
 
-    /// Captures it, after `capture` has recorded the same faces of `view`, whose hit records become those behind: passes `capture.hits-behind`
+    /// Captures it, after `capture` has recorded the same faces of `view`: passes `capture.hits-behind`
     /// and `capture.resolve`. `class_of`: how each draw is drawn.
     ///
     /// # Errors
@@ -80,13 +98,21 @@ impl Behind {
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        capture: &mut Capture,
+        capture: &Capture,
         view: &CubeView,
         faces: &Faces,
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) -> Result<(), GpuError> {
-        let hits = capture.hits_of(frame.gpu, scene)?;
-        let drawn = [&capture.hits_view];
+        let resources = [
+            ("hits", wgpu::BindingResource::TextureView(&self.hits_view)),
+            ("merged", scene.vertices.as_entire_binding()),
+        ];
+        let resolve = &capture.kernels.resolve;
+        let hits = resolve.bind(frame.gpu, 3, &resources)?;
+        let [_, height] = faces.size;
+        let rows = faces.range.start * height..faces.range.end * height;
+        frame.copy_rows(&capture.hits, &self.hits, rows);
+        let drawn = [&self.hits_view];
         let name = "capture.hits-behind";
         frame.render_onto(name, Keeps::Colors, &drawn, &self.depth, |pass| {
             let matrices = &view.clip_from_world;
@@ -95,7 +121,7 @@ impl Behind {
                 .draw(pass, scene, faces, matrices, groups, class_of);
         });
         let points = self.points(&faces.points);
-        let seen = points.bind(frame.gpu, &capture.kernels.resolve)?;
+        let seen = points.bind(frame.gpu, resolve)?;
         capture.resolve(frame, scene, faces, &seen, &hits);
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! One frame's commands: named passes, timed where the adapter can.
 
+use std::ops::Range;
+
 use super::{Gpu, GpuError, read_buffer};
 
 /// Time that one pass took on the GPU.
@@ -184,6 +186,25 @@ impl<'a> Frame<'a> {
             texture.as_image_copy(),
             texture.size(),
         );
+    }
+
+    /// Copies some rows of a texture to another one of the same size and format.
+    pub fn copy_rows(&mut self, from: &wgpu::Texture, to: &wgpu::Texture, rows: Range<u32>) {
+        let at = |texture| wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d {
+                y: rows.start,
+                ..Default::default()
+            },
+            aspect: wgpu::TextureAspect::All,
+        };
+        let extent = wgpu::Extent3d {
+            height: rows.end - rows.start,
+            ..from.size()
+        };
+        self.encoder
+            .copy_texture_to_texture(at(from), at(to), extent);
     }
 
     /// Hands what is recorded so far to the GPU, so that it can be read back, and goes on.

@@ -459,8 +459,7 @@ impl Kept {
             .record_faces(frame, scene, &view, faces, class_of)?;
         if let Some(behind) = &self.maps.behind {
             let reference = self.maps.reference;
-            let capture = &mut self.capture;
-            behind.record(frame, scene, capture, &view, faces, |draw| {
+            behind.record(frame, scene, &self.capture, &view, faces, |draw| {
                 (draw.instance != own).then_some(seen_behind(draw, reference))
             })?;
         }

@@ -60,7 +60,7 @@ impl GpuScene {
     pub(super) fn move_instances(&mut self, gpu: &Gpu, before: &Scene, after: &Scene) -> bool {
         let pairs = || before.instances.iter().zip(&after.instances);
         // A mirroring transform turns the winding of triangles.
-        let is_only_moved = self.use_of == Use::Captures
+        let is_only_moved = self.use_of != Use::Rays
             && before.instances.len() == after.instances.len()
             && pairs().all(|(old, new)| {
                 old.name == new.name
@@ -68,6 +68,21 @@ impl GpuScene {
             });
         if !is_only_moved {
             return false;
+        }
+        if let Some(rays) = self.rays.take() {
+            let bound = rays.buffer.clone();
+            // Of a larger hierarchy, nothing is kept.
+            self.rays = rays.moved(gpu, after).ok();
+            let moved = self.rays.as_ref().filter(|rays| rays.buffer == bound);
+            let Some(start) = moved.map(|rays| rays.start) else {
+                return false;
+            };
+            let at = offset_of!(gpu::SceneHeader, bvh_start) as u64;
+            gpu.queue
+                .write_buffer(&self.header, at, bytemuck::bytes_of(&start));
+        }
+        if let Some(host) = &mut self.host {
+            host.instances.clone_from(&after.instances);
         }
         for (index, (old, new)) in pairs().enumerate() {
             if old.world_from_mesh == new.world_from_mesh {

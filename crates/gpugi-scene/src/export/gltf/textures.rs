@@ -135,7 +135,8 @@ impl Writer<'_> {
         self.png("unlit radiance", &opaque, ExtendedColorType::Rgb8)
     }
 
-    /// Values over their largest component, and that. sRGB spends its few bits where eyes see the difference.
+    /// Values over their largest component, and that. sRGB spends its few bits where eyes see the difference, and what they cannot hold is spread
+    /// over neighbours: dim light beside a bright spot has no bands.
     fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<(usize, f32), ExportError> {
         self.check(what, values.len())?;
         let finite = |value: &Vec3| {
@@ -150,10 +151,14 @@ impl Writer<'_> {
             .map(|value| finite(value).max_element())
             .fold(0.0, f32::max);
         let per_unit = if scale > 0.0 { scale } else { 1.0 };
-        let encode = |value: f32| byte(srgb_from_linear((value / per_unit).clamp(0.0, 1.0)));
+        let encode = |value: f32| srgb_from_linear((value / per_unit).clamp(0.0, 1.0));
         let bytes: Vec<u8> = values
             .iter()
-            .flat_map(|value| finite(value).to_array().map(encode))
+            .enumerate()
+            .flat_map(|(texel, value)| {
+                let offset = dither(texel as u32 % self.size, texel as u32 / self.size);
+                finite(value).to_array().map(|value| dithered(encode(value), offset))
+            })
             .collect();
         Ok((self.png(what, &bytes, ExtendedColorType::Rgb8)?, scale))
     }
@@ -199,4 +204,15 @@ pub fn png(
 /// 0..1 in 8 bits; what is no number is 0.
 fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+/// Interleaved gradient noise (Jimenez 2014): 0 to 1, as even over any few neighbours as over all.
+fn dither(x: u32, y: u32) -> f32 {
+    let at = 0.067_110_56 * x as f32 + 0.005_837_15 * y as f32;
+    (52.982_918 * at.fract()).fract()
+}
+
+/// An encoded value in eight bits, rounded up or down as `offset` says; none and all stay so.
+fn dithered(encoded: f32, offset: f32) -> u8 {
+    (encoded * 255.0 + offset).floor().clamp(0.0, 255.0) as u8
 }

@@ -161,7 +161,7 @@ fn what_is_behind_is_seen_behind() {
         .record_cube(&mut frame, &on_gpu, &view, class_of)
         .unwrap();
     behind
-        .record(&mut frame, &on_gpu, &mut capture, &view, &all, class_of)
+        .record(&mut frame, &on_gpu, &capture, &view, &all, class_of)
         .unwrap();
     frame.submit().unwrap();
     let first = read_points(&gpu, &on_gpu, &capture.points);
