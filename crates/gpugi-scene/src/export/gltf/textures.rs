@@ -157,7 +157,9 @@ impl Writer<'_> {
             .enumerate()
             .flat_map(|(texel, value)| {
                 let offset = dither(texel as u32 % self.size, texel as u32 / self.size);
-                finite(value).to_array().map(|value| dithered(encode(value), offset))
+                finite(value)
+                    .to_array()
+                    .map(|value| dithered(encode(value), offset))
             })
             .collect();
         Ok((self.png(what, &bytes, ExtendedColorType::Rgb8)?, scale))
@@ -212,7 +214,9 @@ fn dither(x: u32, y: u32) -> f32 {
     (52.982_918 * at.fract()).fract()
 }
 
-/// An encoded value in eight bits, rounded up or down as `offset` says; none and all stay so.
+/// An encoded value in eight bits, rounded up or down as `offset` says; what needs no rounding stays.
 fn dithered(encoded: f32, offset: f32) -> u8 {
-    (encoded * 255.0 + offset).floor().clamp(0.0, 255.0) as u8
+    (encoded * 255.0 + 0.01 + 0.98 * offset)
+        .floor()
+        .clamp(0.0, 255.0) as u8
 }
