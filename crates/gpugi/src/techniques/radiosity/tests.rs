@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::cuboid;
-use gpugi_scene::{Camera, Material, Mesh, Scene};
+use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 
 use super::Radiosity;
 use crate::capture::{CaptureKernels, Emission, View};
@@ -120,21 +120,22 @@ const SHOOTING: &[(&str, &str)] = &[
 ];
 
 /// The part of a lamp's power that is absorbed in the end: sum (1 - rho) E A / (pi L_e A_lamp), which is 1 in a closed room.
-fn absorbed_part(gpu: &Gpu, settings: &[(&str, &str)]) -> f32 {
-    let texels = texels(gpu, &room(), settings, 0, u32::MAX);
+fn absorbed_part(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> f32 {
+    let texels = texels(gpu, scene, settings, 0, u32::MAX);
+    let lamp = scene.instances.len() as u32 - 1;
     let absorbed = |(instance, area, irradiance): &Texel| {
-        let part = if *instance == 0 { 1.0 - ALBEDO } else { 1.0 };
+        let part = if *instance == lamp { 1.0 } else { 1.0 - ALBEDO };
         part * area * irradiance
     };
-    let lamp = texels.iter().filter(|texel| texel.0 == 1);
-    let emitted = PI * 3.0 * lamp.map(|texel| texel.1).sum::<f32>();
+    let shining = texels.iter().filter(|texel| texel.0 == lamp);
+    let emitted = PI * 3.0 * shining.map(|texel| texel.1).sum::<f32>();
     texels.iter().map(absorbed).sum::<f32>() / emitted
 }
 
 #[test]
 fn all_power_is_absorbed_in_a_closed_room() {
     let Some(gpu) = test_gpu() else { return };
-    let part = absorbed_part(&gpu, RAYS);
+    let part = absorbed_part(&gpu, &room(), RAYS);
     println!("rays: {part}");
     assert!((part - 1.0).abs() < 0.01, "{part}");
 }
@@ -146,7 +147,7 @@ fn shooting_conserves_power_as_texels_shrink() {
     let lost = ["24", "48", "96"].map(|resolution| {
         let mut settings = SHOOTING.to_vec();
         settings.push(("resolution", resolution));
-        1.0 - absorbed_part(&gpu, &settings)
+        1.0 - absorbed_part(&gpu, &room(), &settings)
     });
     println!("lost: {lost:?}");
     assert!(
@@ -198,9 +199,28 @@ fn pieces_make_no_difference_and_pages_hold_the_same_light() {
         let [whole, pieces] = [u32::MAX, 500].map(|most| texels(&gpu, &scene, settings, 0, most));
         assert!(whole.len() > 500 && whole == pieces);
     }
-    // Many texels a metre in small pages.
+    // Things that light does not reach, but that take pages of their own.
+    let mut scene = room();
+    for x in [5.0, 9.0] {
+        let mesh = scene.add_mesh(cuboid(vec3(x, 0.0, 0.0), vec3(x + 2.0, 2.0, 2.0), 1));
+        scene.instances.insert(
+            0,
+            Instance {
+                mesh,
+                ..scene.instances[0].clone()
+            },
+        );
+    }
     let mut settings = RAYS.to_vec();
-    settings.extend([("resolution", "64"), ("density", "20")]);
-    let part = absorbed_part(&gpu, &settings);
+    settings.extend([("resolution", "128"), ("density", "16")]);
+    let lit = texels(&gpu, &scene, &settings, 0, 128 * 128);
+    let areas = |of: &[Texel]| {
+        of.iter()
+            .filter(|one| one.2 > 0.0)
+            .map(|one| one.1)
+            .sum::<f32>()
+    };
+    assert!((areas(&lit) / areas(&texels(&gpu, &room(), RAYS, 0, u32::MAX)) - 1.0).abs() < 0.01);
+    let part = absorbed_part(&gpu, &scene, &settings);
     assert!((part - 1.0).abs() < 0.01, "{part}");
 }
