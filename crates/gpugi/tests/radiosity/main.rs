@@ -207,13 +207,21 @@ fn paths_are_what_others_leave_over() {
 fn changes_of_the_scene_are_followed() {
     let Some(gpu) = gpu() else { return };
     let mut scene = builtin("cornell", 1).expect("a scene");
+    let light = Light::new("", LightKind::Point, Vec3::splat(30.0));
+    scene
+        .lights
+        .push(light.aimed(vec3(2.0, 3.0, -1.0), Vec3::ZERO));
     let camera = scene.cameras[0].clone();
     let settings = ["resolution=64", "rays=16", "iterations=8", "steps=8"];
     let techniques = ["shadow-map", "radiosity"];
     let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
     let mut last = picture(&mut kept, &camera, 1);
     type Change = fn(&mut Scene);
-    let changes: [(&str, Change); 3] = [
+    let changes: [(&str, Change); 4] = [
+        // Texels stay, and the light of before is where the iteration begins.
+        ("a light moved", |scene| {
+            scene.lights[0].world_from_light.w_axis.x = -2.0;
+        }),
         ("a wall is another", |scene| {
             let red = scene.instances[3].material;
             scene.materials[red] = Material::matt("blue", vec3(0.1, 0.1, 0.9));
