@@ -11,6 +11,8 @@ use crate::shader;
 
 /// Rays of a step: some 40 ms of a small GPU.
 const RAYS_OF_STEP: u32 = 1 << 22;
+/// Most that a texel traces in one, however few texels there are.
+const MOST_RAYS: u32 = 256;
 
 /// Takes samples by rays.
 #[derive(Debug)]
@@ -62,7 +64,8 @@ impl Rays {
             corners: kernel.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?,
             kernel,
             chunks,
-            at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1)).clamp(1, settings.directions),
+            at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1))
+                .clamp(1, settings.directions.min(MOST_RAYS)),
             directions: settings.directions,
         })
     }

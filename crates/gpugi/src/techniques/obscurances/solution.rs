@@ -18,6 +18,9 @@ use crate::techniques::Map;
 /// Below so much of the scene's size, positions are rounded.
 const ROUNDING: f32 = 1e-6;
 
+/// Every texel asks every box; where more moves, everything begins anew.
+const MOST_BOXES: usize = 512;
+
 /// A page's obscurances, a value a texel, row by row from the top. Texels that no surface lies in continue their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ObscurancePage {
@@ -242,6 +245,7 @@ impl Solution {
             Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
             _ => None,
         };
+        let changed = changed.filter(|boxes| boxes.len() <= MOST_BOXES);
         let was_done = self.is_done();
         let renewal = Renewal {
             all: u32::from(changed.is_none()),
