@@ -84,7 +84,7 @@ impl Behind {
     pub fn points(&self, seen: &SurfacePoints) -> SurfacePoints {
         SurfacePoints {
             points: self.points.clone(),
-            hits: Some(self.hits_view.clone()),
+            hits: self.hits_view.clone(),
             ..seen.clone()
         }
     }

@@ -39,8 +39,8 @@ pub struct SurfacePoints {
     pub view: wgpu::Buffer,
     /// Number of points.
     pub count: u32,
-    /// Hit records that they were resolved from: the provoking merged vertex of each one's triangle. None of texels, which nobody sees.
-    pub hits: Option<wgpu::TextureView>,
+    /// Hit records that they were resolved from: the provoking merged vertex of each one's triangle.
+    pub hits: wgpu::TextureView,
 }
 
 impl SurfacePoints {
@@ -299,7 +299,7 @@ impl Faces {
             points,
             view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
             count: range.len() as u32 * size[0] * size[1],
-            hits: Some(hits),
+            hits,
         };
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,

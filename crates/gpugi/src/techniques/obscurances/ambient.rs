@@ -1,12 +1,10 @@
 //! Obscurances in a renderer: computed in the texels of an atlas of their own, a few steps a frame, and the ambient term.
 
 use bytemuck::Zeroable;
-use gpugi_scene::Atlas;
-use gpugi_scene::atlas::{AtlasOptions, TexelDensity};
 
 use super::gpu::{AmbientUniform, SettingsUniform, TEXEL_BYTES};
 use super::{Ambient, FIELDS, Settings, Solution};
-use crate::capture::atlas::{AtlasCapture, LeakTest};
+use crate::capture::atlas::{AtlasCapture, LeakTest, lay_out};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -31,9 +29,6 @@ pub const INFO: Info = Info {
 /// What the ambient term stands for.
 const INDIRECT: &str = "LDD+E";
 
-/// Of more triangles than this, unwrapping takes longer than anybody expects.
-const MOST_TRIANGLES: usize = 500_000;
-
 /// Rays that tell how open a scene is, of each piece of the atlas.
 const OPENNESS_RAYS: u32 = 4096;
 /// Share of them that may get out (0 to 1).
@@ -46,8 +41,6 @@ pub struct Obscurances {
     light: Kernel,
     openness: Kernel,
     gather: Kernel,
-    /// Stands for the hit records of points that have none.
-    no_hits: wgpu::TextureView,
     paths: Vec<LightPaths>,
     /// Whether others add indirect light, too.
     is_covered: bool,
@@ -80,16 +73,6 @@ impl Obscurances {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let no_hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("no hit records"),
-            size: wgpu::Extent3d::default(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        })?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
         Ok(Self {
             settings: Settings::default(),
@@ -105,7 +88,6 @@ impl Obscurances {
                 },
             )?,
             gather: kernel(shader!("techniques.obscurances.gather"))?,
-            no_hits: no_hits.create_view(&Default::default()),
             paths: Vec::new(),
             is_covered: false,
             made: None,
@@ -126,7 +108,14 @@ impl Obscurances {
             colored: self.settings.colored || self.settings.ambient == Ambient::Colored,
             ..self.settings.clone()
         };
-        let atlas = laid_out(gpu, host, &settings)?;
+        let atlas = lay_out(
+            gpu,
+            host,
+            INFO.name,
+            settings.resolution,
+            settings.density,
+            TEXEL_BYTES,
+        )?;
         let capture = AtlasCapture::new(gpu, host, scene, &atlas, &Default::default())?;
         let solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
         let [texels, mean] = solution.buffers();
@@ -301,9 +290,6 @@ impl Technique for Obscurances {
         }
         let mut own = made.capture.pieces().iter();
         let own = own.find(|piece| piece.points.points == points.points);
-        if points.hits.is_none() && own.is_none() {
-            return Ok(());
-        }
         let uniform = AmbientUniform {
             colored: u32::from(self.settings.ambient == Ambient::Colored),
             first_texel: own.map_or(0, |piece| piece.rows.start * made.capture.size),
@@ -312,11 +298,10 @@ impl Technique for Obscurances {
         };
         let (gpu, kernel) = (frame.gpu, &self.gather);
         let [seen, added] = self.bound.of(points, target, || {
-            let hits = points.hits.as_ref().unwrap_or(&self.no_hits);
             let uniform = gpu.uniform("ambient light", &uniform)?;
             let resources = [
                 ("radiance", target.radiance.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(hits)),
+                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
                 ("ambient", uniform.as_entire_binding()),
             ];
             Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
@@ -359,41 +344,4 @@ fn refused(reason: &str) -> GpuError {
         pass: INFO.name.into(),
         reason: reason.into(),
     }
-}
-
-/// Lays out the atlas; refuses what would take too long or too much memory.
-fn laid_out(gpu: &Gpu, scene: &gpugi_scene::Scene, settings: &Settings) -> Result<Atlas, GpuError> {
-    let instances = scene.instances.iter();
-    let triangles = instances.map(|instance| scene.meshes[instance.mesh].indices.len() / 3);
-    if triangles.sum::<usize>() > MOST_TRIANGLES {
-        return Err(refused(&format!(
-            "unwrapping takes too long above {MOST_TRIANGLES} triangles: leave some objects out"
-        )));
-    }
-    let limits = gpu.device.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    let (most_texels, page) = (
-        bytes / TEXEL_BYTES - 1,
-        u64::from(settings.resolution).pow(2),
-    );
-    if page > most_texels {
-        return Err(GpuError::TooLarge {
-            what: "texels in a page of obscurances (lower the resolution)".into(),
-            needed: page,
-            limit: most_texels,
-            adapter: gpu.adapter.name.clone(),
-        });
-    }
-    let options = AtlasOptions {
-        size: settings.resolution,
-        density: match settings.density {
-            0.0 => TexelDensity::OnePage,
-            density => TexelDensity::PerMetre(density),
-        },
-        most_pages: u32::try_from(most_texels / page).unwrap_or(u32::MAX),
-        ..Default::default()
-    };
-    Atlas::new(scene, &options).map_err(|error| refused(&error.to_string()))
 }

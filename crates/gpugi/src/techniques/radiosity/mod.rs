@@ -154,8 +154,6 @@ pub struct Radiosity {
     settings: Settings,
     kernels: Kernels,
     gather: Kernel,
-    /// Stands for the hit records of points that have none.
-    no_hits: wgpu::TextureView,
     paths: Vec<LightPaths>,
     own: Own,
     made: Option<Made>,
@@ -188,22 +186,11 @@ impl Radiosity {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let no_hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("no hit records"),
-            size: wgpu::Extent3d::default(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        })?;
         let gather = shader!("techniques.radiosity.gather");
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
             gather: Kernel::new(gpu, &gather, "main", Some(&scene.layout))?,
-            no_hits: no_hits.create_view(&Default::default()),
             paths: INFO.paths.to_vec(),
             own: Own::default(),
             made: None,
@@ -369,17 +356,13 @@ impl Technique for Radiosity {
             return Ok(());
         };
         let own = made.solution.first_texel_of(points);
-        if points.hits.is_none() && own.is_none() {
-            return Ok(());
-        }
         let (gpu, kernel) = (frame.gpu, &self.gather);
         let [seen, added] = self.bound.of(points, target, || {
             let words = [own.unwrap_or(0), u32::from(own.is_some()), 0, 0];
             let own = gpu.uniform("own texels", &words)?;
-            let hits = points.hits.as_ref().unwrap_or(&self.no_hits);
             let resources = [
                 ("radiance", target.radiance.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(hits)),
+                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
                 ("own_texels", own.as_entire_binding()),
             ];
             Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])

@@ -1,20 +1,14 @@
 //! The light in the texels of an atlas: direct light from others, and the iteration that finds the indirect one.
 
-use gpugi_scene::atlas::{AtlasOptions, TexelDensity};
-use gpugi_scene::{Atlas, Scene};
-
 use super::gpu::{TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest,
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, lay_out,
 };
 use crate::capture::{SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
-
-/// Of more triangles than this, unwrapping takes longer than anybody expects.
-const MOST_TRIANGLES: usize = 500_000;
 
 /// What an atlas is laid out for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,7 +111,14 @@ impl Solution {
             pass: "radiosity".into(),
             reason: "the scene was uploaded without what an atlas is laid out of".into(),
         })?;
-        let atlas = laid_out(gpu, host, layout)?;
+        let atlas = lay_out(
+            gpu,
+            host,
+            super::INFO.name,
+            layout.resolution,
+            layout.density,
+            TEXEL_BYTES,
+        )?;
         let options = AtlasCaptureOptions {
             most_texels: layout.most_texels,
             ..AtlasCaptureOptions::default()
@@ -318,51 +319,4 @@ impl Piece {
             work,
         })
     }
-}
-
-/// Lays out the atlas; refuses what would take too long or too much memory.
-fn laid_out(gpu: &Gpu, scene: &Scene, layout: &Layout) -> Result<Atlas, GpuError> {
-    let of_instance =
-        |instance: &gpugi_scene::Instance| scene.meshes[instance.mesh].indices.len() / 3;
-    let triangles: usize = scene.instances.iter().map(of_instance).sum();
-    let refused = |what: &str, needed: u64, limit: u64| GpuError::TooLarge {
-        what: what.to_owned(),
-        needed,
-        limit,
-        adapter: gpu.adapter.name.clone(),
-    };
-    if triangles > MOST_TRIANGLES {
-        return Err(GpuError::Pass {
-            pass: "radiosity".into(),
-            reason: format!(
-                "unwrapping {triangles} triangles would take too long, {MOST_TRIANGLES} are allowed: leave some objects out"
-            ),
-        });
-    }
-    let limits = gpu.device.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    let (most_texels, page) = (bytes / TEXEL_BYTES, u64::from(layout.resolution).pow(2));
-    if page > most_texels {
-        return Err(refused(
-            "texels in a page of radiosity's atlas (lower the resolution)",
-            page,
-            most_texels,
-        ));
-    }
-    let options = AtlasOptions {
-        size: layout.resolution,
-        density: if layout.density > 0.0 {
-            TexelDensity::PerMetre(layout.density)
-        } else {
-            TexelDensity::OnePage
-        },
-        most_pages: u32::try_from(most_texels / page).unwrap_or(u32::MAX),
-        ..AtlasOptions::default()
-    };
-    Atlas::new(scene, &options).map_err(|error| GpuError::Pass {
-        pass: "radiosity".into(),
-        reason: error.to_string(),
-    })
 }
