@@ -278,7 +278,23 @@ fn a_baked_scene_looks_as_it_is_lit() {
         let text = String::from_utf8_lossy(&bytes);
         assert!(text.contains(extension), "{mode}");
     }
-    assert!(folder.join("lightmap-0.exr").is_file());
+    // Texels that nothing covers continue their neighbours, of however many samples these are the mean.
+    let more = file("more.glb");
+    let bake = ["bake", "cornell", "--bake-mode", "lightmap", "-o", &more];
+    run(&[&bake[..], &few[..2], &["--samples", "4"], &small, &direct].concat());
+    let [one, four] = ["lightmap-0.exr", "more-0.exr"].map(|name| {
+        let limits = gpugi_scene::Limits::default();
+        let sky = gpugi_scene::import_environment(&folder.join(name), &limits);
+        match sky.expect("an image").image.pixels {
+            gpugi_scene::Pixels::Rgba32Float(texels) => texels,
+            _ => panic!("an .exr holds floats"),
+        }
+    });
+    let texels = || one.chunks(4).zip(four.chunks(4));
+    let alike = texels().filter(|(one, four)| (one[0] - four[0]).abs() <= 0.2 * one[0].max(0.01));
+    let (alike, all) = (alike.count(), texels().count());
+    println!("{alike} of {all} texels are alike with one sample and four");
+    assert!(alike * 20 > all * 19);
 
     let occluded = file("occluded.glb");
     let bake = [

@@ -121,7 +121,6 @@ impl Bake {
     /// # Errors
     /// [`RenderError::Gpu`].
     pub fn finish(self) -> Result<Vec<Vec<Vec3>>, RenderError> {
-        let scale = 1.0 / self.renderer.samples().max(1) as f32;
         let mut image = Vec::new();
         for (target, dilation) in self.targets.iter().zip(&self.dilations) {
             let mut frame = Frame::new(&self.gpu, false);
@@ -129,9 +128,10 @@ impl Bake {
             frame.submit()?;
             let radiance = &target.radiance;
             let texels: Vec<[f32; 4]> = read_buffer(&self.gpu, radiance, radiance.size())?;
+            // Sums of a samples, and of texels that were filled one mean.
             let means = texels
                 .into_iter()
-                .map(|[r, g, b, _]| Vec3::new(r, g, b) * scale);
+                .map(|[r, g, b, a]| Vec3::new(r, g, b) / a.max(1.0));
             image.extend(means);
         }
         self.seams.smooth(&mut image);
