@@ -1,18 +1,19 @@
 //! `gpugi bake` of scenes: light into the texels of an atlas, and a .glb that shows it.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use glam::Vec3;
 use gpugi::Renderer;
-use gpugi::bake::{self, Bake, Quantity};
+use gpugi::bake::{Checkpoint, LightBake, LightOptions, LitAtlas, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::Display;
 use gpugi::gpu::Gpu;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
-use gpugi_scene::image::{replace_file, save_exr};
+use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{
     AlphaMode, Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity,
 };
@@ -55,7 +56,7 @@ enum Mode {
 }
 
 /// Options of bakes of scenes.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct SceneOptions {
     /// Texels per metre, in as many pages as it takes; as many as fit one page when not given
     #[arg(long, value_name = "N")]
@@ -89,7 +90,23 @@ pub struct SceneOptions {
     /// Tone mapping of unlit bakes: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
+    /// Memory on the GPU for texels that are lit at a time (MiB); scene and maps come on top
+    #[arg(long, value_name = "MIB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
+    memory: u32,
+    /// Go on with a bake that was stopped, from FILE.glb.checkpoint
+    #[arg(long)]
+    resume: bool,
+    /// Write every technique's maps, and where texels lie inside something, into this folder
+    #[arg(long, value_name = "DIR")]
+    dump_maps: Option<PathBuf>,
 }
+
+/// Texels of all pages: 12 bytes of memory each, and as many files' worth of images.
+const MOST_TEXELS: u64 = 1 << 28;
+/// Pages, however small.
+const MOST_PAGES: u64 = 1024;
+/// What is done is saved so often.
+const SAVE_EVERY: Duration = Duration::from_secs(60);
 
 /// Bakes and writes: the file complete or not at all.
 pub fn run(
@@ -121,8 +138,27 @@ pub fn run(
     let (scene, mut notes) = scene_argument::load(arguments)?;
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
-    let mut progress = Progress::new(common.quiet);
-    let mut atlas = unwrap(&scene, options, &mut progress)?;
+    let key = format!(
+        "{:?}",
+        (
+            scene.digest(),
+            techniques,
+            settings,
+            SceneOptions {
+                resume: false,
+                dump_maps: None,
+                ..options.clone()
+            }
+        )
+    );
+    let mut work = Work::new(common, &gpu, output, key);
+    if options.resume {
+        work.resume(&scene, options)?;
+    } else {
+        work.done.atlas = unwrap(&scene, options, &mut work.progress)?;
+    }
+    work.timed("unwrapping");
+    let mut atlas = work.done.atlas.clone();
     if options.bake_mode == Mode::Emissive {
         // Eight bits for a lamp and its light would leave few to the light: what shines goes on shining as it did.
         for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
@@ -136,34 +172,52 @@ pub fn run(
         .partition(|one| one.starts_with(&format!("{FACTOR}.")));
     let mut pages = vec![BakedPage::default(); atlas.pages as usize];
     if techniques.iter().any(|name| name == FACTOR) {
-        let found = factor(&gpu, &scene, &atlas, &of_factor, &mut progress)?;
+        let found = factor(&scene, &atlas, &of_factor, &mut work)?;
         for (page, found) in pages.iter_mut().zip(found) {
             page.obscurance = Some(found.obscurance);
             page.colored_obscurance = found.colored;
         }
+        work.timed(FACTOR);
     } else if let Some(setting) = of_factor.first() {
         return Err(Usage(format!("--set {setting}: {FACTOR} is not in use")).into());
     }
     let lights = Lights::new(&gpu, &scene, techniques, &options.include)?;
     if !lights.names.is_empty() {
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
-        let quantity = match options.bake_mode {
-            Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
-            Mode::Lightmap => Quantity::White,
+        let light_options = LightOptions {
+            quantity: match options.bake_mode {
+                Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
+                Mode::Lightmap => Quantity::White,
+            },
+            samples: options.samples,
+            seed: options.seed,
+            memory: u64::from(options.memory) << 20,
         };
-        let mut bake = Bake::new(&gpu, &scene, &atlas, &lights.names, quantity).map_err(usage)?;
+        let mut bake =
+            LightBake::new(&gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;
+        if bake.tiles() > 1 {
+            notes.push(format!(
+                "lit in {} tiles of {} MiB",
+                bake.tiles(),
+                options.memory
+            ));
+        }
         apply_settings(bake.renderer(), &of_light)?;
-        bake.renderer().set_seed(options.seed);
         let left_out = bake.renderer().left_out();
         if !left_out.is_empty() {
             notes.push(format!("not in this bake: {}", left_out.join("; ")));
         }
         notes.extend(alpha_is_lost(&scene, options.bake_mode));
-        light(&gpu, &mut bake, &lights, options.samples, &mut progress)
-            .with_context(|| format!("{} is not written", output.display()))?;
-        notes.extend(moved(&bake.leaks()?));
-        let images = bake.finish()?;
-        for (number, (page, image)) in pages.iter_mut().zip(images).enumerate() {
+        light(&mut bake, &lights, &mut work)?;
+        if let Some(folder) = &options.dump_maps {
+            crate::output::dump_maps(&gpu, bake.renderer(), folder)?;
+        }
+        let lit = bake.finish();
+        notes.extend(moved(&lit.leaks));
+        if let Some(folder) = &options.dump_maps {
+            dump_leaks(&lit, atlas.size, folder)?;
+        }
+        for (number, (page, image)) in pages.iter_mut().zip(lit.pages).enumerate() {
             page.light = Some(match options.bake_mode {
                 Mode::Unlit => {
                     let floats: Vec<f32> =
@@ -178,20 +232,107 @@ pub fn run(
     }
     let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
     notes.extend(warnings);
+    work.timed("writing");
+    work.forget();
     print_notes(common, &notes);
     if !common.quiet {
         println!(
-            "{}: {} pages of {}x{} texels, {} samples, {:.2} s on {}",
+            "{}: {} pages of {}x{} texels, {} samples, {:.2} s on {} ({})",
             output.display(),
             atlas.pages,
             atlas.size,
             atlas.size,
             options.samples,
             started.elapsed().as_secs_f64(),
-            gpu.adapter.name
+            gpu.adapter.name,
+            work.times.join(", ")
         );
     }
     Ok(())
+}
+
+/// A bake at work: what is done so far, and where that is kept when it is stopped.
+struct Work<'a> {
+    gpu: &'a Gpu,
+    progress: Progress,
+    done: Checkpoint,
+    path: PathBuf,
+    key: String,
+    saved: Instant,
+    /// How long each part took, in words.
+    times: Vec<String>,
+    part: Instant,
+}
+
+impl<'a> Work<'a> {
+    fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: String) -> Self {
+        let mut path = output.as_os_str().to_owned();
+        path.push(".checkpoint");
+        Self {
+            gpu,
+            progress: Progress::new(common.quiet),
+            done: Checkpoint::default(),
+            path: path.into(),
+            key,
+            saved: Instant::now(),
+            times: Vec::new(),
+            part: Instant::now(),
+        }
+    }
+
+    /// Reads what was kept.
+    fn resume(&mut self, scene: &Scene, options: &SceneOptions) -> anyhow::Result<()> {
+        let path = self.path.display().to_string();
+        let read = Checkpoint::read(&self.path, &self.key, scene);
+        self.done = read.with_context(|| format!("{path}: nothing to go on from"))?;
+        let atlas = &self.done.atlas;
+        anyhow::ensure!(
+            atlas.size == options.atlas_size && atlas.pages <= most_pages(atlas.size),
+            "{path}: its atlas is not as asked for"
+        );
+        Ok(())
+    }
+
+    /// Ends a part.
+    fn timed(&mut self, part: &str) {
+        let seconds = self.part.elapsed().as_secs_f64();
+        self.times.push(format!("{part} {seconds:.2} s"));
+        self.part = Instant::now();
+    }
+
+    /// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard; saves what `now` puts into the checkpoint, now and then and when
+    /// somebody stops the bake.
+    fn after_step(
+        &mut self,
+        now: impl FnOnce(&mut Checkpoint) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let wait = gpugi::gpu::PollType::wait_indefinitely();
+        self.gpu.device.poll(wait).ok();
+        let is_asked = interrupt::asked();
+        if !is_asked && self.saved.elapsed() < SAVE_EVERY {
+            return Ok(());
+        }
+        now(&mut self.done)?;
+        let path = self.path.display();
+        let written = self.done.write(&self.path, &self.key);
+        written.with_context(|| format!("{path}: cannot be written"))?;
+        self.saved = Instant::now();
+        anyhow::ensure!(
+            !is_asked,
+            "interrupted: {path} has what is done, the same command with --resume goes on"
+        );
+        Ok(())
+    }
+
+    /// What is done needs no checkpoint.
+    fn forget(&self) {
+        std::fs::remove_file(&self.path).ok();
+    }
+}
+
+/// Pages of `size` texels a side that memory has room for.
+fn most_pages(size: u32) -> u32 {
+    (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
 }
 
 fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
@@ -202,6 +343,7 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
             None => TexelDensity::OnePage,
         },
         gutter: options.gutter,
+        most_pages: most_pages(options.atlas_size),
         ..AtlasOptions::default()
     };
     progress.show(0.0, "unwrapping");
@@ -211,6 +353,16 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
         }
         error => error.into(),
     })
+}
+
+/// Writes where texels lie inside something: `leaks-PAGE.png`, grey good, green moved out, red invalid.
+fn dump_leaks(lit: &LitAtlas, size: u32, folder: &Path) -> anyhow::Result<()> {
+    for (number, map) in lit.leak_maps.iter().enumerate() {
+        let path = folder.join(format!("leaks-{number}.png"));
+        save_png(&path, size, size, map.as_flattened())
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(())
 }
 
 /// What became of texels that lie inside things.
@@ -237,11 +389,10 @@ fn lightmap(image: Vec<Vec3>, size: u32, output: &Path, page: usize) -> anyhow::
 
 /// Obscurances.
 fn factor(
-    gpu: &Gpu,
     scene: &Scene,
     atlas: &Atlas,
     options: &[&String],
-    progress: &mut Progress,
+    work: &mut Work<'_>,
 ) -> anyhow::Result<Vec<ObscurancePage>> {
     let mut settings = obscurances::Settings::default();
     for option in options {
@@ -251,47 +402,47 @@ fn factor(
                 .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
         }
     }
-    let found = bake::obscurances(gpu, scene, atlas, &settings, |done| {
-        progress.show(f64::from(done), FACTOR);
-        !is_interrupted(gpu)
-    })?;
-    found.context("interrupted: nothing is written")
-}
-
-/// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard.
-fn is_interrupted(gpu: &Gpu) -> bool {
-    let wait = gpugi::gpu::PollType::wait_indefinitely();
-    gpu.device.poll(wait).ok();
-    interrupt::asked()
+    let mut bake = ObscuranceBake::new(work.gpu, scene, atlas, &settings)?;
+    if let Some(saved) = work.done.obscurances.take() {
+        bake.resume(&saved)?;
+        work.done.obscurances = Some(saved);
+    }
+    while !bake.is_done() {
+        let done = bake.step()?;
+        work.progress.show(f64::from(done), FACTOR);
+        work.after_step(|checkpoint| {
+            checkpoint.obscurances = Some(bake.save()?);
+            Ok(())
+        })?;
+    }
+    // Whoever stops the bake later need not do this again.
+    work.done.obscurances = Some(bake.save()?);
+    Ok(bake.pages()?)
 }
 
 /// Lights all texels.
-fn light(
-    gpu: &Gpu,
-    bake: &mut Bake,
-    lights: &Lights,
-    samples: u32,
-    progress: &mut Progress,
-) -> anyhow::Result<()> {
-    let mut before = -1.0;
-    loop {
-        let done = bake.refine()?;
-        progress.show(f64::from(done), "maps");
-        anyhow::ensure!(!is_interrupted(gpu), "interrupted");
-        if done >= 1.0 || done <= before {
-            break;
+fn light(bake: &mut LightBake<'_>, lights: &Lights, work: &mut Work<'_>) -> anyhow::Result<()> {
+    if let Some(saved) = work.done.light.take() {
+        bake.resume(saved)?;
+    }
+    let mut stage = Stage::Maps;
+    while let Some(at) = bake.step(|name| lights.adds(name))? {
+        if at.stage != stage {
+            work.timed("maps");
+            stage = at.stage;
         }
-        before = done;
+        let what = match at.stage {
+            Stage::Maps => "maps",
+            Stage::Texels => "texels",
+        };
+        work.progress.show(f64::from(at.done), what);
+        work.after_step(|checkpoint| {
+            checkpoint.light = Some(bake.save()?);
+            Ok(())
+        })?;
     }
-    for sample in 1..=samples {
-        bake.sample(|name| lights.adds(name))?;
-        progress.show(
-            f64::from(sample) / f64::from(samples),
-            &format!("{sample} of {samples} samples"),
-        );
-        anyhow::ensure!(!is_interrupted(gpu), "interrupted");
-    }
-    progress.finish();
+    work.timed("texels");
+    work.progress.finish();
     Ok(())
 }
 

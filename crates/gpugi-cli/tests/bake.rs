@@ -310,6 +310,74 @@ fn a_baked_scene_looks_as_it_is_lit() {
     assert!(String::from_utf8_lossy(&bytes).contains("occlusionTexture"));
 }
 
+/// What Ctrl-C stops goes on where it was, or says why it cannot.
+#[cfg(unix)]
+#[test]
+fn a_bake_that_was_stopped_goes_on() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-stopped");
+    let output = folder.join("x.glb");
+    let name = output.display().to_string();
+    let checkpoint = folder.join("x.glb.checkpoint");
+    let arguments = |samples: &str, more: &[&str]| {
+        let bake = ["bake", "cornell", "-o", &name, "--atlas-size", "64"];
+        let light = ["--include", "direct", "--set", "shadow-map.area-samples=4"];
+        let samples = ["--samples", samples];
+        [&bake[..], &light, &samples, more]
+            .concat()
+            .into_iter()
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    let run = |samples: &str, more: &[&str]| {
+        let arguments = arguments(samples, more);
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let done = gpugi(&arguments);
+        let errors = String::from_utf8_lossy(&done.stderr).into_owned();
+        (done.status.code(), errors)
+    };
+    // As many samples as take a while on whatever this runs on.
+    let samples = ["256", "4096", "65536"].into_iter().find(|samples| {
+        let arguments = arguments(samples, &[]);
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let mut child = common::command(&arguments).spawn().expect("a process");
+        std::thread::sleep(std::time::Duration::from_secs(1));
+        let mut kill = std::process::Command::new("kill");
+        let number = child.id().to_string();
+        kill.args(["-INT", &number]).status().expect("a signal");
+        let status = child.wait().expect("an end");
+        checkpoint.exists() && status.code() == Some(1)
+    });
+    let samples = samples.expect("a bake that can be stopped");
+    assert!(!output.exists());
+    let whole = std::fs::read(&checkpoint).expect("a checkpoint");
+
+    let (code, errors) = run("7", &["--resume"]);
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("of another bake"), "{errors}");
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    std::fs::write(&checkpoint, damaged).expect("the damage");
+    let (code, errors) = run(samples, &["--resume"]);
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("checksum"), "{errors}");
+    assert!(!output.exists());
+
+    std::fs::write(&checkpoint, whole).expect("mended");
+    let (code, errors) = run(samples, &["--resume"]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(!checkpoint.exists());
+    let resumed = std::fs::read(&output).expect("a bake");
+    let (code, errors) = run(samples, &[]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(resumed == std::fs::read(&output).expect("a bake"));
+    let (code, errors) = run(samples, &["--resume"]);
+    assert_eq!(code, Some(1), "{errors}");
+    assert!(errors.contains("x.glb.checkpoint"), "{errors}");
+}
+
 #[test]
 fn bakes_that_cannot_be_are_refused() {
     let folder = folder("bake-refused");

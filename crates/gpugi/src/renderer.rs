@@ -1,10 +1,12 @@
 //! The frame, readable as a table of contents: capture, resolve, each technique's generate, each technique's gather.
 
+use std::collections::BTreeMap;
+
 use glam::Vec2;
 use gpugi_scene::names::check_names;
 use gpugi_scene::{Camera, Scene};
 
-use crate::capture::atlas::AtlasCapture;
+use crate::bake::Tile;
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
@@ -93,6 +95,29 @@ impl Renderer {
         } else {
             GpuScene::new(gpu, scene)?
         };
+        Self::of(gpu, scene, size, names)
+    }
+
+    /// As [`Renderer::new`], of a scene in which rays are traced at texels whether techniques do so or not.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub(crate) fn with_texels(
+        gpu: &Gpu,
+        scene: &Scene,
+        names: &[String],
+    ) -> Result<Self, RenderError> {
+        check_environment(scene.environment.as_ref())?;
+        Self::of(gpu, GpuScene::with_texels(gpu, scene)?, [1, 1], names)
+    }
+
+    fn of(
+        gpu: &Gpu,
+        scene: GpuScene,
+        size: [u32; 2],
+        names: &[String],
+    ) -> Result<Self, RenderError> {
+        let is_named = |info: &Info| names.iter().any(|name| name == info.name);
         let present = light_classes(&scene);
         if let Some(name) = names
             .iter()
@@ -389,26 +414,57 @@ impl Renderer {
         Ok(progress.fold(1.0, f32::min))
     }
 
-    /// Adds a sample of light at the texels of an atlas to `targets`, one for each of its pieces: emission, and what the techniques add whose names
-    /// `adds` accepts. `view`: what maps that follow a camera follow; `mend`: called when the points are there.
+    /// What techniques save of their maps, by name.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub(crate) fn light_atlas(
+    pub(crate) fn save_maps(&self) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
+        let mut saved = BTreeMap::new();
+        for technique in &self.techniques {
+            if let Some(bytes) = technique.save(&self.gpu)? {
+                saved.insert(technique.info().name.to_owned(), bytes);
+            }
+        }
+        Ok(saved)
+    }
+
+    /// Lets techniques go on from what they saved, once maps are generated; returns what waits for the next time.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub(crate) fn resume_maps(
+        &mut self,
+        mut saved: BTreeMap<String, Vec<u8>>,
+    ) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
+        for technique in &mut self.techniques {
+            let name = technique.info().name;
+            if let Some(bytes) = saved.get(name)
+                && technique.resume(&self.gpu, bytes)?
+            {
+                saved.remove(name);
+            }
+        }
+        Ok(saved)
+    }
+
+    /// Adds a sample of light at the texels of `tile`: emission, and what the techniques add whose names `adds` accepts. `view`: what maps that follow a camera
+    /// follow.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub(crate) fn light_tile(
         &mut self,
         frame: &mut Frame<'_>,
         view: &View,
-        capture: &mut AtlasCapture,
-        mend: impl FnOnce(&mut Frame<'_>, &AtlasCapture),
-        targets: &[Target],
+        tile: &mut Tile,
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
         self.scene.merge(frame);
-        capture.look(frame.gpu, self.samples, self.seed);
-        capture.record(frame, &self.scene)?;
-        mend(frame, capture);
+        tile.capture.look(frame.gpu, tile.samples, self.seed);
+        tile.capture.record(frame, &self.scene)?;
+        tile.leaks.record(frame, &self.scene, &tile.capture);
         self.generate(frame, view)?;
-        for (points, target) in capture.points().zip(targets) {
+        for (points, target) in tile.capture.points().zip(&tile.targets) {
             self.emission.record(frame, &self.scene, points, target)?;
             for technique in &mut self.techniques {
                 if adds(technique.info().name) {
@@ -416,7 +472,7 @@ impl Renderer {
                 }
             }
         }
-        self.samples += 1;
+        tile.samples += 1;
         Ok(())
     }
 

@@ -17,6 +17,7 @@ pub use second_set::{SecondSetFault, check_second_set};
 use std::collections::HashMap;
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 use uvunwrap::{Density, MeshInput, OutputMesh, OutputVertex, Packing};
 
 use crate::Scene;
@@ -32,7 +33,7 @@ pub const LARGEST_PAGE: u32 = 8192;
 const MOST_PACKED_BY_SHAPE: usize = 20_000;
 
 /// A texture atlas: where the triangles of every instance lie in its pages.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Atlas {
     /// Texels a side of a page.
     pub size: u32,
@@ -44,7 +45,7 @@ pub struct Atlas {
 
 /// Where one instance lies, all of it in one page. No two triangles overlap, and none is mirrored: seen from its front, a triangle's corners run
 /// counter-clockwise, and in the page, v downward, clockwise.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InstanceUvs {
     /// Page.
     pub page: u32,

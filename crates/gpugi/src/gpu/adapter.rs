@@ -88,6 +88,11 @@ fn instance() -> wgpu::Instance {
         backends: wgpu::Backends::PRIMARY,
         // A pass before each indirect dispatch, which costs the path tracer up to 8 percent. Its own shader keeps to the limits.
         flags: defaults.flags - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
+        // What the driver still has for others is left to them: allocations beyond are errors, before anything is lost.
+        memory_budget_thresholds: wgpu::MemoryBudgetThresholds {
+            for_resource_creation: Some(90),
+            for_device_loss: None,
+        },
         ..defaults
     })
 }

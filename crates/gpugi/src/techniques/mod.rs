@@ -74,6 +74,23 @@ pub trait Technique: std::fmt::Debug {
         1.0
     }
 
+    /// What its maps have come to, where that takes long, to go on from another time. May wait for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn save(&self, _gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        Ok(None)
+    }
+
+    /// Goes on from what was saved for the same scene and settings; asked after each `generate` until it has. False: not yet, the light that its maps are
+    /// made of is not what it was then.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when that was saved for others.
+    fn resume(&mut self, _gpu: &Gpu, _saved: &[u8]) -> Result<bool, GpuError> {
+        Ok(true)
+    }
+
     /// Settings and their present values, as JSON.
     fn settings(&self) -> serde_json::Value;
 

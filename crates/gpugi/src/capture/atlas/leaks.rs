@@ -26,7 +26,7 @@ pub(crate) struct LeakSettings {
 }
 
 /// What became of the texels of an atlas.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub struct LeakReport {
     /// Texels that no triangle touches.
     pub empty: u64,
@@ -36,6 +36,15 @@ pub struct LeakReport {
     pub moved: u64,
     /// Texels whose points lay inside something, which have none now.
     pub invalid: u64,
+}
+
+impl std::ops::AddAssign for LeakReport {
+    fn add_assign(&mut self, other: Self) {
+        self.empty += other.empty;
+        self.good += other.good;
+        self.moved += other.moved;
+        self.invalid += other.invalid;
+    }
 }
 
 /// Finds the texels of an atlas whose points lie inside other things.
@@ -159,11 +168,11 @@ impl LeakTest {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn map(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
+    pub fn map(&self, gpu: &Gpu) -> Result<Vec<[u8; 4]>, GpuError> {
         let mut pixels = Vec::new();
         for piece in &self.pieces {
             let states: Vec<u32> = read_buffer(gpu, &piece.states, u64::from(piece.count) * 4)?;
-            pixels.extend(states.into_iter().flat_map(|state| match state {
+            pixels.extend(states.into_iter().map(|state| match state {
                 0 => [0, 0, 0, 0],
                 1 => [128, 128, 128, 255],
                 2 => [0, 200, 0, 255],

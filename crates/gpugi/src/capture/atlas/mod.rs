@@ -39,12 +39,14 @@ pub enum TexelLobes {
 }
 
 /// How texels become points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AtlasCaptureOptions {
     /// Their lobes.
     pub lobes: TexelLobes,
     /// Most texels in one buffer; the adapter's limits may be lower.
     pub most_texels: u32,
+    /// The rows that are captured, counted through all pages: all that there are, when `None`.
+    pub rows: Option<Range<u32>>,
 }
 
 impl Default for AtlasCaptureOptions {
@@ -52,6 +54,7 @@ impl Default for AtlasCaptureOptions {
         Self {
             lobes: TexelLobes::Diffuse,
             most_texels: u32::MAX,
+            rows: None,
         }
     }
 }
@@ -137,8 +140,11 @@ impl AtlasCapture {
         )?;
         let layout = Layout::new(gpu, scene, atlas)?;
         let triangles = gpu.storage("atlas triangles [bytes]", &layout.triangles)?;
-        let rows = rows_of_pieces(gpu, atlas, options)?;
-        let pieces = rows
+        let mut rows = rows_of(gpu, atlas)?;
+        if let Some(wanted) = &options.rows {
+            rows = rows.start.max(wanted.start)..rows.end.min(wanted.end);
+        }
+        let pieces = cut(gpu, atlas.size, rows, options.most_texels)?
             .into_iter()
             .map(|rows| {
                 let blocks = layout.blocks(gpu, atlas, &rows)?;
@@ -249,13 +255,13 @@ impl AtlasCapture {
 
     /// Says which sample of light the next gathers take, and from which seed; targets begin anew with sample 0.
     pub fn look(&self, gpu: &Gpu, sample_index: u32, seed: u32) {
-        for (number, piece) in (0..).zip(&self.pieces) {
+        for piece in &self.pieces {
             let view = ViewUniform {
                 width: self.size,
                 height: piece.rows.end - piece.rows.start,
                 sample_index,
                 // Pieces look alike to what is stochastic.
-                seed: seed.wrapping_add(number * 0x0001_0001),
+                seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),
                 ..Zeroable::zeroed()
             };
             gpu.queue
@@ -357,26 +363,11 @@ pub(crate) fn lay_out(
     Atlas::new(scene, &options).map_err(|error| refused(error.to_string()))
 }
 
-/// The fewest pieces that fit the adapter's buffers.
-fn rows_of_pieces(
-    gpu: &Gpu,
-    atlas: &Atlas,
-    options: &AtlasCaptureOptions,
-) -> Result<Vec<Range<u32>>, GpuError> {
-    let limits = gpu.device.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    let most_texels = (bytes / SURFACE_POINT_BYTES).min(u64::from(options.most_texels));
-    let most_rows = most_texels / u64::from(atlas.size.max(1));
-    if most_rows == 0 {
-        return Err(GpuError::TooLarge {
-            what: "texels in a row of an atlas".into(),
-            needed: u64::from(atlas.size),
-            limit: most_texels,
-            adapter: gpu.adapter.name.clone(),
-        });
-    }
+/// The rows of all pages of an atlas.
+///
+/// # Errors
+/// [`GpuError::TooLarge`] when nobody could count them.
+pub(crate) fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> {
     let all = u64::from(atlas.pages) * u64::from(atlas.size);
     let end = u32::try_from(all).map_err(|_| GpuError::TooLarge {
         what: "rows of all pages of an atlas".into(),
@@ -384,17 +375,44 @@ fn rows_of_pieces(
         limit: u64::from(u32::MAX),
         adapter: gpu.adapter.name.clone(),
     })?;
+    Ok(0..end)
+}
+
+/// The fewest pieces of `rows`, in pages of `size` texels a side, that fit the adapter's buffers and have no more than `most_texels`: whole pages where they
+/// fit, so that no chart is cut.
+///
+/// # Errors
+/// [`GpuError::TooLarge`] when not even a row does.
+pub(crate) fn cut(
+    gpu: &Gpu,
+    size: u32,
+    rows: Range<u32>,
+    most_texels: u32,
+) -> Result<Vec<Range<u32>>, GpuError> {
+    let limits = gpu.device.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let most_texels = (bytes / SURFACE_POINT_BYTES).min(u64::from(most_texels));
+    let size = u64::from(size.max(1));
+    let most_rows = most_texels / size;
+    if most_rows == 0 {
+        return Err(GpuError::TooLarge {
+            what: "texels in a row of an atlas".into(),
+            needed: size,
+            limit: most_texels,
+            adapter: gpu.adapter.name.clone(),
+        });
+    }
     let most_rows = most_rows.min(u64::from(limits.max_texture_dimension_2d));
-    // Whole pages where they fit, so that no chart is cut.
-    let size = u64::from(atlas.size);
-    let rows = if most_rows >= size {
+    let most_rows = if most_rows >= size {
         most_rows - most_rows % size
     } else {
         most_rows
     };
-    let rows = rows.min(u64::from(u32::MAX)) as u32;
-    let firsts = (0..end).step_by(rows as usize);
+    let most_rows = most_rows.min(u64::from(u32::MAX)) as u32;
+    let firsts = rows.clone().step_by(most_rows as usize);
     Ok(firsts
-        .map(|first| first..first.saturating_add(rows).min(end))
+        .map(|first| first..first.saturating_add(most_rows).min(rows.end))
         .collect())
 }

@@ -475,7 +475,11 @@ fn gathers_light_texels_as_they_light_pixels() {
             &gpu,
             &scene,
             &atlas,
-            &AtlasCaptureOptions { lobes, most_texels },
+            &AtlasCaptureOptions {
+                lobes,
+                most_texels,
+                rows: None,
+            },
         );
         let albedo = match lobes {
             TexelLobes::White => Vec3::ONE,

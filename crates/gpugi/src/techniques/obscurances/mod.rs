@@ -15,4 +15,4 @@ mod tests;
 
 pub use ambient::{INFO, Obscurances};
 pub use settings::{Ambient, FIELDS, Falloff, Mode, Settings};
-pub use solution::{ObscurancePage, Solution};
+pub use solution::{ObscurancePage, ObscuranceState, Solution};

@@ -3,6 +3,7 @@
 use bytemuck::Zeroable;
 use glam::Vec3;
 use gpugi_scene::{Atlas, Bounds, Scene};
+use serde::{Deserialize, Serialize};
 
 use super::gpu::{BoxRow, PageUniform, Renewal, SettingsUniform, TEXEL_BYTES};
 use super::peeling::Peeling;
@@ -28,6 +29,15 @@ pub struct ObscurancePage {
     pub obscurance: Vec<f32>,
     /// W with the albedo of what obscures, or the scene's mean where nothing does; `None` when colours are not wanted.
     pub colored: Option<Vec<Vec3>>,
+}
+
+/// What has been computed of the obscurances of an atlas: [`Solution::resume`] goes on from there.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct ObscuranceState {
+    /// Steps taken.
+    steps: u64,
+    /// `Texel` of obscurance.wesl, page after page.
+    texels: Vec<u32>,
 }
 
 /// Computes the obscurances of the texels of an atlas.
@@ -209,6 +219,42 @@ impl Solution {
             }
         }
         self.state.steps += 1;
+        Ok(())
+    }
+
+    /// What has been computed so far. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self, gpu: &Gpu) -> Result<ObscuranceState, GpuError> {
+        if self.state.steps == 0 {
+            return Ok(ObscuranceState::default());
+        }
+        Ok(ObscuranceState {
+            steps: self.state.steps,
+            texels: read_buffer(gpu, &self.texels, self.texels.size())?,
+        })
+    }
+
+    /// Goes on from what was saved of the same scene, atlas and settings: after the first [`Solution::record`], which says where there are texels.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when it is of others.
+    pub fn resume(&mut self, gpu: &Gpu, saved: &ObscuranceState) -> Result<(), GpuError> {
+        if *saved == ObscuranceState::default() {
+            return Ok(());
+        }
+        let fits = saved.texels.len() as u64 * 4 == self.texels.size()
+            && saved.steps <= self.sampler.steps();
+        if !fits || self.state.made.is_none() {
+            return Err(GpuError::Pass {
+                pass: INFO.name.into(),
+                reason: "what was saved is of another scene or other settings".into(),
+            });
+        }
+        let texels = bytemuck::cast_slice(&saved.texels);
+        gpu.queue.write_buffer(&self.texels, 0, texels);
+        self.state.steps = saved.steps;
         Ok(())
     }
 

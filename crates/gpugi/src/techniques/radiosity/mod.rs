@@ -171,6 +171,17 @@ struct Made {
     refinements: u64,
 }
 
+/// What [`Technique::save`] gives.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Saved {
+    /// How often the direct light had become finer.
+    refinements_of_light: u64,
+    /// How often this light had.
+    refinements: u64,
+    iterates: u32,
+    light: Vec<u32>,
+}
+
 /// What direct light and its reflections depend on.
 #[derive(Debug, Clone, PartialEq)]
 struct LitAs {
@@ -178,6 +189,14 @@ struct LitAs {
     settings: u64,
     refinements: u64,
     own: Own,
+}
+
+/// Of what was saved for something else.
+fn unfit(reason: impl std::fmt::Display) -> GpuError {
+    GpuError::Pass {
+        pass: INFO.name.into(),
+        reason: format!("what was saved does not fit: {reason}"),
+    }
 }
 
 impl Radiosity {
@@ -261,6 +280,42 @@ impl Technique for Radiosity {
     fn progress(&self) -> f32 {
         let done = self.made.as_ref().map_or(0, |made| made.solution.iterates);
         done as f32 / (self.settings.burn_in + self.settings.iterations) as f32
+    }
+
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let Some(lit) = &made.lit else {
+            return Ok(None);
+        };
+        let saved = Saved {
+            refinements_of_light: lit.refinements,
+            refinements: made.refinements,
+            iterates: made.solution.iterates,
+            light: made.solution.light(gpu)?,
+        };
+        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+    }
+
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
+        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let Some(made) = &mut self.made else {
+            return Ok(false);
+        };
+        let light = made.lit.as_ref().map(|lit| lit.refinements);
+        if light != Some(saved.refinements_of_light) {
+            return Ok(false);
+        }
+        if saved.iterates > self.settings.burn_in + self.settings.iterations {
+            return Err(unfit("too many iterates"));
+        }
+        let solution = &mut made.solution;
+        if !solution.resume(gpu, &self.kernels, saved.iterates, &saved.light)? {
+            return Err(unfit("another number of texels"));
+        }
+        made.refinements = saved.refinements;
+        Ok(true)
     }
 
     fn settings(&self) -> serde_json::Value {

@@ -6,7 +6,7 @@ use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, lay_out,
 };
 use crate::capture::{SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -255,6 +255,11 @@ impl Solution {
             self.last = 1 - self.last;
         }
         self.iterates += count;
+        self.average(frame, kernels)
+    }
+
+    /// The average of the iterates, for whoever looks it up.
+    fn average(&self, frame: &mut Frame<'_>, kernels: &Kernels) -> Result<(), GpuError> {
         frame.compute("radiosity.average", |pass| {
             for piece in &self.pieces {
                 let groups = [(1, &piece.average), (3, &piece.average_texels[self.last])];
@@ -262,6 +267,32 @@ impl Solution {
             }
         });
         self.dilation.record(frame, &self.irradiance)
+    }
+
+    /// All that the next iterate reads of those before it: `Texel` of texel.wesl. Waits for the GPU.
+    pub(super) fn light(&self, gpu: &Gpu) -> Result<Vec<u32>, GpuError> {
+        let last = &self.light[self.last];
+        read_buffer(gpu, last, last.size())
+    }
+
+    /// Goes on from what [`Solution::light`] gave after so many iterates, begun from the same direct light. False when that has another number of texels.
+    pub(super) fn resume(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        iterates: u32,
+        light: &[u32],
+    ) -> Result<bool, GpuError> {
+        let last = &self.light[self.last];
+        if light.len() as u64 * 4 != last.size() {
+            return Ok(false);
+        }
+        gpu.queue.write_buffer(last, 0, bytemuck::cast_slice(light));
+        self.iterates = iterates;
+        let mut frame = Frame::new(gpu, false);
+        self.average(&mut frame, kernels)?;
+        frame.submit()?;
+        Ok(true)
     }
 }
 

@@ -33,7 +33,7 @@ fn tested(gpu: &Gpu, scene: &Scene) -> (LeakReport, Vec<super::Point>, Vec<u8>) 
         frame.submit().unwrap();
     }
     let report = test.report(gpu).unwrap();
-    let map = test.map(gpu).unwrap();
+    let map = test.map(gpu).unwrap().into_flattened();
     (report, unpacked(gpu, &on_gpu, &capture), map)
 }
 

@@ -1,0 +1,353 @@
+//! The light that techniques add at the texels of an atlas.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+use gpugi_scene::atlas::Seams;
+use gpugi_scene::{Atlas, Camera, Projection, Scene};
+use serde::{Deserialize, Serialize};
+
+use super::Quantity;
+use crate::capture::atlas::{
+    AtlasCapture, AtlasCaptureOptions, Dilation, LeakReport, LeakTest, cut, rows_of,
+};
+use crate::capture::{Target, View};
+use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
+use crate::renderer::{RenderError, Renderer};
+
+/// Bytes that a texel takes on the GPU while it is lit: point (48), coverage (16), hit (4), state (4), sum of light (16), levels of dilation (22), and the sums
+/// once more while they are read back (16).
+const TEXEL_BYTES: u64 = 126;
+
+/// What a bake of light is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LightOptions {
+    /// What texels hold: radiance, or the irradiance over pi.
+    pub quantity: Quantity,
+    /// Samples a texel, at least 1.
+    pub samples: u32,
+    /// Seed of all that is stochastic.
+    pub seed: u32,
+    /// Bytes on the GPU for texels: as many tiles are lit one after the other as that takes. Scene and maps of techniques come on top.
+    pub memory: u64,
+}
+
+impl Default for LightOptions {
+    fn default() -> Self {
+        Self {
+            quantity: Quantity::Diffuse,
+            samples: 16,
+            seed: 0,
+            memory: 512 << 20,
+        }
+    }
+}
+
+/// What a bake is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Making the maps of techniques.
+    Maps,
+    /// Lighting texels.
+    Texels,
+}
+
+/// How far a bake is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// What it is about.
+    pub stage: Stage,
+    /// Share of that stage that is done (0 to 1).
+    pub done: f32,
+}
+
+/// What a bake has come to: another goes on from there.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct LightState {
+    /// What techniques saved of their maps, by name.
+    maps: BTreeMap<String, Vec<u8>>,
+    /// The tiles that are done.
+    done: LitRows,
+    /// Samples of the tile that is not, and their sums.
+    samples: u32,
+    sums: Vec<[f32; 4]>,
+}
+
+/// Rows of texels, from the first on.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+struct LitRows {
+    texels: Vec<Vec3>,
+    leaks: LeakReport,
+    leak_map: Vec<[u8; 4]>,
+}
+
+/// A baked atlas.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LitAtlas {
+    /// Means of the samples, page by page, row by row from the top: empty texels filled from their neighbours, seams closed.
+    pub pages: Vec<Vec<Vec3>>,
+    /// How many texels are where no light can be, and what became of them.
+    pub leaks: LeakReport,
+    /// The same as pictures of the pages, as [`LeakTest::map`] makes them.
+    pub leak_maps: Vec<Vec<[u8; 4]>>,
+}
+
+/// Lights the texels of an atlas, tile by tile, sample by sample.
+#[derive(Debug)]
+pub struct LightBake<'a> {
+    gpu: Gpu,
+    scene: &'a Scene,
+    atlas: &'a Atlas,
+    options: LightOptions,
+    renderer: Renderer,
+    view: View,
+    /// How far maps are; none once they are as fine as they get.
+    refining: Option<f32>,
+    /// Rows of each tile, through all pages.
+    tiles: Vec<Range<u32>>,
+    tile: Option<Tile>,
+    done: LitRows,
+    resumed: LightState,
+}
+
+/// Texels that are lit at a time.
+#[derive(Debug)]
+pub(crate) struct Tile {
+    pub capture: AtlasCapture,
+    pub leaks: LeakTest,
+    /// Sums of light, one for each of the capture's pieces.
+    pub targets: Vec<Target>,
+    /// Samples so far.
+    pub samples: u32,
+}
+
+impl<'a> LightBake<'a> {
+    /// A bake of `scene` into `atlas`, which is one of it, by the named techniques.
+    ///
+    /// # Errors
+    /// [`RenderError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &'a Scene,
+        atlas: &'a Atlas,
+        names: &[String],
+        options: &LightOptions,
+    ) -> Result<Self, RenderError> {
+        let mut renderer = Renderer::with_texels(gpu, scene, names)?;
+        renderer.set_seed(options.seed);
+        let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
+        // A row at least, however little memory that is.
+        let tiles = cut(
+            gpu,
+            atlas.size,
+            rows_of(gpu, atlas)?,
+            most_texels.max(atlas.size),
+        )?;
+        // Maps that follow a camera follow one that sees all there is.
+        let diagonal = renderer.scene().diagonal();
+        let center = scene.bounds().center();
+        let all = Camera {
+            projection: Projection::Orthographic { height: diagonal },
+            ..Camera::look_at("all", center + Vec3::Y * diagonal, center, 1.0)
+        };
+        Ok(Self {
+            view: View::new(&all, [1, 1], Vec2::ZERO, 0, options.seed, diagonal),
+            gpu: gpu.clone(),
+            scene,
+            atlas,
+            options: *options,
+            renderer,
+            refining: Some(-1.0),
+            tiles,
+            tile: None,
+            done: LitRows::default(),
+            resumed: LightState::default(),
+        })
+    }
+
+    /// The renderer whose techniques light the texels: for their settings, and to say what is left out.
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
+    /// How many tiles are lit one after the other.
+    pub fn tiles(&self) -> usize {
+        self.tiles.len()
+    }
+
+    /// Takes a step: brings maps one frame further until they are as fine as they get; then adds a sample of the light of those techniques whose names `adds`
+    /// accepts, while the others light what these see. `None`: there is nothing left to do.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, RenderError> {
+        if let Some(before) = self.refining {
+            let done = self.renderer.refine(&self.view)?;
+            self.resumed.maps = self
+                .renderer
+                .resume_maps(std::mem::take(&mut self.resumed.maps))?;
+            let is_final = done >= 1.0 || done <= before;
+            self.refining = (!is_final).then_some(done);
+            let stage = Stage::Maps;
+            return Ok(Some(Progress { stage, done }));
+        }
+        let mut tile = match self.tile.take() {
+            Some(tile) => tile,
+            None => match self.tile_at(self.tiles_done())? {
+                Some(tile) => tile,
+                None => return Ok(None),
+            },
+        };
+        if tile.samples < self.options.samples {
+            let mut frame = Frame::new(&self.gpu, false);
+            self.renderer
+                .light_tile(&mut frame, &self.view, &mut tile, adds)?;
+            frame.submit()?;
+        }
+        let share = f64::from(tile.samples) / f64::from(self.options.samples.max(1));
+        let done = (self.tiles_done() as f64 + share) / self.tiles.len() as f64;
+        if tile.samples >= self.options.samples {
+            self.keep(&tile)?;
+        } else {
+            self.tile = Some(tile);
+        }
+        Ok(Some(Progress {
+            stage: Stage::Texels,
+            done: done as f32,
+        }))
+    }
+
+    fn tiles_done(&self) -> usize {
+        let texels = |rows: &Range<u32>| rows.len() * self.atlas.size as usize;
+        let mut ends = self.tiles.iter().scan(0, |end, rows| {
+            *end += texels(rows);
+            Some(*end)
+        });
+        let done = self.done.texels.len();
+        ends.position(|end| end > done).unwrap_or(self.tiles.len())
+    }
+
+    /// Room for the texels of a tile; none when there is no such tile.
+    fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, RenderError> {
+        let Some(rows) = self.tiles.get(index) else {
+            return Ok(None);
+        };
+        let gpu = &self.gpu;
+        let options = AtlasCaptureOptions {
+            lobes: self.options.quantity,
+            rows: Some(rows.clone()),
+            ..AtlasCaptureOptions::default()
+        };
+        let on_gpu = self.renderer.scene();
+        let capture = AtlasCapture::new(gpu, self.scene, on_gpu, self.atlas, &options)?;
+        let leaks = LeakTest::new(gpu, on_gpu, &capture)?;
+        let targets = capture
+            .points()
+            .map(|points| Target::new(gpu, points.count));
+        let targets: Vec<Target> = targets.collect::<Result<_, GpuError>>()?;
+        let sums = std::mem::take(&mut self.resumed.sums);
+        let mut rest = &sums[..];
+        for target in &targets {
+            let count = (target.radiance.size() / 16) as usize;
+            let Some((these, others)) = rest.split_at_checked(count) else {
+                break;
+            };
+            let bytes = bytemuck::cast_slice(these);
+            gpu.queue.write_buffer(&target.radiance, 0, bytes);
+            rest = others;
+        }
+        Ok(Some(Tile {
+            capture,
+            leaks,
+            targets,
+            samples: std::mem::take(&mut self.resumed.samples),
+        }))
+    }
+
+    /// Keeps the light of a tile that has all its samples.
+    fn keep(&mut self, tile: &Tile) -> Result<(), RenderError> {
+        let gpu = &self.gpu;
+        for (piece, target) in tile.capture.pieces().iter().zip(&tile.targets) {
+            let rows = piece.rows.len() as u32;
+            let mut frame = Frame::new(gpu, false);
+            Dilation::new(gpu, [tile.capture.size, rows])?.record(&mut frame, target)?;
+            frame.submit()?;
+            let radiance = &target.radiance;
+            let texels: Vec<[f32; 4]> = read_buffer(gpu, radiance, radiance.size())?;
+            // Sums of a samples, and of texels that were filled one mean.
+            let means = texels
+                .into_iter()
+                .map(|[r, g, b, a]| Vec3::new(r, g, b) / a.max(1.0));
+            self.done.texels.extend(means);
+        }
+        self.done.leaks += tile.leaks.report(gpu)?;
+        self.done.leak_map.extend(tile.leaks.map(gpu)?);
+        Ok(())
+    }
+
+    /// What the bake has come to. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn save(&self) -> Result<LightState, RenderError> {
+        let mut sums = Vec::new();
+        for target in self.tile.iter().flat_map(|tile| &tile.targets) {
+            let radiance = &target.radiance;
+            sums.extend(read_buffer::<[f32; 4]>(
+                &self.gpu,
+                radiance,
+                radiance.size(),
+            )?);
+        }
+        Ok(LightState {
+            maps: self.renderer.save_maps()?,
+            done: self.done.clone(),
+            samples: self.tile.as_ref().map_or(0, |tile| tile.samples),
+            sums,
+        })
+    }
+
+    /// Goes on from what another bake of the same scene, atlas, techniques, settings and options saved, before the first step.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] when the state is not of such a bake.
+    pub fn resume(&mut self, state: LightState) -> Result<(), RenderError> {
+        let texels = |rows: &Range<u32>| rows.len() * self.atlas.size as usize;
+        self.done = state.done.clone();
+        let index = self.tiles_done();
+        let whole: usize = self.tiles[..index].iter().map(texels).sum();
+        let next = self.tiles.get(index).map_or(0, texels);
+        let is_whole = self.done.texels.len() == whole && self.done.leak_map.len() == whole;
+        let has_sums = if state.samples == 0 {
+            state.sums.is_empty()
+        } else {
+            state.samples < self.options.samples && state.sums.len() == next
+        };
+        let is_finite = |value: &f32| value.is_finite();
+        let are_finite = self.done.texels.iter().all(|texel| texel.is_finite())
+            && state.sums.iter().flatten().all(is_finite);
+        if !(is_whole && has_sums && are_finite) {
+            return Err(RenderError::Gpu(GpuError::Pass {
+                pass: "bake".into(),
+                reason: "what was saved does not fit this bake".into(),
+            }));
+        }
+        self.resumed = LightState {
+            done: LitRows::default(),
+            ..state
+        };
+        Ok(())
+    }
+
+    /// The result; texels that were never lit are missing.
+    pub fn finish(mut self) -> LitAtlas {
+        Seams::new(self.scene, self.atlas).smooth(&mut self.done.texels);
+        let page = (self.atlas.size as usize).pow(2);
+        LitAtlas {
+            pages: self.done.texels.chunks(page).map(<[_]>::to_vec).collect(),
+            leaks: self.done.leaks,
+            leak_maps: self.done.leak_map.chunks(page).map(<[_]>::to_vec).collect(),
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The obscurances of an atlas.
+
+use gpugi_scene::{Atlas, Scene};
+
+use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::GpuScene;
+use crate::techniques::obscurances::{ObscurancePage, ObscuranceState, Settings, Solution};
+
+/// Computes the obscurances of an atlas.
+#[derive(Debug)]
+pub struct ObscuranceBake {
+    gpu: Gpu,
+    on_gpu: GpuScene,
+    capture: AtlasCapture,
+    leaks: LeakTest,
+    solution: Solution,
+}
+
+impl ObscuranceBake {
+    /// Room for the obscurances of `atlas`, which is one of `scene`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        atlas: &Atlas,
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let on_gpu = GpuScene::with_texels(gpu, scene)?;
+        let options = AtlasCaptureOptions::default();
+        let capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, &options)?;
+        Ok(Self {
+            leaks: LeakTest::new(gpu, &on_gpu, &capture)?,
+            solution: Solution::new(gpu, scene, &on_gpu, atlas, &capture, settings)?,
+            gpu: gpu.clone(),
+            on_gpu,
+            capture,
+        })
+    }
+
+    /// Takes a step; returns the share of the work that is done then (0 to 1).
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn step(&mut self) -> Result<f32, GpuError> {
+        let mut frame = Frame::new(&self.gpu, false);
+        self.on_gpu.merge(&mut frame);
+        self.capture.record(&mut frame, &self.on_gpu)?;
+        self.leaks.record(&mut frame, &self.on_gpu, &self.capture);
+        self.solution
+            .record(&mut frame, &self.on_gpu, &self.capture)?;
+        frame.submit()?;
+        Ok(self.solution.progress())
+    }
+
+    /// Whether there is nothing left to do.
+    pub fn is_done(&self) -> bool {
+        self.solution.is_done()
+    }
+
+    /// What has been computed so far. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self) -> Result<ObscuranceState, GpuError> {
+        self.solution.save(&self.gpu)
+    }
+
+    /// Goes on from what another bake of the same scene, atlas and settings saved.
+    ///
+    /// # Errors
+    /// [`GpuError`]; [`GpuError::Pass`] when the state is not of such a bake.
+    pub fn resume(&mut self, state: &ObscuranceState) -> Result<(), GpuError> {
+        // What texels have room for samples is found first.
+        self.step()?;
+        self.solution.resume(&self.gpu, state)
+    }
+
+    /// The pages as they are now. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn pages(&mut self) -> Result<Vec<ObscurancePage>, GpuError> {
+        self.solution.pages(&self.gpu)
+    }
+}

@@ -1,0 +1,221 @@
+use std::path::PathBuf;
+
+use glam::Vec3;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::{Atlas, AtlasOptions, Scene};
+
+use super::*;
+use crate::techniques::obscurances::Settings;
+use crate::testing::test_gpu;
+
+const SIZE: u32 = 32;
+
+fn room() -> (Scene, Atlas) {
+    let scene = builtin("cornell", 1).unwrap();
+    let options = AtlasOptions {
+        size: SIZE,
+        density: gpugi_scene::TexelDensity::PerMetre(4.0),
+        gutter: 1,
+        ..AtlasOptions::default()
+    };
+    let atlas = Atlas::new(&scene, &options).unwrap();
+    assert!(atlas.pages > 1);
+    (scene, atlas)
+}
+
+fn names() -> [String; 2] {
+    ["shadow-map", "radiosity"].map(str::to_owned)
+}
+
+/// A bake that keeps `rows` of texels at a time.
+fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64) -> LightBake<'a> {
+    let options = LightOptions {
+        samples: 3,
+        memory: rows * u64::from(SIZE) * 126,
+        ..LightOptions::default()
+    };
+    let mut bake = LightBake::new(gpu, scene, atlas, &names(), &options).unwrap();
+    for (technique, name, value) in [
+        ("shadow-map", "area-samples", "4"),
+        ("shadow-map", "resolution", "64"),
+        ("radiosity", "resolution", "32"),
+        ("radiosity", "iterations", "8"),
+        ("radiosity", "burn-in", "2"),
+    ] {
+        bake.renderer().set(technique, name, value).unwrap();
+    }
+    bake
+}
+
+/// Takes `steps`, or all there are; returns how many that were.
+fn take(bake: &mut LightBake<'_>, steps: usize) -> usize {
+    (0..steps)
+        .take_while(|_| bake.step(|_| true).unwrap().is_some())
+        .count()
+}
+
+/// Wherever a bake is stopped, another that goes on from there gives the same bits.
+#[test]
+fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    let mut whole = bake(&gpu, &scene, &atlas, u64::from(SIZE));
+    assert_eq!(whole.tiles(), atlas.pages as usize);
+    let steps = take(&mut whole, usize::MAX);
+    let whole = whole.finish();
+    let lit = whole
+        .pages
+        .iter()
+        .flatten()
+        .filter(|&&texel| texel != Vec3::ZERO);
+    assert!(lit.count() * 2 > whole.pages.len() * (SIZE * SIZE) as usize);
+    assert!(whole.leaks.invalid > 0);
+    // In the maps, in a tile, between two, in the last.
+    for stop in [2, 5, 11, 12, 13, steps - 1, steps] {
+        let mut stopped = bake(&gpu, &scene, &atlas, u64::from(SIZE));
+        assert_eq!(take(&mut stopped, stop), stop);
+        let state = stopped.save().unwrap();
+        drop(stopped);
+        let mut other = bake(&gpu, &scene, &atlas, u64::from(SIZE));
+        other.resume(state).unwrap();
+        let left = take(&mut other, usize::MAX);
+        println!("stopped after {stop} of {steps} steps, {left} more");
+        assert!(other.finish() == whole, "stopped after {stop}");
+        // Work that was done is not done again, but for a frame that finds where texels are.
+        assert!(left <= steps - stop + 2, "stopped after {stop}: {left}");
+    }
+}
+
+/// Little memory takes more tiles, not other light.
+#[test]
+fn tiles_are_of_one_picture() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    let lit = |rows| {
+        let mut bake = bake(&gpu, &scene, &atlas, rows);
+        take(&mut bake, usize::MAX);
+        (bake.tiles(), bake.finish())
+    };
+    let (one, whole) = lit(u64::MAX / 1_000_000);
+    assert_eq!(one, 1);
+    for rows in [u64::from(SIZE), 5] {
+        let (tiles, parts) = lit(rows);
+        assert_eq!(tiles, (atlas.pages * SIZE).div_ceil(rows as u32) as usize);
+        assert_eq!(parts.leaks, whole.leaks);
+        assert_eq!(parts.leak_maps, whole.leak_maps);
+        let mean = |lit: &LitAtlas| {
+            let texels = lit
+                .pages
+                .iter()
+                .flatten()
+                .zip(lit.leak_maps.iter().flatten());
+            let good = texels.filter(|(_, state)| state[3] > 0 && state[0] == state[1]);
+            let (sum, count) = good.fold((Vec3::ZERO, 0), |(sum, count), (texel, _)| {
+                (sum + texel, count + 1)
+            });
+            sum / count as f32
+        };
+        let (here, there) = (mean(&parts), mean(&whole));
+        println!("{rows} rows at a time: {here} instead of {there}");
+        assert!((here - there).abs().max_element() < 0.01 * there.max_element());
+    }
+}
+
+#[test]
+fn obscurances_go_on_as_if_they_had_not_been_stopped() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    for mode in ["rays", "peeling"] {
+        let mut settings = Settings {
+            directions: 8,
+            ..Settings::default()
+        };
+        settings.set("mode", mode).unwrap();
+        let new = || ObscuranceBake::new(&gpu, &scene, &atlas, &settings).unwrap();
+        let mut whole = new();
+        let mut steps = 0;
+        while !whole.is_done() {
+            whole.step().unwrap();
+            steps += 1;
+        }
+        let pages = whole.pages().unwrap();
+        for stop in [steps / 2, steps] {
+            let mut stopped = new();
+            for _ in 0..stop {
+                stopped.step().unwrap();
+            }
+            let state = stopped.save().unwrap();
+            let mut other = new();
+            other.resume(&state).unwrap();
+            let mut left = 0;
+            while !other.is_done() {
+                other.step().unwrap();
+                left += 1;
+            }
+            assert!(left <= steps - stop, "{mode}: {left}");
+            assert!(other.pages().unwrap() == pages, "{mode}");
+        }
+        // Of a bake that takes fewer steps.
+        let fewer = Settings {
+            directions: 1,
+            ..settings.clone()
+        };
+        let state = whole.save().unwrap();
+        let mut other = ObscuranceBake::new(&gpu, &scene, &atlas, &fewer).unwrap();
+        assert_eq!(other.resume(&state).is_err(), steps > 1, "{mode}");
+    }
+}
+
+/// A file of this test's own.
+fn file(name: &str) -> PathBuf {
+    let name = format!("gpugi-checkpoint-{name}-{}", std::process::id());
+    std::env::temp_dir().join(name)
+}
+
+#[test]
+fn checkpoints_are_believed_only_when_they_are_whole() {
+    let (scene, atlas) = room();
+    let path = file("whole");
+    let kept = Checkpoint {
+        atlas,
+        obscurances: None,
+        light: Some(LightState::default()),
+    };
+    kept.write(&path, "key").unwrap();
+    let read = |key: &str, scene: &Scene| Checkpoint::read(&path, key, scene);
+    assert_eq!(read("key", &scene).unwrap(), kept);
+    assert!(matches!(
+        read("other", &scene),
+        Err(CheckpointError::OtherBake)
+    ));
+    let other = builtin("room", 1).unwrap();
+    assert!(matches!(
+        read("key", &other),
+        Err(CheckpointError::Damaged(_))
+    ));
+    let whole = std::fs::read(&path).unwrap();
+    let refused = |what: &str, bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let read = Checkpoint::read(&path, "key", &scene);
+        assert!(matches!(read, Err(CheckpointError::Damaged(_))), "{what}");
+    };
+    let places = (0..200).chain((200..whole.len()).step_by(997));
+    for at in places {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 4;
+        refused("a flipped bit", &bytes);
+        refused("a file cut off", &whole[..at]);
+    }
+    refused("a longer file", &[&whole[..], &[0]].concat());
+    // Whole by its checksum, but not a checkpoint.
+    for end in [0, 1, 7, whole.len() - 81] {
+        let content = &whole[48..][..32 + end];
+        let checksum = blake3::hash(content);
+        refused(
+            "cut off",
+            &[&whole[..16], &checksum.as_bytes()[..], content].concat(),
+        );
+    }
+    std::fs::remove_file(&path).unwrap();
+    assert!(matches!(read("key", &scene), Err(CheckpointError::Io(_))));
+}
