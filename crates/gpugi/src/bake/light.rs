@@ -18,7 +18,7 @@ use crate::renderer::{RenderError, Renderer};
 
 /// Bytes that a texel takes on the GPU while it is lit: point (48), coverage (16), hit (4), state (4), sum of light (16), levels of dilation (22), and the sums
 /// once more while they are read back (16).
-const TEXEL_BYTES: u64 = 126;
+pub(super) const TEXEL_BYTES: u64 = 126;
 
 /// What a bake of light is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,6 +120,19 @@ pub(crate) struct Tile {
     pub targets: Vec<Target>,
     /// Samples so far.
     pub samples: u32,
+}
+
+impl Drop for Tile {
+    /// Frees memory at once: techniques keep for a while what they bound.
+    fn drop(&mut self) {
+        for points in self.capture.points() {
+            points.points.destroy();
+            points.hits.texture().destroy();
+        }
+        for target in &self.targets {
+            target.radiance.destroy();
+        }
+    }
 }
 
 impl<'a> LightBake<'a> {

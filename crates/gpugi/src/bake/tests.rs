@@ -4,6 +4,7 @@ use glam::Vec3;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Atlas, AtlasOptions, Scene};
 
+use super::light::TEXEL_BYTES;
 use super::*;
 use crate::techniques::obscurances::Settings;
 use crate::testing::test_gpu;
@@ -31,7 +32,7 @@ fn names() -> [String; 2] {
 fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64) -> LightBake<'a> {
     let options = LightOptions {
         samples: 3,
-        memory: rows * u64::from(SIZE) * 126,
+        memory: rows * u64::from(SIZE) * TEXEL_BYTES,
         ..LightOptions::default()
     };
     let mut bake = LightBake::new(gpu, scene, atlas, &names(), &options).unwrap();
@@ -119,6 +120,51 @@ fn tiles_are_of_one_picture() {
         println!("{rows} rows at a time: {here} instead of {there}");
         assert!((here - there).abs().max_element() < 0.01 * there.max_element());
     }
+}
+
+/// Tiles that are done keep nothing on the GPU.
+#[test]
+fn memory_of_tiles_is_bounded() {
+    if test_gpu().is_none() {
+        return;
+    }
+    // Of its own, which no other test allocates from.
+    let gpu = crate::gpu::Gpu::open(&crate::gpu::AdapterChoice::Best).unwrap();
+    let allocated = || {
+        gpu.device
+            .poll(crate::gpu::PollType::wait_indefinitely())
+            .unwrap();
+        let report = gpu.device.generate_allocator_report();
+        report.map(|report| report.total_allocated_bytes)
+    };
+    let scene = builtin("cornell", 1).unwrap();
+    let options = AtlasOptions {
+        size: 512,
+        gutter: 1,
+        density: gpugi_scene::TexelDensity::PerMetre(24.0),
+        ..AtlasOptions::default()
+    };
+    let atlas = Atlas::new(&scene, &options).unwrap();
+    let rows = 32;
+    let memory = rows * u64::from(atlas.size) * TEXEL_BYTES;
+    let options = LightOptions {
+        samples: 2,
+        memory,
+        ..LightOptions::default()
+    };
+    let names = ["environment-map".to_owned()];
+    let mut bake = LightBake::new(&gpu, &scene, &atlas, &names, &options).unwrap();
+    assert!(bake.tiles() >= 8);
+    let mut most = Vec::new();
+    while bake.step(|_| true).unwrap().is_some() {
+        // Adapters that do not say are not asked.
+        let Some(bytes) = allocated() else { return };
+        most.push(bytes);
+    }
+    // Between two samples a tile is there, after the second it is not.
+    let [least, most] = [most.iter().min(), most.iter().max()].map(|bytes| bytes.unwrap());
+    println!("{least} to {most} bytes, {memory} for texels");
+    assert!((memory / 2..memory).contains(&(most - least)));
 }
 
 #[test]
