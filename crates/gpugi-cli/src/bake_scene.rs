@@ -177,7 +177,6 @@ pub fn run(
             page.obscurance = Some(found.obscurance);
             page.colored_obscurance = found.colored;
         }
-        work.timed(FACTOR);
     } else if let Some(setting) = of_factor.first() {
         return Err(Usage(format!("--set {setting}: {FACTOR} is not in use")).into());
     }
@@ -208,6 +207,7 @@ pub fn run(
             notes.push(format!("not in this bake: {}", left_out.join("; ")));
         }
         notes.extend(alpha_is_lost(&scene, options.bake_mode));
+        work.timed("setup");
         light(&mut bake, &lights, &mut work)?;
         if let Some(folder) = &options.dump_maps {
             crate::output::dump_maps(&gpu, bake.renderer(), folder)?;
@@ -403,6 +403,7 @@ fn factor(
         }
     }
     let mut bake = ObscuranceBake::new(work.gpu, scene, atlas, &settings)?;
+    work.timed("setup");
     if let Some(saved) = work.done.obscurances.take() {
         bake.resume(&saved)?;
         work.done.obscurances = Some(saved);
@@ -415,6 +416,7 @@ fn factor(
             Ok(())
         })?;
     }
+    work.timed(FACTOR);
     // Whoever stops the bake later need not do this again.
     work.done.obscurances = Some(bake.save()?);
     Ok(bake.pages()?)

@@ -10,7 +10,7 @@ use super::Settings;
 use super::gpu::{Bundle, PeelView, SettingsUniform};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
 use crate::shader;
 use crate::techniques::shadow_map::lights::low_discrepancy;
@@ -30,13 +30,21 @@ pub(super) struct Peeling {
     /// Bind group of the texels that are looked up in `transfer`.
     corners: wgpu::BindGroup,
     side: u32,
-    /// Two layers in turn.
-    layers: [wgpu::TextureView; 2],
-    depth: wgpu::TextureView,
+    /// Two in turn.
+    layers: [Layer; 2],
     most_layers: u32,
     /// Bundles; none where there are no texels.
     directions: u32,
     seed: u32,
+}
+
+/// What lines meet next.
+#[derive(Debug)]
+struct Layer {
+    /// Of triangles.
+    numbers: wgpu::TextureView,
+    /// Where it is 0 there is nothing, and a number of another layer.
+    depths: wgpu::TextureView,
 }
 
 impl Peeling {
@@ -49,7 +57,7 @@ impl Peeling {
     ) -> Result<Self, GpuError> {
         let raster = |shader| {
             let state = RasterState {
-                colors: &[wgpu::TextureFormat::Rg32Uint],
+                colors: &[wgpu::TextureFormat::R32Uint],
                 cull: None,
                 slope_bias: 0.0,
                 has_fragment: true,
@@ -62,7 +70,7 @@ impl Peeling {
             .most_lines
             .min(gpu.device.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
-        let texture = |label, format, usage| {
+        let texture = |label, format| {
             let texture = gpu.texture(&wgpu::TextureDescriptor {
                 label: Some(label),
                 size: wgpu::Extent3d {
@@ -74,14 +82,17 @@ impl Peeling {
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format,
-                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::RENDER_ATTACHMENT,
                 view_formats: &[],
             })?;
             Ok::<_, GpuError>(texture.create_view(&Default::default()))
         };
         let layer = || {
-            let usage = wgpu::TextureUsages::TEXTURE_BINDING;
-            texture("layer of a bundle", wgpu::TextureFormat::Rg32Uint, usage)
+            Ok::<_, GpuError>(Layer {
+                numbers: texture("triangles of a layer", wgpu::TextureFormat::R32Uint)?,
+                depths: texture("depths of a layer", wgpu::TextureFormat::Depth32Float)?,
+            })
         };
         let transfer = Kernel::with_options(
             gpu,
@@ -104,11 +115,6 @@ impl Peeling {
             corners,
             side,
             layers: [layer()?, layer()?],
-            depth: texture(
-                "depth of a layer",
-                wgpu::TextureFormat::Depth32Float,
-                wgpu::TextureUsages::empty(),
-            )?,
             most_layers: settings.layers,
             directions: match capture.pieces() {
                 [] => 0,
@@ -200,18 +206,23 @@ impl Peeling {
                     ..lines.bundle
                 },
             )?;
-            let [farther, nearer] = [layer, layer + 1]
-                .map(|layer| wgpu::BindingResource::TextureView(&self.layers[layer as usize % 2]));
+            let [farther, nearer] = [layer, layer + 1].map(|layer| {
+                let Layer { numbers, depths } = &self.layers[layer as usize % 2];
+                [numbers, depths].map(wgpu::BindingResource::TextureView)
+            });
             let peel = [
                 ("view", view.as_entire_binding()),
                 ("first_triangles", first_triangles.as_entire_binding()),
-                ("nearer", nearer.clone()),
+                ("nearer_numbers", nearer[0].clone()),
+                ("nearer_depths", nearer[1].clone()),
             ];
             let transfer = [
                 ("settings", settings.as_entire_binding()),
                 ("lines", bundle.as_entire_binding()),
-                ("nearer", nearer),
-                ("farther", farther),
+                ("nearer_numbers", nearer[0].clone()),
+                ("nearer_depths", nearer[1].clone()),
+                ("farther_numbers", farther[0].clone()),
+                ("farther_depths", farther[1].clone()),
                 ("indices", scene.indices.as_entire_binding()),
                 ("merged", scene.vertices.as_entire_binding()),
                 ("texels", texels.as_entire_binding()),
@@ -231,7 +242,8 @@ impl Peeling {
                 _ => &groups[2 - layer % 2],
             };
             let target = &self.layers[layer % 2];
-            frame.render("obscurances.peel", &[target], &self.depth, |pass| {
+            let (name, keeps) = ("obscurances.peel", Keeps::Colors);
+            frame.render_onto(name, keeps, &[&target.numbers], &target.depths, |pass| {
                 pass.set_bind_group(0, &scene.bind_group, &[]);
                 pass.set_vertex_buffer(0, scene.vertices.slice(..));
                 pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
