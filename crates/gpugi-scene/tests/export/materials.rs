@@ -1,11 +1,11 @@
 //! What other viewers are told to show.
 
-use glam::{Vec3, vec3};
+use glam::{Vec3, vec2, vec3};
 use gpugi_scene::Pixels;
 use gpugi_scene::export::{BakedLight, BakedPage};
 use serde_json::{Value, json};
 
-use crate::baking::{Baked, SIZE, bake, obscured, shredded, whole};
+use crate::baking::{Baked, SIZE, atlas, bake, obscured, shredded, whole};
 use crate::builder::{File, png};
 
 const TEXELS: usize = (SIZE * SIZE) as usize;
@@ -134,8 +134,8 @@ fn unlit_shows_the_radiance_and_nothing_else() {
 fn emissive_emits_the_radiance_and_reflects_nothing() {
     let file = colourful();
     let mut radiance = vec![Vec3::splat(0.5); TEXELS];
-    radiance[0] = vec3(8.0, 2.0, f32::NAN);
-    radiance[1] = vec3(8.0, 2.0, 0.0);
+    radiance[0] = vec3(8.0, 2.0, 0.0);
+    radiance[1] = vec3(8.0, 2.0, f32::NAN);
     let baked = baked(&file, light(BakedLight::Emissive(radiance)));
     let material = &baked.json["materials"][0];
     let expected = json!({
@@ -160,8 +160,8 @@ fn emissive_emits_the_radiance_and_reflects_nothing() {
         assert!(pairs.clone().all(|(a, b)| a.abs_diff(*b) < 2), "{found:?}");
         assert_eq!(found.len(), expected.len());
     };
-    near(&texels[..9], &[0, 0, 0, 255, 137, 0, 71, 71, 71]);
-    assert_eq!((texels[0], texels[3], texels[5]), (0, 255, 0));
+    near(&texels[..9], &[255, 137, 0, 0, 0, 0, 71, 71, 71]);
+    assert_eq!((texels[0], texels[2], texels[3]), (255, 0, 0));
 
     // gpugi sees the same light in it.
     let material = &baked.scene.materials[0];
@@ -174,7 +174,7 @@ fn emissive_emits_the_radiance_and_reflects_nothing() {
     let Pixels::Rgba8(pixels) = &image.pixels else {
         panic!("a PNG has 8 bits");
     };
-    near(&pixels[4..8], &[255, 137, 0, 255]);
+    near(&pixels[..4], &[255, 137, 0, 255]);
 }
 
 #[test]
@@ -259,4 +259,61 @@ fn a_material_on_two_pages_becomes_two() {
             .is_some()
     );
     assert_eq!(material(1)["name"], "both");
+}
+
+/// A page of two instances, of which the first is a thousand times as bright: the second must not share its few bits with that.
+#[test]
+fn an_instance_is_as_exact_as_its_own_brightness_allows() {
+    const SIDE: u32 = 32;
+    const DIM: Vec3 = vec3(0.0023, 0.0017, 0.0011);
+    let mut file = File::with_material(json!({ "name": "both" }));
+    file.push(
+        "nodes",
+        json!({ "mesh": 0, "translation": [2.0, 0.0, 0.0] }),
+    );
+    let scene = file.import();
+    // Two texels of gutter between them, which continue both.
+    let mut atlas = atlas(&scene, |instance, vertex| {
+        let left = if instance == 0 { 0.0 } else { 17.0 };
+        let corner = [vec2(0.0, 0.0), vec2(15.0, 0.0), vec2(0.0, 32.0)][vertex as usize];
+        (vec2(left, 0.0) + corner) / SIDE as f32
+    });
+    atlas.size = SIDE;
+    let texels = (0..SIDE * SIDE).map(|texel| if texel % SIDE < 16 { DIM * 1000.0 } else { DIM });
+    let texels: Vec<Vec3> = texels.collect();
+    let lightmap = BakedLight::Lightmap {
+        irradiance: texels.clone(),
+        exr: String::new(),
+    };
+    for page in [BakedLight::Emissive(texels), lightmap] {
+        let is_lightmap = matches!(page, BakedLight::Lightmap { .. });
+        let baked = bake(&file, &scene, &atlas, light(page));
+        for (number, expected) in [(0, DIM * 1000.0), (1, DIM)] {
+            let instance = &baked.scene.instances[number];
+            let json = &baked.json["materials"][instance.material];
+            let (texture, scale) = if is_lightmap {
+                let map = &json["extras"]["gpugi"]["lightmap"];
+                (map, map["scale"].as_f64().unwrap() as f32)
+            } else {
+                let material = &baked.scene.materials[instance.material];
+                (&json["emissiveTexture"], material.emissive.x)
+            };
+            let texture = &baked.json["textures"][texture["index"].as_u64().unwrap() as usize];
+            let image = &baked.json["images"][texture["source"].as_u64().unwrap() as usize];
+            let image = image::load_from_memory(baked.view(&image["bufferView"])).unwrap();
+            // What the instance's triangle reads.
+            let (image, left) = (image.into_rgb8(), if number == 0 { 0 } else { 16 });
+            let mut sum = Vec3::ZERO;
+            for (x, y) in (left..left + 8).flat_map(|x| (0..16).map(move |y| (x, y))) {
+                // None of them is dark.
+                let linear = |channel: u8| ((f32::from(channel) / 255.0 + 0.055) / 1.055).powf(2.4);
+                let found = Vec3::from(image.get_pixel(x, y).0.map(linear)) * scale;
+                let error = (found - expected).abs() / expected;
+                assert!(error.max_element() < 0.03, "instance {number}: {error}");
+                sum += found;
+            }
+            let error = (sum / 128.0 - expected).abs() / expected;
+            assert!(error.max_element() < 0.005, "instance {number}: {error}");
+        }
+    }
 }

@@ -20,6 +20,8 @@ pub struct Use {
     pub page: u32,
     /// UV set of the page.
     pub uv_set: u32,
+    /// What a texel of 1 stands for: the bits of a float.
+    pub scale: u32,
 }
 
 /// A mesh, and the number of one of its primitives.
@@ -76,7 +78,7 @@ pub fn assign(
         let material = match original {
             Some(original) if users[&original].len() == 1 => {
                 let mut json = std::mem::take(output.json.at("materials", original)?);
-                show(&mut json, page, wanted.uv_set, &mut output.json)?;
+                show(&mut json, page, wanted, &mut output.json)?;
                 *output.json.at("materials", original)? = json;
                 original
             }
@@ -85,7 +87,7 @@ pub fn assign(
                     Some(original) => output.json.copy("materials", original)?,
                     None => Object::new(),
                 };
-                show(&mut json, page, wanted.uv_set, &mut output.json)?;
+                show(&mut json, page, wanted, &mut output.json)?;
                 output.json.push("materials", Value::Object(json))?
             }
         };
@@ -128,9 +130,10 @@ fn hide_vertex_colors(primitive: &mut Object) {
 fn show(
     material: &mut Object,
     page: &PageTextures,
-    uv_set: u32,
+    wanted: Use,
     file: &mut Json,
 ) -> Result<(), ExportError> {
+    let (uv_set, scale) = (wanted.uv_set, f32::from_bits(wanted.scale));
     let reference = |texture: usize| json!({ "index": texture, "texCoord": uv_set });
     match &page.light {
         None => {}
@@ -142,7 +145,7 @@ fn show(
             object(material, "extensions").insert(UNLIT.to_owned(), json!({}));
             file.uses(UNLIT)?;
         }
-        Some(LightTexture::Emissive { texture, scale }) => {
+        Some(LightTexture::Emissive { texture }) => {
             let (alpha, alpha_texture) = coverage(material);
             strip(material);
             // Black, without diffuse reflection; and the only lobe left is specular, which factor 0 switches off entirely.
@@ -164,16 +167,12 @@ fn show(
             let extensions = object(material, "extensions");
             extensions.insert(SPECULAR.to_owned(), json!({ "specularFactor": 0.0 }));
             file.uses(SPECULAR)?;
-            if *scale > 1.0 {
+            if scale > 1.0 {
                 extensions.insert(STRENGTH.to_owned(), json!({ "emissiveStrength": scale }));
                 file.uses(STRENGTH)?;
             }
         }
-        Some(LightTexture::Lightmap {
-            texture,
-            scale,
-            exr,
-        }) => {
+        Some(LightTexture::Lightmap { texture, exr }) => {
             let lightmap = json!({
                 "index": texture, "texCoord": uv_set, "quantity": "irradiance", "transfer": "srgb",
                 "scale": scale, "exr": exr,

@@ -1,13 +1,14 @@
 //! glTF files with baked light.
 //!
 //! The original's JSON is kept as values and changed only where the bake must ([`json`]); its buffers and images join the
-//! one buffer of the .glb ([`embed`]), to which [`primitive`] appends geometry and [`textures`] what was baked;
+//! one buffer of the .glb ([`embed`]), to which [`primitive`] appends geometry and [`textures`] what was baked, each of its [`parts`] as bright as can be;
 //! [`material`] refers to it. Scenes without an original are written by [`scene`] first.
 
 mod embed;
 mod json;
 mod material;
 mod output;
+mod parts;
 mod primitive;
 pub mod scene;
 mod textures;
@@ -84,8 +85,8 @@ impl Resolver for Nothing {
     }
 }
 
-/// Baked instances by their places in the file.
-type Placed<'a> = BTreeMap<Origin, &'a InstanceUvs>;
+/// Baked instances, with their numbers, by their places in the file.
+type Placed<'a> = BTreeMap<Origin, (usize, &'a InstanceUvs)>;
 
 fn placed<'a>(
     origins: impl Iterator<Item = Option<Origin>>,
@@ -107,7 +108,7 @@ fn placed<'a>(
         if !uvs.corners.iter().all(|uv| uv.is_finite()) {
             return refused("its texture coordinates are not finite");
         }
-        if placed.insert(origin, uvs).is_some() {
+        if placed.insert(origin, (instance, uvs)).is_some() {
             return refused("another instance stands for the same part of the file");
         }
     }
@@ -145,6 +146,7 @@ impl<'a> Baker<'a> {
         pages: &[BakedPage],
     ) -> Result<Exported, ExportError> {
         let root = &self.document.root;
+        let (pages, scales) = textures::add_pages(&mut self.output, atlas, pages)?;
         let mut users = HashMap::new();
         for node in &root.nodes {
             *users.entry(node.mesh).or_insert(0) += 1;
@@ -152,7 +154,7 @@ impl<'a> Baker<'a> {
         let mut uses = material::Uses::new();
         // The mesh of each node, once it is the node's own.
         let mut own: HashMap<usize, Option<usize>> = HashMap::new();
-        for (origin, uvs) in placed {
+        for (origin, (instance, uvs)) in placed {
             let Origin { node, primitive } = origin;
             let place = format!("nodes[{node}]");
             let changed = || ExportError::new(&place, "the scene is not what this file gives");
@@ -212,10 +214,13 @@ impl<'a> Baker<'a> {
                     "nodes[{node}]: its coordinates are TEXCOORD_{uv_set}; some viewers, gpugi among them, read only two sets"
                 ));
             }
-            let page = uvs.page;
-            uses.insert((target, primitive), Use { page, uv_set });
+            let wanted = Use {
+                page: uvs.page,
+                uv_set,
+                scale: scales[instance].to_bits(),
+            };
+            uses.insert((target, primitive), wanted);
         }
-        let pages = textures::add_pages(&mut self.output, pages, atlas.size)?;
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
         Ok(Exported {
             glb: self.output.glb()?,

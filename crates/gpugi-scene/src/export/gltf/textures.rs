@@ -6,6 +6,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use serde_json::json;
 
 use super::output::Output;
+use super::parts::Parts;
+use crate::atlas::Atlas;
 use crate::export::{BakedLight, BakedPage, ExportError};
 use crate::image::srgb_from_linear;
 
@@ -21,25 +23,23 @@ pub enum LightTexture {
     Unlit {
         texture: usize,
     },
+    /// A texel of 1 is the radiance that the instance's scale says [W/sr/m^2].
     Emissive {
         texture: usize,
-        /// Radiance of a texel of 1 [W/sr/m^2].
-        scale: f32,
     },
+    /// A texel of 1 is the irradiance that the instance's scale says [W/m^2].
     Lightmap {
         texture: usize,
-        /// Irradiance of a texel of 1 [W/m^2].
-        scale: f32,
         exr: String,
     },
 }
 
-/// Adds the textures of all `pages`, of `size` x `size` texels.
+/// Adds the textures of all `pages`. Also returns, by instance of `atlas`, what a texel of 1 stands for where light has scales; 1 elsewhere.
 pub fn add_pages(
     output: &mut Output,
+    atlas: &Atlas,
     pages: &[BakedPage],
-    size: u32,
-) -> Result<Vec<PageTextures>, ExportError> {
+) -> Result<(Vec<PageTextures>, Vec<f32>), ExportError> {
     let is_empty = |page: &BakedPage| *page == BakedPage::default();
     let sampler = if pages.iter().all(is_empty) {
         0
@@ -54,17 +54,19 @@ pub fn add_pages(
     let mut writer = Writer {
         output,
         sampler,
-        size,
+        size: atlas.size,
         place: String::new(),
         page: 0,
+        atlas,
+        scales: vec![1.0; atlas.instances.len()],
     };
-    pages
-        .map(|(number, page)| {
-            writer.page = number;
-            writer.place = format!("pages[{number}]");
-            writer.page(page)
-        })
-        .collect()
+    let pages = pages.map(|(number, page)| {
+        writer.page = number;
+        writer.place = format!("pages[{number}]");
+        writer.page(page)
+    });
+    let pages = pages.collect::<Result<_, _>>()?;
+    Ok((pages, writer.scales))
 }
 
 struct Writer<'a> {
@@ -73,6 +75,9 @@ struct Writer<'a> {
     size: u32,
     place: String,
     page: usize,
+    atlas: &'a Atlas,
+    /// By instance.
+    scales: Vec<f32>,
 }
 
 impl Writer<'_> {
@@ -90,18 +95,13 @@ impl Writer<'_> {
             Some(BakedLight::Unlit(texels)) => Some(LightTexture::Unlit {
                 texture: self.unlit(texels)?,
             }),
-            Some(BakedLight::Emissive(radiance)) => {
-                let (texture, scale) = self.scaled("radiance", radiance)?;
-                Some(LightTexture::Emissive { texture, scale })
-            }
-            Some(BakedLight::Lightmap { irradiance, exr }) => {
-                let (texture, scale) = self.scaled("irradiance", irradiance)?;
-                Some(LightTexture::Lightmap {
-                    texture,
-                    scale,
-                    exr: exr.clone(),
-                })
-            }
+            Some(BakedLight::Emissive(radiance)) => Some(LightTexture::Emissive {
+                texture: self.scaled("radiance", radiance)?,
+            }),
+            Some(BakedLight::Lightmap { irradiance, exr }) => Some(LightTexture::Lightmap {
+                texture: self.scaled("irradiance", irradiance)?,
+                exr: exr.clone(),
+            }),
         };
         Ok(PageTextures {
             obscurance,
@@ -135,9 +135,9 @@ impl Writer<'_> {
         self.png("unlit radiance", &opaque, ExtendedColorType::Rgb8)
     }
 
-    /// Values over their largest component, and that. sRGB spends its few bits where eyes see the difference, and what they cannot hold is spread
-    /// over neighbours: dim light beside a bright spot has no bands.
-    fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<(usize, f32), ExportError> {
+    /// Values over a scale of their instances, so that what is dim does not share its few bits with what is bright elsewhere. sRGB spends them where
+    /// eyes see the difference, and what they cannot hold is spread over neighbours: dim light beside a bright spot has no bands.
+    fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<usize, ExportError> {
         self.check(what, values.len())?;
         let finite = |value: &Vec3| {
             if value.is_finite() {
@@ -146,23 +146,35 @@ impl Writer<'_> {
                 Vec3::ZERO
             }
         };
-        let scale = values
-            .iter()
-            .map(|value| finite(value).max_element())
-            .fold(0.0, f32::max);
-        let per_unit = if scale > 0.0 { scale } else { 1.0 };
-        let encode = |value: f32| srgb_from_linear((value / per_unit).clamp(0.0, 1.0));
-        let bytes: Vec<u8> = values
-            .iter()
-            .enumerate()
-            .flat_map(|(texel, value)| {
+        let mut parts = Parts::new(self.atlas, self.page as u32);
+        let mut scales = vec![0.0_f32; parts.count];
+        for (value, part) in values.iter().zip(&parts.of_texels) {
+            if let Some(scale) = scales.get_mut(*part as usize) {
+                *scale = scale.max(finite(value).max_element());
+            }
+        }
+        scales
+            .iter_mut()
+            .for_each(|scale| *scale = step_above(*scale));
+        for &(instance, part) in &parts.of_instances {
+            self.scales[instance] = scales[part];
+        }
+        parts.spread();
+        let encode = |value: f32, scale: f32| {
+            let scale = if scale > 0.0 { scale } else { 1.0 };
+            srgb_from_linear((value / scale).clamp(0.0, 1.0))
+        };
+        let texels = values.iter().zip(&parts.of_texels).enumerate();
+        let bytes: Vec<u8> = texels
+            .flat_map(|(texel, (value, part))| {
+                let scale = scales.get(*part as usize).copied().unwrap_or(0.0);
                 let offset = dither(texel as u32 % self.size, texel as u32 / self.size);
                 finite(value)
                     .to_array()
-                    .map(|value| dithered(encode(value), offset))
+                    .map(|value| dithered(encode(value, scale), offset))
             })
             .collect();
-        Ok((self.png(what, &bytes, ExtendedColorType::Rgb8)?, scale))
+        self.png(what, &bytes, ExtendedColorType::Rgb8)
     }
 
     fn check(&self, what: &str, texels: usize) -> Result<(), ExportError> {
@@ -201,6 +213,16 @@ pub fn png(
         .write_image(bytes, width, height, kind)
         .map_err(|error| error.to_string())?;
     Ok(png)
+}
+
+/// The least power of the fourth root of 2 that is not below `value`; 0 of 0. Instances about as bright as each other can so share materials.
+fn step_above(value: f32) -> f32 {
+    if value > 0.0 {
+        let step = ((value.log2() * 4.0).ceil() / 4.0).exp2();
+        step.clamp(f32::MIN_POSITIVE, f32::MAX)
+    } else {
+        0.0
+    }
 }
 
 /// 0..1 in 8 bits; what is no number is 0.

@@ -1,0 +1,145 @@
+//! Which instance each texel of a page belongs to, so that each can have a scale of its own.
+
+use std::collections::VecDeque;
+
+use glam::Vec2;
+
+use crate::atlas::{Atlas, InstanceUvs};
+
+/// In [`Parts::of_texels`]: no lookup reads the texel.
+pub const NOBODY: u32 = u32::MAX;
+
+/// The texels of a page in parts: what an instance's bilinear lookups read. Instances that share a texel, as they may where gutters are narrower than two
+/// texels, are one part.
+pub struct Parts {
+    pub count: usize,
+    /// Part of each texel, or [`NOBODY`].
+    pub of_texels: Vec<u32>,
+    /// Instances of the page, with their parts.
+    pub of_instances: Vec<(usize, usize)>,
+    size: usize,
+}
+
+impl Parts {
+    pub fn new(atlas: &Atlas, page: u32) -> Self {
+        let instances = atlas.instances.iter().enumerate();
+        let instances = instances.filter_map(|(number, uvs)| Some((number, uvs.as_ref()?)));
+        let instances: Vec<_> = instances.filter(|(_, uvs)| uvs.page == page).collect();
+        let size = atlas.size as usize;
+        let mut of_texels = vec![NOBODY; size * size];
+        // Parts that became one refer to that one.
+        let mut one: Vec<u32> = (0..instances.len() as u32).collect();
+        for (part, (_, uvs)) in instances.iter().enumerate() {
+            for_texels(uvs, size, |texel| {
+                let owner = &mut of_texels[texel];
+                if *owner != NOBODY {
+                    let (a, b) = (root(&mut one, *owner), root(&mut one, part as u32));
+                    one[a.max(b) as usize] = a.min(b);
+                }
+                *owner = part as u32;
+            });
+        }
+        let mut numbers = vec![NOBODY; instances.len()];
+        let mut count = 0;
+        for part in 0..instances.len() {
+            let root = root(&mut one, part as u32) as usize;
+            if numbers[root] == NOBODY {
+                numbers[root] = count;
+                count += 1;
+            }
+            numbers[part] = numbers[root];
+        }
+        for owner in of_texels.iter_mut().filter(|owner| **owner != NOBODY) {
+            *owner = numbers[*owner as usize];
+        }
+        let instances = instances.iter().zip(&numbers);
+        Self {
+            count: count as usize,
+            of_texels,
+            of_instances: instances
+                .map(|((number, _), &part)| (*number, part as usize))
+                .collect(),
+            size,
+        }
+    }
+
+    /// Gives what no lookup reads to the nearest part, for viewers that filter more widely.
+    pub fn spread(&mut self) {
+        let owned = |texel: &usize| self.of_texels[*texel] != NOBODY;
+        let mut front: VecDeque<usize> = (0..self.of_texels.len()).filter(owned).collect();
+        while let Some(texel) = front.pop_front() {
+            let (x, y) = (texel % self.size, texel / self.size);
+            let neighbours = [
+                (x > 0).then(|| texel - 1),
+                (x + 1 < self.size).then(|| texel + 1),
+                (y > 0).then(|| texel - self.size),
+                (y + 1 < self.size).then(|| texel + self.size),
+            ];
+            for neighbour in neighbours.into_iter().flatten() {
+                if self.of_texels[neighbour] == NOBODY {
+                    self.of_texels[neighbour] = self.of_texels[texel];
+                    front.push_back(neighbour);
+                }
+            }
+        }
+    }
+}
+
+/// The part that `part` became.
+fn root(one: &mut [u32], mut part: u32) -> u32 {
+    while one[part as usize] != part {
+        one[part as usize] = one[one[part as usize] as usize];
+        part = one[part as usize];
+    }
+    part
+}
+
+/// Calls `visit` with the texels whose middles are less than a texel away, along both axes, from a triangle: those that bilinear lookups on it read.
+fn for_texels(uvs: &InstanceUvs, size: usize, mut visit: impl FnMut(usize)) {
+    let last = size as f32 - 1.0;
+    let texel = |at: f32| at.clamp(0.0, last) as usize;
+    for corners in uvs.corners.as_chunks::<3>().0 {
+        let corners = corners.map(|uv| uv * size as f32);
+        let rows = corners.map(|corner| corner.y);
+        let low = rows.into_iter().fold(f32::INFINITY, f32::min);
+        let high = rows.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        for y in texel(low - 0.5)..=texel(high + 0.5) {
+            // What lies beyond a page reads its border.
+            let above = if y == 0 { f32::MIN } else { y as f32 - 0.5 };
+            let below = if y as f32 == last {
+                f32::MAX
+            } else {
+                y as f32 + 1.5
+            };
+            let Some([left, right]) = extent(corners, above.max(low), below.min(high)) else {
+                continue;
+            };
+            for x in texel(left - 0.5)..=texel(right + 0.5) {
+                visit(y * size + x);
+            }
+        }
+    }
+}
+
+/// Leftmost and rightmost point of a triangle between two rows.
+fn extent(corners: [Vec2; 3], top: f32, bottom: f32) -> Option<[f32; 2]> {
+    let [a, b, c] = corners;
+    let edges = [(a, b), (b, c), (c, a)];
+    let ends = edges.into_iter().filter_map(|(p, q)| {
+        let (p, q) = if p.y <= q.y { (p, q) } else { (q, p) };
+        let (from, to) = (top.max(p.y), bottom.min(q.y));
+        let at = |y: f32| p.x + (q.x - p.x) * ((y - p.y) / (q.y - p.y).max(f32::MIN_POSITIVE));
+        (from <= to).then(|| {
+            if p.y == q.y {
+                [p.x, q.x]
+            } else {
+                [at(from), at(to)]
+            }
+        })
+    });
+    let xs = ends.flatten();
+    xs.fold(None, |extent, x| {
+        let [left, right] = extent.unwrap_or([x, x]);
+        Some([left.min(x), right.max(x)])
+    })
+}
