@@ -1,6 +1,6 @@
 //! What other viewers are told to show.
 
-use glam::{Vec3, vec2, vec3};
+use glam::{Vec3, Vec4, vec2, vec3};
 use gpugi_scene::Pixels;
 use gpugi_scene::export::{BakedLight, BakedPage};
 use serde_json::{Value, json};
@@ -127,7 +127,14 @@ fn unlit_shows_the_radiance_and_nothing_else() {
         .unwrap();
     assert!(!attributes.contains_key("COLOR_0"));
     assert!(attributes.contains_key("_COLOR_0"));
-    assert_eq!(baked.scene.materials[0].base_color.to_array(), [1.0; 4]);
+    // gpugi sees it, too.
+    let material = &baked.scene.materials[0];
+    assert_eq!(
+        (material.base_color, material.emissive),
+        (Vec4::W, Vec3::ONE)
+    );
+    assert_eq!(material.emissive_texture.unwrap().uv_set, 1);
+    assert_eq!(baked.scene.warnings.len(), 2);
 }
 
 #[test]

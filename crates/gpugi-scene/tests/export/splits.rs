@@ -1,6 +1,7 @@
 //! Vertices that the atlas cuts apart keep everything else that they have, bit for bit.
 
-use glam::vec2;
+use glam::{Vec3, vec2};
+use gpugi_scene::export::{BakedLight, BakedPage};
 use serde_json::{Value, json};
 
 use crate::baking::{Baked, atlas, bake, obscured, positions, shredded, try_bake, whole};
@@ -182,7 +183,7 @@ fn the_first_free_set_is_taken_and_a_set_that_fits_is_used() {
 }
 
 #[test]
-fn a_third_set_is_written_with_a_warning() {
+fn a_third_set_is_written_with_a_warning_and_read() {
     let mut file = quad();
     for set in 0..2 {
         let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
@@ -190,11 +191,24 @@ fn a_third_set_is_written_with_a_warning() {
     }
     let scene = file.import();
     let files = crate::builder::Files::default();
-    let exported = try_bake(&file.glb(), &files, &scene, &shredded(&scene), obscured()).unwrap();
+    let page = BakedPage {
+        light: Some(BakedLight::Emissive(vec![Vec3::ONE; 16])),
+        ..obscured()
+    };
+    let atlas = shredded(&scene);
+    let exported = try_bake(&file.glb(), &files, &scene, &atlas, page).unwrap();
     assert!(exported.warnings[0].contains("TEXCOORD_2"));
     let baked = Baked::new(&exported.glb);
-    let occlusion = &baked.json["materials"][0]["occlusionTexture"];
-    assert_eq!(occlusion["texCoord"], 2);
+    let material = &baked.json["materials"][0];
+    assert_eq!(material["occlusionTexture"]["texCoord"], 2);
+    let slot = baked.scene.materials[0].emissive_texture.unwrap().uv_set;
+    let mesh = &baked.scene.meshes[0];
+    let read: Vec<_> = mesh
+        .indices
+        .iter()
+        .map(|&index| mesh.uvs[slot as usize][index as usize])
+        .collect();
+    assert_eq!(read, atlas.instances[0].as_ref().unwrap().corners);
 }
 
 /// A hundred vertices that the primitive shares with others must not be copied for three.

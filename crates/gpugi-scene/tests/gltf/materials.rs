@@ -201,11 +201,132 @@ fn texture_transform() {
     }
 }
 
+/// A triangle with four UV sets, in which all of set n is (n, n + 0.5).
+fn four_uv_sets(source: Value) -> File {
+    let mut file = textured(source);
+    for set in 0..4 {
+        let uvs = file.floats("VEC2", &[set as f32, set as f32 + 0.5].repeat(3));
+        file.attribute(&format!("TEXCOORD_{set}"), uvs);
+    }
+    file
+}
+
 #[test]
-fn a_third_uv_set_is_a_warning() {
-    let scene = textured(json!({ "emissiveTexture": { "index": 0, "texCoord": 2 } })).import();
-    assert_eq!(scene.materials[0].emissive_texture, None);
-    assert!(scene.warnings[0].contains("TEXCOORD_2"));
+fn any_two_uv_sets_are_read() {
+    for [base, emissive] in [
+        [0, 1],
+        [1, 0],
+        [0, 2],
+        [2, 0],
+        [1, 2],
+        [3, 2],
+        [2, 2],
+        [1, 1],
+    ] {
+        let file = four_uv_sets(json!({
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": base } },
+            "emissiveTexture": { "index": 0, "texCoord": emissive },
+            // Nobody reads it.
+            "occlusionTexture": { "index": 0, "texCoord": 3 },
+        }));
+        let scene = file.import();
+        assert_eq!(scene.warnings, [""; 0]);
+        let material = &scene.materials[0];
+        let read =
+            |texture: Option<TextureRef>| scene.meshes[0].uvs[texture.unwrap().uv_set as usize][0];
+        let set = |set: i32| Vec2::new(set as f32, set as f32 + 0.5);
+        assert_eq!(read(material.base_color_texture), set(base));
+        assert_eq!(read(material.emissive_texture), set(emissive));
+        if base.max(emissive) < 2 {
+            assert_eq!(
+                scene.meshes[0].uvs.each_ref().map(|uvs| uvs[0]),
+                [set(0), set(1)]
+            );
+        } else if base == emissive {
+            // The second set stays what atlases look for.
+            assert_eq!(scene.meshes[0].uvs[1][0], set(1));
+        }
+    }
+}
+
+#[test]
+fn primitives_that_share_attributes_have_the_sets_of_their_materials() {
+    let texture = |set: u32| json!({ "emissiveTexture": { "index": 0, "texCoord": set } });
+    let mut file = four_uv_sets(texture(0));
+    file.push("materials", texture(3));
+    let mut second = file.primitive().clone();
+    second["material"] = json!(1);
+    let primitives = &mut file.json["meshes"][0]["primitives"];
+    primitives.as_array_mut().unwrap().push(second);
+    let scene = file.import();
+    let first = |instance: usize| scene.meshes[scene.instances[instance].mesh].uvs[0][0].x;
+    assert_eq!((first(0), first(1)), (0.0, 3.0));
+}
+
+#[test]
+fn of_three_uv_sets_the_least_important_is_left_out_with_a_warning() {
+    let file = four_uv_sets(json!({
+        "pbrMetallicRoughness": {
+            "metallicRoughnessTexture": { "index": 0, "texCoord": 0 },
+            "baseColorTexture": { "index": 0, "texCoord": 2 },
+        },
+        "emissiveTexture": { "index": 0, "texCoord": 3 },
+    }));
+    let scene = file.import();
+    let material = &scene.materials[0];
+    assert_eq!(material.metallic_roughness_texture, None);
+    assert_eq!(
+        scene.meshes[0].uvs.each_ref().map(|uvs| uvs[0].x),
+        [2.0, 3.0]
+    );
+    assert_eq!(material.base_color_texture.unwrap().uv_set, 0);
+    assert_eq!(material.emissive_texture.unwrap().uv_set, 1);
+    let [warning] = &scene.warnings[..] else {
+        panic!("{:?}", scene.warnings)
+    };
+    assert!(warning.contains("metallicRoughnessTexture") && warning.contains("TEXCOORD_0"));
+}
+
+#[test]
+fn unlit_surfaces_emit_their_colour_and_reflect_nothing() {
+    let source = |alpha_mode: &str| {
+        json!({
+            "alphaMode": alpha_mode,
+            "pbrMetallicRoughness": { "baseColorFactor": [0.2, 0.4, 0.6, 0.5], "baseColorTexture": { "index": 0 } },
+            "emissiveFactor": [1.0, 1.0, 1.0], "emissiveTexture": { "index": 0 },
+            "normalTexture": { "index": 0 },
+            "extensions": { "KHR_materials_unlit": {}, "KHR_materials_transmission": { "transmissionFactor": 1.0 } },
+        })
+    };
+    let mut file = textured(source("OPAQUE"));
+    file.json["extensionsRequired"] = json!(["KHR_materials_unlit"]);
+    let scene = file.import();
+    assert_eq!(scene.warnings, [""; 0]);
+    let texture = Some(TextureRef::new(0));
+    let unlit = Material {
+        name: "material 0".to_owned(),
+        base_color: Vec4::new(0.0, 0.0, 0.0, 0.5),
+        specular: 0.0,
+        emissive: Vec3::new(0.2, 0.4, 0.6),
+        emissive_texture: texture,
+        ..Material::default()
+    };
+    assert_eq!(scene.materials[0], unlit);
+    // Alpha is still the base colour's.
+    let blended = textured(source("BLEND")).import().materials.remove(0);
+    let alpha_mode = AlphaMode::Blend;
+    assert_eq!(
+        blended,
+        Material {
+            alpha_mode,
+            base_color_texture: texture,
+            ..unlit
+        }
+    );
+    let mut file = textured(source("OPAQUE"));
+    let colors = file.floats("VEC4", &[0.5; 12]);
+    file.attribute("COLOR_0", colors);
+    assert!(file.import().warnings[0].contains("vertex colours"));
 }
 
 #[test]

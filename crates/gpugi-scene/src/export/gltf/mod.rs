@@ -211,7 +211,7 @@ impl<'a> Baker<'a> {
             )?;
             if uv_set > 1 {
                 self.warnings.push(format!(
-                    "nodes[{node}]: its coordinates are TEXCOORD_{uv_set}; some viewers, gpugi among them, read only two sets"
+                    "nodes[{node}]: its coordinates are TEXCOORD_{uv_set}; some viewers read only two sets"
                 ));
             }
             let wanted = Use {

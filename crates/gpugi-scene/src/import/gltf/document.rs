@@ -7,13 +7,14 @@ use super::{schema, uri};
 use crate::{ImportError, Limits, Resolver};
 
 /// What gpugi reads. `EXT_meshopt_compression` joins them with the cargo feature `meshopt`.
-const SUPPORTED: [&str; 9] = [
+const SUPPORTED: [&str; 10] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_specular",
     "KHR_materials_transmission",
+    "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",

@@ -19,14 +19,15 @@ pub struct Geometry {
     pub targets: Vec<MorphTarget>,
 }
 
-/// Reads a primitive. None, with a warning, if it holds no triangles. `normal_uv_set`: the set that the material's
-/// normal map is read with.
+/// Reads a primitive. None, with a warning, if it holds no triangles. `uv_sets`: those of the file that the mesh's slots are to hold; `normal_slot`: the
+/// one that the material's normal map is read with.
 pub fn read(
     document: &Document,
     primitive: &Primitive,
     name: String,
     place: &str,
-    normal_uv_set: Option<usize>,
+    uv_sets: [u32; 2],
+    normal_slot: Option<usize>,
 ) -> Result<Option<Geometry>, ImportError> {
     if primitive.mode < 4 {
         document.warn(
@@ -46,7 +47,7 @@ pub fn read(
         document.warn(place, "the primitive has no triangles and is left out");
         return Ok(None);
     }
-    let mut geometry = reader.vertices(primitive, name, indices)?;
+    let mut geometry = reader.vertices(primitive, name, indices, uv_sets)?;
     if geometry.mesh.normals.is_empty() {
         // glTF 2.0, 3.7.2.1: flat normals, and tangents of the file are ignored.
         document.charge(geometry.mesh.indices.len() as u64, place)?;
@@ -55,15 +56,18 @@ pub fn read(
         let sources = tangents::make_flat(&mut geometry.mesh);
         geometry.follow(&sources);
     }
-    if let Some(uv_set) = normal_uv_set
+    if let Some(slot) = normal_slot
         && geometry.mesh.tangents.is_empty()
     {
         document.charge(geometry.mesh.indices.len() as u64, place)?;
-        match tangents::generate(&mut geometry.mesh, uv_set) {
+        match tangents::generate(&mut geometry.mesh, slot) {
             Some(sources) => geometry.follow(&sources),
             None => document.warn(
                 place,
-                format!("there is no TEXCOORD_{uv_set} for the material's normal map"),
+                format!(
+                    "there is no TEXCOORD_{} for the material's normal map",
+                    uv_sets[slot]
+                ),
             ),
         }
     }
@@ -199,13 +203,14 @@ impl Reader<'_> {
         primitive: &Primitive,
         name: String,
         indices: Vec<u32>,
+        uv_sets: [u32; 2],
     ) -> Result<Geometry, ImportError> {
         let attributes = &primitive.attributes;
         let positions = self.floats::<3>(attributes, "POSITION")?;
         let normals = self.floats::<3>(attributes, "NORMAL")?;
         let tangents = self.floats::<4>(attributes, "TANGENT")?;
-        let uvs = |set: &str| -> Result<Vec<Vec2>, ImportError> {
-            let uvs = self.floats::<2>(attributes, set)?;
+        let uvs = |set: u32| -> Result<Vec<Vec2>, ImportError> {
+            let uvs = self.floats::<2>(attributes, &format!("TEXCOORD_{set}"))?;
             Ok(uvs.into_iter().map(Vec2::from).collect())
         };
         let mesh = Mesh {
@@ -221,7 +226,7 @@ impl Reader<'_> {
                     unit_or(Vec3::X, Vec3::new(x, y, z)).extend(1.0_f32.copysign(w))
                 })
                 .collect(),
-            uvs: [uvs("TEXCOORD_0")?, uvs("TEXCOORD_1")?],
+            uvs: [uvs(uv_sets[0])?, uvs(uv_sets[1])?],
             colors: self.colors(attributes)?,
             indices,
         };

@@ -5,12 +5,14 @@ use glam::{Vec3, Vec4};
 use super::document::Document;
 use super::texture::Textures;
 use super::{extras, schema};
-use crate::{AlphaMode, ImportError, Material, Resolver, Scene, Volume};
+use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene, Volume};
 
 /// Which scene material a primitive gets.
 #[derive(Default)]
 pub struct Materials {
     default: Option<usize>,
+    /// By material of the file.
+    uv_sets: Vec<[u32; 2]>,
 }
 
 impl Materials {
@@ -36,6 +38,11 @@ impl Materials {
             })),
         }
     }
+
+    /// The UV sets of the file that the slots of [`crate::Mesh::uvs`] hold for the textures of a material of the scene.
+    pub fn uv_sets(&self, material: usize) -> [u32; 2] {
+        self.uv_sets.get(material).copied().unwrap_or([0, 1])
+    }
 }
 
 /// Adds every material of the file to `scene`, in the file's order, with the images that they use.
@@ -45,16 +52,22 @@ pub fn read_all(
     scene: &mut Scene,
 ) -> Result<Materials, ImportError> {
     let mut textures = Textures::new(document, resolver);
+    let mut uv_sets = Vec::with_capacity(document.root.materials.len());
     for (index, source) in document.root.materials.iter().enumerate() {
         let reader = Reader {
             document,
             source,
             place: format!("materials[{index}]"),
         };
+        textures.uv_sets = reader.uv_sets();
+        uv_sets.push(textures.uv_sets);
         let material = reader.read(index, &mut textures, scene)?;
         scene.add_material(material);
     }
-    Ok(Materials::default())
+    Ok(Materials {
+        uv_sets,
+        ..Materials::default()
+    })
 }
 
 struct Reader<'a> {
@@ -85,6 +98,11 @@ impl Reader<'_> {
             double_sided: source.double_sided,
             ..Material::default()
         };
+        if source.extensions.unlit.is_some() {
+            self.metallic_roughness(&mut material, textures, scene)?;
+            show_unlit(&mut material);
+            return Ok(material);
+        }
         match &source.extensions.specular_glossiness {
             Some(model) => self.specular_glossiness(model, &mut material, textures, scene)?,
             None => {
@@ -115,6 +133,50 @@ impl Reader<'_> {
             scene,
         )?;
         Ok(material)
+    }
+
+    /// The sets that the textures name, the first and the second where they are, and what else there is where it is free. Of more than two the textures
+    /// that matter least go without.
+    fn uv_sets(&self) -> [u32; 2] {
+        let extensions = &self.source.extensions;
+        let surface = &self.source.pbr_metallic_roughness;
+        let others = [&self.source.normal_texture, &self.source.emissive_texture];
+        let mut textures = vec![&surface.base_color_texture];
+        match &extensions.specular_glossiness {
+            _ if extensions.unlit.is_some() => {}
+            Some(model) => {
+                textures[0] = &model.diffuse_texture;
+                textures.extend(others);
+                textures.push(&model.specular_glossiness_texture);
+            }
+            None => {
+                textures.extend(others);
+                textures.push(&surface.metallic_roughness_texture);
+                if let Some(specular) = &extensions.specular {
+                    textures.extend([&specular.specular_color_texture, &specular.specular_texture]);
+                }
+                let transmission = extensions.transmission.as_ref();
+                textures
+                    .extend(transmission.map(|transmission| &transmission.transmission_texture));
+            }
+        }
+        let mut named: Vec<u32> = Vec::new();
+        for set in textures
+            .into_iter()
+            .flatten()
+            .map(schema::TextureInfo::uv_set)
+        {
+            if named.len() < 2 && !named.contains(&set) {
+                named.push(set);
+            }
+        }
+        let mut slots = [0, 1].map(|set| named.contains(&set).then_some(set));
+        for set in named.into_iter().filter(|set| *set > 1) {
+            if let Some(free) = slots.iter_mut().find(|slot| slot.is_none()) {
+                *free = Some(set);
+            }
+        }
+        [slots[0].unwrap_or(0), slots[1].unwrap_or(1)]
     }
 
     fn metallic_roughness(
@@ -278,4 +340,20 @@ impl Reader<'_> {
         }
         fraction
     }
+}
+
+/// KHR_materials_unlit: base colour is what is seen, whatever the light, and emission is ignored. A surface that reflects nothing and emits that looks so.
+fn show_unlit(material: &mut Material) {
+    let alpha = material.base_color.w;
+    material.model = MaterialModel::MetallicRoughness;
+    material.emissive = material.base_color.truncate();
+    material.emissive_texture = material.base_color_texture;
+    material.base_color = Vec3::ZERO.extend(alpha);
+    if material.alpha_mode == AlphaMode::Opaque {
+        material.base_color_texture = None;
+    }
+    material.metallic = 0.0;
+    material.roughness = 1.0;
+    material.metallic_roughness_texture = None;
+    material.specular = 0.0;
 }

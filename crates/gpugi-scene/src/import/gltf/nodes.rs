@@ -349,11 +349,19 @@ impl Placer<'_> {
                 &format!("{place}.material"),
                 scene,
             )?;
-            let normal_uv_set = scene.materials[material]
+            let is_unlit =
+                |&index: &usize| document.root.materials[index].extensions.unlit.is_some();
+            if primitive.attributes.contains_key("COLOR_0")
+                && primitive.material.as_ref().is_some_and(is_unlit)
+            {
+                document.warn(&place, "an unlit material does not show vertex colours");
+            }
+            let uv_sets = self.materials.uv_sets(material);
+            let normal_slot = scene.materials[material]
                 .normal_texture
                 .map(|texture| texture.uv_set as usize);
             if let Some(geometry) =
-                geometry::read(document, primitive, name, &place, normal_uv_set)?
+                geometry::read(document, primitive, name, &place, uv_sets, normal_slot)?
             {
                 loaded.push(Loaded {
                     geometry,

@@ -19,6 +19,8 @@ pub struct Textures<'a> {
     /// Roughness textures made of glossiness, by glTF texture and the bits of the glossiness factor.
     roughness: HashMap<(usize, u32), usize>,
     bytes_left: u64,
+    /// The UV sets of the file that the slots of [`crate::Mesh::uvs`] hold for the material that is being read.
+    pub uv_sets: [u32; 2],
 }
 
 impl<'a> Textures<'a> {
@@ -30,10 +32,11 @@ impl<'a> Textures<'a> {
             images: HashMap::new(),
             roughness: HashMap::new(),
             bytes_left: document.limits.image_bytes,
+            uv_sets: [0, 1],
         }
     }
 
-    /// The texture that a material's `info` at `place` names. None, with a warning, if it reads a third UV set.
+    /// The texture that a material's `info` at `place` names. None, with a warning, if no slot holds its UV set.
     pub fn read(
         &mut self,
         info: Option<&TextureInfo>,
@@ -44,18 +47,17 @@ impl<'a> Textures<'a> {
             return Ok(None);
         };
         let transform = info.extensions.transform.as_ref();
-        let uv_set = transform
-            .and_then(|transform| transform.tex_coord)
-            .unwrap_or(info.tex_coord);
-        if uv_set > 1 {
+        let set = info.uv_set();
+        let Some(slot) = self.uv_sets.iter().position(|&other| other == set) else {
+            let [first, second] = self.uv_sets;
             self.document.warn(
                 place,
                 format!(
-                    "TEXCOORD_{uv_set} is not supported (0 and 1 are), so the texture is left out"
+                    "a material reads two UV sets, here TEXCOORD_{first} and TEXCOORD_{second}: the texture, with TEXCOORD_{set}, is left out"
                 ),
             );
             return Ok(None);
-        }
+        };
         let uv_from_mesh = transform.map_or(Affine2::IDENTITY, |transform| {
             // Counter-clockwise for a v axis that points down is clockwise in glam's terms.
             Affine2::from_scale_angle_translation(
@@ -66,7 +68,7 @@ impl<'a> Textures<'a> {
         });
         Ok(Some(TextureRef {
             texture: self.texture(info.index, place, scene)?,
-            uv_set,
+            uv_set: slot as u32,
             uv_from_mesh,
         }))
     }

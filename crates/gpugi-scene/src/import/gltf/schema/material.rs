@@ -60,6 +60,16 @@ pub struct TextureInfo {
     pub extensions: TextureInfoExtensions,
 }
 
+impl TextureInfo {
+    /// The number of the UV set that the texture is read with.
+    pub fn uv_set(&self) -> u32 {
+        let transform = self.extensions.transform.as_ref();
+        transform
+            .and_then(|transform| transform.tex_coord)
+            .unwrap_or(self.tex_coord)
+    }
+}
+
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct TextureInfoExtensions {
@@ -90,6 +100,8 @@ pub struct MaterialExtensions {
     pub specular: Option<Specular>,
     #[serde(rename = "KHR_materials_transmission")]
     pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_unlit")]
+    pub unlit: Option<Unlit>,
     #[serde(rename = "KHR_materials_volume")]
     pub volume: Option<Volume>,
     #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
@@ -132,6 +144,9 @@ pub struct Transmission {
     pub transmission_factor: f32,
     pub transmission_texture: Option<TextureInfo>,
 }
+
+#[derive(Debug, Deserialize)]
+pub struct Unlit {}
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase")]
