@@ -14,9 +14,7 @@ use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
-use gpugi_scene::{
-    AlphaMode, Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity,
-};
+use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity};
 
 use crate::bake::has_extension;
 use crate::progress::Progress;
@@ -206,7 +204,6 @@ pub fn run(
         if !left_out.is_empty() {
             notes.push(format!("not in this bake: {}", left_out.join("; ")));
         }
-        notes.extend(alpha_is_lost(&scene, options.bake_mode));
         work.timed("setup");
         light(&mut bake, &lights, &mut work)?;
         if let Some(folder) = &options.dump_maps {
@@ -217,13 +214,22 @@ pub fn run(
         if let Some(folder) = &options.dump_maps {
             dump_leaks(&lit, atlas.size, folder)?;
         }
+        let alpha = match options.bake_mode {
+            Mode::Unlit => gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?,
+            Mode::Emissive | Mode::Lightmap => None,
+        };
         for (number, (page, image)) in pages.iter_mut().zip(lit.pages).enumerate() {
             page.light = Some(match options.bake_mode {
                 Mode::Unlit => {
                     let floats: Vec<f32> =
                         image.iter().flat_map(|texel| texel.to_array()).collect();
                     let pixels = Display::picture(&gpu, &floats, &display)?;
-                    BakedLight::Unlit(bytemuck::cast_slice(&pixels).to_vec())
+                    let mut pixels: Vec<[u8; 4]> = bytemuck::cast_slice(&pixels).to_vec();
+                    let of_page = alpha.iter().flatten().skip(number * pixels.len());
+                    for (pixel, alpha) in pixels.iter_mut().zip(of_page) {
+                        pixel[3] = (alpha * 255.0).round() as u8;
+                    }
+                    BakedLight::Unlit(pixels)
                 }
                 Mode::Emissive => BakedLight::Emissive(image),
                 Mode::Lightmap => lightmap(image, atlas.size, output, number)?,
@@ -484,16 +490,6 @@ impl Lights {
     fn adds(&self, name: &str) -> bool {
         !(self.only_indirect && DIRECT.contains(&name))
     }
-}
-
-/// What unlit and black materials lose.
-fn alpha_is_lost(scene: &Scene, mode: Mode) -> Option<String> {
-    let has_alpha = scene
-        .materials
-        .iter()
-        .any(|material| material.alpha_mode != AlphaMode::Opaque);
-    (mode == Mode::Unlit && has_alpha)
-        .then(|| "unlit bakes are opaque: alpha is not kept".to_owned())
 }
 
 /// Writes the file; returns what it could not keep.

@@ -378,6 +378,139 @@ fn a_bake_that_was_stopped_goes_on() {
     assert!(errors.contains("x.glb.checkpoint"), "{errors}");
 }
 
+/// gpugi shows an unlit bake as it was lit.
+#[test]
+fn an_unlit_bake_looks_as_it_is_lit() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-unlit");
+    let file = |name: &str| folder.join(name).display().to_string();
+    let run = |arguments: &[&str]| {
+        let output = gpugi(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{arguments:?}: {errors}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let baked = file("unlit.glb");
+    let picture = ["--exposure", "-1", "--tone-map", "none"];
+    let small = ["--set", "shadow-map.area-samples=4", "--samples", "2"];
+    let bake = ["bake", "cornell", "-o", &baked, "--atlas-size", "256"];
+    run(&[&bake[..], &["--include", "direct"], &picture, &small].concat());
+    let render = |scene: &str, name: &str, technique: &str, options: &[&str]| {
+        let name = file(name);
+        let render = ["render", scene, "-o", &name, "--size", "96x96"];
+        run(&[&render[..], &["--technique", technique], options].concat());
+        name
+    };
+    let lit = [&picture[..], &small].concat();
+    let lit = render("cornell", "lit.png", "shadow-map", &lit);
+    // It adds nothing where there is no environment: what is left is what shines. Exposure is in the bake.
+    let shown = ["--exposure", "0", "--tone-map", "none"];
+    let shown = render(&baked, "shown.png", "environment-map", &shown);
+    let compared = run(&["compare", &shown, &lit, "--metric", "rmse", "--max", "0.04"]);
+    println!("{compared}");
+}
+
+/// Unlit bakes keep what a mask cuts out.
+#[test]
+fn unlit_bakes_keep_alpha() {
+    use gpugi_scene::builtin::shapes;
+    use gpugi_scene::{AlphaMode, Image, Material, Pixels, Scene, Texture, TextureRef, Wrap};
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-alpha");
+    let mut scene = Scene::new("leaf");
+    scene.images.push(Image {
+        name: "leaf".to_owned(),
+        width: 2,
+        height: 1,
+        pixels: Pixels::Rgba8(vec![200, 200, 200, 255, 200, 200, 200, 0]),
+    });
+    scene.textures.push(Texture {
+        image: 0,
+        wrap: [Wrap::ClampToEdge; 2],
+        nearest: true,
+    });
+    let leaf = scene.add_material(Material {
+        base_color_texture: Some(TextureRef::new(0)),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.25 },
+        double_sided: true,
+        ..Material::matt("leaf", glam::Vec3::ONE)
+    });
+    let mut mesh = shapes::cuboid(glam::Vec3::splat(-0.5), glam::Vec3::splat(0.5), 1);
+    // What is at positive x is cut out.
+    let right = |position: &glam::Vec3| glam::Vec2::new(position.x + 0.5, 0.5);
+    mesh.uvs[0] = mesh.positions.iter().map(right).collect();
+    let mesh = scene.add_mesh(mesh);
+    scene.add_instance("leaf", mesh, leaf, glam::Mat4::IDENTITY);
+    scene.lights.push(gpugi_scene::Light::new(
+        "sun",
+        gpugi_scene::LightKind::Directional,
+        glam::Vec3::splat(3.0),
+    ));
+    let original = folder.join("leaf.glb");
+    let written = gpugi_scene::export::export_scene(&scene).expect("a file");
+    std::fs::write(&original, written.glb).expect("a place to write");
+    for mode in ["unlit", "emissive"] {
+        let baked = folder.join(format!("{mode}.glb"));
+        let output = gpugi(&[
+            "bake",
+            &original.display().to_string(),
+            "-o",
+            &baked.display().to_string(),
+            "--bake-mode",
+            mode,
+            "--atlas-size",
+            "64",
+            "--samples",
+            "1",
+            "--technique",
+            "shadow-map",
+        ]);
+        let notes = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.success() && !notes.contains("alpha"),
+            "{notes}"
+        );
+        if let Ok(kept) = std::env::var("GPUGI_KEEP_EXPORTS") {
+            std::fs::copy(&baked, format!("{kept}/cli-alpha-{mode}.glb")).expect("a folder");
+        }
+        let shown = gpugi_scene::import_file(&baked, &gpugi_scene::Limits::default());
+        let shown = shown.expect("a file");
+        let material = &shown.materials[shown.instances[0].material];
+        assert_eq!(material.alpha_mode, AlphaMode::Mask { cutoff: 0.25 });
+        assert!(material.double_sided);
+        let texture = material.base_color_texture.expect("alpha");
+        let image = &shown.images[shown.textures[texture.texture].image];
+        let Pixels::Rgba8(texels) = &image.pixels else {
+            panic!("a PNG has 8 bits");
+        };
+        let mesh = &shown.meshes[shown.instances[0].mesh];
+        let mut seen = [0; 2];
+        for triangle in mesh.indices.as_chunks::<3>().0 {
+            for weights in [[0.6, 0.2, 0.2], [0.2, 0.6, 0.2], [0.2, 0.2, 0.6]] {
+                let (mut at, mut position) = (glam::Vec2::ZERO, glam::Vec3::ZERO);
+                for (&vertex, weight) in triangle.iter().zip(weights) {
+                    at += mesh.uvs[texture.uv_set as usize][vertex as usize] * weight;
+                    position += mesh.positions[vertex as usize] * weight;
+                }
+                if position.x.abs() > 0.1 {
+                    let size = [image.width, image.height].map(|side| side as usize);
+                    let x = ((at.x * size[0] as f32) as usize).min(size[0] - 1);
+                    let y = ((at.y * size[1] as f32) as usize).min(size[1] - 1);
+                    let texel = y * size[0] + x;
+                    let is_cut_out = position.x > 0.0;
+                    assert_eq!(texels[texel * 4 + 3], if is_cut_out { 0 } else { 255 });
+                    seen[usize::from(is_cut_out)] += 1;
+                }
+            }
+        }
+        assert!(seen[0] > 5 && seen[1] > 5, "{seen:?}");
+    }
+}
+
 #[test]
 fn bakes_that_cannot_be_are_refused() {
     let folder = folder("bake-refused");

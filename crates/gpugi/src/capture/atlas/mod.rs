@@ -3,8 +3,9 @@
 //!
 //! Each texel that a triangle touches is a point, also where the triangle misses its middle (section 7.3, figures 71 to 73): the point of the surface nearest
 //! to the middle. A texel's area is what of all triangles lies in it, exactly; all areas add up to the scene's. Points lie on the fronts of surfaces, of
-//! double-sided ones, too; what is cut out by alpha has points like what is not; what passes through surfaces is left out.
+//! double-sided ones, too; what is cut out by alpha has points like what is not, but no area; what passes through surfaces is left out.
 
+mod alpha;
 pub(crate) mod blocks;
 pub(crate) mod dilate;
 pub(crate) mod leaks;
@@ -21,6 +22,7 @@ use super::{SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
+pub use alpha::alpha;
 use blocks::Layout;
 pub use dilate::Dilation;
 pub use leaks::{LeakReport, LeakTest};
@@ -85,6 +87,8 @@ pub struct AtlasPiece {
     pub rows: Range<u32>,
     /// `Texel` of capture/atlas/coverage.wesl, one a point.
     pub texels: wgpu::Buffer,
+    /// `Piece` of capture/atlas/coverage.wesl.
+    uniform: wgpu::Buffer,
     block_count: u32,
     /// Bind group 1 of `cover`, by phase.
     cover: [wgpu::BindGroup; 2],
@@ -103,6 +107,7 @@ pub struct AtlasCapture {
     /// How often points were made.
     number: u64,
     pieces: Vec<AtlasPiece>,
+    triangles: wgpu::Buffer,
     cover: Kernel,
     resolve: Kernel,
     /// Of the triangles that the atlas was made for.
@@ -221,6 +226,7 @@ impl AtlasCapture {
                 Ok(AtlasPiece {
                     cover: [bind_cover(0)?, bind_cover(1)?],
                     resolve: resolve.bind(gpu, 1, &resources)?,
+                    uniform: phases[0].clone(),
                     points,
                     rows,
                     texels,
@@ -234,6 +240,7 @@ impl AtlasCapture {
             texel_side: layout.texel_side,
             number: 0,
             pieces,
+            triangles,
             cover,
             resolve,
             topology: on_gpu.versions.topology,

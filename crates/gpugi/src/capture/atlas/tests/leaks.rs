@@ -137,7 +137,18 @@ fn dilation_fills_what_is_empty_and_nothing_else() {
             for (found, wanted) in after.iter().zip(sum) {
                 assert!((found - wanted).abs() < 1e-4, "{after:?}");
             }
-            let x = index as u32 % width;
+            let (x, y) = (index as u32 % width, index as u32 / width);
+            // Beside one colour, that alone.
+            let beside = (x.saturating_sub(1)..=(x + 1).min(width - 1))
+                .flat_map(|x| (y.saturating_sub(1)..=(y + 1).min(height - 1)).map(move |y| (x, y)))
+                .map(|(x, y)| texel(y * width + x))
+                .filter(|texel| texel[3] > 0.0);
+            let greens: Vec<f32> = beside.map(|[_, green, ..]| green / 9.0).collect();
+            if let Some(&green) = greens.first()
+                && greens.iter().all(|other| *other == green)
+            {
+                assert!((share - green).abs() < 1e-5, "{x}, {y}: {after:?}");
+            }
             if width > 30 && x.abs_diff(width / 2) > 16 {
                 let wanted = f32::from(u8::from(2 * x >= width));
                 assert!((share - wanted).abs() < 0.02, "{index}: {after:?}");
