@@ -29,6 +29,8 @@ pub struct Instance {
 pub struct Origin {
     /// Index into the file's nodes.
     pub node: usize,
+    /// Number of the instance, of a node that stands in many places (EXT_mesh_gpu_instancing).
+    pub place: Option<usize>,
     /// Index into the primitives of that node's mesh.
     pub primitive: usize,
 }

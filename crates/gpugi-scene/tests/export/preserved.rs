@@ -1,6 +1,7 @@
 //! What a bake does not touch stays as it was.
 
 use base64::Engine;
+use gpugi_scene::Scene;
 use serde_json::{Value, json};
 
 use crate::baking::{Baked, assert_mapped, bake, obscured, shredded, try_bake, whole};
@@ -204,20 +205,86 @@ fn chunks_that_follow_the_binary_one_stay() {
     assert!(exported.glb.ends_with(&chunk));
 }
 
-#[test]
-fn nodes_that_stand_for_many_stay() {
+/// The first node stands in three places.
+fn in_three_places() -> File {
     let mut file = rich();
+    let translations = [0.0, -3.0, 0.0, 0.0, 3.0, 0.0, 0.0, 6.0, 0.0];
+    let translations = file.floats("VEC3", &translations);
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    let rotations = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0 * half, 2.0 * half];
+    let rotations = [&rotations[..], &[0.0, 0.0, 0.0, 1.0]].concat();
+    let rotations = file.floats("VEC4", &rotations);
+    let scales = file.floats("VEC3", &[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0, 2.0, 1.0]);
     file.json["extensionsUsed"] = json!(["VENDOR_things", "EXT_mesh_gpu_instancing"]);
+    file.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    let attributes = json!({ "TRANSLATION": translations, "ROTATION": rotations, "SCALE": scales });
     file.json["nodes"][0]["extensions"] =
-        json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } });
+        json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+    file
+}
+
+#[test]
+fn a_node_in_many_places_becomes_many_with_a_bake_each() {
+    let file = in_three_places();
     let scene = file.import();
-    let exported = try_bake(
-        &file.glb(),
-        &Files::default(),
-        &scene,
-        &whole(&scene),
-        obscured(),
-    );
+    let atlas = shredded(&scene);
+    assert_eq!(atlas.instances.len(), 4);
+    let baked = bake(&file, &scene, &atlas, obscured());
+    let nodes = &baked.json["nodes"];
+    let first = json!({ "name": "left", "extras": 7, "children": [3, 4, 5] });
+    assert_eq!(nodes[0], first);
+    for (number, node) in [3, 4, 5].into_iter().enumerate() {
+        assert_eq!(nodes[node]["name"], format!("left {number}"));
+    }
+    assert_eq!(nodes[3].get("scale"), None);
+    assert_eq!(nodes[5]["translation"], json!([0.0, 6.0, 0.0]));
+    assert_eq!(nodes[5]["scale"], json!([-1.0, 2.0, 1.0]));
+    assert_eq!(baked.json["extensionsUsed"], json!(["VENDOR_things"]));
+    assert_eq!(baked.json.get("extensionsRequired"), None);
+    // Where the scene has the places last, the bake has them first or last: their order does not matter.
+    let by_place = |scene: &Scene| {
+        let mut positions = crate::baking::positions(scene);
+        positions.sort_by(|a, b| a.to_array().partial_cmp(&b.to_array()).unwrap());
+        positions
+    };
+    for (found, expected) in by_place(&baked.scene).into_iter().zip(by_place(&scene)) {
+        assert!(found.abs_diff_eq(expected, 1e-6), "{found}, not {expected}");
+    }
+    for (instance, uvs) in scene.instances.iter().zip(&atlas.instances) {
+        let shown = baked.scene.instances.iter().find(|shown| {
+            let (a, b) = (shown.world_from_mesh, instance.world_from_mesh);
+            a.abs_diff_eq(b, 1e-6)
+        });
+        let mesh = &baked.scene.meshes[shown.unwrap().mesh];
+        let found = mesh
+            .indices
+            .iter()
+            .map(|&index| mesh.uvs[0][index as usize]);
+        let found: Vec<_> = found.collect();
+        assert_eq!(found, uvs.as_ref().unwrap().corners);
+    }
+}
+
+#[test]
+fn nodes_that_nobody_bakes_stay_in_many_places() {
+    let mut file = in_three_places();
+    file.json["nodes"][2]["extensions"] = file.json["nodes"][0]["extensions"].clone();
+    let scene = file.import();
+    let baked = bake(&file, &scene, &whole(&scene), obscured());
+    assert_eq!(baked.json["nodes"][2], file.json["nodes"][2]);
+    for list in ["extensionsUsed", "extensionsRequired"] {
+        assert_eq!(baked.json[list], file.json[list]);
+    }
+    // One that bends is read, and stays, as one.
+    let mut file = in_three_places();
+    let offsets = file.floats("VEC3", &[0.0; 9]);
+    file.json["accessors"][offsets]["min"] = json!([0.0, 0.0, 0.0]);
+    file.json["accessors"][offsets]["max"] = json!([0.0, 0.0, 0.0]);
+    file.primitive()["targets"] = json!([{ "POSITION": offsets }]);
+    let scene = file.import();
+    assert_eq!(scene.instances.len(), 2);
+    let files = Files::default();
+    let exported = try_bake(&file.glb(), &files, &scene, &whole(&scene), obscured());
     let exported = exported.unwrap();
     assert!(exported.warnings[0].contains("EXT_mesh_gpu_instancing"));
     let baked = Baked::new(&exported.glb);

@@ -246,3 +246,99 @@ fn cameras() {
     file.json["cameras"][0] = json!({ "type": "perspective" });
     file.assert_error("cameras[0]", "either");
 }
+
+/// A file whose node stands where `attributes` say.
+fn in_places(attributes: Value) -> File {
+    let mut file = File::triangle();
+    file.json["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    file.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    file.json["nodes"][0]["extensions"] =
+        json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+    file
+}
+
+#[test]
+fn a_mesh_stands_in_many_places() {
+    let mut file = in_places(json!({}));
+    let translations = file.floats("VEC3", &[1.0, 0.0, 0.0, 0.0, 0.0, 5.0]);
+    // A half turn about +Z, in normalised bytes.
+    let rotations = file.accessor("VEC4", 5120, 2, &[0, 0, 0, 127, 0, 0, 127, 0]);
+    file.json["accessors"][rotations]["normalized"] = json!(true);
+    let scales = file.floats("VEC3", &[1.0, 1.0, 1.0, 2.0, 2.0, 2.0]);
+    let ids = file.floats("SCALAR", &[7.0, 8.0]);
+    file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] =
+        json!({ "TRANSLATION": translations, "ROTATION": rotations, "SCALE": scales, "_ID": ids });
+    file.json["nodes"][0]["translation"] = json!([0.0, 10.0, 0.0]);
+    let children = json!({ "children": [0, 2], "translation": [0.0, 0.0, 100.0] });
+    file.push("nodes", children);
+    file.push("nodes", json!({ "mesh": 0 }));
+    let scene = file.import();
+    assert_eq!(scene.warnings, [""; 0]);
+    assert_eq!((scene.meshes.len(), scene.instances.len()), (1, 3));
+    let places = scene.instances.iter().map(|instance| {
+        let origin = instance.origin.unwrap();
+        (
+            origin.node,
+            origin.place,
+            instance.world_from_mesh.transform_point3(Vec3::X),
+        )
+    });
+    let places: Vec<_> = places.collect();
+    assert_eq!(places[0], (2, None, Vec3::new(1.0, 0.0, 100.0)));
+    assert_eq!(places[1], (0, Some(0), Vec3::new(2.0, 10.0, 100.0)));
+    assert_eq!((places[2].0, places[2].1), (0, Some(1)));
+    assert!(places[2].2.abs_diff_eq(Vec3::new(-2.0, 10.0, 105.0), 1e-5));
+
+    // They move with their node.
+    let times = file.floats("SCALAR", &[0.0, 1.0]);
+    let values = file.floats("VEC3", &[0.0, 0.0, 0.0, 0.0, 20.0, 0.0]);
+    file.push(
+        "animations",
+        json!({
+            "channels": [{ "sampler": 0, "target": { "node": 0, "path": "translation" } }],
+            "samplers": [{ "input": times, "output": values }],
+        }),
+    );
+    let mut scene = file.import();
+    scene.pose(0.5);
+    let at = scene.instances[1].world_from_mesh.transform_point3(Vec3::X);
+    assert_eq!(at, Vec3::new(2.0, 10.0, 100.0));
+    let at = scene.instances[2]
+        .world_from_mesh
+        .transform_point3(Vec3::ZERO);
+    assert_eq!(at, Vec3::new(0.0, 10.0, 105.0));
+}
+
+#[test]
+fn places_that_make_no_sense_are_refused() {
+    let place = "nodes[0].extensions.EXT_mesh_gpu_instancing";
+    in_places(json!({})).assert_error(place, "no attributes");
+    let scale = format!("{place}.attributes.SCALE");
+    in_places(json!({ "SCALE": 9 })).assert_error(&scale, "out of range");
+    let mut file = in_places(json!({ "SCALE": 1, "TRANSLATION": 2 }));
+    file.floats("VEC3", &[1.0; 3]);
+    file.floats("VEC3", &[1.0; 6]);
+    let translation = format!("{place}.attributes.TRANSLATION");
+    file.assert_error(&translation, "2 elements for 1 instances");
+    let mut file = in_places(json!({ "SCALE": 1 }));
+    file.floats("VEC3", &[f32::INFINITY; 3]);
+    file.assert_error(&scale, "finite");
+    // Nothing is stored for so many.
+    let mut file = in_places(json!({ "SCALE": 1 }));
+    file.push(
+        "accessors",
+        json!({ "componentType": 5126, "count": 1_u64 << 40, "type": "VEC3" }),
+    );
+    file.assert_error(place, "exceed the limit");
+}
+
+#[test]
+fn what_bends_stands_where_its_node_is() {
+    let mut file = in_places(json!({ "TRANSLATION": 1 }));
+    let offsets = file.floats("VEC3", &[0.0; 9]);
+    file.primitive()["targets"] = json!([{ "POSITION": offsets }]);
+    let scene = file.import();
+    assert_eq!(scene.instances.len(), 1);
+    assert_eq!(scene.instances[0].origin.unwrap().place, None);
+    assert!(scene.warnings[0].contains("bends"));
+}

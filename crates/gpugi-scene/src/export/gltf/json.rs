@@ -69,15 +69,25 @@ impl Json {
     pub fn copy(&mut self, list: &str, index: usize) -> Result<Object, ExportError> {
         let object = self.at(list, index)?;
         let length = serde_json::to_vec(object).map_or(usize::MAX, |text| text.len());
+        self.charge(length, || format!("{list}[{index}]"))?;
+        Ok(self.at(list, index)?.clone())
+    }
+
+    /// Takes `length` bytes of text from what copies may take, before they are made.
+    pub fn charge(
+        &mut self,
+        length: usize,
+        place: impl FnOnce() -> String,
+    ) -> Result<(), ExportError> {
         let copied = self.copied.saturating_add(length);
         if copied > MOST_COPIED {
             return Err(ExportError::new(
-                format!("{list}[{index}]"),
+                place(),
                 "it is too large to be copied for everybody who shares it",
             ));
         }
         self.copied = copied;
-        Ok(self.at(list, index)?.clone())
+        Ok(())
     }
 
     /// A primitive.
@@ -100,6 +110,20 @@ impl Json {
             used.push(extension.into());
         }
         Ok(())
+    }
+
+    /// Notes that nothing in the file uses an extension any more.
+    pub fn no_longer_uses(&mut self, extension: &str) {
+        for list in ["extensionsUsed", "extensionsRequired"] {
+            let names = self.root.get_mut(list).and_then(Value::as_array_mut);
+            let is_empty = names.is_some_and(|names| {
+                names.retain(|name| name != extension);
+                names.is_empty()
+            });
+            if is_empty {
+                self.root.shift_remove(list);
+            }
+        }
     }
 }
 

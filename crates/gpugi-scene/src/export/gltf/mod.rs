@@ -15,19 +15,20 @@ mod textures;
 
 use std::collections::{BTreeMap, HashMap};
 
-use serde_json::Value;
+use glam::{Quat, Vec3};
+use serde_json::{Value, json};
 
 use super::{BakedPage, ExportError, Exported, Original};
+use crate::animation::Transform;
 use crate::atlas::{Atlas, InstanceUvs};
 use crate::import::gltf::document::Document;
-use crate::import::gltf::geometry;
+use crate::import::gltf::{geometry, instancing};
 use crate::{Limits, Origin, Resolver, Scene};
-use json::Json;
+use json::{Json, array, object, remove_empty};
 use material::Use;
 use output::Output;
 use primitive::Triangles;
 
-const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// Vertices read, sets of coordinates apart, before a file is refused: nodes of a few bytes each may share a long list. More
 /// than twice what a .glb has room for.
 const MOST_VERTICES_READ: u64 = 1 << 32;
@@ -119,6 +120,8 @@ struct Baker<'a> {
     document: &'a Document<'a>,
     output: Output,
     warnings: Vec<String>,
+    /// The nodes that stand in the places of nodes that stood in many.
+    standing: HashMap<usize, Vec<usize>>,
     /// By mesh and primitive of the original.
     triangles: HashMap<(usize, usize), Triangles>,
     vertices_read: u64,
@@ -131,6 +134,7 @@ impl<'a> Baker<'a> {
             document,
             output: Output::new(json, further_chunks(document.further_chunks)),
             warnings: Vec::new(),
+            standing: HashMap::new(),
             triangles: HashMap::new(),
             vertices_read: 0,
         };
@@ -153,20 +157,33 @@ impl<'a> Baker<'a> {
         }
         let mut uses = material::Uses::new();
         // The mesh of each node, once it is the node's own.
-        let mut own: HashMap<usize, Option<usize>> = HashMap::new();
+        let mut own: HashMap<(usize, Option<usize>), Option<usize>> = HashMap::new();
         for (origin, (instance, uvs)) in placed {
-            let Origin { node, primitive } = origin;
+            let Origin {
+                node,
+                place: number,
+                primitive,
+            } = origin;
             let place = format!("nodes[{node}]");
             let changed = || ExportError::new(&place, "the scene is not what this file gives");
             let mesh = root.nodes.get(node).ok_or_else(changed)?.mesh;
             let mesh = mesh.ok_or_else(changed)?;
             let source = root.meshes.get(mesh).ok_or_else(changed)?;
             let source = source.primitives.get(primitive).ok_or_else(changed)?;
-            let target = match own.get(&node) {
+            let target = match own.get(&(node, number)) {
                 Some(target) => *target,
                 None => {
-                    let target = self.own_mesh(node, mesh, users[&Some(mesh)])?;
-                    own.insert(node, target);
+                    let users = users[&Some(mesh)];
+                    let target = match number {
+                        None => self.own_mesh(node, mesh, users)?,
+                        Some(number) => {
+                            let standing = self.standing(node)?;
+                            let users = users - 1 + standing.len();
+                            let stands = *standing.get(number).ok_or_else(changed)?;
+                            self.own_mesh(stands, mesh, users)?
+                        }
+                    };
+                    own.insert((node, number), target);
                     target
                 }
             };
@@ -221,11 +238,78 @@ impl<'a> Baker<'a> {
             };
             uses.insert((target, primitive), wanted);
         }
+        let nodes = self.output.json.list("nodes").iter();
+        let still = |node: &Value| node["extensions"].get(instancing::NAME).is_some();
+        if !self.standing.is_empty() && !nodes.into_iter().any(still) {
+            self.output.json.no_longer_uses(instancing::NAME);
+        }
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
         Ok(Exported {
             glb: self.output.glb()?,
             warnings: self.warnings,
         })
+    }
+
+    /// A node for each of the places of a node that stands in many, which then stands in none itself.
+    fn standing(&mut self, node: usize) -> Result<&[usize], ExportError> {
+        if !self.standing.contains_key(&node) {
+            let place = format!("nodes[{node}]");
+            let places = instancing::places(self.document, node)?
+                .ok_or_else(|| ExportError::new(&place, "the scene is not what this file gives"))?;
+            let json = self.output.json.at("nodes", node)?;
+            let name = json.get("name").and_then(Value::as_str).map(str::to_owned);
+            let mesh = json.shift_remove("mesh");
+            json.shift_remove("weights");
+            let removed = object(json, "extensions").shift_remove(instancing::NAME);
+            remove_empty(json, "extensions");
+            let attributes = removed
+                .as_ref()
+                .and_then(|removed| removed["attributes"].as_object());
+            let names = attributes
+                .into_iter()
+                .flat_map(|attributes| attributes.keys());
+            let others =
+                names.filter(|name| !["TRANSLATION", "ROTATION", "SCALE"].contains(&name.as_str()));
+            for other in others {
+                self.warnings.push(format!(
+                    "{place}: its instances become nodes, which have no {other}"
+                ));
+            }
+            let mut standing = Vec::with_capacity(places.len());
+            for (number, place) in places.into_iter().enumerate() {
+                let mut json = json!({ "mesh": mesh });
+                if let Some(name) = &name {
+                    json["name"] = json!(format!("{name} {number}"));
+                }
+                if let Transform::Parts {
+                    translation,
+                    rotation,
+                    scale,
+                } = place
+                {
+                    if translation != Vec3::ZERO {
+                        json["translation"] = json!(translation.to_array());
+                    }
+                    if rotation != Quat::IDENTITY {
+                        json["rotation"] = json!(rotation.to_array());
+                    }
+                    if scale != Vec3::ONE {
+                        json["scale"] = json!(scale.to_array());
+                    }
+                }
+                let length = json.to_string().len();
+                self.output
+                    .json
+                    .charge(length, || format!("nodes[{node}]"))?;
+                standing.push(self.output.json.push("nodes", json)?);
+            }
+            if !standing.is_empty() {
+                let json = self.output.json.at("nodes", node)?;
+                array(json, "children")?.extend(standing.iter().map(|&node| Value::from(node)));
+            }
+            self.standing.insert(node, standing);
+        }
+        Ok(&self.standing[&node])
     }
 
     /// A mesh that only `node` has: the one that it has, or a copy. None if the node stands for many instances, which
@@ -238,9 +322,10 @@ impl<'a> Baker<'a> {
     ) -> Result<Option<usize>, ExportError> {
         let json = self.output.json.at("nodes", node)?;
         let extensions = json.get("extensions").and_then(Value::as_object);
-        if extensions.is_some_and(|extensions| extensions.contains_key(INSTANCING)) {
+        if extensions.is_some_and(|extensions| extensions.contains_key(instancing::NAME)) {
             self.warnings.push(format!(
-                "nodes[{node}]: {INSTANCING} makes many of it, so it stays as it was"
+                "nodes[{node}]: {} may make many of it, so it stays as it was",
+                instancing::NAME
             ));
             return Ok(None);
         }

@@ -55,7 +55,11 @@ pub fn write(scene: &Scene) -> Result<Written, ExportError> {
             "mesh",
             mesh.into(),
         )?;
-        origins.push(Some(Origin { node, primitive: 0 }));
+        origins.push(Some(Origin {
+            node,
+            place: None,
+            primitive: 0,
+        }));
     }
     for camera in &scene.cameras {
         writer.camera(camera)?;

@@ -7,7 +7,8 @@ use super::{schema, uri};
 use crate::{ImportError, Limits, Resolver};
 
 /// What gpugi reads. `EXT_meshopt_compression` joins them with the cargo feature `meshopt`.
-const SUPPORTED: [&str; 10] = [
+const SUPPORTED: [&str; 11] = [
+    super::instancing::NAME,
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",

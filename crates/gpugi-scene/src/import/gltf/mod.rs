@@ -1,7 +1,7 @@
 //! glTF 2.0: JSON and binary, its geometry, materials, lights, cameras and animations.
 //!
 //! One way for every file: [`document`] finds the bytes, [`accessor`] reads numbers from them, [`geometry`] makes a
-//! mesh of each primitive, [`material`] and [`texture`] make surfaces, [`nodes`] places everything, and [`rig`] says
+//! mesh of each primitive, [`material`] and [`texture`] make surfaces, [`nodes`] places everything, in many places what [`instancing`] says, and [`rig`] says
 //! what moves. A file that breaks a rule gives an error that names the JSON path; what is only optional and not
 //! supported gives a warning.
 
@@ -9,6 +9,7 @@ mod accessor;
 pub(crate) mod document;
 mod extras;
 pub(crate) mod geometry;
+pub(crate) mod instancing;
 mod material;
 #[cfg(feature = "meshopt")]
 mod meshopt;

@@ -6,6 +6,7 @@ use glam::{Mat4, Quat, Vec3};
 
 use super::document::Document;
 use super::geometry::{self, Geometry};
+use super::instancing::{self, Instancing};
 use super::material::Materials;
 use super::{extras, rig, schema};
 use crate::animation::{Deformer, Node, Rig, Transform, rigid, unit_rotation};
@@ -13,7 +14,7 @@ use crate::{Camera, ImportError, Instance, Light, LightKind, Origin, Projection,
 
 /// What an instance costs of [`crate::Limits::elements`]: it takes about the memory of as many vertices, and two short
 /// lists of a hostile file multiply to very many.
-const INSTANCE_ELEMENTS: u64 = 8;
+pub const INSTANCE_ELEMENTS: u64 = 8;
 
 /// Adds instances, lights and cameras to `scene`, and a rig if anything moves.
 pub fn read_all(
@@ -26,17 +27,19 @@ pub fn read_all(
         materials,
         rig: hierarchy(document)?,
         geometries: HashMap::new(),
+        instancing: Instancing::default(),
     };
     rig::read_skins(document, &mut placer.rig)?;
     rig::read_animations(document, &mut placer.rig)?;
+    placer.instancing = instancing::expand(document, &mut placer.rig)?;
     let pose = placer.rig.pose(0.0);
-    for node in nodes_of_scene(document, &placer.rig)? {
-        let world_from_node = pose.world_from_node[node];
-        let place = format!("nodes[{node}]");
+    for carrier in nodes_of_scene(document, &placer.rig)? {
+        let world_from_node = pose.world_from_node[carrier];
+        let place = format!("nodes[{}]", placer.stands(carrier).0);
         if !world_from_node.is_finite() {
             return Err(document.error(place, "the node's world matrix is not finite"));
         }
-        placer.place(node, world_from_node, &place, scene)?;
+        placer.place(carrier, world_from_node, &place, scene)?;
     }
     if placer.rig.moves() {
         scene.rig = Some(placer.rig);
@@ -197,21 +200,39 @@ struct Placer<'a> {
     rig: Rig,
     /// Primitives by glTF mesh.
     geometries: HashMap<usize, Vec<Loaded>>,
+    instancing: Instancing,
 }
 
 impl Placer<'_> {
+    /// The node of the file that a node of the rig is, or else the one of whose places it is one, and that place's number.
+    fn stands(&self, carrier: usize) -> (usize, Option<usize>) {
+        match carrier.checked_sub(self.document.root.nodes.len()) {
+            None => (carrier, None),
+            Some(at) => {
+                let (node, number) = self.instancing.places[at];
+                (node, Some(number))
+            }
+        }
+    }
+
     fn place(
         &mut self,
-        index: usize,
+        carrier: usize,
         world_from_node: Mat4,
         place: &str,
         scene: &mut Scene,
     ) -> Result<(), ImportError> {
         let document = self.document;
         let root = &document.root;
+        let (index, number) = self.stands(carrier);
         let node = &root.nodes[index];
-        if let Some(mesh) = node.mesh {
-            self.instances(index, mesh, world_from_node, place, scene)?;
+        if let Some(mesh) = node.mesh
+            && (number.is_some() || !self.instancing.nodes.contains(&index))
+        {
+            self.instances(carrier, mesh, world_from_node, place, scene)?;
+        }
+        if number.is_some() {
+            return Ok(());
         }
         if let Some(camera) = node.camera {
             let place = format!("{place}.camera");
@@ -242,13 +263,14 @@ impl Placer<'_> {
 
     fn instances(
         &mut self,
-        node: usize,
+        carrier: usize,
         mesh: usize,
         world_from_mesh: Mat4,
         place: &str,
         scene: &mut Scene,
     ) -> Result<(), ImportError> {
         let document = self.document;
+        let (node, number) = self.stands(carrier);
         let source = &document.root.nodes[node];
         if world_from_mesh.determinant().abs() < f32::MIN_POSITIVE {
             document.warn(place, "the node's matrix flattens its mesh");
@@ -261,7 +283,8 @@ impl Placer<'_> {
             (Some(name), _) | (None, Some(name)) => name.clone(),
             (None, None) => format!("node {node}"),
         };
-        document.charge(INSTANCE_ELEMENTS * loaded.len() as u64, place)?;
+        let elements = INSTANCE_ELEMENTS + name.len() as u64 / 32;
+        document.charge(elements.saturating_mul(loaded.len() as u64), place)?;
         for primitive in loaded {
             let geometry = &mut primitive.geometry;
             let skin = match (source.skin, &geometry.influences) {
@@ -314,9 +337,10 @@ impl Placer<'_> {
                 mesh,
                 material: primitive.material,
                 world_from_mesh,
-                node: Some(node),
+                node: Some(carrier),
                 origin: Some(Origin {
                     node,
+                    place: number,
                     primitive: primitive.primitive,
                 }),
             });

@@ -126,6 +126,14 @@ pub struct Node {
 pub struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub light: Option<NodeLight>,
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    pub instancing: Option<Instancing>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Instancing {
+    #[serde(default)]
+    pub attributes: BTreeMap<String, usize>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,0 +1,86 @@
+//! EXT_mesh_gpu_instancing: nodes whose meshes stand in many places.
+
+use std::collections::HashSet;
+
+use glam::{Quat, Vec3};
+
+use super::document::Document;
+use super::nodes::INSTANCE_ELEMENTS;
+use crate::ImportError;
+use crate::animation::{Node, Rig, Transform, unit_rotation};
+
+pub const NAME: &str = "EXT_mesh_gpu_instancing";
+
+/// What stands in many places.
+#[derive(Default)]
+pub struct Instancing {
+    /// Nodes whose meshes stand there instead of where the nodes are.
+    pub nodes: HashSet<usize>,
+    /// Node and number of each place; places follow the file's nodes in the rig.
+    pub places: Vec<(usize, usize)>,
+}
+
+/// Gives `rig` a node for each place, below the node that stands there, with which it moves.
+pub fn expand(document: &Document, rig: &mut Rig) -> Result<Instancing, ImportError> {
+    let mut found = Instancing::default();
+    for node in 0..document.root.nodes.len() {
+        let Some(places) = places(document, node)? else {
+            continue;
+        };
+        found.nodes.insert(node);
+        for (number, rest) in places.into_iter().enumerate() {
+            found.places.push((node, number));
+            rig.order.push(rig.nodes.len());
+            rig.nodes.push(Node {
+                parent: Some(node),
+                rest,
+                weights: Vec::new(),
+            });
+        }
+    }
+    Ok(found)
+}
+
+/// Where the mesh of `node` stands, in the node's space. None if that is where the node is: as everywhere without the extension, and, with a warning, where
+/// the mesh bends.
+pub fn places(document: &Document, node: usize) -> Result<Option<Vec<Transform>>, ImportError> {
+    let source = &document.root.nodes[node];
+    let (Some(extension), Some(mesh)) = (&source.extensions.instancing, source.mesh) else {
+        return Ok(None);
+    };
+    let mesh_place = format!("nodes[{node}].mesh");
+    let mesh = document.get(&document.root.meshes, "mesh", mesh, &mesh_place)?;
+    let place = format!("nodes[{node}].extensions.{NAME}");
+    let mut primitives = mesh.primitives.iter();
+    if source.skin.is_some() || primitives.any(|primitive| !primitive.targets.is_empty()) {
+        document.warn(&place, "a mesh that bends stands only where its node is");
+        return Ok(None);
+    }
+    let mut count = None;
+    for (name, &accessor) in &extension.attributes {
+        let place = format!("{place}.attributes.{name}");
+        let of_attribute = document.count(accessor, &place)?;
+        let count = *count.get_or_insert(of_attribute);
+        if of_attribute != count {
+            let reason = format!("{of_attribute} elements for {count} instances");
+            return Err(document.error(place, reason));
+        }
+    }
+    let count = count.ok_or_else(|| document.error(&place, "it has no attributes"))?;
+    document.charge(count.saturating_mul(INSTANCE_ELEMENTS), &place)?;
+    let attribute = |name: &str| extension.attributes.get(name).copied();
+    let vectors = |name: &str| {
+        let read = |accessor| document.floats::<3>(accessor, &format!("{place}.attributes.{name}"));
+        attribute(name).map(read).transpose()
+    };
+    let (translations, scales) = (vectors("TRANSLATION")?, vectors("SCALE")?);
+    let rotations = attribute("ROTATION")
+        .map(|accessor| document.floats::<4>(accessor, &format!("{place}.attributes.ROTATION")))
+        .transpose()?;
+    let transform = |number: usize| Transform::Parts {
+        translation: (translations.as_ref()).map_or(Vec3::ZERO, |all| all[number].into()),
+        rotation: (rotations.as_ref()).map_or(Quat::IDENTITY, |all| unit_rotation(all[number])),
+        scale: (scales.as_ref()).map_or(Vec3::ONE, |all| all[number].into()),
+    };
+    Ok(Some((0..count as usize).map(transform).collect()))
+}
