@@ -8,7 +8,7 @@ use glam::Vec3;
 use gpugi::Renderer;
 use gpugi::bake::{Checkpoint, LightBake, LightOptions, LitAtlas, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
-use gpugi::display::Display;
+use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
@@ -214,26 +214,16 @@ pub fn run(
         if let Some(folder) = &options.dump_maps {
             dump_leaks(&lit, atlas.size, folder)?;
         }
-        let alpha = match options.bake_mode {
-            Mode::Unlit => gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?,
-            Mode::Emissive | Mode::Lightmap => None,
+        let light = match options.bake_mode {
+            Mode::Unlit => {
+                let alpha = gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?;
+                unlit(&gpu, &lit.pages, alpha.as_deref(), &display)?
+            }
+            Mode::Emissive => lit.pages.into_iter().map(BakedLight::Emissive).collect(),
+            Mode::Lightmap => lightmaps(lit.pages, atlas.size, output)?,
         };
-        for (number, (page, image)) in pages.iter_mut().zip(lit.pages).enumerate() {
-            page.light = Some(match options.bake_mode {
-                Mode::Unlit => {
-                    let floats: Vec<f32> =
-                        image.iter().flat_map(|texel| texel.to_array()).collect();
-                    let pixels = Display::picture(&gpu, &floats, &display)?;
-                    let mut pixels: Vec<[u8; 4]> = bytemuck::cast_slice(&pixels).to_vec();
-                    let of_page = alpha.iter().flatten().skip(number * pixels.len());
-                    for (pixel, alpha) in pixels.iter_mut().zip(of_page) {
-                        pixel[3] = (alpha * 255.0).round() as u8;
-                    }
-                    BakedLight::Unlit(pixels)
-                }
-                Mode::Emissive => BakedLight::Emissive(image),
-                Mode::Lightmap => lightmap(image, atlas.size, output, number)?,
-            });
+        for (page, light) in pages.iter_mut().zip(light) {
+            page.light = Some(light);
         }
     }
     let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
@@ -382,15 +372,36 @@ fn moved(leaks: &LeakReport) -> Option<String> {
     })
 }
 
+/// What a display shows, all pages at one exposure. `alpha`: of all texels, 1 if not given.
+fn unlit(
+    gpu: &Gpu,
+    pages: &[Vec<Vec3>],
+    alpha: Option<&[f32]>,
+    display: &DisplaySettings,
+) -> anyhow::Result<Vec<BakedLight>> {
+    let floats: Vec<f32> = pages.iter().flatten().flat_map(Vec3::to_array).collect();
+    let mut pixels = Display::picture(gpu, &floats, display)?;
+    let (pixels, _) = pixels.as_chunks_mut::<4>();
+    for (pixel, alpha) in pixels.iter_mut().zip(alpha.into_iter().flatten()) {
+        pixel[3] = (alpha * 255.0).round() as u8;
+    }
+    let mut pixels = pixels.iter().copied();
+    let of_page = |page: &Vec<Vec3>| BakedLight::Unlit(pixels.by_ref().take(page.len()).collect());
+    Ok(pages.iter().map(of_page).collect())
+}
+
 /// Irradiance from that over pi, also written beside the output.
-fn lightmap(image: Vec<Vec3>, size: u32, output: &Path, page: usize) -> anyhow::Result<BakedLight> {
-    let texels = image.into_iter().map(|texel| texel * std::f32::consts::PI);
-    let irradiance: Vec<Vec3> = texels.collect();
+fn lightmaps(pages: Vec<Vec<Vec3>>, size: u32, output: &Path) -> anyhow::Result<Vec<BakedLight>> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-    let exr = format!("{stem}-{page}.exr");
-    let floats = bytemuck::cast_slice(&irradiance);
-    save_exr(&output.with_file_name(&exr), size, size, floats).context("cannot be written")?;
-    Ok(BakedLight::Lightmap { irradiance, exr })
+    let lightmap = |(number, page): (usize, Vec<Vec3>)| {
+        let texels = page.into_iter().map(|texel| texel * std::f32::consts::PI);
+        let irradiance: Vec<Vec3> = texels.collect();
+        let exr = format!("{stem}-{number}.exr");
+        let floats = bytemuck::cast_slice(&irradiance);
+        save_exr(&output.with_file_name(&exr), size, size, floats).context("cannot be written")?;
+        Ok(BakedLight::Lightmap { irradiance, exr })
+    };
+    pages.into_iter().enumerate().map(lightmap).collect()
 }
 
 /// Obscurances.
@@ -520,4 +531,33 @@ fn write(
     })
     .context("cannot be written")?;
     Ok(exported.warnings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pages_have_one_exposure() {
+        if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
+            return;
+        }
+        let gpu = Gpu::open(&gpugi::gpu::AdapterChoice::Best).expect("a GPU");
+        let display = display_settings("auto", None).expect("settings");
+        let pages = [[1.0, 1.0], [1.0, 100.0]].map(|page| page.map(Vec3::splat).to_vec());
+        let alpha = [1.0, 1.0, 0.0, 1.0];
+        let lit = unlit(&gpu, &pages, Some(&alpha), &display).expect("pages");
+        let pixels = lit.iter().map(|page| match page {
+            BakedLight::Unlit(pixels) => pixels,
+            _ => panic!("display pixels"),
+        });
+        let [one, other] = pixels.collect::<Vec<_>>()[..] else {
+            panic!("two pages");
+        };
+        assert_eq!([one.len(), other.len()], [2, 2]);
+        // But for the dither.
+        assert!(one[0][0].abs_diff(other[0][0]) <= 1, "{one:?} {other:?}");
+        assert!(other[1][0] > one[0][0] + 50, "{one:?} {other:?}");
+        assert_eq!([one[1][3], other[0][3]], [255, 0]);
+    }
 }
