@@ -1,7 +1,6 @@
 //! The `gpugi` command: parse, call the library, print.
 
 mod bake;
-mod bake_scene;
 mod bench;
 mod bench_path_tracer;
 mod bench_rays;

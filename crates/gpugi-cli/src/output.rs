@@ -52,6 +52,11 @@ pub fn check_folders<'a>(paths: impl IntoIterator<Item = &'a Path>) -> anyhow::R
     Ok(())
 }
 
+/// Makes a folder, and those around it.
+pub fn make_folder(folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))
+}
+
 /// Writes display pixels: 8-bit sRGB, RGBA.
 pub fn write_png(path: &Path, [width, height]: [u32; 2], pixels: &[u8]) -> anyhow::Result<()> {
     save_png(path, width, height, pixels).with_context(|| cannot_write(path))
@@ -135,8 +140,7 @@ pub fn write_aovs(
 
 /// Writes each technique's maps as EXR, the finest level: depth reversed, as stored; numbers as grey; faces of a cube below each other.
 pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    make_folder(folder)?;
     for map in renderer.maps() {
         let texture = &map.texture;
         let layers = texture.depth_or_array_layers();

@@ -8,7 +8,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::Quantity;
+use super::{Leaks, Quantity};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, Dilation, LeakReport, LeakTest, cut, rows_of,
 };
@@ -87,10 +87,8 @@ struct LitRows {
 pub struct LitAtlas {
     /// Means of the samples, page by page, row by row from the top: empty texels filled from their neighbours, seams closed.
     pub pages: Vec<Vec<Vec3>>,
-    /// How many texels are where no light can be, and what became of them.
-    pub leaks: LeakReport,
-    /// The same as pictures of the pages, as [`LeakTest::map`] makes them.
-    pub leak_maps: Vec<Vec<[u8; 4]>>,
+    /// Texels that lie inside other things.
+    pub leaks: Leaks,
 }
 
 /// Lights the texels of an atlas, tile by tile, sample by sample.
@@ -359,8 +357,7 @@ impl<'a> LightBake<'a> {
         let page = (self.atlas.size as usize).pow(2);
         LitAtlas {
             pages: self.done.texels.chunks(page).map(<[_]>::to_vec).collect(),
-            leaks: self.done.leaks,
-            leak_maps: self.done.leak_map.chunks(page).map(<[_]>::to_vec).collect(),
+            leaks: Leaks::new(self.done.leaks, &self.done.leak_map, self.atlas.size),
         }
     }
 }

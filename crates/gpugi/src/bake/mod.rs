@@ -9,8 +9,28 @@ mod obscurances;
 #[cfg(test)]
 mod tests;
 
+use crate::capture::atlas::LeakReport;
 pub use crate::capture::atlas::TexelLobes as Quantity;
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub(crate) use light::Tile;
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Stage};
 pub use obscurances::ObscuranceBake;
+
+/// Texels of an atlas that lie inside other things, where no light can be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Leaks {
+    /// How many there are, and what became of them.
+    pub report: LeakReport,
+    /// Pictures of the pages, as [`LeakTest::map`](crate::capture::atlas::LeakTest::map) makes them.
+    pub maps: Vec<Vec<[u8; 4]>>,
+}
+
+impl Leaks {
+    fn new(report: LeakReport, map: &[[u8; 4]], side: u32) -> Self {
+        let pages = map.chunks((side as usize).pow(2));
+        Self {
+            report,
+            maps: pages.map(<[_]>::to_vec).collect(),
+        }
+    }
+}

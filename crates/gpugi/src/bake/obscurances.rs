@@ -2,6 +2,7 @@
 
 use gpugi_scene::{Atlas, Scene};
 
+use super::Leaks;
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -76,6 +77,19 @@ impl ObscuranceBake {
         // What texels have room for samples is found first.
         self.step()?;
         self.solution.resume(&self.gpu, state)
+    }
+
+    /// Texels that lie inside other things. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn leaks(&self) -> Result<Leaks, GpuError> {
+        let report = self.leaks.report(&self.gpu)?;
+        Ok(Leaks::new(
+            report,
+            &self.leaks.map(&self.gpu)?,
+            self.capture.size,
+        ))
     }
 
     /// The pages as they are now. Waits for the GPU.

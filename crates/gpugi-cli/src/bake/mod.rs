@@ -1,5 +1,8 @@
 //! `gpugi bake`: a scene's light into texture space, or an environment's maps.
 
+mod scene;
+mod work;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -8,11 +11,11 @@ use gpugi::techniques::environment_map::{self, export};
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::{Limits, import_environment};
 
-use crate::bake_scene::{self, SceneOptions};
-use crate::output::write_json;
+use crate::output::{make_folder, write_json};
 use crate::render::split_settings;
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
+use scene::SceneOptions;
 
 /// Options of `gpugi bake`.
 #[derive(Debug, clap::Args)]
@@ -45,7 +48,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
-    bake_scene::run(
+    scene::run(
         common,
         &arguments.scene,
         &arguments.output,
@@ -77,8 +80,7 @@ fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     }
     let environment = import_environment(Path::new(&arguments.scene.scene), &Limits::default())?;
     let folder = &arguments.output;
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    make_folder(folder)?;
     let gpu = Gpu::open(&common.adapter)?;
     let baked = export::bake(&gpu, &environment.image, &settings)?;
     for (name, texture) in [

@@ -1,12 +1,12 @@
 //! `gpugi bake` of scenes: light into the texels of an atlas, and a .glb that shows it.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::Context;
 use glam::Vec3;
 use gpugi::Renderer;
-use gpugi::bake::{Checkpoint, LightBake, LightOptions, LitAtlas, ObscuranceBake, Quantity, Stage};
+use gpugi::bake::{Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
@@ -16,7 +16,9 @@ use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity};
 
-use crate::bake::has_extension;
+use super::has_extension;
+use super::work::Work;
+use crate::output::make_folder;
 use crate::progress::Progress;
 use crate::render::{apply_settings, display_settings, print_notes, split_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
@@ -103,8 +105,6 @@ pub struct SceneOptions {
 const MOST_TEXELS: u64 = 1 << 28;
 /// Pages, however small.
 const MOST_PAGES: u64 = 1024;
-/// What is done is saved so often.
-const SAVE_EVERY: Duration = Duration::from_secs(60);
 
 /// Bakes and writes: the file complete or not at all.
 pub fn run(
@@ -115,7 +115,7 @@ pub fn run(
     settings: &[String],
     options: &SceneOptions,
 ) -> anyhow::Result<()> {
-    let started = std::time::Instant::now();
+    let started = Instant::now();
     if !has_extension(output, &["glb"]) {
         return Err(Usage(format!(
             "-o {}: scenes are baked into .glb files",
@@ -151,7 +151,13 @@ pub fn run(
     );
     let mut work = Work::new(common, &gpu, output, key);
     if options.resume {
-        work.resume(&scene, options)?;
+        work.resume(&scene)?;
+        let kept = &work.done.atlas;
+        anyhow::ensure!(
+            kept.size == options.atlas_size && kept.pages <= most_pages(kept.size),
+            "{}: its atlas is not as asked for",
+            work.path.display()
+        );
     } else {
         work.done.atlas = unwrap(&scene, options, &mut work.progress)?;
     }
@@ -168,9 +174,11 @@ pub fn run(
     let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
         .iter()
         .partition(|one| one.starts_with(&format!("{FACTOR}.")));
+    let mut leaks = None;
     let mut pages = vec![BakedPage::default(); atlas.pages as usize];
     if techniques.iter().any(|name| name == FACTOR) {
-        let found = factor(&scene, &atlas, &of_factor, &mut work)?;
+        let (found, of_factor) = factor(&scene, &atlas, &of_factor, &mut work)?;
+        leaks = Some(of_factor);
         for (page, found) in pages.iter_mut().zip(found) {
             page.obscurance = Some(found.obscurance);
             page.colored_obscurance = found.colored;
@@ -210,10 +218,7 @@ pub fn run(
             crate::output::dump_maps(&gpu, bake.renderer(), folder)?;
         }
         let lit = bake.finish();
-        notes.extend(moved(&lit.leaks));
-        if let Some(folder) = &options.dump_maps {
-            dump_leaks(&lit, atlas.size, folder)?;
-        }
+        leaks = Some(lit.leaks);
         let light = match options.bake_mode {
             Mode::Unlit => {
                 let alpha = gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?;
@@ -224,6 +229,12 @@ pub fn run(
         };
         for (page, light) in pages.iter_mut().zip(light) {
             page.light = Some(light);
+        }
+    }
+    if let Some(leaks) = leaks {
+        notes.extend(moved(&leaks.report));
+        if let Some(folder) = &options.dump_maps {
+            dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
     let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
@@ -245,85 +256,6 @@ pub fn run(
         );
     }
     Ok(())
-}
-
-/// A bake at work: what is done so far, and where that is kept when it is stopped.
-struct Work<'a> {
-    gpu: &'a Gpu,
-    progress: Progress,
-    done: Checkpoint,
-    path: PathBuf,
-    key: String,
-    saved: Instant,
-    /// How long each part took, in words.
-    times: Vec<String>,
-    part: Instant,
-}
-
-impl<'a> Work<'a> {
-    fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: String) -> Self {
-        let mut path = output.as_os_str().to_owned();
-        path.push(".checkpoint");
-        Self {
-            gpu,
-            progress: Progress::new(common.quiet),
-            done: Checkpoint::default(),
-            path: path.into(),
-            key,
-            saved: Instant::now(),
-            times: Vec::new(),
-            part: Instant::now(),
-        }
-    }
-
-    /// Reads what was kept.
-    fn resume(&mut self, scene: &Scene, options: &SceneOptions) -> anyhow::Result<()> {
-        let path = self.path.display().to_string();
-        let read = Checkpoint::read(&self.path, &self.key, scene);
-        self.done = read.with_context(|| format!("{path}: nothing to go on from"))?;
-        let atlas = &self.done.atlas;
-        anyhow::ensure!(
-            atlas.size == options.atlas_size && atlas.pages <= most_pages(atlas.size),
-            "{path}: its atlas is not as asked for"
-        );
-        Ok(())
-    }
-
-    /// Ends a part.
-    fn timed(&mut self, part: &str) {
-        let seconds = self.part.elapsed().as_secs_f64();
-        self.times.push(format!("{part} {seconds:.2} s"));
-        self.part = Instant::now();
-    }
-
-    /// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard; saves what `now` puts into the checkpoint, now and then and when
-    /// somebody stops the bake.
-    fn after_step(
-        &mut self,
-        now: impl FnOnce(&mut Checkpoint) -> anyhow::Result<()>,
-    ) -> anyhow::Result<()> {
-        let wait = gpugi::gpu::PollType::wait_indefinitely();
-        self.gpu.device.poll(wait).ok();
-        let is_asked = interrupt::asked();
-        if !is_asked && self.saved.elapsed() < SAVE_EVERY {
-            return Ok(());
-        }
-        now(&mut self.done)?;
-        let path = self.path.display();
-        let written = self.done.write(&self.path, &self.key);
-        written.with_context(|| format!("{path}: cannot be written"))?;
-        self.saved = Instant::now();
-        anyhow::ensure!(
-            !is_asked,
-            "interrupted: {path} has what is done, the same command with --resume goes on"
-        );
-        Ok(())
-    }
-
-    /// What is done needs no checkpoint.
-    fn forget(&self) {
-        std::fs::remove_file(&self.path).ok();
-    }
 }
 
 /// Pages of `size` texels a side that memory has room for.
@@ -352,8 +284,9 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
 }
 
 /// Writes where texels lie inside something: `leaks-PAGE.png`, grey good, green moved out, red invalid.
-fn dump_leaks(lit: &LitAtlas, size: u32, folder: &Path) -> anyhow::Result<()> {
-    for (number, map) in lit.leak_maps.iter().enumerate() {
+fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
+    make_folder(folder)?;
+    for (number, map) in leaks.maps.iter().enumerate() {
         let path = folder.join(format!("leaks-{number}.png"));
         save_png(&path, size, size, map.as_flattened())
             .with_context(|| format!("{}: cannot be written", path.display()))?;
@@ -410,7 +343,7 @@ fn factor(
     atlas: &Atlas,
     options: &[&String],
     work: &mut Work<'_>,
-) -> anyhow::Result<Vec<ObscurancePage>> {
+) -> anyhow::Result<(Vec<ObscurancePage>, Leaks)> {
     let mut settings = obscurances::Settings::default();
     for option in options {
         for [technique, key, value] in split_settings(std::slice::from_ref(*option))? {
@@ -436,7 +369,7 @@ fn factor(
     work.timed(FACTOR);
     // Whoever stops the bake later need not do this again.
     work.done.obscurances = Some(bake.save()?);
-    Ok(bake.pages()?)
+    Ok((bake.pages()?, bake.leaks()?))
 }
 
 /// Lights all texels.

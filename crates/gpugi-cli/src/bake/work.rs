@@ -1,0 +1,90 @@
+//! Long work of a bake: how far it is, how long its parts took, and a checkpoint of it.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use gpugi::bake::Checkpoint;
+use gpugi::gpu::Gpu;
+use gpugi_scene::Scene;
+
+use crate::progress::Progress;
+use crate::{Common, interrupt};
+
+/// What is done is saved so often.
+const SAVE_EVERY: Duration = Duration::from_secs(60);
+
+/// A bake at work: what is done so far, and where that is kept when it is stopped.
+#[derive(Debug)]
+pub struct Work<'a> {
+    pub gpu: &'a Gpu,
+    pub progress: Progress,
+    pub done: Checkpoint,
+    pub path: PathBuf,
+    key: String,
+    saved: Instant,
+    /// How long each part took, in words.
+    pub times: Vec<String>,
+    part: Instant,
+}
+
+impl<'a> Work<'a> {
+    pub fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: String) -> Self {
+        let mut path = output.as_os_str().to_owned();
+        path.push(".checkpoint");
+        Self {
+            gpu,
+            progress: Progress::new(common.quiet),
+            done: Checkpoint::default(),
+            path: path.into(),
+            key,
+            saved: Instant::now(),
+            times: Vec::new(),
+            part: Instant::now(),
+        }
+    }
+
+    /// Reads what was kept.
+    pub fn resume(&mut self, scene: &Scene) -> anyhow::Result<()> {
+        let path = self.path.display().to_string();
+        let read = Checkpoint::read(&self.path, &self.key, scene);
+        self.done = read.with_context(|| format!("{path}: nothing to go on from"))?;
+        Ok(())
+    }
+
+    /// Ends a part.
+    pub fn timed(&mut self, part: &str) {
+        let seconds = self.part.elapsed().as_secs_f64();
+        self.times.push(format!("{part} {seconds:.2} s"));
+        self.part = Instant::now();
+    }
+
+    /// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard; saves what `now` puts into the checkpoint, now and then and when
+    /// somebody stops the bake.
+    pub fn after_step(
+        &mut self,
+        now: impl FnOnce(&mut Checkpoint) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        let wait = gpugi::gpu::PollType::wait_indefinitely();
+        self.gpu.device.poll(wait).ok();
+        let is_asked = interrupt::asked();
+        if !is_asked && self.saved.elapsed() < SAVE_EVERY {
+            return Ok(());
+        }
+        now(&mut self.done)?;
+        let path = self.path.display();
+        let written = self.done.write(&self.path, &self.key);
+        written.with_context(|| format!("{path}: cannot be written"))?;
+        self.saved = Instant::now();
+        anyhow::ensure!(
+            !is_asked,
+            "interrupted: {path} has what is done, the same command with --resume goes on"
+        );
+        Ok(())
+    }
+
+    /// What is done needs no checkpoint.
+    pub fn forget(&self) {
+        std::fs::remove_file(&self.path).ok();
+    }
+}
