@@ -532,6 +532,18 @@ fn bakes_that_cannot_be_are_refused() {
         ),
         (vec!["nowhere", "-o", &output], "nowhere"),
         (
+            vec![
+                "cornell",
+                "-o",
+                &output,
+                "--bake-mode",
+                "lightmap",
+                "--lobes",
+                "all",
+            ],
+            "lightmap",
+        ),
+        (
             vec!["cornell", "-o", &output, "--set", "obscurances.distance=2"],
             "not in use",
         ),

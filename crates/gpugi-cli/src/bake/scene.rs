@@ -55,6 +55,15 @@ enum Mode {
     Lightmap,
 }
 
+/// Which reflections a file holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Lobes {
+    /// Diffuse ones, which look alike from everywhere; metals are black
+    Diffuse,
+    /// All, as seen from straight above each texel: highlights and metals stand still while the viewer moves
+    All,
+}
+
 /// Options of bakes of scenes.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SceneOptions {
@@ -70,6 +79,9 @@ pub struct SceneOptions {
     /// In which form the file holds light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
     bake_mode: Mode,
+    /// Which reflections unlit and emissive bakes hold
+    #[arg(long, value_name = "LOBES", default_value = "diffuse")]
+    lobes: Lobes,
     /// Parts of light, separated by commas; both when neither they nor techniques are named
     #[arg(long, value_name = "PART,...", value_delimiter = ',')]
     include: Vec<Part>,
@@ -125,6 +137,10 @@ pub fn run(
     }
     crate::output::check_folders([output])?;
     let display = display_settings(&options.exposure, options.tone_map.as_deref())?;
+    if (options.bake_mode, options.lobes) == (Mode::Lightmap, Lobes::All) {
+        let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
+        return Err(Usage(message.into()).into());
+    }
     let is_known = |name: &str| DIRECT.contains(&name) || name == INDIRECT || name == FACTOR;
     if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
         return Err(Usage(format!(
@@ -190,9 +206,10 @@ pub fn run(
     if !lights.names.is_empty() {
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
         let light_options = LightOptions {
-            quantity: match options.bake_mode {
-                Mode::Unlit | Mode::Emissive => Quantity::Diffuse,
-                Mode::Lightmap => Quantity::White,
+            quantity: match (options.bake_mode, options.lobes) {
+                (Mode::Lightmap, _) => Quantity::White,
+                (_, Lobes::Diffuse) => Quantity::Diffuse,
+                (_, Lobes::All) => Quantity::All,
             },
             samples: options.samples,
             seed: options.seed,
@@ -377,12 +394,7 @@ fn light(bake: &mut LightBake<'_>, lights: &Lights, work: &mut Work<'_>) -> anyh
     if let Some(saved) = work.done.light.take() {
         bake.resume(saved)?;
     }
-    let mut stage = Stage::Maps;
     while let Some(at) = bake.step(|name| lights.adds(name))? {
-        if at.stage != stage {
-            work.timed("maps");
-            stage = at.stage;
-        }
         let what = match at.stage {
             Stage::Maps => "maps",
             Stage::Texels => "texels",
@@ -392,6 +404,9 @@ fn light(bake: &mut LightBake<'_>, lights: &Lights, work: &mut Work<'_>) -> anyh
             checkpoint.light = Some(bake.save()?);
             Ok(())
         })?;
+        if at.stage != bake.stage() {
+            work.timed(what);
+        }
     }
     work.timed("texels");
     work.progress.finish();

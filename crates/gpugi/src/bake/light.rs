@@ -187,12 +187,21 @@ impl<'a> LightBake<'a> {
         self.tiles.len()
     }
 
+    /// What the next step is about.
+    pub fn stage(&self) -> Stage {
+        match self.refining {
+            Some(_) => Stage::Maps,
+            None => Stage::Texels,
+        }
+    }
+
     /// Takes a step: brings maps one frame further until they are as fine as they get; then adds a sample of the light of those techniques whose names `adds`
     /// accepts, while the others light what these see. `None`: there is nothing left to do.
     ///
     /// # Errors
     /// [`RenderError::Gpu`].
     pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, RenderError> {
+        let stage = self.stage();
         if let Some(before) = self.refining {
             let done = self.renderer.refine(&self.view)?;
             self.resumed.maps = self
@@ -200,7 +209,6 @@ impl<'a> LightBake<'a> {
                 .resume_maps(std::mem::take(&mut self.resumed.maps))?;
             let is_final = done >= 1.0 || done <= before;
             self.refining = (!is_final).then_some(done);
-            let stage = Stage::Maps;
             return Ok(Some(Progress { stage, done }));
         }
         let mut tile = match self.tile.take() {
@@ -223,10 +231,8 @@ impl<'a> LightBake<'a> {
         } else {
             self.tile = Some(tile);
         }
-        Ok(Some(Progress {
-            stage: Stage::Texels,
-            done: done as f32,
-        }))
+        let done = done as f32;
+        Ok(Some(Progress { stage, done }))
     }
 
     fn tiles_done(&self) -> usize {
