@@ -5,7 +5,7 @@ use gpugi_scene::bvh::{
 };
 use gpugi_scene::{AlphaMode, Scene};
 
-use super::PlacedMesh;
+use super::upload::PlacedMesh;
 use crate::gpu::{Gpu, GpuError};
 
 /// Hierarchies of all meshes, and a top level over the instances behind them.

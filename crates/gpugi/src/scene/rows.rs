@@ -3,8 +3,9 @@
 use glam::{Mat4, Vec3};
 use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, TextureRef, Wrap};
 
+use super::gpu;
 use super::images::{ImageArrays, ImagePlace};
-use super::{PlacedMesh, gpu};
+use super::upload::PlacedMesh;
 
 pub(super) fn instance_row(
     instance: &Instance,

@@ -5,6 +5,7 @@ use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octa
 use crate::capture::atlas::PieceUniform;
 use crate::capture::atlas::blocks::AtlasTriangle;
 use crate::capture::atlas::dilate::LevelsUniform;
+use crate::capture::atlas::gather::OwnUniform;
 use crate::capture::atlas::leaks::LeakSettings;
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
@@ -220,11 +221,13 @@ fn structs_of_obscurances_have_one_layout() {
         reflected(&shader!("techniques.obscurances.resolve"), "Page"),
         page
     );
-    let ambient = layout!(obscurances::AmbientUniform: colored first_texel is_own padding);
-    assert_eq!(
-        reflected(&shader!("techniques.obscurances.gather"), "Ambient"),
-        ambient
-    );
+    let own = layout!(OwnUniform: first_texel is_own padding);
+    for shader in [
+        shader!("techniques.obscurances.gather"),
+        shader!("techniques.radiosity.gather"),
+    ] {
+        assert_eq!(reflected(&shader, "Own"), own, "{}", shader.name);
+    }
     let view = layout!(obscurances::PeelView: clip_from_world seed);
     assert_eq!(
         reflected(&shader!("techniques.obscurances.peel"), "AlphaView"),

@@ -213,11 +213,11 @@ pub const REGISTRY: &[(&Info, Make)] = &[
     (&environment_map::INFO, |gpu, scene| {
         Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
     }),
-    (&radiosity::INFO, |gpu, scene| {
-        Ok(Box::new(radiosity::Radiosity::new(gpu, scene)?))
+    (&radiosity::INFO, |_, _| {
+        Ok(Box::new(radiosity::Radiosity::default()))
     }),
-    (&obscurances::INFO, |gpu, scene| {
-        Ok(Box::new(obscurances::Obscurances::new(gpu, scene)?))
+    (&obscurances::INFO, |_, _| {
+        Ok(Box::new(obscurances::Obscurances::default()))
     }),
     (&caustics::INFO, |gpu, scene| {
         Ok(Box::new(caustics::Caustics::new(gpu, scene)?))

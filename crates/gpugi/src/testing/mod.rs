@@ -1,6 +1,9 @@
 //! What the tests share: the adapter, and tiny kernels (the `.wesl` files of this folder) that run one function on a buffer.
 
 pub(crate) mod chi_square;
+mod points;
+
+pub(crate) use points::{Point, read_points};
 
 use std::sync::OnceLock;
 

@@ -8,6 +8,7 @@
 mod alpha;
 pub(crate) mod blocks;
 pub(crate) mod dilate;
+pub(crate) mod gather;
 pub(crate) mod leaks;
 pub mod lookup;
 #[cfg(test)]
@@ -16,7 +17,7 @@ mod tests;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
+use gpugi_scene::{Atlas, Scene};
 
 use super::{SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -25,6 +26,7 @@ use crate::shader;
 pub use alpha::alpha;
 use blocks::Layout;
 pub use dilate::Dilation;
+pub(crate) use gather::TexelGather;
 pub use leaks::{LeakReport, LeakTest};
 pub use lookup::AtlasLookup;
 
@@ -110,8 +112,8 @@ pub struct AtlasCapture {
     triangles: wgpu::Buffer,
     cover: Kernel,
     resolve: Kernel,
-    /// Of the triangles that the atlas was made for.
-    topology: u64,
+    /// Version of the meshes that the atlas was made for.
+    meshes: u64,
     captured: Option<Versions>,
 }
 
@@ -243,7 +245,7 @@ impl AtlasCapture {
             triangles,
             cover,
             resolve,
-            topology: on_gpu.versions.topology,
+            meshes: on_gpu.versions.meshes,
             captured: None,
         };
         capture.look(gpu, 0, 0);
@@ -281,7 +283,7 @@ impl AtlasCapture {
     /// # Errors
     /// [`GpuError::Pass`] when the scene has other triangles than the atlas.
     pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
-        if scene.versions.topology != self.topology {
+        if scene.versions.meshes != self.meshes {
             return Err(GpuError::Pass {
                 pass: "capture.atlas".into(),
                 reason: "the scene has other triangles than the atlas".into(),
@@ -313,61 +315,6 @@ impl AtlasCapture {
         self.captured = Some(versions);
         Ok(())
     }
-}
-
-/// Of more triangles than this, unwrapping takes longer than anybody expects.
-const MOST_TRIANGLES: usize = 500_000;
-
-/// Lays out an atlas for a technique that keeps `texel_bytes` a texel in one buffer, in pages of `size` texels a side, with so many texels per metre, or, if that
-/// is 0, as many as one page holds.
-///
-/// # Errors
-/// [`GpuError::Pass`], [`GpuError::TooLarge`]: what would take too long or too much memory, what has no atlas.
-pub(crate) fn lay_out(
-    gpu: &Gpu,
-    scene: &Scene,
-    technique: &str,
-    size: u32,
-    density: f32,
-    texel_bytes: u64,
-) -> Result<Atlas, GpuError> {
-    let refused = |reason: String| GpuError::Pass {
-        pass: technique.to_owned(),
-        reason,
-    };
-    let instances = scene.instances.iter();
-    let triangles = instances.map(|instance| scene.meshes[instance.mesh].indices.len() / 3);
-    let triangles: usize = triangles.sum();
-    if triangles > MOST_TRIANGLES {
-        return Err(refused(format!(
-            "unwrapping {triangles} triangles would take too long, {MOST_TRIANGLES} are allowed: leave some objects out"
-        )));
-    }
-    let limits = gpu.device.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    // One is left for whoever counts something beside.
-    let (most_texels, page) = (bytes / texel_bytes - 1, u64::from(size).pow(2));
-    if page > most_texels {
-        return Err(GpuError::TooLarge {
-            what: format!("texels in a page of {technique} (lower the resolution)"),
-            needed: page,
-            limit: most_texels,
-            adapter: gpu.adapter.name.clone(),
-        });
-    }
-    let options = AtlasOptions {
-        size,
-        density: if density > 0.0 {
-            TexelDensity::PerMetre(density)
-        } else {
-            TexelDensity::OnePage
-        },
-        most_pages: u32::try_from(most_texels / page).unwrap_or(u32::MAX),
-        ..AtlasOptions::default()
-    };
-    Atlas::new(scene, &options).map_err(|error| refused(error.to_string()))
 }
 
 /// The rows of all pages of an atlas.

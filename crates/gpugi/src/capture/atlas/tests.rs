@@ -12,23 +12,12 @@ use gpugi_scene::{
 
 use super::{AtlasCapture, AtlasCaptureOptions, TexelLobes};
 use crate::capture::{CaptureKernels, Emission, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::shader;
 use crate::techniques::shadow_map::ShadowMap;
 use crate::techniques::{Lit, Technique};
-use crate::testing::{Random, test_gpu};
-
-/// An unpacked surface point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Point {
-    position: Vec3,
-    instance: u32,
-    normal: Vec3,
-    area: f32,
-    diffuse: Vec3,
-}
+use crate::testing::{Point, Random, read_points, test_gpu};
 
 const NONE: u32 = u32::MAX;
 
@@ -43,35 +32,10 @@ fn captured(gpu: &Gpu, scene: &Scene, atlas: &Atlas, options: &AtlasCaptureOptio
 }
 
 fn unpacked(gpu: &Gpu, on_gpu: &GpuScene, capture: &AtlasCapture) -> Vec<Point> {
-    let shader = shader!("testing.points");
-    let kernel = Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout)).unwrap();
-    let mut all = Vec::new();
-    for points in capture.points() {
-        let bytes = u64::from(points.count) * 64;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let output = gpu.buffer("output", bytes, storage).unwrap();
-        let resources = [
-            ("points", points.points.as_entire_binding()),
-            ("output", output.as_entire_binding()),
-        ];
-        let group = kernel.bind(gpu, 1, &resources).unwrap();
-        let mut frame = Frame::new(gpu, false);
-        frame.compute("points", |pass| {
-            let groups = [(0, &on_gpu.bind_group), (1, &group)];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        frame.submit().unwrap();
-        let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, bytes).unwrap();
-        let vector = |row: [u32; 4]| Vec3::from_array([row[0], row[1], row[2]].map(f32::from_bits));
-        all.extend(rows.iter().map(|rows| Point {
-            position: vector(rows[0]),
-            instance: rows[0][3],
-            normal: vector(rows[1]),
-            area: f32::from_bits(rows[1][3]),
-            diffuse: vector(rows[3]),
-        }));
-    }
-    all
+    let pieces = capture.points();
+    pieces
+        .flat_map(|points| read_points(gpu, on_gpu, points))
+        .collect()
 }
 
 fn atlas(scene: &Scene, size: u32) -> Atlas {

@@ -4,11 +4,10 @@ use glam::{DVec3, Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{AlphaMode, Material, Scene};
 
-use crate::capture::{Behind, Capture, CaptureKernels, CubeView, SurfacePoints};
-use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
+use crate::capture::{Behind, Capture, CaptureKernels, CubeView};
+use crate::gpu::Frame;
 use crate::scene::{Draw, DrawClass, GpuScene};
-use crate::shader;
-use crate::testing::{on_face, test_gpu};
+use crate::testing::{Point, on_face, read_points, test_gpu};
 
 const SIDE: usize = 64;
 const EYE: Vec3 = Vec3::new(0.3, -0.2, 0.5);
@@ -29,18 +28,6 @@ fn points_of_a_cube_lie_on_their_rays() {
     let kernels = CaptureKernels::new(&gpu, &on_gpu).unwrap();
     let mut capture = Capture::of_cube(&gpu, &kernels, SIDE as u32).unwrap();
     let view = CubeView::new(EYE, SIDE as u32, 1e-3, 0, 1);
-    let points = shader!("testing.points");
-    let kernel = Kernel::new(&gpu, &points, "main", Some(&on_gpu.layout)).unwrap();
-    let count = (6 * SIDE * SIDE) as u32;
-    let size = u64::from(count) * 64;
-    let output = gpu
-        .buffer("output", size, wgpu::BufferUsages::STORAGE)
-        .unwrap();
-    let resources = [
-        ("points", capture.points.points.as_entire_binding()),
-        ("output", output.as_entire_binding()),
-    ];
-    let group = kernel.bind(&gpu, 1, &resources).unwrap();
     let mut frame = Frame::new(&gpu, false);
     on_gpu.merge(&mut frame);
     capture
@@ -48,12 +35,9 @@ fn points_of_a_cube_lie_on_their_rays() {
             (draw.instance == 0).then_some(DrawClass::DoubleSided)
         })
         .unwrap();
-    frame.compute("points", |pass| {
-        kernel.dispatch(pass, &[(0, &on_gpu.bind_group), (1, &group)], [count, 1, 1]);
-    });
     frame.submit().unwrap();
-    let rows: Vec<[[u32; 4]; 4]> = read_buffer(&gpu, &output, size).unwrap();
-    for (index, rows) in rows.iter().enumerate() {
+    let points = read_points(&gpu, &on_gpu, &capture.points);
+    for (index, point) in points.iter().enumerate() {
         let (x, y, face) = (index % SIDE, index / SIDE % SIDE, index / (SIDE * SIDE));
         let at = |texel: usize| (texel as f64 + 0.5) * 2.0 / SIDE as f64 - 1.0;
         // Seen as a camera sees it, against its layer in a cube map mirrored.
@@ -66,12 +50,11 @@ fn points_of_a_cube_lie_on_their_rays() {
         if (0..3).any(|other| other != axis && far[other] < along * (1.0 + 1e-5)) {
             continue;
         }
-        let vector = |row: [u32; 4]| {
-            let [x, y, z, _] = row.map(f32::from_bits);
-            Vec3::new(x, y, z).as_dvec3()
-        };
-        assert_eq!(rows[0][3], 0, "texel {x}, {y} of face {face}: the instance");
-        let position = vector(rows[0]);
+        assert_eq!(
+            point.instance, 0,
+            "texel {x}, {y} of face {face}: the instance"
+        );
+        let position = point.position.as_dvec3();
         let exact = EYE.as_dvec3() + ray * along;
         assert!(
             position.distance(exact) < 1e-4,
@@ -79,7 +62,7 @@ fn points_of_a_cube_lie_on_their_rays() {
         );
         let mut inward = DVec3::ZERO;
         inward[axis] = -ray[axis].signum();
-        let normal = vector(rows[1]);
+        let normal = point.normal.as_dvec3();
         assert!(
             normal.distance(inward) < 1e-3,
             "texel {x}, {y} of face {face}: normal {normal}"
@@ -89,39 +72,12 @@ fn points_of_a_cube_lie_on_their_rays() {
         let width = 2.0 / SIDE as f64;
         let cosine = -ray.dot(inward);
         let expected = width * width * z * z / cosine;
-        let area = f64::from(f32::from_bits(rows[1][3]));
+        let area = f64::from(point.area);
         assert!(
             (area / expected - 1.0).abs() < 0.15,
             "texel {x}, {y} of face {face}: area {area}, not {expected}"
         );
     }
-}
-
-/// Instance and position of every point.
-fn read_points(gpu: &Gpu, scene: &GpuScene, points: &SurfacePoints) -> Vec<(u32, DVec3)> {
-    let kernel = Kernel::new(gpu, &shader!("testing.points"), "main", Some(&scene.layout)).unwrap();
-    let size = u64::from(points.count) * 64;
-    let output = gpu
-        .buffer("output", size, wgpu::BufferUsages::STORAGE)
-        .unwrap();
-    let resources = [
-        ("points", points.points.as_entire_binding()),
-        ("output", output.as_entire_binding()),
-    ];
-    let group = kernel.bind(gpu, 1, &resources).unwrap();
-    let mut frame = Frame::new(gpu, false);
-    frame.compute("points", |pass| {
-        let groups = [(0, &scene.bind_group), (1, &group)];
-        kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-    });
-    frame.submit().unwrap();
-    let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, size).unwrap();
-    rows.iter()
-        .map(|[[x, y, z, instance], ..]| {
-            let position = Vec3::from_array([*x, *y, *z].map(f32::from_bits));
-            (*instance, position.as_dvec3())
-        })
-        .collect()
 }
 
 /// Behind a crate, a pane and a flush plate in a room is the wall; behind the wall, nothing, and it stays.
@@ -167,15 +123,17 @@ fn what_is_behind_is_seen_behind() {
     let first = read_points(&gpu, &on_gpu, &capture.points);
     let second = read_points(&gpu, &on_gpu, &behind.points(&capture.points));
     let mut counts = [0; 4];
-    for (index, ((nearer, at), (further, behind))) in first.iter().zip(&second).enumerate() {
-        counts[*nearer as usize] += 1;
-        let is_wall = *nearer == 0 || *nearer == 3;
-        if is_wall {
-            assert_eq!((nearer, at), (further, behind), "texel {index}");
+    let is_wall = |point: &Point| point.instance == 0 || point.instance == 3;
+    for (index, (nearer, further)) in first.iter().zip(&second).enumerate() {
+        counts[nearer.instance as usize] += 1;
+        if is_wall(nearer) {
+            assert_eq!(nearer.instance, further.instance, "texel {index}");
+            assert_eq!(nearer.position, further.position, "texel {index}");
             continue;
         }
-        assert!(*further == 0 || *further == 3, "texel {index}: {further}");
-        let (at, behind) = (*at - EYE.as_dvec3(), *behind - EYE.as_dvec3());
+        assert!(is_wall(further), "texel {index}: {further:?}");
+        let from_eye = |point: &Point| (point.position - EYE).as_dvec3();
+        let (at, behind) = (from_eye(nearer), from_eye(further));
         assert!(
             behind.normalize().distance(at.normalize()) < 1e-4 && behind.length() > at.length(),
             "texel {index}: {behind} behind {at}"

@@ -7,24 +7,12 @@ use gpugi_scene::{
 };
 
 use crate::capture::{Capture, CaptureKernels, View};
-use crate::gpu::{Frame, Gpu, Kernel, read_buffer, read_texture};
+use crate::gpu::{Frame, Gpu, read_texture};
 use crate::scene::GpuScene;
-use crate::shader;
-use crate::testing::test_gpu;
+use crate::testing::{Point, read_points, test_gpu};
 
 const SIDE: u32 = 64;
 const NONE: u32 = u32::MAX;
-
-/// An unpacked surface point.
-#[derive(Debug, Clone, Copy)]
-struct Point {
-    position: Vec3,
-    instance: u32,
-    normal: Vec3,
-    area: f32,
-    geometric_normal: Vec3,
-    diffuse: Vec3,
-}
 
 /// Captures `scene`; also returns the rays (origin, unit direction).
 fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)> {
@@ -39,60 +27,27 @@ fn capture(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<(Point, Vec3, Vec3)
         1,
         on_gpu.diagonal(),
     );
-    let kernel = Kernel::new(
-        gpu,
-        &shader!("testing.points"),
-        "main",
-        Some(&on_gpu.layout),
-    )
-    .unwrap();
-    let count = SIDE * SIDE;
-    let output = gpu
-        .buffer("output", u64::from(count) * 64, wgpu::BufferUsages::STORAGE)
-        .unwrap();
-    let resources = [
-        ("points", capture.points.points.as_entire_binding()),
-        ("output", output.as_entire_binding()),
-    ];
-    let group = kernel.bind(gpu, 1, &resources).unwrap();
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
     capture
         .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
         .unwrap();
-    frame.compute("points", |pass| {
-        kernel.dispatch(pass, &[(0, &on_gpu.bind_group), (1, &group)], [count, 1, 1]);
-    });
     frame.submit().unwrap();
     let hits: Vec<u32> = read_texture(gpu, &capture.hits, wgpu::TextureAspect::All, 0, 0).unwrap();
-    let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, u64::from(count) * 64).unwrap();
-    let vector = |row: [u32; 4]| {
-        Vec3::new(
-            f32::from_bits(row[0]),
-            f32::from_bits(row[1]),
-            f32::from_bits(row[2]),
-        )
-    };
+    let points = read_points(gpu, &on_gpu, &capture.points);
     let u = view.uniform;
-    rows.iter()
+    points
+        .into_iter()
         .zip(hits)
         .enumerate()
-        .map(|(index, (rows, hit))| {
-            assert_eq!(rows[0][3] == NONE, hit == NONE, "hit record {hit:x}");
+        .map(|(index, (point, hit))| {
+            assert_eq!(point.instance == NONE, hit == NONE, "hit record {hit:x}");
             let (x, y) = ((index as u32 % SIDE) as f32, (index as u32 / SIDE) as f32);
             let origin =
                 Vec3::from(u.origin) + x * Vec3::from(u.origin_dx) + y * Vec3::from(u.origin_dy);
             let direction = Vec3::from(u.direction)
                 + x * Vec3::from(u.direction_dx)
                 + y * Vec3::from(u.direction_dy);
-            let point = Point {
-                position: vector(rows[0]),
-                instance: rows[0][3],
-                normal: vector(rows[1]),
-                area: f32::from_bits(rows[1][3]),
-                geometric_normal: vector(rows[2]),
-                diffuse: vector(rows[3]),
-            };
             (point, origin, direction.normalize())
         })
         .collect()

@@ -1,11 +1,14 @@
 //! Obscurances in a renderer: computed in the texels of an atlas of their own, a few steps a frame, and the ambient term.
 
-use bytemuck::Zeroable;
+use std::sync::Arc;
 
-use super::gpu::{AmbientUniform, SettingsUniform, TEXEL_BYTES};
+use bytemuck::Zeroable;
+use gpugi_scene::Atlas;
+
+use super::gpu::{SettingsUniform, TEXEL_BYTES};
 use super::{Ambient, FIELDS, Settings, Solution};
-use crate::capture::atlas::{AtlasCapture, LeakTest, lay_out};
-use crate::capture::{PerTarget, SurfacePoints, Target, View};
+use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest, TexelGather};
+use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
@@ -35,28 +38,30 @@ const OPENNESS_RAYS: u32 = 4096;
 const MOST_ESCAPES: f32 = 0.02;
 
 /// Obscurances, and the ambient light that they let through.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Obscurances {
     settings: Settings,
-    light: Kernel,
-    openness: Kernel,
-    gather: Kernel,
     paths: Vec<LightPaths>,
     /// Whether others add indirect light, too.
     is_covered: bool,
     made: Option<Made>,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
+    /// Most texels in one dispatch, if not as many as fit a buffer.
+    most_texels: Option<u32>,
 }
 
 /// The obscurances of a scene, and what they were made for.
 #[derive(Debug)]
 struct Made {
     settings: Settings,
-    topology: u64,
+    atlas: Arc<Atlas>,
+    /// [`GpuScene::passages`].
+    passages: [bool; 2],
     solution: Solution,
     capture: AtlasCapture,
     leaks: LeakTest,
-    of_gather: wgpu::BindGroup,
+    light: Kernel,
+    openness: Kernel,
+    gather: TexelGather,
     /// The direct light of each piece's texels.
     direct: Vec<Target>,
     /// Rays from all surfaces, and those that met nothing.
@@ -68,15 +73,42 @@ struct Made {
 }
 
 impl Obscurances {
-    /// Compiles the technique's passes.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
-        Ok(Self {
-            settings: Settings::default(),
-            light: kernel(shader!("techniques.obscurances.light"))?,
+    /// The obscurances, once generated.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.made.as_ref().map(|made| &made.solution)
+    }
+
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<Made, GpuError> {
+        let host = scene
+            .host()
+            .ok_or_else(|| refused("there is an atlas, but no scene that it is one of"))?;
+        let settings = Settings {
+            colored: self.settings.colored || self.settings.ambient == Ambient::Colored,
+            ..self.settings.clone()
+        };
+        let options = AtlasCaptureOptions {
+            most_texels: self.most_texels.unwrap_or(u32::MAX),
+            ..AtlasCaptureOptions::default()
+        };
+        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
+        let solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
+        let [texels, mean] = solution.buffers();
+        let kept = [
+            ("atlas", solution.lookup.words.as_entire_binding()),
+            ("texels", texels.as_entire_binding()),
+            ("mean", mean.as_entire_binding()),
+        ];
+        let is_colored = settings.ambient == Ambient::Colored;
+        let constants = [("COLORED", f64::from(u8::from(is_colored)))];
+        let light = shader!("techniques.obscurances.light");
+        let gather = shader!("techniques.obscurances.gather");
+        let is_lit = settings.ambient != Ambient::Off;
+        let direct = capture.points().filter(|_| is_lit);
+        Ok(Made {
+            settings: self.settings.clone(),
+            passages: scene.passages(),
+            gather: TexelGather::new(gpu, scene, &gather, &constants, &kept)?,
+            light: Kernel::new(gpu, &light, "main", Some(&scene.layout))?,
             openness: Kernel::with_options(
                 gpu,
                 &shader!("techniques.obscurances.openness"),
@@ -87,55 +119,13 @@ impl Obscurances {
                     ..Default::default()
                 },
             )?,
-            gather: kernel(shader!("techniques.obscurances.gather"))?,
-            paths: Vec::new(),
-            is_covered: false,
-            made: None,
-            bound: PerTarget::default(),
-        })
-    }
-
-    /// The obscurances, once generated.
-    pub fn solution(&self) -> Option<&Solution> {
-        self.made.as_ref().map(|made| &made.solution)
-    }
-
-    fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
-        let host = scene.host().ok_or_else(|| {
-            refused("the scene was uploaded without what an atlas is laid out of")
-        })?;
-        let settings = Settings {
-            colored: self.settings.colored || self.settings.ambient == Ambient::Colored,
-            ..self.settings.clone()
-        };
-        let atlas = lay_out(
-            gpu,
-            host,
-            INFO.name,
-            settings.resolution,
-            settings.density,
-            TEXEL_BYTES,
-        )?;
-        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &Default::default())?;
-        let solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
-        let [texels, mean] = solution.buffers();
-        let resources = [
-            ("atlas", solution.lookup.words.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-            ("mean", mean.as_entire_binding()),
-        ];
-        let is_lit = settings.ambient != Ambient::Off;
-        let direct = capture.points().filter(|_| is_lit);
-        Ok(Made {
-            settings: self.settings.clone(),
-            topology: scene.versions.topology,
-            of_gather: self.gather.bind(gpu, 2, &resources)?,
             leaks: LeakTest::new(gpu, scene, &capture)?,
             direct: direct
                 .map(|points| Target::new(gpu, points.count))
                 .collect::<Result<_, _>>()?,
             solution,
             capture,
+            atlas,
             escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
             lit: None,
             refinements: 0,
@@ -172,16 +162,16 @@ impl Obscurances {
                 ("radiance", direct.radiance.as_entire_binding()),
                 ("mean", mean.as_entire_binding()),
             ];
-            let group = self.light.bind(gpu, 1, &resources)?;
+            let group = made.light.bind(gpu, 1, &resources)?;
             frame.compute("obscurances.light", |pass| {
                 let groups = [(0, &scene.bind_group), (1, &group)];
-                self.light.dispatch(pass, &groups, [1, 1, 1]);
+                made.light.dispatch(pass, &groups, [1, 1, 1]);
             });
             let counts = ("counts", made.escapes.as_entire_binding());
-            let group = self.openness.bind(gpu, 1, &[settings, of_points, counts])?;
+            let group = made.openness.bind(gpu, 1, &[settings, of_points, counts])?;
             frame.compute("obscurances.openness", |pass| {
                 let groups = [(0, &scene.bind_group), (1, &group)];
-                self.openness.dispatch(pass, &groups, [OPENNESS_RAYS, 1, 1]);
+                made.openness.dispatch(pass, &groups, [OPENNESS_RAYS, 1, 1]);
             });
         }
         Ok(())
@@ -243,14 +233,20 @@ impl Technique for Obscurances {
                 "another technique adds indirect light, too: choose one of them, or ambient=off",
             ));
         }
-        let topology = scene.versions.topology;
-        let is_made = |made: &Made| made.settings == self.settings && made.topology == topology;
+        let Settings {
+            resolution,
+            density,
+            ..
+        } = self.settings;
+        let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, TEXEL_BYTES)?;
+        let is_made = |made: &Made| {
+            made.settings == self.settings
+                && made.passages == scene.passages()
+                && Arc::ptr_eq(&made.atlas, &atlas)
+        };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => {
-                self.bound.clear();
-                self.make(frame.gpu, scene)?
-            }
+            None => self.make(frame.gpu, scene, atlas)?,
         };
         made.capture.record(frame, scene)?;
         made.leaks.record(frame, scene, &made.capture);
@@ -282,40 +278,15 @@ impl Technique for Obscurances {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let Some(made) = &self.made else {
+        let Some(made) = &mut self.made else {
             return Ok(());
         };
         if self.settings.ambient == Ambient::Off {
             return Ok(());
         }
-        let mut own = made.capture.pieces().iter();
-        let own = own.find(|piece| piece.points.points == points.points);
-        let uniform = AmbientUniform {
-            colored: u32::from(self.settings.ambient == Ambient::Colored),
-            first_texel: own.map_or(0, |piece| piece.rows.start * made.capture.size),
-            is_own: u32::from(own.is_some()),
-            padding: 0,
-        };
-        let (gpu, kernel) = (frame.gpu, &self.gather);
-        let [seen, added] = self.bound.of(points, target, || {
-            let uniform = gpu.uniform("ambient light", &uniform)?;
-            let resources = [
-                ("radiance", target.radiance.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
-                ("ambient", uniform.as_entire_binding()),
-            ];
-            Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
-        })?;
-        frame.compute("obscurances.gather", |pass| {
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &made.of_gather),
-                (3, added),
-            ];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        Ok(())
+        let (name, texels) = ("obscurances.gather", &made.capture);
+        made.gather
+            .record(frame, name, scene, texels, points, target)
     }
 
     fn maps(&self) -> Vec<Map> {

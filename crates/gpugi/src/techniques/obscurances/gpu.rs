@@ -84,13 +84,3 @@ pub struct Bundle {
     pub is_first: u32,
     pub padding: [u32; 2],
 }
-
-/// `Ambient` of gather.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct AmbientUniform {
-    pub colored: u32,
-    pub first_texel: u32,
-    pub is_own: u32,
-    pub padding: u32,
-}

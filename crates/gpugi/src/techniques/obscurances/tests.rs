@@ -10,9 +10,9 @@ use gpugi_scene::{Atlas, Scene};
 
 use super::{Falloff, Mode, ObscurancePage, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
-use crate::shader;
+use crate::testing::read_points;
 
 /// A texel with a surface: where, and what was found there.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +20,7 @@ struct Found {
     instance: u32,
     position: DVec3,
     normal: DVec3,
+    area: f64,
     plain: f64,
     colored: DVec3,
 }
@@ -83,40 +84,22 @@ impl Bench {
 
     /// The texels with surfaces.
     fn found(&self, gpu: &Gpu, pages: &[ObscurancePage]) -> Vec<Found> {
-        let shader = shader!("testing.points");
-        let kernel = Kernel::new(gpu, &shader, "main", Some(&self.on_gpu.layout)).unwrap();
         let plain = pages.iter().flat_map(|page| &page.obscurance);
         let colored = pages.iter().flat_map(|page| {
             page.colored
                 .clone()
                 .unwrap_or(vec![Vec3::ZERO; page.obscurance.len()])
         });
-        let mut rows: Vec<[[u32; 4]; 4]> = Vec::new();
-        for points in self.capture.points() {
-            let bytes = u64::from(points.count) * 64;
-            let storage = wgpu::BufferUsages::STORAGE;
-            let output = gpu.buffer("output", bytes, storage).unwrap();
-            let resources = [
-                ("points", points.points.as_entire_binding()),
-                ("output", output.as_entire_binding()),
-            ];
-            let group = kernel.bind(gpu, 1, &resources).unwrap();
-            let mut frame = Frame::new(gpu, false);
-            frame.compute("points", |pass| {
-                let groups = [(0, &self.on_gpu.bind_group), (1, &group)];
-                kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-            });
-            frame.submit().unwrap();
-            rows.extend(read_buffer::<[[u32; 4]; 4]>(gpu, &output, bytes).unwrap());
-        }
-        let vector = |row: [u32; 4]| Vec3::from_array([row[0], row[1], row[2]].map(f32::from_bits));
-        let texels = rows.iter().zip(plain.zip(colored));
-        let found = texels.filter(|(rows, _)| rows[0][3] != u32::MAX);
+        let points = self.capture.points();
+        let points = points.flat_map(|points| read_points(gpu, &self.on_gpu, points));
+        let found = points.zip(plain.zip(colored));
+        let found = found.filter(|(point, _)| point.instance != u32::MAX);
         found
-            .map(|(rows, (&plain, colored))| Found {
-                instance: rows[0][3],
-                position: vector(rows[0]).as_dvec3(),
-                normal: vector(rows[2]).as_dvec3(),
+            .map(|(point, (&plain, colored))| Found {
+                instance: point.instance,
+                position: point.position.as_dvec3(),
+                normal: point.geometric_normal.as_dvec3(),
+                area: f64::from(point.area),
                 plain: f64::from(plain),
                 colored: colored.as_dvec3(),
             })

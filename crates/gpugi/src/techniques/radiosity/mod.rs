@@ -9,17 +9,21 @@ mod solution;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
+
+use gpugi_scene::Atlas;
 use serde::{Deserialize, Serialize};
 
 use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
-use crate::capture::{PerTarget, SurfacePoints, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::atlas::TexelGather;
+use crate::capture::{SurfacePoints, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
 use shooting::Batch;
+use solution::Kernels;
 pub use solution::Solution;
-use solution::{Kernels, Layout};
 
 /// What radiosity says of itself.
 pub const INFO: Info = Info {
@@ -152,21 +156,21 @@ struct Own {
 #[derive(Debug)]
 pub struct Radiosity {
     settings: Settings,
-    kernels: Kernels,
-    gather: Kernel,
     paths: Vec<LightPaths>,
     own: Own,
     made: Option<Made>,
     most_texels: u32,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
 }
 
 /// The light of a scene, and what it was found for.
 #[derive(Debug)]
 struct Made {
-    layout: Layout,
+    atlas: Arc<Atlas>,
+    /// [`GpuScene::passages`].
+    passages: [bool; 2],
+    kernels: Kernels,
     solution: Solution,
-    of_gather: wgpu::BindGroup,
+    gather: TexelGather,
     lit: Option<LitAs>,
     refinements: u64,
 }
@@ -199,42 +203,40 @@ fn unfit(reason: impl std::fmt::Display) -> GpuError {
     }
 }
 
-impl Radiosity {
-    /// Compiles the technique's passes.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let gather = shader!("techniques.radiosity.gather");
-        Ok(Self {
+impl Default for Radiosity {
+    fn default() -> Self {
+        Self {
             settings: Settings::default(),
-            kernels: Kernels::new(gpu, scene)?,
-            gather: Kernel::new(gpu, &gather, "main", Some(&scene.layout))?,
             paths: INFO.paths.to_vec(),
             own: Own::default(),
             made: None,
             most_texels: MOST_TEXELS,
-            bound: PerTarget::default(),
-        })
+        }
     }
+}
 
+impl Radiosity {
     /// The light in texels, once generated.
     pub fn solution(&self) -> Option<&Solution> {
         self.made.as_ref().map(|made| &made.solution)
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, layout: Layout) -> Result<Made, GpuError> {
-        let solution = Solution::new(gpu, scene, &self.kernels, &layout)?;
-        let resources = [
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<Made, GpuError> {
+        let kernels = Kernels::new(gpu, scene)?;
+        let solution = Solution::new(gpu, scene, &kernels, &atlas, self.most_texels)?;
+        let kept = [
             ("atlas", solution.lookup.words.as_entire_binding()),
             (
                 "irradiance",
                 solution.irradiance.radiance.as_entire_binding(),
             ),
         ];
+        let gather = shader!("techniques.radiosity.gather");
         Ok(Made {
-            layout,
-            of_gather: self.gather.bind(gpu, 2, &resources)?,
+            atlas,
+            passages: scene.passages(),
+            gather: TexelGather::new(gpu, scene, &gather, &[], &kept)?,
+            kernels,
             solution,
             lit: None,
             refinements: 0,
@@ -311,7 +313,7 @@ impl Technique for Radiosity {
             return Err(unfit("too many iterates"));
         }
         let solution = &mut made.solution;
-        if !solution.resume(gpu, &self.kernels, saved.iterates, &saved.light)? {
+        if !solution.resume(gpu, &made.kernels, saved.iterates, &saved.light)? {
             return Err(unfit("another number of texels"));
         }
         made.refinements = saved.refinements;
@@ -337,18 +339,17 @@ impl Technique for Radiosity {
         view: &View,
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
-        let layout = Layout {
-            resolution: self.settings.resolution,
-            density: self.settings.density,
-            topology: scene.versions.topology,
-            most_texels: self.most_texels,
-        };
-        let mut made = match self.made.take().filter(|made| made.layout == layout) {
+        let Settings {
+            resolution,
+            density,
+            ..
+        } = self.settings;
+        let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
+        let is_made =
+            |made: &Made| made.passages == scene.passages() && Arc::ptr_eq(&made.atlas, &atlas);
+        let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => {
-                self.bound.clear();
-                self.make(frame.gpu, scene, layout)?
-            }
+            None => self.make(frame.gpu, scene, atlas)?,
         };
         made.solution.capture(frame, scene)?;
         let lit_as = LitAs {
@@ -382,13 +383,13 @@ impl Technique for Radiosity {
             };
             let batch = (self.settings.mode == Mode::Shooting).then_some(batch);
             let solution = &mut made.solution;
-            solution.begin(frame, scene, &self.kernels, &work, batch)?;
+            solution.begin(frame, scene, &made.kernels, &work, batch)?;
         }
         let all = burn_in + iterations;
         if made.solution.iterates < all {
             let first = if is_fresh { burn_in } else { 0 };
             let now = (first + steps).min(all - made.solution.iterates);
-            made.solution.iterate(frame, scene, &self.kernels, now)?;
+            made.solution.iterate(frame, scene, &made.kernels, now)?;
             // Whoever shows the light need not follow every step.
             let counted = made.solution.iterates - burn_in;
             let was = counted - now.min(counted);
@@ -407,31 +408,12 @@ impl Technique for Radiosity {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        let Some(made) = &self.made else {
+        let Some(made) = &mut self.made else {
             return Ok(());
         };
-        let own = made.solution.first_texel_of(points);
-        let (gpu, kernel) = (frame.gpu, &self.gather);
-        let [seen, added] = self.bound.of(points, target, || {
-            let words = [own.unwrap_or(0), u32::from(own.is_some()), 0, 0];
-            let own = gpu.uniform("own texels", &words)?;
-            let resources = [
-                ("radiance", target.radiance.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
-                ("own_texels", own.as_entire_binding()),
-            ];
-            Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
-        })?;
-        frame.compute("radiosity.gather", |pass| {
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &made.of_gather),
-                (3, added),
-            ];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        Ok(())
+        let (name, texels) = ("radiosity.gather", &made.solution.texels);
+        made.gather
+            .record(frame, name, scene, texels, points, target)
     }
 
     fn maps(&self) -> Vec<Map> {

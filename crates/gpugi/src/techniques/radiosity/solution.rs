@@ -1,27 +1,16 @@
 //! The light in the texels of an atlas: direct light from others, and the iteration that finds the indirect one.
 
+use gpugi_scene::Atlas;
+
 use super::gpu::{TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, lay_out,
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest,
 };
 use crate::capture::{SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-
-/// What an atlas is laid out for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Layout {
-    /// Texels a side of a page.
-    pub resolution: u32,
-    /// Texels per metre (1/m); 0: one page.
-    pub density: f32,
-    /// Version of the scene's triangles.
-    pub topology: u64,
-    /// Most texels in one dispatch.
-    pub most_texels: u32,
-}
 
 /// The passes of the iteration.
 #[derive(Debug)]
@@ -105,26 +94,19 @@ impl Solution {
         gpu: &Gpu,
         scene: &GpuScene,
         kernels: &Kernels,
-        layout: &Layout,
+        atlas: &Atlas,
+        most_texels: u32,
     ) -> Result<Self, GpuError> {
         let host = scene.host().ok_or_else(|| GpuError::Pass {
             pass: "radiosity".into(),
-            reason: "the scene was uploaded without what an atlas is laid out of".into(),
+            reason: "there is an atlas, but no scene that it is one of".into(),
         })?;
-        let atlas = lay_out(
-            gpu,
-            host,
-            super::INFO.name,
-            layout.resolution,
-            layout.density,
-            TEXEL_BYTES,
-        )?;
         let options = AtlasCaptureOptions {
-            most_texels: layout.most_texels,
+            most_texels,
             ..AtlasCaptureOptions::default()
         };
-        let texels = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
+        let texels = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
+        let lookup = AtlasLookup::new(gpu, host, atlas)?;
         let size = [atlas.size, atlas.size * atlas.pages];
         let count = size[0] * size[1];
         let storage = wgpu::BufferUsages::STORAGE;
@@ -169,13 +151,6 @@ impl Solution {
     pub(super) fn direct(&self) -> impl Iterator<Item = (&SurfacePoints, &Target)> {
         let direct = self.pieces.iter().map(|piece| &piece.direct);
         self.texels.points().zip(direct)
-    }
-
-    /// The first of the texels whose points these are; none: they are others.
-    pub(super) fn first_texel_of(&self, points: &SurfacePoints) -> Option<u32> {
-        let mut own = self.texels.points().zip(&self.pieces);
-        let (_, piece) = own.find(|(own, _)| own.points == points.points)?;
-        Some(piece.first_texel)
     }
 
     /// Forgets all iterates but the light of the last, which is where the next begins: pass `radiosity.begin`. `batch`: who shoots, if not rays are

@@ -8,12 +8,11 @@ use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 
 use super::Radiosity;
 use crate::capture::{CaptureKernels, Emission, View};
-use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::shader;
 use crate::techniques::{Lit, Technique};
-use crate::testing::test_gpu;
+use crate::testing::{read_points, test_gpu};
 
 const ALBEDO: f32 = 0.6;
 
@@ -54,7 +53,7 @@ fn texels(
     most_texels: u32,
 ) -> Vec<Texel> {
     let on_gpu = &mut GpuScene::with_texels(gpu, scene).unwrap();
-    let mut radiosity = Radiosity::new(gpu, on_gpu).unwrap();
+    let mut radiosity = Radiosity::default();
     radiosity.most_texels = most_texels;
     for (name, value) in settings {
         radiosity.set(name, value).unwrap();
@@ -73,33 +72,14 @@ fn texels(
         .unwrap();
     frame.submit().unwrap();
     let solution = radiosity.solution().unwrap();
-    let shader = shader!("testing.points");
-    let kernel = Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout)).unwrap();
-    let mut all: Vec<[[u32; 4]; 4]> = Vec::new();
-    for points in solution.texels.points() {
-        let bytes = u64::from(points.count) * 64;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let output = gpu.buffer("output", bytes, storage).unwrap();
-        let resources = [
-            ("points", points.points.as_entire_binding()),
-            ("output", output.as_entire_binding()),
-        ];
-        let group = kernel.bind(gpu, 1, &resources).unwrap();
-        let mut frame = Frame::new(gpu, false);
-        frame.compute("points", |pass| {
-            let groups = [(0, &on_gpu.bind_group), (1, &group)];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        frame.submit().unwrap();
-        let rows: Vec<[[u32; 4]; 4]> = read_buffer(gpu, &output, bytes).unwrap();
-        all.extend(rows);
-    }
+    let points = solution.texels.points();
+    let points = points.flat_map(|points| read_points(gpu, on_gpu, points));
     let irradiance = &solution.irradiance.radiance;
     let irradiance: Vec<[f32; 4]> = read_buffer(gpu, irradiance, irradiance.size()).unwrap();
-    let texels = all.iter().zip(&irradiance);
+    let texels = points.zip(&irradiance);
     texels
-        .filter(|(rows, _)| rows[0][3] != u32::MAX)
-        .map(|(rows, found)| (rows[0][3], f32::from_bits(rows[1][3]), found[0]))
+        .filter(|(point, _)| point.instance != u32::MAX)
+        .map(|(point, found)| (point.instance, point.area, found[0]))
         .collect()
 }
 

@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
-use gpugi_scene::{Camera, Light, LightKind, Scene};
+use gpugi_scene::{AlphaMode, Camera, Light, LightKind, Material, Scene};
 
 use super::scenes::{hollow_sphere, matt};
 use crate::gpu::Gpu;
@@ -163,5 +163,53 @@ fn ambient_light_follows_what_moves() {
         };
         assert!(difference(&moved, &fresh) < 1e-5, "{mode}");
         assert!(difference(&moved, &first) > 1e-2, "{mode}");
+    }
+}
+
+#[test]
+fn ambient_light_follows_materials() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = |change: fn(&mut Material)| {
+        let sheet = shapes::quad(Vec3::new(0.5, -0.5, -0.5), Vec3::Y, Vec3::Z, 1);
+        let mut scene = lit_ball(Vec3::splat(0.5));
+        let mut material = Material::matt("sheet", Vec3::splat(0.7));
+        change(&mut material);
+        let (mesh, material) = (scene.add_mesh(sheet), scene.add_material(material));
+        scene.add_instance("sheet", mesh, material, Mat4::IDENTITY);
+        scene
+    };
+    let names = ["shadow-map", "obscurances"].map(str::to_owned);
+    let renderer = |scene: &Scene| {
+        let mut renderer = Renderer::new(&gpu, scene, [16; 2], &names).unwrap();
+        let settings = [("ambient", "colored"), ("distance", "0.6")];
+        for (name, value) in [&settings[..], &SETTINGS].concat() {
+            renderer.set("obscurances", name, value).unwrap();
+        }
+        renderer
+    };
+    let changes: [fn(&mut Material); 4] = [
+        |_| (),
+        |material| material.base_color.x = 0.1,
+        |material| material.transmission = 1.0,
+        |material| {
+            material.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+            material.base_color.w = 0.0;
+        },
+    ];
+    let mut before = scene(changes[0]);
+    let mut changing = renderer(&before);
+    let mut was = rendered(&mut changing).unwrap();
+    for change in &changes[1..] {
+        let after = scene(*change);
+        changing.update(&before, &after).unwrap();
+        let now = rendered(&mut changing).unwrap();
+        let fresh = rendered(&mut renderer(&after)).unwrap();
+        let most = |a: &[f32], b: &[f32]| {
+            let pairs = a.iter().zip(b);
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(most(&now, &fresh) < 1e-5);
+        assert!(most(&now, &was) > 1e-2);
+        (before, was) = (after, now);
     }
 }

@@ -1,0 +1,93 @@
+//! The gather of a technique that keeps something in texels: a camera's points look it up where they lie in the atlas, the atlas's own at themselves.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::AtlasCapture;
+use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::scene::GpuScene;
+
+/// `Own` of capture/atlas/lookup.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(crate) struct OwnUniform {
+    pub first_texel: u32,
+    pub is_own: u32,
+    pub padding: [u32; 2],
+}
+
+/// A pass over points that looks texels up.
+#[derive(Debug)]
+pub(crate) struct TexelGather {
+    kernel: Kernel,
+    /// The atlas, and what its texels keep.
+    kept: wgpu::BindGroup,
+    bound: PerTarget<[wgpu::BindGroup; 2]>,
+}
+
+impl TexelGather {
+    /// The pass of a shader whose group 1 are points, 2 `kept`, an atlas and what is in its texels, and 3 `radiance`, `hits` and `own`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        constants: &[(&str, f64)],
+        kept: &[(&str, wgpu::BindingResource<'_>)],
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants,
+            ..Default::default()
+        };
+        let kernel = Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?;
+        Ok(Self {
+            kept: kernel.bind(gpu, 2, kept)?,
+            kernel,
+            bound: PerTarget::default(),
+        })
+    }
+
+    /// Adds the light at `points` to `target`, in the pass `name`. `texels`: those of the atlas.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        name: &str,
+        scene: &GpuScene,
+        texels: &AtlasCapture,
+        points: &SurfacePoints,
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let (gpu, kernel) = (frame.gpu, &self.kernel);
+        let [seen, added] = self.bound.of(points, target, || {
+            let mut pieces = texels.pieces().iter();
+            let own = pieces.find(|piece| piece.points.points == points.points);
+            let own = OwnUniform {
+                first_texel: own.map_or(0, |piece| piece.rows.start * texels.size),
+                is_own: u32::from(own.is_some()),
+                padding: [0; 2],
+            };
+            let own = gpu.uniform("own texels", &own)?;
+            let resources = [
+                ("radiance", target.radiance.as_entire_binding()),
+                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
+                ("own", own.as_entire_binding()),
+            ];
+            Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
+        })?;
+        frame.compute(name, |pass| {
+            let groups = [
+                (0, &scene.bind_group),
+                (1, seen),
+                (2, &self.kept),
+                (3, added),
+            ];
+            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
+        });
+        Ok(())
+    }
+}
