@@ -216,7 +216,7 @@ fn structs_of_obscurances_have_one_layout() {
     assert_eq!(reflected(&prepare, "Box"), row);
     let renewal = layout!(obscurances::Renewal: all box_count finished padding);
     assert_eq!(reflected(&prepare, "Renewal"), renewal);
-    let page = layout!(obscurances::PageUniform: first count padding);
+    let page = layout!(obscurances::PageUniform: first count side padding);
     assert_eq!(
         reflected(&shader!("techniques.obscurances.resolve"), "Page"),
         page

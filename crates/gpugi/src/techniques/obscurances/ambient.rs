@@ -99,7 +99,10 @@ impl Obscurances {
             ("mean", mean.as_entire_binding()),
         ];
         let is_colored = settings.ambient == Ambient::Colored;
-        let constants = [("COLORED", f64::from(u8::from(is_colored)))];
+        let constants = [
+            ("COLORED", f64::from(u8::from(is_colored))),
+            solution.least_samples(),
+        ];
         let light = shader!("techniques.obscurances.light");
         let gather = shader!("techniques.obscurances.gather");
         let is_lit = settings.ambient != Ambient::Off;

@@ -54,7 +54,8 @@ pub struct Renewal {
 pub struct PageUniform {
     pub first: u32,
     pub count: u32,
-    pub padding: [u32; 2],
+    pub side: u32,
+    pub padding: u32,
 }
 
 /// Bytes of `Texel` of obscurance.wesl.

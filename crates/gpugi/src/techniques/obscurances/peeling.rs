@@ -30,6 +30,8 @@ pub(super) struct Peeling {
     /// Bind group of the texels that are looked up in `transfer`.
     corners: wgpu::BindGroup,
     side: u32,
+    /// Lines of a bundle that meet a texel of mean size head on.
+    lines_of_texel: f32,
     /// Two in turn.
     layers: [Layer; 2],
     most_layers: u32,
@@ -114,6 +116,7 @@ impl Peeling {
             plan: Kernel::new(gpu, &shader!("techniques.obscurances.plan"), "main", None)?,
             corners,
             side,
+            lines_of_texel: (side as f32 / texels.max(1.0)).powi(2),
             layers: [layer()?, layer()?],
             most_layers: settings.layers,
             directions: match capture.pieces() {
@@ -127,6 +130,11 @@ impl Peeling {
     /// Steps until every texel has all its samples: a bundle each.
     pub fn steps(&self) -> u64 {
         u64::from(self.directions)
+    }
+
+    /// Of a texel, so that it needs no other's: a quarter of what one of mean size gets, to which lines come with a mean cosine of 1/2.
+    pub fn least_samples(&self) -> u32 {
+        (self.directions as f32 * self.lines_of_texel / 2.0 / 4.0).min(65_536.0) as u32
     }
 
     /// Takes one. `region`: around all texels that are computed, where not all are.

@@ -11,7 +11,7 @@ use super::rays::Rays;
 use super::{INFO, Mode, Settings};
 use crate::capture::Target;
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Map;
@@ -174,6 +174,16 @@ impl Solution {
     /// Sums that shaders look up: `Texel` of obscurance.wesl, and those over all surfaces.
     pub(super) fn buffers(&self) -> [&wgpu::Buffer; 2] {
         [&self.texels, &self.mean]
+    }
+
+    /// Constant of pipelines that look sums up.
+    pub(super) fn least_samples(&self) -> (&'static str, f64) {
+        let least = match &self.sampler {
+            // All have as many.
+            Sampler::Rays(_) => 0,
+            Sampler::Peeling(peeling) => peeling.least_samples(),
+        };
+        ("LEAST_SAMPLES", f64::from(least))
     }
 
     /// Share of the work done (0 to 1).
@@ -371,11 +381,15 @@ impl Solution {
                 plain: Target::new(gpu, count)?,
                 colored: Target::new(gpu, count)?,
                 dilation: Dilation::new(gpu, [self.size; 2])?,
-                resolve: Kernel::new(
+                resolve: Kernel::with_options(
                     gpu,
                     &shader!("techniques.obscurances.resolve"),
                     "main",
                     None,
+                    &KernelOptions {
+                        constants: &[self.least_samples()],
+                        ..Default::default()
+                    },
                 )?,
                 store: Kernel::new(gpu, &shader!("techniques.obscurances.store"), "main", None)?,
                 maps: Vec::new(),
@@ -420,7 +434,8 @@ impl Solution {
     /// Divides a page's sums by their samples, and fills what is empty: passes `obscurances.resolve` and `capture.atlas.dilate`.
     fn resolve(&mut self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let count = self.size * self.size;
+        let size = self.size;
+        let count = size * size;
         let (texels, mean) = (self.texels.clone(), self.mean.clone());
         let pictures = self.pictures(gpu)?;
         let uniform = gpu.uniform(
@@ -428,7 +443,8 @@ impl Solution {
             &PageUniform {
                 first: page * count,
                 count,
-                padding: [0; 2],
+                side: size,
+                padding: 0,
             },
         )?;
         let resources = [

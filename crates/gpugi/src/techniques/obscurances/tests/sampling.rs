@@ -6,7 +6,7 @@ use gpugi_scene::builtin::shapes;
 use gpugi_scene::{Atlas, Material, Scene};
 
 use super::scenes::{
-    FLOOR, check_bleeding, check_floor_and_wall, check_integral, check_sphere, corner, faces,
+    FLOOR, WALL, check_bleeding, check_floor_and_wall, check_integral, check_sphere, corner, faces,
     floor_and_wall, hollow_sphere, matt, settings, to_edge,
 };
 use super::{Bench, Falloff, Found, Mode, Settings, Solution, found, rms};
@@ -36,13 +36,20 @@ fn peeling_finds_a_floor_before_a_wall_too() {
     }
 }
 
+/// Also where little of a texel is covered, and so few lines meet it.
 #[test]
 fn peeling_looks_around_inside_a_sphere() {
     let Some(gpu) = test_gpu() else { return };
     let albedo = Vec3::new(0.9, 0.5, 0.25);
     let scene = matt([(hollow_sphere(1.0, 32), albedo)]);
-    let all = found(&gpu, &scene, 64, &peeling(2.5, Falloff::Sqrt));
-    check_sphere(&all, albedo.as_dvec3(), 0.015);
+    for (lines, most) in [(1.0, 0.01), (2.0, 0.006)] {
+        let settings = Settings {
+            lines,
+            ..peeling(2.5, Falloff::Sqrt)
+        };
+        let all = found(&gpu, &scene, 64, &settings);
+        check_sphere(&all, albedo.as_dvec3(), most);
+    }
 }
 
 #[test]
@@ -97,6 +104,51 @@ fn rays_and_peeling_agree() {
     println!("means {:.4} {:.4}", mean(&rays), mean(&peeled));
     assert!(plain < 0.02 && colored < 0.02, "{plain}, {colored}");
     assert!((mean(&rays) - mean(&peeled)).abs() < 0.006);
+}
+
+/// Where nothing touches anything, W is the same at a texel's point and over its area, and what differs is noise, at each texel.
+#[test]
+fn rays_and_peeling_agree_at_every_texel_of_what_floats() {
+    let Some(gpu) = test_gpu() else { return };
+    let floor = shapes::quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0, 1);
+    let above = shapes::cuboid(Vec3::new(-0.6, 0.4, -0.5), Vec3::new(0.1, 0.9, 0.4), 1);
+    let beside = shapes::cuboid(Vec3::new(0.45, 0.3, -0.4), Vec3::new(0.7, 1.1, 0.5), 1);
+    let parts = [(floor, FLOOR), (above, WALL), (beside, Vec3::splat(0.8))];
+    let scene = matt(parts);
+    let faces = faces(&scene);
+    let [rays, peeled] = [Mode::Rays, Mode::Peeling].map(|mode| {
+        let settings = Settings {
+            mode,
+            directions: 512,
+            ..peeling(1.0, Falloff::Sqrt)
+        };
+        found(&gpu, &scene, 64, &settings)
+    });
+    let mean = rays.iter().map(|one| one.area).sum::<f64>() / rays.len() as f64;
+    let mut noises = Vec::new();
+    let mut differences = Vec::new();
+    for (by_rays, by_peeling) in rays.iter().zip(&peeled) {
+        assert_eq!(by_rays.position, by_peeling.position);
+        if to_edge(&faces, by_rays.position) < mean.sqrt() {
+            continue;
+        }
+        let difference = by_rays.plain - by_peeling.plain;
+        // The variance of what lies between 0 and 1, over a sample for each line: 4 of a bundle meet a texel head on, half as many on average. They
+        // are evenly spread, which halves it at least.
+        let samples = 512.0 * 4.0 / 2.0 * by_rays.area / mean;
+        let noise = (by_rays.plain * (1.0 - by_rays.plain) / samples).sqrt() / 2.0;
+        assert!(
+            difference.abs() < 4.0 * noise + 1e-3,
+            "{by_rays:?}, {by_peeling:?}: noise {noise}"
+        );
+        noises.push(noise);
+        differences.push(difference);
+    }
+    let count = differences.len();
+    let bias = differences.iter().sum::<f64>() / count as f64;
+    let (noise, difference) = (rms(noises.into_iter()), rms(differences.into_iter()));
+    println!("{count} texels: RMS {difference:.4}, noise {noise:.4}, bias {bias:.5}");
+    assert!(count > 800 && difference < noise && bias.abs() < 1e-3);
 }
 
 #[test]
