@@ -283,9 +283,10 @@ fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measu
     let memory = measured.memory;
     let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
     println!(
-        "memory: scene {:.1} MiB, maps {:.1} MiB, picture {:.1} MiB",
+        "memory: scene {:.1} MiB, maps {:.1} MiB, work {:.1} MiB, picture {:.1} MiB",
         mebibytes(memory.scene),
         mebibytes(memory.maps),
+        mebibytes(memory.work),
         mebibytes(memory.picture)
     );
 }

@@ -31,7 +31,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     renderer.render_sample(camera, 1, None, false)?;
     let maps = renderer.maps();
     let is_atlas = |map: &&gpugi::techniques::Map| map.name == "image-based-lighting.atlas";
-    let atlas = &maps.iter().find(is_atlas).ok_or("no map")?.texture;
+    let atlas = maps.iter().find(is_atlas);
+    let atlas = atlas.and_then(|map| map.texture()).ok_or("no map")?;
     // Nearer is greater, and 0 where there is nothing.
     let depths: Vec<f32> = read_texture(&gpu, atlas, TextureAspect::DepthOnly, 0, 0)?;
     let pixels: Vec<u8> = depths

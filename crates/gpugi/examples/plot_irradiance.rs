@@ -32,7 +32,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     renderer.render_sample(camera, 1, None, false)?;
     let maps = renderer.maps();
     let is_irradiance = |map: &&gpugi::techniques::Map| map.name == "environment-map.irradiance";
-    let irradiance = &maps.iter().find(is_irradiance).ok_or("no map")?.texture;
+    let irradiance = maps.iter().find(is_irradiance);
+    let irradiance = irradiance.and_then(|map| map.texture()).ok_or("no map")?;
     let side = irradiance.width();
     let faces = (0..6)
         .map(|face| read_texture::<[f16; 4]>(&gpu, irradiance, TextureAspect::All, face, 0))

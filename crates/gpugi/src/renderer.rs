@@ -507,6 +507,12 @@ impl Renderer {
         &self.capture.points.points
     }
 
+    /// Bytes that techniques hold to make their maps.
+    pub fn work_bytes(&self) -> u64 {
+        let techniques = self.techniques.iter();
+        techniques.map(|technique| technique.work_bytes()).sum()
+    }
+
     /// Every map that exists now.
     pub fn maps(&self) -> Vec<Map> {
         self.techniques

@@ -86,6 +86,16 @@ impl Seams {
         self.rows.is_empty()
     }
 
+    /// Texels beside seams, as numbers into an image of all pages below each other.
+    pub fn texels(&self) -> &[u32] {
+        &self.texels
+    }
+
+    /// Samples along seams, eight entries each: indices into [`Seams::texels`], and weights, of bilinear lookups on one side and, negative, on the other.
+    pub fn rows(&self) -> &[[(u32, f32); 8]] {
+        &self.rows
+    }
+
     /// Root mean square difference between the two sides of seams.
     ///
     /// # Panics

@@ -15,6 +15,7 @@ use gpugi_scene::{Camera, Scene};
 use crate::gpu::{Gpu, PollType, Timing};
 use crate::light_paths::{LightClass, never_found, parts};
 use crate::renderer::{RenderError, Renderer};
+use crate::techniques::Map;
 
 /// The reference counts as exact where its own error is below this part of the technique's.
 const WELL_BELOW: f64 = 0.1;
@@ -101,8 +102,10 @@ pub struct PassTime {
 pub struct Memory {
     /// Geometry, tables and images.
     pub scene: u64,
-    /// Textures of the techniques.
+    /// What techniques look up.
     pub maps: u64,
+    /// What techniques hold to make their maps.
+    pub work: u64,
     /// Surface points and radiance.
     pub picture: u64,
 }
@@ -153,16 +156,8 @@ pub fn measure(
     let radiance = renderer.radiance()?;
     let memory = Memory {
         scene: renderer.scene().bytes,
-        maps: renderer
-            .maps()
-            .iter()
-            .map(|map| {
-                let texture = &map.texture;
-                texture
-                    .format()
-                    .theoretical_memory_footprint(texture.size())
-            })
-            .sum(),
+        maps: renderer.maps().iter().map(Map::bytes).sum(),
+        work: renderer.work_bytes(),
         picture: renderer.picture_bytes(),
     };
     let (covered, classes) = (renderer.light_paths(), renderer.light_classes());

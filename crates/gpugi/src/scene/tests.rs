@@ -7,6 +7,7 @@ use crate::capture::atlas::blocks::AtlasTriangle;
 use crate::capture::atlas::dilate::LevelsUniform;
 use crate::capture::atlas::gather::OwnUniform;
 use crate::capture::atlas::leaks::LeakSettings;
+use crate::capture::atlas::seams::{BesideRow, SampleRow, TermRow};
 use crate::capture::depth::DepthViewUniform;
 use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
@@ -131,6 +132,14 @@ fn uniforms_and_storage_structs_have_one_layout() {
         reflected(&shader!("capture.atlas.dilate"), "Levels"),
         levels
     );
+    let seams = shader!("capture.atlas.seams");
+    assert_eq!(
+        reflected(&seams, "Sample"),
+        layout!(SampleRow: texels weights)
+    );
+    let beside = layout!(BesideRow: texel first end weight);
+    assert_eq!(reflected(&seams, "Beside"), beside);
+    assert_eq!(reflected(&seams, "Term"), layout!(TermRow: index weight));
     let bench = layout!(ray_bench::Settings: eye width direction height direction_dx offset direction_dy seed light padding);
     assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
     let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);

@@ -34,13 +34,51 @@ pub struct Info {
     pub keeps_texels: bool,
 }
 
-/// A texture that a technique keeps, for dumps and tests.
+/// What a technique keeps for its gather, for dumps and tests.
 #[derive(Debug, Clone)]
 pub struct Map {
     /// Such as `shadow-map.atlas`.
     pub name: String,
-    /// The texture.
-    pub texture: wgpu::Texture,
+    /// Where its texels are.
+    pub texels: Texels,
+}
+
+/// Where the texels of a map are.
+#[derive(Debug, Clone)]
+pub enum Texels {
+    /// In a texture.
+    Texture(wgpu::Texture),
+    /// In a buffer, row by row.
+    Buffer {
+        /// The buffer.
+        buffer: wgpu::Buffer,
+        /// Width and height (texels).
+        size: [u32; 2],
+        /// From texel to texel (bytes).
+        stride: u64,
+        /// Whether a texel begins with one whole number of 32 bits, instead of three floats.
+        is_number: bool,
+    },
+}
+
+impl Map {
+    /// The texture, if it is one.
+    pub fn texture(&self) -> Option<&wgpu::Texture> {
+        match &self.texels {
+            Texels::Texture(texture) => Some(texture),
+            Texels::Buffer { .. } => None,
+        }
+    }
+
+    /// Bytes on the GPU.
+    pub fn bytes(&self) -> u64 {
+        match &self.texels {
+            Texels::Texture(texture) => texture
+                .format()
+                .theoretical_memory_footprint(texture.size()),
+            Texels::Buffer { buffer, .. } => buffer.size(),
+        }
+    }
 }
 
 /// What every technique can do. The renderer calls `generate` and `gather` once a frame, in the registry's order.
@@ -129,6 +167,11 @@ pub trait Technique: std::fmt::Debug {
 
     /// The maps that exist now.
     fn maps(&self) -> Vec<Map>;
+
+    /// Bytes on the GPU that it holds besides its maps, to make them.
+    fn work_bytes(&self) -> u64 {
+        0
+    }
 
     /// What to know of the picture beyond its light paths, in words: what the scene, once generated, does to it. May wait for the GPU.
     ///

@@ -73,6 +73,11 @@ impl Dilation {
         })
     }
 
+    /// Bytes of its levels.
+    pub fn bytes(&self) -> u64 {
+        self.levels.size()
+    }
+
     /// Gives every texel of `image` whose a is 0 a mean of texels around it, with 1 in a; the others stay. Pass `capture.atlas.dilate`.
     /// An image without any texel stays black.
     ///

@@ -164,6 +164,11 @@ impl LeakTest {
         })
     }
 
+    /// What became of the texels of each piece, a number of 32 bits each: 0 empty, 1 good, 2 moved, 3 invalid.
+    pub(crate) fn states(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.pieces.iter().map(|piece| &piece.states)
+    }
+
     /// A picture of all rows, 8-bit RGBA: empty texels transparent, good ones grey, moved ones green, invalid ones red. Waits for the GPU.
     ///
     /// # Errors

@@ -11,6 +11,7 @@ pub(crate) mod dilate;
 pub(crate) mod gather;
 pub(crate) mod leaks;
 pub mod lookup;
+pub(crate) mod seams;
 #[cfg(test)]
 mod tests;
 
@@ -29,6 +30,7 @@ pub use dilate::Dilation;
 pub(crate) use gather::TexelGather;
 pub use leaks::{LeakReport, LeakTest};
 pub use lookup::AtlasLookup;
+pub(crate) use seams::SeamFilter;
 
 /// Which lobes the points of texels have. What mirrors looks different from everywhere, and a texel is seen from everywhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -106,6 +108,8 @@ pub struct AtlasCapture {
     pub pages: u32,
     /// Side of a square with as much surface as texels have on average (m).
     pub texel_side: f32,
+    /// Bytes of its buffers and textures.
+    pub bytes: u64,
     /// How often points were made.
     number: u64,
     pieces: Vec<AtlasPiece>,
@@ -147,6 +151,7 @@ impl AtlasCapture {
         )?;
         let layout = Layout::new(gpu, scene, atlas)?;
         let triangles = gpu.storage("atlas triangles [bytes]", &layout.triangles)?;
+        let mut bytes = triangles.size();
         let mut rows = rows_of(gpu, atlas)?;
         if let Some(wanted) = &options.rows {
             rows = rows.start.max(wanted.start)..rows.end.min(wanted.end);
@@ -157,6 +162,9 @@ impl AtlasCapture {
                 let blocks = layout.blocks(gpu, atlas, &rows)?;
                 let blocks_on_gpu = gpu.storage("blocks of an atlas [bytes]", &blocks)?;
                 let count = (rows.end - rows.start) * atlas.size;
+                // A hit is four bytes.
+                bytes += u64::from(count) * (TEXEL_BYTES + SURFACE_POINT_BYTES + 4);
+                bytes += blocks_on_gpu.size();
                 let storage = wgpu::BufferUsages::STORAGE;
                 let texels = gpu.buffer(
                     "texels of an atlas [bytes]",
@@ -240,6 +248,7 @@ impl AtlasCapture {
             size: atlas.size,
             pages: atlas.pages,
             texel_side: layout.texel_side,
+            bytes,
             number: 0,
             pieces,
             triangles,

@@ -1,6 +1,7 @@
 //! Texels of an atlas against double precision on the host.
 
 mod leaks;
+mod seams;
 
 use glam::{DVec2, DVec3, Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::atlas::{AtlasOptions, NO_CHART, TexelDensity};

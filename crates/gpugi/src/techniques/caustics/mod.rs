@@ -406,6 +406,12 @@ impl Technique for Caustics {
     }
 
     fn maps(&self) -> Vec<Map> {
-        Vec::new()
+        let caustics = self.made.iter().flat_map(|made| &made.caustics);
+        caustics.map(Caustic::map).collect()
+    }
+
+    fn work_bytes(&self) -> u64 {
+        let caustics = self.made.iter().flat_map(|made| &made.caustics);
+        caustics.map(Caustic::work_bytes).sum()
     }
 }

@@ -13,6 +13,7 @@ use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::techniques::shadow_map::gpu::LightSample;
 use crate::techniques::shadow_map::lights::low_discrepancy;
+use crate::techniques::{Map, Texels};
 
 /// Most bytes of photons at a time: more are followed in several batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
@@ -37,6 +38,8 @@ pub struct Caustic {
     bound: Option<Bound>,
     maps: Vec<CausticMapOf>,
     batches: Vec<Vec<Dispatch>>,
+    /// Of all batches, which share them.
+    photon_bytes: u64,
     /// Frames whose photons are counted.
     frames: u32,
     /// Flux of one count of one frame's sums (W); 0: no light shines on the object.
@@ -147,6 +150,7 @@ impl Caustic {
             bound: None,
             maps: Vec::new(),
             batches: Vec::new(),
+            photon_bytes: 0,
             frames: 0,
             step: 0.0,
         })
@@ -391,6 +395,7 @@ impl Caustic {
                 }
             }
         }
+        self.photon_bytes = sizes.iter().sum();
         let photons = sizes.iter().map(|&size| {
             let usage = wgpu::BufferUsages::STORAGE;
             gpu.buffer("photons [bytes]", size, usage)
@@ -426,6 +431,29 @@ impl Caustic {
             .map(|batch| batch.into_iter().zip(&photons).map(dispatch).collect())
             .collect::<Result<_, GpuError>>()?;
         Ok(())
+    }
+
+    /// Irradiance in the cube, six faces below each other.
+    pub fn map(&self) -> Map {
+        let side = self.wanted.side;
+        Map {
+            name: format!("caustics.{}.irradiance", self.wanted.instance),
+            texels: Texels::Buffer {
+                buffer: self.lit_texels.clone(),
+                size: [side, 6 * side],
+                stride: LIT_TEXEL_BYTES,
+                is_number: false,
+            },
+        }
+    }
+
+    /// Bytes of what is no map: counters, photons, and caustic maps with their hits and depth.
+    pub fn work_bytes(&self) -> u64 {
+        let maps = self.maps.iter().map(|map| {
+            let points = &map.capture.points;
+            points.points.size() + u64::from(points.count) * (4 + 4)
+        });
+        self.counters.size() + self.photon_bytes + maps.sum::<u64>()
     }
 
     /// Adds the caustics at `points`; `groups`: points and target.

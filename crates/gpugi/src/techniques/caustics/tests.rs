@@ -8,10 +8,10 @@ use gpugi_scene::{Camera, Light, LightKind, Material, Scene, Volume};
 
 use super::{Caustics, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
-use crate::gpu::{Frame, Gpu};
+use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::techniques::Lit;
+use crate::techniques::{Lit, Texels};
 use crate::testing::test_gpu;
 
 const CENTER: Vec3 = vec3(0.2, -0.3, 0.1);
@@ -63,6 +63,15 @@ fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVe
 
 /// Flux in each object's cube after some frames.
 fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Vec<DVec3> {
+    let caustics = generated(gpu, scene, settings, frames)
+        .made
+        .unwrap()
+        .caustics;
+    caustics.iter().map(|caustic| caustic.flux(gpu)).collect()
+}
+
+/// Caustics after some frames.
+fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Caustics {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = Caustics::new(gpu, &scene).unwrap();
@@ -91,8 +100,38 @@ fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> V
             .unwrap();
         frame.submit().unwrap();
     }
-    let caustics = technique.made.unwrap().caustics;
-    caustics.iter().map(|caustic| caustic.flux(gpu)).collect()
+    technique
+}
+
+/// Without a light, nothing.
+#[test]
+fn the_map_of_a_cube_holds_its_irradiance() {
+    let Some(gpu) = test_gpu() else { return };
+    let lamp = Light::new("", LightKind::Point, Vec3::ONE);
+    for lights in [vec![], vec![lamp.aimed(CENTER + Vec3::Y, Vec3::ZERO)]] {
+        let is_lit = !lights.is_empty();
+        let mut scene = room(mirror());
+        scene.lights = lights;
+        let technique = generated(&gpu, &scene, &[("resolution", "64")], 1);
+        let maps = technique.maps();
+        assert_eq!(maps.len(), 1);
+        assert!(maps[0].name.ends_with(".irradiance"));
+        let Texels::Buffer {
+            buffer,
+            size: [32, 192],
+            stride: 32,
+            is_number: false,
+        } = &maps[0].texels
+        else {
+            panic!("{:?}", maps[0]);
+        };
+        let texels: Vec<[f32; 8]> = read_buffer(&gpu, buffer, 32 * 192 * 32).unwrap();
+        let lit = texels.iter().filter(|texel| texel[0] > 0.0).count();
+        assert_eq!(lit > 500, is_lit, "{lit} texels");
+        // Counters at least, and of a caustic map its points.
+        let least = if is_lit { 64 * 64 * 48 } else { 0 };
+        assert!(technique.work_bytes() >= 32 * 192 * 24 + least);
+    }
 }
 
 /// What falls on the ball from a distance: intensity times the solid angle of its disc.

@@ -11,7 +11,7 @@ mod tests;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
@@ -543,7 +543,7 @@ impl Technique for DistanceImpostor {
             .flat_map(|impostor| {
                 impostor.textures().into_iter().map(|(name, texture)| Map {
                     name,
-                    texture: texture.clone(),
+                    texels: Texels::Texture(texture.clone()),
                 })
             })
             .collect()

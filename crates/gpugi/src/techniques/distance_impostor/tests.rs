@@ -78,7 +78,8 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
 fn texels<T: bytemuck::Pod>(gpu: &Gpu, technique: &DistanceImpostor, map: &str) -> Vec<(DVec3, T)> {
     let maps = technique.maps();
     let name = format!("distance-impostor.6.{map}");
-    let texture = &maps.iter().find(|map| map.name == name).unwrap().texture;
+    let map = maps.iter().find(|map| map.name == name).unwrap();
+    let texture = map.texture().unwrap();
     let at = |texel: usize| (texel as f64 + 0.5) * 2.0 / SIDE as f64 - 1.0;
     (0..6)
         .flat_map(|face| {
@@ -167,7 +168,7 @@ fn levels_and_impostors_go_by_lobes() {
         let levels: Vec<u32> = maps
             .iter()
             .filter(|map| map.name.ends_with("radiance"))
-            .map(|map| map.texture.mip_level_count())
+            .map(|map| map.texture().unwrap().mip_level_count())
             .collect();
         assert_eq!(levels, expected, "{name}, objects {objects}");
     }

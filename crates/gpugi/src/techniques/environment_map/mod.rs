@@ -17,7 +17,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -338,7 +338,7 @@ impl Technique for EnvironmentMap {
             .zip(textures)
             .map(|(name, texture)| Map {
                 name: format!("environment-map.{name}"),
-                texture: texture.clone(),
+                texels: Texels::Texture(texture.clone()),
             })
             .collect()
     }

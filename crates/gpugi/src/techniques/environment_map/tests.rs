@@ -89,7 +89,8 @@ impl Level {
     pub fn read(gpu: &Gpu, technique: &EnvironmentMap, map: &str, level: u32) -> Self {
         let name = format!("environment-map.{map}");
         let maps = technique.maps();
-        let texture = &maps.iter().find(|map| map.name == name).unwrap().texture;
+        let map = maps.iter().find(|map| map.name == name).unwrap();
+        let texture = map.texture().unwrap();
         let layers = 0..texture.depth_or_array_layers();
         let texels = layers
             .flat_map(|layer| {

@@ -19,7 +19,7 @@ use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain};
 use prefiltered::Prefiltered;
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -298,7 +298,7 @@ impl Technique for ImageBasedLighting {
         .filter_map(|(name, texture)| {
             Some(Map {
                 name: name.into(),
-                texture: texture?.clone(),
+                texels: Texels::Texture(texture?.clone()),
             })
         })
         .collect()

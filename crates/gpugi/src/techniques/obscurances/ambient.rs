@@ -44,20 +44,20 @@ pub struct Obscurances {
     paths: Vec<LightPaths>,
     /// Whether others add indirect light, too.
     is_covered: bool,
-    made: Option<Made>,
-    /// Most texels in one dispatch, if not as many as fit a buffer.
-    most_texels: Option<u32>,
+    pub(super) made: Option<Made>,
+    /// Most texels in one buffer, if not as many as fit.
+    pub(super) most_texels: Option<u32>,
 }
 
 /// The obscurances of a scene, and what they were made for.
 #[derive(Debug)]
-struct Made {
+pub(super) struct Made {
     settings: Settings,
     atlas: Arc<Atlas>,
     /// [`GpuScene::passages`].
     passages: [bool; 2],
     solution: Solution,
-    capture: AtlasCapture,
+    pub(super) capture: AtlasCapture,
     leaks: LeakTest,
     light: Kernel,
     openness: Kernel,
@@ -294,6 +294,17 @@ impl Technique for Obscurances {
 
     fn maps(&self) -> Vec<Map> {
         self.solution().map_or(Vec::new(), Solution::maps)
+    }
+
+    fn work_bytes(&self) -> u64 {
+        let made = self.made.iter();
+        made.map(|made| {
+            let direct = made.direct.iter().map(|direct| direct.radiance.size());
+            let states = made.leaks.states().map(wgpu::Buffer::size);
+            let shared = made.capture.bytes + made.solution.work_bytes();
+            shared + direct.chain(states).sum::<u64>()
+        })
+        .sum()
     }
 
     fn warnings(&self, gpu: &Gpu) -> Result<Vec<String>, GpuError> {

@@ -137,6 +137,11 @@ impl Peeling {
         (self.directions as f32 * self.lines_of_texel / 2.0 / 4.0).min(65_536.0) as u32
     }
 
+    /// Bytes of two layers and their depth.
+    pub fn bytes(&self) -> u64 {
+        u64::from(self.side).pow(2) * (8 + 8 + 4)
+    }
+
     /// Takes one. `region`: around all texels that are computed, where not all are.
     pub fn step(
         &self,

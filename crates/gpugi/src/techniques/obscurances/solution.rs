@@ -14,7 +14,7 @@ use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::Map;
+use crate::techniques::{Map, Texels};
 
 /// Below so much of the scene's size, positions are rounded.
 const ROUNDING: f32 = 1e-6;
@@ -509,12 +509,26 @@ impl Solution {
         Ok(())
     }
 
+    /// Bytes of what is no map.
+    pub(super) fn work_bytes(&self) -> u64 {
+        let sampler = match &self.sampler {
+            Sampler::Rays(_) => 0,
+            Sampler::Peeling(peeling) => peeling.bytes(),
+        };
+        let pictures = self.pictures.iter().map(|pictures| {
+            let images = [&pictures.plain, &pictures.colored];
+            let images = images.map(|image| image.radiance.size());
+            images.iter().sum::<u64>() + pictures.dilation.bytes()
+        });
+        sampler + pictures.sum::<u64>() + self.texels.size() + self.lookup.words.size()
+    }
+
     /// The maps that [`Solution::record_maps`] made, one a page: rgb with colours, a without.
     pub fn maps(&self) -> Vec<Map> {
         let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
         let named = maps.enumerate().map(|(page, texture)| Map {
             name: format!("{}.{page}", INFO.name),
-            texture: texture.clone(),
+            texels: Texels::Texture(texture.clone()),
         });
         named.collect()
     }

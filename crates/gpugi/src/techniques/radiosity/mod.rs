@@ -417,6 +417,10 @@ impl Technique for Radiosity {
     }
 
     fn maps(&self) -> Vec<Map> {
-        Vec::new()
+        self.solution().map_or(Vec::new(), Solution::maps)
+    }
+
+    fn work_bytes(&self) -> u64 {
+        self.solution().map_or(0, Solution::work_bytes)
     }
 }

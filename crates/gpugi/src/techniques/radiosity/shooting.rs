@@ -25,6 +25,8 @@ pub(super) struct Batch {
 #[derive(Debug)]
 pub(super) struct Shooting {
     pub batch: Batch,
+    /// Bytes of buffers and of the hemicubes' depth.
+    pub bytes: u64,
     depth: DepthKernels,
     atlas: DepthAtlas,
     power: Kernel,
@@ -168,7 +170,12 @@ impl Shooting {
                 receive_texels: [receive_of(0)?, receive_of(1)?],
             })
         };
+        let texture = &atlas.texture;
+        let depth_bytes = texture
+            .format()
+            .theoretical_memory_footprint(texture.size());
         Ok(Self {
+            bytes: depth_bytes + atlas.views.size() + pyramid.size() + samples.size(),
             pieces: steps.iter().map(piece).collect::<Result<_, GpuError>>()?,
             batch,
             depth,

@@ -1,16 +1,18 @@
 //! The light in the texels of an atlas: direct light from others, and the iteration that finds the indirect one.
 
 use gpugi_scene::Atlas;
+use gpugi_scene::atlas::Seams;
 
 use super::gpu::{TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest,
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
 };
 use crate::capture::{SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
+use crate::techniques::{Map, Texels};
 
 /// The passes of the iteration.
 #[derive(Debug)]
@@ -56,6 +58,7 @@ pub struct Solution {
     /// Bind group of the texels that are looked up in `rays`.
     corners: wgpu::BindGroup,
     dilation: Dilation,
+    seams: SeamFilter,
     /// Two in turn.
     light: [wgpu::Buffer; 2],
     /// Which of them has the last iterate.
@@ -124,6 +127,7 @@ impl Solution {
         Ok(Self {
             leaks: LeakTest::new(gpu, scene, &texels)?,
             dilation: Dilation::new(gpu, size)?,
+            seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
             irradiance,
             lookup,
             texels,
@@ -134,6 +138,46 @@ impl Solution {
             last: 0,
             shooting: None,
         })
+    }
+
+    /// Irradiance of all rows; direct light, and what became of texels (0 empty, 1 good, 2 moved, 3 invalid), of each piece.
+    pub(super) fn maps(&self) -> Vec<Map> {
+        let width = self.texels.size;
+        let colors = |name: String, of: &Target, rows: u32| Map {
+            name: format!("{}.{name}", super::INFO.name),
+            texels: Texels::Buffer {
+                buffer: of.radiance.clone(),
+                size: [width, rows],
+                stride: 16,
+                is_number: false,
+            },
+        };
+        let rows = width * self.texels.pages;
+        let mut maps = vec![colors("irradiance".into(), &self.irradiance, rows)];
+        let pieces = self.texels.pieces().iter().zip(&self.pieces);
+        for (number, ((of, piece), states)) in pieces.zip(self.leaks.states()).enumerate() {
+            let rows = of.rows.end - of.rows.start;
+            maps.push(colors(format!("direct.{number}"), &piece.direct, rows));
+            maps.push(Map {
+                name: format!("{}.coverage.{number}", super::INFO.name),
+                texels: Texels::Buffer {
+                    buffer: states.clone(),
+                    size: [width, rows],
+                    stride: 4,
+                    is_number: true,
+                },
+            });
+        }
+        maps
+    }
+
+    /// Bytes of what is no map.
+    pub(super) fn work_bytes(&self) -> u64 {
+        let light = self.light.iter().map(wgpu::Buffer::size).sum::<u64>();
+        let shooting = self.shooting.as_ref().map_or(0, |shooting| shooting.bytes);
+        let lookup = self.lookup.words.size();
+        let around = self.dilation.bytes() + self.seams.bytes;
+        light + self.texels.bytes + lookup + around + shooting
     }
 
     /// Brings the texels' points up to date.
@@ -202,7 +246,8 @@ impl Solution {
         Ok(())
     }
 
-    /// Makes `count` iterates, and the average of all: passes `radiosity.rays` or those of shooting, `radiosity.average` and `capture.atlas.dilate`.
+    /// Makes `count` iterates, and the average of all: passes `radiosity.rays` or those of shooting, `radiosity.average`, `capture.atlas.dilate` and
+    /// `capture.atlas.seams`.
     pub(super) fn iterate(
         &mut self,
         frame: &mut Frame<'_>,
@@ -241,7 +286,9 @@ impl Solution {
                 kernels.average.dispatch(pass, &groups, [piece.count, 1, 1]);
             }
         });
-        self.dilation.record(frame, &self.irradiance)
+        self.dilation.record(frame, &self.irradiance)?;
+        self.seams.record(frame);
+        Ok(())
     }
 
     /// All that the next iterate reads of those before it: `Texel` of texel.wesl. Waits for the GPU.

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi_scene::builtin::shapes::cuboid;
+use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 
 use super::Radiosity;
@@ -11,7 +11,7 @@ use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::techniques::{Lit, Technique};
+use crate::techniques::{Lit, Technique, Texels};
 use crate::testing::{read_points, test_gpu};
 
 const ALBEDO: f32 = 0.6;
@@ -52,25 +52,12 @@ fn texels(
     seed: u32,
     most_texels: u32,
 ) -> Vec<Texel> {
-    let on_gpu = &mut GpuScene::with_texels(gpu, scene).unwrap();
-    let mut radiosity = Radiosity::default();
-    radiosity.most_texels = most_texels;
-    for (name, value) in settings {
-        radiosity.set(name, value).unwrap();
-    }
-    radiosity.claim(on_gpu, &[]);
-    let mut emission = Emission::new(gpu, on_gpu).unwrap();
-    let kernels = CaptureKernels::new(gpu, on_gpu).unwrap();
-    let mut impostors = Impostors::new(gpu, on_gpu, &kernels).unwrap();
-    let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
-    let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
-    let mut frame = Frame::new(gpu, false);
-    on_gpu.merge(&mut frame);
-    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
-    radiosity
-        .generate(&mut frame, on_gpu, &view, &mut lit)
-        .unwrap();
-    frame.submit().unwrap();
+    let (on_gpu, radiosity) = solved(gpu, scene, settings, seed, most_texels);
+    found(gpu, &on_gpu, &radiosity)
+}
+
+/// The texels that have points.
+fn found(gpu: &Gpu, on_gpu: &GpuScene, radiosity: &Radiosity) -> Vec<Texel> {
     let solution = radiosity.solution().unwrap();
     let points = solution.texels.points();
     let points = points.flat_map(|points| read_points(gpu, on_gpu, points));
@@ -81,6 +68,38 @@ fn texels(
         .filter(|(point, _)| point.instance != u32::MAX)
         .map(|(point, found)| (point.instance, point.area, found[0]))
         .collect()
+}
+
+/// Radiosity after a scene's first frame.
+fn solved(
+    gpu: &Gpu,
+    scene: &Scene,
+    settings: &[(&str, &str)],
+    seed: u32,
+    most_texels: u32,
+) -> (GpuScene, Radiosity) {
+    let mut on_gpu = GpuScene::with_texels(gpu, scene).unwrap();
+    let mut radiosity = Radiosity {
+        most_texels,
+        ..Default::default()
+    };
+    for (name, value) in settings {
+        radiosity.set(name, value).unwrap();
+    }
+    radiosity.claim(&on_gpu, &[]);
+    let mut emission = Emission::new(gpu, &on_gpu).unwrap();
+    let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
+    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
+    let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
+    let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
+    let mut frame = Frame::new(gpu, false);
+    on_gpu.merge(&mut frame);
+    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    radiosity
+        .generate(&mut frame, &on_gpu, &view, &mut lit)
+        .unwrap();
+    frame.submit().unwrap();
+    (on_gpu, radiosity)
 }
 
 const RAYS: &[(&str, &str)] = &[
@@ -203,4 +222,102 @@ fn pieces_make_no_difference_and_pages_hold_the_same_light() {
     assert!((areas(&lit) / areas(&texels(&gpu, &room(), RAYS, 0, u32::MAX)) - 1.0).abs() < 0.01);
     let part = absorbed_part(&gpu, &scene, &settings);
     assert!((part - 1.0).abs() < 0.01, "{part}");
+}
+
+/// A room of walls of their own, each of which may lie in another page.
+fn room_of_walls() -> Scene {
+    let (width, height, depth) = (Vec3::X * 2.0, Vec3::Y * 1.5, Vec3::Z * 3.0);
+    let [low, high] = [vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5)];
+    let mut scene = Scene::new("walls");
+    let walls = [
+        (quad(low, depth, width, 1), 0.3),
+        (quad(low, height, depth, 1), 0.8),
+        (quad(low, width, height, 1), 0.6),
+        (quad(high, -width, -depth, 1), 0.5),
+        (quad(high, -depth, -height, 1), 0.2),
+        (quad(high, -height, -width, 1), 0.7),
+    ];
+    for (mesh, albedo) in walls {
+        let mesh = scene.add_mesh(mesh);
+        let material = scene.add_material(Material::matt("wall", Vec3::splat(albedo)));
+        scene.add_instance("", mesh, material, Mat4::IDENTITY);
+    }
+    let mesh = scene.add_mesh(cuboid(vec3(-0.2, 0.6, -0.3), vec3(0.3, 0.9, 0.2), 1));
+    let material = scene.add_material(Material::emitter("lamp", Vec3::splat(3.0)));
+    scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);
+    scene
+}
+
+#[test]
+fn several_pages_hold_the_light_of_one() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = room_of_walls();
+    // Noise of shooting is that of few shooters, which all texels share.
+    for (mode, most, most_of_all) in [(RAYS, 0.01, 0.005), (SHOOTING, 0.06, 0.015)] {
+        let of = |resolution, seed| {
+            let more = [("resolution", resolution), ("density", "16")];
+            let settings = [mode, &more].concat();
+            let (on_gpu, radiosity) = solved(&gpu, &scene, &settings, seed, u32::MAX);
+            let pages = radiosity.solution().unwrap().texels.pages;
+            (pages, found(&gpu, &on_gpu, &radiosity))
+        };
+        let ((one, whole), (several, parts)) = (of("128", 0), of("64", 1));
+        assert!(one == 1 && several > 1, "{one} and {several} pages");
+        let off = |is_meant: &dyn Fn(u32) -> bool| {
+            let mean = |texels: &[Texel]| {
+                let meant = texels.iter().filter(|texel| is_meant(texel.0));
+                let sums = meant.map(|texel| (texel.1 * texel.2, texel.1));
+                let (light, area) = sums.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+                light / area
+            };
+            mean(&parts) / mean(&whole) - 1.0
+        };
+        let of_walls = [0, 1, 2, 3, 4, 5].map(|wall| off(&|instance| instance == wall));
+        let of_all = off(&|_| true);
+        println!("in {several} pages {of_walls:+.4?} more, of all {of_all:+.4}");
+        assert!(of_walls.iter().all(|off| off.abs() < most), "{of_walls:?}");
+        assert!(of_all.abs() < most_of_all, "{of_all}");
+    }
+}
+
+#[test]
+fn maps_are_those_of_all_pages() {
+    let Some(gpu) = test_gpu() else { return };
+    let settings = [RAYS, &[("resolution", "64"), ("density", "16")]].concat();
+    let (_, radiosity) = solved(&gpu, &room_of_walls(), &settings, 0, 64 * 64);
+    let pages = radiosity.solution().unwrap().texels.pages;
+    let maps = radiosity.maps();
+    assert_eq!(maps.len() as u32, 1 + 2 * pages);
+    let mut rows = [0; 3];
+    for map in &maps {
+        let Texels::Buffer {
+            buffer,
+            size: [width, height],
+            stride,
+            is_number,
+        } = &map.texels
+        else {
+            panic!("{} is a texture", map.name);
+        };
+        let kinds = ["irradiance", "direct", "coverage"];
+        let kind = kinds.map(|kind| map.name.starts_with(&format!("radiosity.{kind}")));
+        let kind = kind.iter().position(|is| *is).unwrap();
+        rows[kind] += height;
+        assert_eq!((*width, *is_number), (64, kind == 2));
+        let bytes = u64::from(width * height) * stride;
+        assert!(buffer.size() >= bytes, "{}", map.name);
+        let words: Vec<u32> = read_buffer(&gpu, buffer, bytes).unwrap();
+        if *is_number {
+            assert!(words.contains(&0) && words.contains(&1), "{}", map.name);
+        } else {
+            assert!(
+                words.iter().any(|word| *word != 0) || kind == 1,
+                "{}",
+                map.name
+            );
+        }
+    }
+    assert_eq!(rows, [64 * pages; 3]);
+    // Points and two iterates at least.
+    assert!(radiosity.work_bytes() > u64::from(64 * 64 * pages) * (48 + 64));
 }

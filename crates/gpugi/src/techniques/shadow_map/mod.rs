@@ -14,7 +14,7 @@ mod warp;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -296,7 +296,7 @@ impl Technique for ShadowMap {
         atlas
             .map(|atlas| Map {
                 name: "shadow-map.atlas".into(),
-                texture: atlas.texture.clone(),
+                texels: Texels::Texture(atlas.texture.clone()),
             })
             .into_iter()
             .collect()

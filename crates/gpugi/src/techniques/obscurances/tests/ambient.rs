@@ -1,11 +1,17 @@
 //! The ambient term.
 
-use glam::{Mat4, Vec3};
+use glam::{Mat4, Vec2, Vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{AlphaMode, Camera, Light, LightKind, Material, Scene};
 
+use super::super::Obscurances;
 use super::scenes::{hollow_sphere, matt};
-use crate::gpu::Gpu;
+use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
+use crate::gpu::{Frame, Gpu, read_buffer};
+use crate::impostor::Impostors;
+use crate::scene::GpuScene;
+use crate::techniques::shadow_map::ShadowMap;
+use crate::techniques::{Lit, Technique};
 use crate::testing::test_gpu;
 use crate::{RenderError, Renderer};
 
@@ -211,5 +217,85 @@ fn ambient_light_follows_materials() {
         assert!(most(&now, &fresh) < 1e-5);
         assert!(most(&now, &was) > 1e-2);
         (before, was) = (after, now);
+    }
+}
+
+/// The ambient term beside a lamp's light at the pixels of a camera, and at the texels themselves; the atlas in pieces of at most so many texels.
+fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec<f32>; 2] {
+    let mut on_gpu = GpuScene::with_texels(gpu, scene).unwrap();
+    let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
+    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
+    let mut emission = Emission::new(gpu, &on_gpu).unwrap();
+    let mut earlier: Vec<Box<dyn Technique>> =
+        vec![Box::new(ShadowMap::new(gpu, &on_gpu).unwrap())];
+    let mut technique = Obscurances::default();
+    technique.most_texels = most_texels;
+    let settings = [("ambient", "colored"), ("distance", "0.5")];
+    for (name, value) in [&settings[..], &SETTINGS].concat() {
+        technique.set(name, value).unwrap();
+    }
+    technique.claim(&on_gpu, earlier[0].paths());
+    let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
+    let mut capture = Capture::of_camera(gpu, &kernels, [16; 2]).unwrap();
+    let view = View::new(&camera, [16; 2], Vec2::ZERO, 0, 0, on_gpu.diagonal());
+    let mut frame = Frame::new(gpu, false);
+    on_gpu.merge(&mut frame);
+    capture
+        .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
+        .unwrap();
+    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    earlier[0]
+        .generate(&mut frame, &on_gpu, &view, &mut lit)
+        .unwrap();
+    let mut lit = Lit::new(&mut emission, &mut earlier, &mut impostors, 0);
+    technique
+        .generate(&mut frame, &on_gpu, &view, &mut lit)
+        .unwrap();
+    let made = technique.made.as_ref().unwrap();
+    let own: Vec<_> = made.capture.points().cloned().collect();
+    assert_eq!(own.len() > 5, most_texels.is_some());
+    let all = [vec![capture.points.clone()], own].map(|points| {
+        let lit = points.into_iter().map(|points| {
+            let target = Target::new(gpu, points.count).unwrap();
+            frame.clear(&target.radiance);
+            technique
+                .gather(&mut frame, &on_gpu, &points, &target)
+                .unwrap();
+            (target, points.count)
+        });
+        lit.collect::<Vec<_>>()
+    });
+    frame.submit().unwrap();
+    all.map(|lit| {
+        let read = |(target, count): &(Target, u32)| {
+            let bytes = u64::from(*count) * 16;
+            read_buffer::<[f32; 4]>(gpu, &target.radiance, bytes).unwrap()
+        };
+        let texels = lit.iter().flat_map(read);
+        texels.flat_map(|[r, g, b, _]| [r, g, b]).collect()
+    })
+}
+
+#[test]
+fn pieces_make_no_difference_to_ambient_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = lit_ball(Vec3::new(0.8, 0.5, 0.2));
+    let block = shapes::cuboid(Vec3::new(0.5, -0.2, -0.2), Vec3::new(0.8, 0.2, 0.2), 1);
+    let mesh = scene.add_mesh(block);
+    let material = scene.add_material(Material::matt("block", Vec3::new(0.1, 0.4, 0.9)));
+    scene.add_instance("block", mesh, material, Mat4::IDENTITY);
+    let whole = ambient_in_pieces(&gpu, &scene, None);
+    let parts = ambient_in_pieces(&gpu, &scene, Some(64 * 9));
+    for (whole, parts) in whole.iter().zip(&parts) {
+        let sum: f32 = whole.iter().sum();
+        assert!(sum > 0.01 * whole.len() as f32, "{sum}");
+        assert_eq!(whole.len(), parts.len());
+        for (index, (a, b)) in whole.iter().zip(parts).enumerate() {
+            // What is stochastic in a lamp's shadow looks different in each piece.
+            assert!(
+                (a - b).abs() < 2e-3 * a.max(0.1),
+                "{index}: {a}, in pieces {b}"
+            );
+        }
     }
 }

@@ -340,7 +340,7 @@ fn texels_without_samples_continue_their_neighbours() {
     assert_eq!(maps[0].name, "obscurances.0");
     let all = wgpu::TextureAspect::All;
     let halves: Vec<[u16; 4]> =
-        crate::gpu::read_texture(&gpu, &maps[0].texture, all, 0, 0).unwrap();
+        crate::gpu::read_texture(&gpu, maps[0].texture().unwrap(), all, 0, 0).unwrap();
     let [half, one] = [0x3800, 0x3c00];
     for [r, g, b, w] in halves {
         assert_eq!(w, one);
