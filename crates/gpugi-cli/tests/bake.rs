@@ -342,6 +342,8 @@ fn a_bake_that_was_stopped_goes_on() {
     let samples = ["256", "4096", "65536"].into_iter().find(|samples| {
         let arguments = arguments(samples, &[]);
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        // What was too fast is there.
+        std::fs::remove_file(&output).ok();
         let mut child = common::command(&arguments).spawn().expect("a process");
         std::thread::sleep(std::time::Duration::from_secs(1));
         let mut kill = std::process::Command::new("kill");

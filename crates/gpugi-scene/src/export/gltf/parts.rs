@@ -65,19 +65,26 @@ impl Parts {
 
     /// Gives what no lookup reads to the nearest part, for viewers that filter more widely.
     pub fn spread(&mut self) {
-        let owned = |texel: &usize| self.of_texels[*texel] != NOBODY;
-        let mut front: VecDeque<usize> = (0..self.of_texels.len()).filter(owned).collect();
-        while let Some(texel) = front.pop_front() {
-            let (x, y) = (texel % self.size, texel / self.size);
+        let size = self.size;
+        let neighbours = |texel: usize| {
+            let (x, y) = (texel % size, texel / size);
             let neighbours = [
                 (x > 0).then(|| texel - 1),
-                (x + 1 < self.size).then(|| texel + 1),
-                (y > 0).then(|| texel - self.size),
-                (y + 1 < self.size).then(|| texel + self.size),
+                (x + 1 < size).then(|| texel + 1),
+                (y > 0).then(|| texel - size),
+                (y + 1 < size).then(|| texel + size),
             ];
-            for neighbour in neighbours.into_iter().flatten() {
-                if self.of_texels[neighbour] == NOBODY {
-                    self.of_texels[neighbour] = self.of_texels[texel];
+            neighbours.into_iter().flatten()
+        };
+        let parts = &mut self.of_texels;
+        let is_at_border = |texel: &usize| {
+            parts[*texel] != NOBODY && neighbours(*texel).any(|other| parts[other] == NOBODY)
+        };
+        let mut front: VecDeque<usize> = (0..parts.len()).filter(is_at_border).collect();
+        while let Some(texel) = front.pop_front() {
+            for neighbour in neighbours(texel) {
+                if parts[neighbour] == NOBODY {
+                    parts[neighbour] = parts[texel];
                     front.push_back(neighbour);
                 }
             }
