@@ -21,7 +21,7 @@ mod upload;
 use glam::Vec3;
 use gpugi_scene::{AlphaMode, Bounds, Environment, Instance, Light, Scene};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use atlases::Atlases;
 pub use casters::{Casters, SimplifiedCasters};
 pub use emitters::Emitter;
@@ -195,6 +195,23 @@ impl GpuScene {
     /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
     pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
         [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]
+    }
+
+    /// A kernel of a shader that traces rays in this scene, with `more` pipeline constants.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn ray_kernel(
+        &self,
+        gpu: &Gpu,
+        shader: &Shader,
+        more: &[(&str, f64)],
+    ) -> Result<Kernel, GpuError> {
+        let options = KernelOptions {
+            constants: &[&self.ray_constants(), more].concat(),
+            ..Default::default()
+        };
+        Kernel::with_options(gpu, shader, "main", Some(&self.layout), &options)
     }
 
     /// Whether light passes through any surface: past what alpha cuts out, through what it is made of. Shaders that trace rays are compiled for it.

@@ -8,7 +8,7 @@ use gpugi_scene::{
 };
 
 use super::GpuScene;
-use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::shader;
 use crate::testing::{Random, constant, test_gpu};
 
@@ -34,17 +34,9 @@ fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
             [o.x, o.y, o.z, ray.t_min, d.x, d.y, d.z, ray.t_max]
         })
         .collect();
-    let kernel = Kernel::with_options(
-        gpu,
-        &shader!("testing.rays"),
-        "main",
-        Some(&scene.layout),
-        &KernelOptions {
-            constants: &scene.ray_constants(),
-            unchecked: false,
-        },
-    )
-    .unwrap();
+    let kernel = scene
+        .ray_kernel(gpu, &shader!("testing.rays"), &[])
+        .unwrap();
     let input = gpu.storage("rays", &packed).unwrap();
     let size = (rays.len() * std::mem::size_of::<Found>()) as u64;
     let output = gpu

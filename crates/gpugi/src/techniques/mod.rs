@@ -15,7 +15,7 @@ use crate::capture::{Emission, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Object};
 
 /// What a technique says of itself.
 #[derive(Debug, Clone, Copy)]
@@ -237,6 +237,37 @@ impl<'a> Lit<'a> {
             technique.gather(frame, scene, points, target)?;
         }
         Ok(())
+    }
+}
+
+/// What a technique's maps of the objects that it claims were made for: other settings, and objects of another kind, want other maps.
+#[derive(Debug)]
+pub(crate) struct MadeFor<S> {
+    settings: S,
+    claimed: Vec<u32>,
+    objects: Vec<Object>,
+}
+
+impl<S: PartialEq + Clone> MadeFor<S> {
+    /// For the objects with the numbers `claimed`.
+    pub fn new(settings: &S, claimed: &[u32], scene: &GpuScene) -> Self {
+        let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
+        Self {
+            settings: settings.clone(),
+            claimed: claimed.to_vec(),
+            objects: objects.cloned().collect(),
+        }
+    }
+
+    /// Whether that is what is wanted now.
+    pub fn is(&self, settings: &S, claimed: &[u32], scene: &GpuScene) -> bool {
+        let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
+        self.settings == *settings && self.claimed == claimed && self.objects.iter().eq(objects)
+    }
+
+    /// The objects, and their numbers.
+    pub fn objects(&self) -> impl Iterator<Item = (u32, &Object)> {
+        self.claimed.iter().copied().zip(&self.objects)
     }
 }
 

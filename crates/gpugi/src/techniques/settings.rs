@@ -85,3 +85,27 @@ pub fn set<S: Serialize + DeserializeOwned>(
     *settings = serde_json::from_value(all).map_err(|error| fail(error.to_string()))?;
     Ok(())
 }
+
+/// As [`set`], of settings some of which are the `sides` of maps with levels: powers of two. What is refused is not kept.
+///
+/// # Errors
+/// [`SettingError`].
+pub fn set_with_sides<S: Serialize + DeserializeOwned + Clone, const N: usize>(
+    settings: &mut S,
+    fields: &[Field],
+    name: &str,
+    text: &str,
+    sides: impl Fn(&S) -> [u32; N],
+) -> Result<(), SettingError> {
+    let mut changed = settings.clone();
+    set(&mut changed, fields, name, text)?;
+    if !sides(&changed).iter().all(|side| side.is_power_of_two()) {
+        return Err(SettingError::Value {
+            name: name.to_owned(),
+            value: text.to_owned(),
+            reason: "a power of two is needed".into(),
+        });
+    }
+    *settings = changed;
+    Ok(())
+}

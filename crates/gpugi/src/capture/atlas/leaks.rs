@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::{AtlasCapture, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -71,16 +71,7 @@ impl LeakTest {
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Gpu, rays: &GpuScene, capture: &AtlasCapture) -> Result<Self, GpuError> {
-        let kernel = Kernel::with_options(
-            gpu,
-            &shader!("capture.atlas.leaks"),
-            "main",
-            Some(&rays.layout),
-            &KernelOptions {
-                constants: &rays.ray_constants(),
-                ..Default::default()
-            },
-        )?;
+        let kernel = rays.ray_kernel(gpu, &shader!("capture.atlas.leaks"), &[])?;
         let side = capture.texel_side;
         let piece = |piece: &AtlasPiece| {
             let count = piece.points.count;

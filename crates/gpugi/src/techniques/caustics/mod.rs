@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 
 use super::shadow_map::gpu::LightSample;
 use super::shadow_map::lights::{on_emitters, punctual};
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Field, Info, Lit, MadeFor, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::scene::{Claims, GpuScene, Object, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
 use object::{Caustic, Making};
 
@@ -163,9 +163,7 @@ pub struct Caustics {
 /// The caustics of all objects, and what they were made for.
 #[derive(Debug)]
 struct Made {
-    settings: Settings,
-    claimed: Vec<u32>,
-    objects: Vec<Object>,
+    of: MadeFor<Settings>,
     caustics: Vec<Caustic>,
     /// What the photons of so many frames were followed in: the scene, and the settings of techniques.
     followed: Option<(Versions, u64)>,
@@ -234,16 +232,14 @@ impl Caustics {
     }
 
     fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
-        let objects = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
+        let of = MadeFor::new(&self.settings, &self.claimed, scene);
+        let caustics = of
+            .objects()
+            .map(|(one, object)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
+            .collect::<Result<_, _>>()?;
         Ok(Made {
-            settings: self.settings.clone(),
-            claimed: self.claimed.clone(),
-            caustics: objects
-                .clone()
-                .zip(&self.claimed)
-                .map(|(object, &one)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
-                .collect::<Result<_, _>>()?,
-            objects: objects.cloned().collect(),
+            of,
+            caustics,
             followed: None,
             frames: 0,
             lights: Vec::new(),
@@ -320,20 +316,8 @@ impl Technique for Caustics {
     }
 
     fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let mut changed = self.settings.clone();
-        settings::set(&mut changed, FIELDS, name, value)?;
-        if ![changed.cube_resolution, changed.shape_resolution]
-            .iter()
-            .all(|side| side.is_power_of_two())
-        {
-            return Err(SettingError::Value {
-                name: name.to_owned(),
-                value: value.to_owned(),
-                reason: "a power of two is needed".into(),
-            });
-        }
-        self.settings = changed;
-        Ok(())
+        let sides = |all: &Settings| [all.cube_resolution, all.shape_resolution];
+        settings::set_with_sides(&mut self.settings, FIELDS, name, value, sides)
     }
 
     fn generate(
@@ -343,12 +327,7 @@ impl Technique for Caustics {
         _: &View,
         lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
-        let of_claimed = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
-        let is_made = |made: &Made| {
-            made.settings == self.settings
-                && made.claimed == self.claimed
-                && made.objects.iter().eq(of_claimed.clone())
-        };
+        let is_made = |made: &Made| made.of.is(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => self.make(frame.gpu, scene)?,

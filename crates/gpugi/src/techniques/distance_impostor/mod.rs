@@ -11,12 +11,12 @@ mod tests;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
+use super::{Field, Info, Lit, MadeFor, Map, SettingError, Technique, Texels, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Object, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use impostor::{Impostor, Kernels, Making};
 
 /// What distance impostors say of themselves.
@@ -284,12 +284,10 @@ pub struct DistanceImpostor {
     bound: PerTarget<[wgpu::BindGroup; 2]>,
 }
 
-/// The impostors, and what they were made for: objects of another kind want other maps.
+/// The impostors, and what they were made for.
 #[derive(Debug)]
 struct Made {
-    settings: Settings,
-    claimed: Vec<u32>,
-    objects: Vec<Object>,
+    of: MadeFor<Settings>,
     /// The scene, and the settings of techniques, at the last frame.
     seen: Option<(Versions, u64)>,
     /// [`Lit::refinements`] of the last frame.
@@ -398,20 +396,8 @@ impl Technique for DistanceImpostor {
     }
 
     fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let mut changed = self.settings.clone();
-        settings::set(&mut changed, FIELDS, name, value)?;
-        if ![changed.resolution, changed.shape_resolution]
-            .iter()
-            .all(|side| side.is_power_of_two())
-        {
-            return Err(SettingError::Value {
-                name: name.to_owned(),
-                value: value.to_owned(),
-                reason: "a power of two is needed".into(),
-            });
-        }
-        self.settings = changed;
-        Ok(())
+        let sides = |all: &Settings| [all.resolution, all.shape_resolution];
+        settings::set_with_sides(&mut self.settings, FIELDS, name, value, sides)
     }
 
     fn generate(
@@ -429,28 +415,17 @@ impl Technique for DistanceImpostor {
                 adapter: frame.gpu.adapter.name.clone(),
             });
         }
-        let of_claimed = self.claimed.iter().map(|&one| &scene.objects[one as usize]);
-        let is_made = |made: &Made| {
-            made.settings == self.settings
-                && made.claimed == self.claimed
-                && made.objects.iter().eq(of_claimed.clone())
-        };
+        let is_made = |made: &Made| made.of.is(&self.settings, &self.claimed, scene);
         if !self.made.as_ref().is_some_and(is_made) {
-            let impostors = self
-                .claimed
-                .iter()
-                .map(|&one| {
-                    let object = &scene.objects[one as usize];
-                    Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
-                })
-                .collect::<Result<Vec<_>, _>>()?;
+            let of = MadeFor::new(&self.settings, &self.claimed, scene);
+            let impostors = of.objects().map(|(one, object)| {
+                Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
+            });
             self.made = Some(Made {
-                settings: self.settings.clone(),
-                claimed: self.claimed.clone(),
-                objects: of_claimed.cloned().collect(),
+                impostors: impostors.collect::<Result<_, _>>()?,
+                of,
                 seen: None,
                 refinements: 0,
-                impostors,
             });
         }
         let Some(made) = &mut self.made else {

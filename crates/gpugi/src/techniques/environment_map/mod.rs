@@ -111,17 +111,7 @@ impl Settings {
     /// # Errors
     /// [`SettingError`].
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let mut changed = self.clone();
-        settings::set(&mut changed, FIELDS, name, value)?;
-        if !changed.resolution.is_power_of_two() {
-            return Err(SettingError::Value {
-                name: name.to_owned(),
-                value: value.to_owned(),
-                reason: "a power of two is needed".into(),
-            });
-        }
-        *self = changed;
-        Ok(())
+        settings::set_with_sides(self, FIELDS, name, value, |all| [all.resolution])
     }
 }
 

@@ -9,7 +9,7 @@ use super::gpu::{SettingsUniform, TEXEL_BYTES};
 use super::{Ambient, FIELDS, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest, TexelGather};
 use crate::capture::{SurfacePoints, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
@@ -104,6 +104,7 @@ impl Obscurances {
             solution.least_samples(),
         ];
         let light = shader!("techniques.obscurances.light");
+        let openness = shader!("techniques.obscurances.openness");
         let gather = shader!("techniques.obscurances.gather");
         let is_lit = settings.ambient != Ambient::Off;
         let direct = capture.points().filter(|_| is_lit);
@@ -112,16 +113,7 @@ impl Obscurances {
             passages: scene.passages(),
             gather: TexelGather::new(gpu, scene, &gather, &constants, &kept)?,
             light: Kernel::new(gpu, &light, "main", Some(&scene.layout))?,
-            openness: Kernel::with_options(
-                gpu,
-                &shader!("techniques.obscurances.openness"),
-                "main",
-                Some(&scene.layout),
-                &KernelOptions {
-                    constants: &scene.ray_constants(),
-                    ..Default::default()
-                },
-            )?,
+            openness: scene.ray_kernel(gpu, &openness, &[])?,
             leaks: LeakTest::new(gpu, scene, &capture)?,
             direct: direct
                 .map(|points| Target::new(gpu, points.count))

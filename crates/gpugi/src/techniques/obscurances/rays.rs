@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::Settings;
 use super::gpu::SettingsUniform;
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -35,19 +35,10 @@ impl Rays {
         settings: &Settings,
         lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
-        let transmits = scene.objects.iter().any(|object| object.is_transmissive);
-        let [alpha] = scene.ray_constants();
+        let [_, transmits] = scene.passages();
         let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
-        let kernel = Kernel::with_options(
-            gpu,
-            &shader!("techniques.obscurances.rays"),
-            "main",
-            Some(&scene.layout),
-            &KernelOptions {
-                constants: &[alpha, transmits, super::solution::colored(settings)],
-                ..Default::default()
-            },
-        )?;
+        let constants = [transmits, super::solution::colored(settings)];
+        let kernel = scene.ray_kernel(gpu, &shader!("techniques.obscurances.rays"), &constants)?;
         let chunks_of = |(number, piece): (usize, &AtlasPiece)| {
             let count = piece.points.count;
             let firsts = (0..count).step_by(RAYS_OF_STEP as usize);

@@ -9,7 +9,7 @@ use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
 };
 use crate::capture::{SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Map, Texels};
@@ -28,16 +28,7 @@ impl Kernels {
         Ok(Self {
             begin: kernel(shader!("techniques.radiosity.begin"))?,
             average: kernel(shader!("techniques.radiosity.average"))?,
-            rays: Kernel::with_options(
-                gpu,
-                &shader!("techniques.radiosity.rays"),
-                "main",
-                Some(&scene.layout),
-                &KernelOptions {
-                    constants: &scene.ray_constants(),
-                    ..Default::default()
-                },
-            )?,
+            rays: scene.ray_kernel(gpu, &shader!("techniques.radiosity.rays"), &[])?,
         })
     }
 }
