@@ -19,7 +19,7 @@ use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHO
 use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::obscurances::gpu as obscurances;
-use crate::techniques::radiosity::gpu::{CHILDREN, Level, TEXEL_BYTES, Work};
+use crate::techniques::radiosity::gpu::{CHILDREN, Chosen, Level, MOST_CHOSEN, TEXEL_BYTES, Work};
 use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
 use crate::testing::{constant, run_kernel, test_gpu};
 
@@ -191,7 +191,8 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&gather, "LitCube"), cube);
     let texel = reflected(&gather, "LitTexel");
     assert_eq!(u64::from(texel.0), LIT_TEXEL_BYTES);
-    let work = layout!(Work: first_texel count rays burn_in seed with_environment texels shooters);
+    let work =
+        layout!(Work: first_texel count rays burn_in seed with_environment texels chosen aimed);
     for shader in [
         shader!("techniques.radiosity.rays"),
         shader!("techniques.radiosity.choose"),
@@ -206,6 +207,20 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&sum, "Level"), level);
     let children = constant(&sum, "radiosity_pyramid", "CHILDREN");
     assert_eq!(children, CHILDREN);
+    let chosen = layout!(Chosen: position area normal turn outgoing power);
+    for shader in [
+        shader!("techniques.radiosity.rays"),
+        shader!("techniques.radiosity.choose"),
+        shader!("techniques.radiosity.hemicubes"),
+    ] {
+        assert_eq!(reflected(&shader, "Chosen"), chosen, "{}", shader.name);
+    }
+    let most = constant(
+        &shader!("techniques.radiosity.rays"),
+        "radiosity_chosen",
+        "MOST_CHOSEN",
+    );
+    assert_eq!(most, MOST_CHOSEN);
 }
 
 #[test]

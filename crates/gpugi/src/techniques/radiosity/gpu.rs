@@ -13,7 +13,8 @@ pub struct Work {
     pub seed: u32,
     pub with_environment: u32,
     pub texels: u32,
-    pub shooters: u32,
+    pub chosen: u32,
+    pub aimed: u32,
 }
 
 /// `Level` of sum.wesl.
@@ -31,3 +32,18 @@ pub const CHILDREN: u32 = 16;
 
 /// Bytes of `Texel` of texel.wesl.
 pub const TEXEL_BYTES: u64 = 32;
+
+/// `Chosen` of chosen.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Chosen {
+    pub position: [f32; 3],
+    pub area: f32,
+    pub normal: [f32; 3],
+    pub turn: f32,
+    pub outgoing: [f32; 3],
+    pub power: f32,
+}
+
+/// `MOST_CHOSEN` of chosen.wesl.
+pub const MOST_CHOSEN: u32 = 256;

@@ -3,6 +3,7 @@
 //! Generate: the techniques before it light the atlas's texels; from that direct light a stochastic iteration finds the indirect one, a few steps a
 //! frame, as the average of the iterates. Gather: looks the irradiance up where a point lies in the atlas. docs/techniques/radiosity.md.
 
+mod choosing;
 pub(crate) mod gpu;
 mod shooting;
 mod solution;
@@ -69,6 +70,8 @@ pub struct Settings {
     pub density: f32,
     /// Rays of a texel in a step.
     pub rays: u32,
+    /// Rays, besides, that are aimed at texels chosen by their power, at most as many as those; 0: none.
+    pub aimed_rays: u32,
     /// Texels that shoot in a step.
     pub shooters: u32,
     /// Side of their hemicubes (texels).
@@ -88,6 +91,7 @@ impl Default for Settings {
             resolution: 512,
             density: 0.0,
             rays: 4,
+            aimed_rays: 1,
             shooters: 16,
             hemicube_resolution: 256,
             steps: 1,
@@ -117,6 +121,11 @@ const FIELDS: &[Field] = &[
         name: "rays",
         summary: "rays of a texel in a step, of mode=rays",
         range: Some((1.0, 64.0)),
+    },
+    Field {
+        name: "aimed-rays",
+        summary: "rays, besides, that are aimed at texels chosen by their power, at most as many as those; 0: none, of mode=rays",
+        range: Some((0.0, 64.0)),
     },
     Field {
         name: "shooters",
@@ -372,6 +381,7 @@ impl Technique for Radiosity {
             }
             let work = gpu::Work {
                 rays: self.settings.rays,
+                aimed: self.settings.aimed_rays,
                 burn_in,
                 seed: view.uniform.seed,
                 with_environment: u32::from(self.own.environment && scene.environment.is_some()),

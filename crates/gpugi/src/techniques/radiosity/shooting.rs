@@ -1,6 +1,5 @@
 //! Iterates by shooting: texels chosen by their power shoot the power of all to whatever their hemicubes see.
 
-use super::gpu::{CHILDREN, Level};
 use super::solution::ForStep;
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -29,34 +28,28 @@ pub(super) struct Shooting {
     pub bytes: u64,
     depth: DepthKernels,
     atlas: DepthAtlas,
-    power: Kernel,
-    sum: Kernel,
-    choose: Kernel,
+    aim: Kernel,
     receive: Kernel,
-    levels: Vec<(u32, wgpu::BindGroup)>,
+    aimed: wgpu::BindGroup,
     pieces: Vec<PieceGroups>,
     seen: wgpu::BindGroup,
 }
 
-/// By the buffer that has the last iterate, where texels' light is bound.
 #[derive(Debug)]
 struct PieceGroups {
     count: u32,
-    power: wgpu::BindGroup,
-    choose: wgpu::BindGroup,
     receive: wgpu::BindGroup,
-    power_texels: [wgpu::BindGroup; 2],
-    choose_texels: [wgpu::BindGroup; 2],
+    /// By the buffer that has the last iterate.
     receive_texels: [wgpu::BindGroup; 2],
 }
 
 impl Shooting {
-    /// Shooters among `texels` texels; `steps`: what each piece's passes read.
+    /// The first of `chosen` shoot; `steps`: what each piece's passes read.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
         batch: Batch,
-        texels: u32,
+        chosen: &wgpu::Buffer,
         iterates: &[wgpu::Buffer; 2],
         steps: &[ForStep<'_>],
     ) -> Result<Self, GpuError> {
@@ -72,40 +65,21 @@ impl Shooting {
         let specs = (0..shooters).flat_map(|_| unseen).collect();
         let atlas = DepthAtlas::new(gpu, &depth, specs)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
-        let power = kernel(shader!("techniques.radiosity.power"))?;
-        let sum = kernel(shader!("techniques.radiosity.sum"))?;
-        let choose = kernel(shader!("techniques.radiosity.choose"))?;
+        let aim = kernel(shader!("techniques.radiosity.hemicubes"))?;
         let receive = kernel(shader!("techniques.radiosity.receive"))?;
-        let mut nodes = vec![texels];
-        while nodes.last().is_some_and(|count| *count > 1) {
-            nodes.extend(nodes.last().map(|count| count.div_ceil(CHILDREN)));
-        }
-        let storage = wgpu::BufferUsages::STORAGE;
-        let all: u64 = nodes.iter().map(|&count| u64::from(count)).sum();
-        let pyramid = gpu.buffer("pyramid of power [bytes]", all * 4, storage)?;
-        let mut fine = 0;
-        let mut levels = Vec::new();
-        for pair in nodes.windows(2) {
-            let level = Level {
-                fine,
-                fine_count: pair[0],
-                coarse: fine + pair[0],
-                padding: 0,
-            };
-            fine = level.coarse;
-            let level = gpu.uniform("level of a pyramid", &level)?;
-            let resources = [
-                ("level", level.as_entire_binding()),
-                ("pyramid", pyramid.as_entire_binding()),
-            ];
-            levels.push((pair[1], sum.bind(gpu, 0, &resources)?));
-        }
         let bytes = u64::from(shooters) * size_of::<LightSample>() as u64;
-        let samples = gpu.buffer("shooters [bytes]", bytes, storage)?;
+        let samples = gpu.buffer("shooters [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
         let inner = (side - 2 * GUTTER) as f32;
         let kept = (side / 2 + GUTTER) as f32 / side as f32;
         let hemicube = [side as f32 / inner, kept, 0.0, 0.0_f32];
         let hemicube = gpu.uniform("hemicube", &hemicube)?;
+        let resources = [
+            ("chosen_texels", chosen.as_entire_binding()),
+            ("shooters", samples.as_entire_binding()),
+            ("views", atlas.views.as_entire_binding()),
+            ("hemicube", hemicube.as_entire_binding()),
+        ];
+        let aimed = aim.bind(gpu, 1, &resources)?;
         let comparison = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("hemicube comparison"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -127,32 +101,11 @@ impl Shooting {
         ];
         let seen = receive.bind(gpu, 2, &resources)?;
         let piece = |step: &ForStep<'_>| {
-            let points = [
-                ("work", step.work.as_entire_binding()),
-                ("points", step.points.as_entire_binding()),
-            ];
             let with_direct = [
                 ("work", step.work.as_entire_binding()),
                 ("points", step.points.as_entire_binding()),
                 ("direct", step.direct.as_entire_binding()),
             ];
-            let power_of = |last: usize| {
-                let resources = [
-                    ("before", iterates[last].as_entire_binding()),
-                    ("pyramid", pyramid.as_entire_binding()),
-                ];
-                power.bind(gpu, 3, &resources)
-            };
-            let choose_of = |last: usize| {
-                let resources = [
-                    ("before", iterates[last].as_entire_binding()),
-                    ("pyramid", pyramid.as_entire_binding()),
-                    ("shooters", samples.as_entire_binding()),
-                    ("views", atlas.views.as_entire_binding()),
-                    ("hemicube", hemicube.as_entire_binding()),
-                ];
-                choose.bind(gpu, 3, &resources)
-            };
             let receive_of = |last: usize| {
                 let resources = [
                     ("before", iterates[last].as_entire_binding()),
@@ -162,11 +115,7 @@ impl Shooting {
             };
             Ok(PieceGroups {
                 count: step.count,
-                power: power.bind(gpu, 1, &points)?,
-                choose: choose.bind(gpu, 1, &points)?,
                 receive: receive.bind(gpu, 1, &with_direct)?,
-                power_texels: [power_of(0)?, power_of(1)?],
-                choose_texels: [choose_of(0)?, choose_of(1)?],
                 receive_texels: [receive_of(0)?, receive_of(1)?],
             })
         };
@@ -175,37 +124,25 @@ impl Shooting {
             .format()
             .theoretical_memory_footprint(texture.size());
         Ok(Self {
-            bytes: depth_bytes + atlas.views.size() + pyramid.size() + samples.size(),
+            bytes: depth_bytes + atlas.views.size() + samples.size(),
             pieces: steps.iter().map(piece).collect::<Result<_, GpuError>>()?,
             batch,
             depth,
             atlas,
-            power,
-            sum,
-            choose,
+            aim,
             receive,
-            levels,
+            aimed,
             seen,
         })
     }
 
-    /// Makes one iterate: passes `radiosity.choose`, `radiosity.hemicubes` and `radiosity.receive`. `last`: the buffer that has the one before.
+    /// Makes one iterate of texels that are chosen: passes `radiosity.hemicubes` and `radiosity.receive`. `last`: the buffer that has the one before.
     pub fn iterate(&self, frame: &mut Frame<'_>, scene: &GpuScene, last: usize) {
-        frame.compute("radiosity.choose", |pass| {
-            for piece in &self.pieces {
-                let groups = [(1, &piece.power), (3, &piece.power_texels[last])];
-                self.power.dispatch(pass, &groups, [piece.count, 1, 1]);
-            }
-            for (count, level) in &self.levels {
-                self.sum.dispatch(pass, &[(0, level)], [*count, 1, 1]);
-            }
-            for piece in &self.pieces {
-                let groups = [(1, &piece.choose), (3, &piece.choose_texels[last])];
-                let shooters = self.batch.shooters;
-                self.choose.dispatch(pass, &groups, [shooters, 1, 1]);
-            }
-        });
         let name = "radiosity.hemicubes";
+        frame.compute(name, |pass| {
+            let count = [self.batch.shooters, 1, 1];
+            self.aim.dispatch(pass, &[(1, &self.aimed)], count);
+        });
         self.atlas.record(frame, name, &self.depth, scene.casters());
         frame.compute("radiosity.receive", |pass| {
             for piece in &self.pieces {

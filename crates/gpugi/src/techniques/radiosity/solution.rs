@@ -3,7 +3,8 @@
 use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
 
-use super::gpu::{TEXEL_BYTES, Work};
+use super::choosing::{self, Choosing};
+use super::gpu::{MOST_CHOSEN, TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
@@ -54,6 +55,10 @@ pub struct Solution {
     light: [wgpu::Buffer; 2],
     /// Which of them has the last iterate.
     last: usize,
+    choosing: Choosing,
+    chosen: wgpu::Buffer,
+    /// How many texels each iterate chooses.
+    chosen_count: u32,
     /// What made the last iterates, if not rays.
     shooting: Option<Shooting>,
 }
@@ -109,13 +114,21 @@ impl Solution {
         let [one, other] = iterates;
         let iterates = [one?, other?];
         let irradiance = Target::new(gpu, count)?;
-        let resources = [("atlas", lookup.words.as_entire_binding())];
+        let chosen = choosing::room(gpu)?;
+        let resources = [
+            ("atlas", lookup.words.as_entire_binding()),
+            ("chosen_texels", chosen.as_entire_binding()),
+        ];
         let corners = kernels.rays.bind(gpu, 2, &resources)?;
         let pieces = texels.pieces().iter();
         let pieces = pieces
             .map(|piece| Piece::new(gpu, kernels, piece, atlas.size, &iterates, &irradiance))
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
+        let steps = for_steps(&texels, &pieces);
         Ok(Self {
+            choosing: Choosing::new(gpu, count, &iterates, &steps, &chosen)?,
+            chosen,
+            chosen_count: 0,
             leaks: LeakTest::new(gpu, scene, &texels)?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
@@ -168,7 +181,7 @@ impl Solution {
         let shooting = self.shooting.as_ref().map_or(0, |shooting| shooting.bytes);
         let lookup = self.lookup.words.size();
         let around = self.dilation.bytes() + self.seams.bytes;
-        light + self.texels.bytes + lookup + around + shooting
+        light + self.texels.bytes + lookup + around + self.choosing.bytes + shooting
     }
 
     /// Brings the texels' points up to date.
@@ -204,23 +217,20 @@ impl Solution {
             self.shooting = None;
         }
         if let (None, Some(batch)) = (&self.shooting, batch) {
-            let points = self.texels.points();
-            let steps: Vec<_> = points
-                .zip(&self.pieces)
-                .map(|(points, piece)| ForStep {
-                    count: piece.count,
-                    work: &piece.work,
-                    points: &points.points,
-                    direct: &piece.direct.radiance,
-                })
-                .collect();
-            let shooting = Shooting::new(frame.gpu, scene, batch, texels, &self.light, &steps)?;
+            let steps = for_steps(&self.texels, &self.pieces);
+            let shooting =
+                Shooting::new(frame.gpu, scene, batch, &self.chosen, &self.light, &steps)?;
             self.shooting = Some(shooting);
         }
+        self.chosen_count = match batch {
+            Some(batch) => batch.shooters,
+            None if work.aimed > 0 => MOST_CHOSEN,
+            None => 0,
+        };
         for piece in &self.pieces {
             let work = Work {
                 texels,
-                shooters: batch.map_or(0, |batch| batch.shooters),
+                chosen: self.chosen_count,
                 first_texel: piece.first_texel,
                 count: piece.count,
                 ..*work
@@ -237,7 +247,7 @@ impl Solution {
         Ok(())
     }
 
-    /// Makes `count` iterates, and the average of all: passes `radiosity.rays` or those of shooting, `radiosity.average`, `capture.atlas.dilate` and
+    /// Makes `count` iterates, and the average of all: passes `radiosity.choose`, `radiosity.rays` or those of shooting, `radiosity.average`, `capture.atlas.dilate` and
     /// `capture.atlas.seams`.
     pub(super) fn iterate(
         &mut self,
@@ -247,6 +257,9 @@ impl Solution {
         count: u32,
     ) -> Result<(), GpuError> {
         for _ in 0..count {
+            if self.chosen_count > 0 {
+                self.choosing.record(frame, self.last, self.chosen_count);
+            }
             if let Some(shooting) = &self.shooting {
                 shooting.iterate(frame, scene, self.last);
                 self.last = 1 - self.last;
@@ -307,6 +320,17 @@ impl Solution {
         frame.submit()?;
         Ok(true)
     }
+}
+
+/// What the passes of one step read of each piece.
+fn for_steps<'a>(texels: &'a AtlasCapture, pieces: &'a [Piece]) -> Vec<ForStep<'a>> {
+    let of_piece = |(points, piece): (&'a SurfacePoints, &'a Piece)| ForStep {
+        count: piece.count,
+        work: &piece.work,
+        points: &points.points,
+        direct: &piece.direct.radiance,
+    };
+    texels.points().zip(pieces).map(of_piece).collect()
 }
 
 impl Piece {
