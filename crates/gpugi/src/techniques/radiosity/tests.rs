@@ -29,6 +29,11 @@ fn inside_out(mut mesh: Mesh) -> Mesh {
 
 /// A closed room with a box in it that shines and reflects nothing.
 fn room() -> Scene {
+    let [min, max] = [vec3(-0.2, 0.6, -0.3), vec3(0.3, 0.9, 0.2)];
+    room_with_lamp(min, max, 3.0)
+}
+
+fn room_with_lamp(min: Vec3, max: Vec3, radiance: f32) -> Scene {
     let mut scene = Scene::new("room");
     let mut add = |mesh: Mesh, material: Material| {
         let (mesh, material) = (scene.add_mesh(mesh), scene.add_material(material));
@@ -36,8 +41,10 @@ fn room() -> Scene {
     };
     let walls = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
     add(walls, Material::matt("grey", Vec3::splat(ALBEDO)));
-    let lamp = cuboid(vec3(-0.2, 0.6, -0.3), vec3(0.3, 0.9, 0.2), 1);
-    add(lamp, Material::emitter("lamp", Vec3::splat(3.0)));
+    add(
+        cuboid(min, max, 1),
+        Material::emitter("lamp", Vec3::splat(radiance)),
+    );
     scene
 }
 
@@ -187,6 +194,33 @@ fn the_mean_over_seeds_converges() {
     println!("{errors:?}");
     // Variance falls as one over the number of seeds; a bias would stay.
     assert!(errors[0] > 12.0 * errors[15], "{errors:?}");
+}
+
+/// Where light comes from little, most rays miss it, unless some are aimed at it; the light is the same.
+#[test]
+fn rays_aimed_at_bright_texels_find_them() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = room_with_lamp(vec3(0.3, 0.8, 0.3), vec3(0.5, 1.0, 0.5), 100.0);
+    let of = |settings: &[(&str, &str)], seed| {
+        let settings = [RAYS, settings].concat();
+        texels(&gpu, &scene, &settings, seed, u32::MAX)
+    };
+    let many = [("rays", "64"), ("iterations", "64"), ("steps", "64")];
+    let unaimed = [&many[..], &[("aimed-rays", "0")]].concat();
+    let [exact, unaimed] = [of(&many, 1000), of(&unaimed, 2000)];
+    let power = |texels: &[Texel]| texels.iter().map(|texel| texel.1 * texel.2).sum::<f32>();
+    let ratio = power(&exact) / power(&unaimed);
+    println!("{ratio} of what is found without aim");
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    let total: f32 = exact.iter().map(|texel| texel.1 * texel.2 * texel.2).sum();
+    let error = |aimed| {
+        let found = of(&[("rays", "4"), ("aimed-rays", aimed)], 0);
+        let off = |(one, other): (&Texel, &Texel)| one.1 * (one.2 - other.2).powi(2);
+        found.iter().zip(&exact).map(off).sum::<f32>() / total
+    };
+    let [without, aimed] = [error("0"), error("1")];
+    println!("error {aimed} instead of {without}");
+    assert!(aimed * 2.5 < without, "{aimed} {without}");
 }
 
 /// Texels in several dispatches, and in several pages.
