@@ -48,6 +48,17 @@ impl Mesh {
         Bounds::of(self.positions.iter().copied())
     }
 
+    /// Area of all triangles, mesh space (m^2).
+    pub fn area(&self) -> f64 {
+        let corner = |&index: &u32| self.positions[index as usize].as_dvec3();
+        let triangles = self.indices.as_chunks::<3>().0.iter();
+        let areas = triangles.map(|triangle| {
+            let [a, b, c] = triangle.each_ref().map(corner);
+            (b - a).cross(c - a).length() / 2.0
+        });
+        areas.sum()
+    }
+
     /// Bytes in memory.
     pub fn byte_size(&self) -> usize {
         self.positions.len() * 12

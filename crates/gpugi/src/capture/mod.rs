@@ -174,6 +174,7 @@ impl HitKernels {
                     cull,
                     slope_bias: 0.0,
                     has_fragment: true,
+                    has_depth: true,
                     has_vertices: true,
                 },
             )

@@ -172,6 +172,11 @@ impl<'a> Frame<'a> {
         self.encoder.clear_buffer(buffer, 0, None);
     }
 
+    /// Fills a buffer's first `bytes`, a multiple of 4, with zeros.
+    pub fn clear_first(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
+        self.encoder.clear_buffer(buffer, 0, Some(bytes));
+    }
+
     /// Fills a texture from a buffer whose rows lie `bytes_per_row` apart (a multiple of 256).
     pub fn fill(&mut self, texture: &wgpu::Texture, buffer: &wgpu::Buffer, bytes_per_row: u32) {
         self.encoder.copy_buffer_to_texture(

@@ -1,6 +1,6 @@
 //! Pipelines whose bind-group layouts come from shader reflection, so that a pass is a few lines of host code.
 
-use super::shader::{Declared, Shader, is_linked_name};
+use super::shader::{BindingKind, Declared, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
 /// What every pipeline shares: the resources that a module declares, as bind-group layouts.
@@ -38,7 +38,11 @@ impl Interface {
                     .filter(|one| one.group == group)
                     .map(|one| wgpu::BindGroupLayoutEntry {
                         binding: one.binding,
-                        visibility,
+                        // Vertex shaders may not write.
+                        visibility: match one.kind {
+                            BindingKind::Storage => visibility - wgpu::ShaderStages::VERTEX,
+                            _ => visibility,
+                        },
                         ty: one.kind.layout_type(&one.name),
                         count: None,
                     })
@@ -307,6 +311,8 @@ pub struct RasterState<'a> {
     pub has_vertices: bool,
     /// Whether a fragment shader runs.
     pub has_fragment: bool,
+    /// Whether what is nearest is drawn, and its depth kept; otherwise everything is.
+    pub has_depth: bool,
 }
 
 /// A render pipeline over triangles, as a rule the merged world-space ones, depth 32-bit float, nearer is greater (reverse z).
@@ -366,8 +372,12 @@ impl RasterKernel {
                     },
                     depth_stencil: Some(wgpu::DepthStencilState {
                         format: wgpu::TextureFormat::Depth32Float,
-                        depth_write_enabled: Some(true),
-                        depth_compare: Some(wgpu::CompareFunction::Greater),
+                        depth_write_enabled: Some(state.has_depth),
+                        depth_compare: Some(if state.has_depth {
+                            wgpu::CompareFunction::Greater
+                        } else {
+                            wgpu::CompareFunction::Always
+                        }),
                         stencil: Default::default(),
                         bias: wgpu::DepthBiasState {
                             constant: 0,

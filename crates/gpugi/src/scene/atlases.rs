@@ -47,8 +47,7 @@ impl GpuScene {
         let bytes = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
-        // One is left for whoever counts something beside.
-        let (most_texels, page) = (bytes / texel_bytes - 1, u64::from(size).pow(2));
+        let (most_texels, page) = (bytes / texel_bytes, u64::from(size).pow(2));
         if page > most_texels {
             return Err(GpuError::TooLarge {
                 what: format!("texels in a page of {technique} (lower the resolution)"),

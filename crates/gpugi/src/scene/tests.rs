@@ -258,7 +258,7 @@ fn structs_of_obscurances_have_one_layout() {
         view
     );
     let bundle = layout!(obscurances::Bundle: origin range origin_dx first_column origin_dy first_row direction end_column
-        end_row is_first padding);
+        end_row side layers padding);
     assert_eq!(reflected(&transfer, "Bundle"), bundle);
 }
 

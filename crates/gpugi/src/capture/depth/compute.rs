@@ -119,6 +119,7 @@ impl DepthCompute {
             slope_bias: 0.0,
             has_vertices: false,
             has_fragment,
+            has_depth: true,
         };
         let storage = wgpu::BufferUsages::STORAGE;
         Ok(Self {

@@ -69,6 +69,7 @@ impl DepthKernels {
             slope_bias,
             has_vertices: true,
             has_fragment,
+            has_depth: true,
         };
         let depth = shader!("capture.depth");
         Ok(Self {

@@ -82,6 +82,7 @@ pub struct Bundle {
     pub direction: [f32; 3],
     pub end_column: u32,
     pub end_row: u32,
-    pub is_first: u32,
-    pub padding: [u32; 2],
+    pub side: u32,
+    pub layers: u32,
+    pub padding: u32,
 }

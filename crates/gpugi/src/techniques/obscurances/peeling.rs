@@ -1,4 +1,4 @@
-//! Bundles of parallel lines through the whole scene, layer by layer.
+//! Bundles of parallel lines through the whole scene, whose hits are peeled one after the other.
 
 use std::f32::consts::TAU;
 
@@ -17,8 +17,8 @@ use crate::techniques::shadow_map::lights::low_discrepancy;
 
 /// Fewest pixels a side of a bundle.
 const LEAST_SIDE: u32 = 16;
-/// Words before the arguments of the dispatch.
-const DISPATCH_AT: u64 = 40;
+/// Words of a hit.
+const HIT_WORDS: u64 = 3;
 
 /// Takes samples by peeling.
 #[derive(Debug)]
@@ -26,27 +26,19 @@ pub(super) struct Peeling {
     /// Of opaque surfaces, and of those with alpha.
     peel: [RasterKernel; 2],
     transfer: Kernel,
-    plan: Kernel,
     /// Bind group of the texels that are looked up in `transfer`.
     corners: wgpu::BindGroup,
     side: u32,
     /// Lines of a bundle that meet a texel of mean size head on.
     lines_of_texel: f32,
-    /// Two in turn.
-    layers: [Layer; 2],
+    /// Room for what lines meet: hits.wesl.
+    hits: Option<(wgpu::Buffer, u32)>,
+    /// What the rasterizer wants; nothing is drawn onto it.
+    target: wgpu::TextureView,
     most_layers: u32,
     /// Bundles; none where there are no texels.
     directions: u32,
     seed: u32,
-}
-
-/// What lines meet next.
-#[derive(Debug)]
-struct Layer {
-    /// Of triangles.
-    numbers: wgpu::TextureView,
-    /// Where it is 0 there is nothing, and a number of another layer.
-    depths: wgpu::TextureView,
 }
 
 impl Peeling {
@@ -59,11 +51,12 @@ impl Peeling {
     ) -> Result<Self, GpuError> {
         let raster = |shader| {
             let state = RasterState {
-                colors: &[wgpu::TextureFormat::R32Uint],
+                colors: &[],
                 cull: None,
                 slope_bias: 0.0,
                 has_fragment: true,
                 has_vertices: true,
+                has_depth: false,
             };
             RasterKernel::new(gpu, &shader, Some(&scene.layout), &state)
         };
@@ -72,30 +65,20 @@ impl Peeling {
             .most_lines
             .min(gpu.device.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
-        let texture = |label, format| {
-            let texture = gpu.texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: side,
-                    height: side,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING
-                    | wgpu::TextureUsages::RENDER_ATTACHMENT,
-                view_formats: &[],
-            })?;
-            Ok::<_, GpuError>(texture.create_view(&Default::default()))
-        };
-        let layer = || {
-            Ok::<_, GpuError>(Layer {
-                numbers: texture("triangles of a layer", wgpu::TextureFormat::R32Uint)?,
-                depths: texture("depths of a layer", wgpu::TextureFormat::Depth32Float)?,
-            })
-        };
+        let target = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("bundle of lines"),
+            size: wgpu::Extent3d {
+                width: side,
+                height: side,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Depth32Float,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        })?;
         let transfer = Kernel::with_options(
             gpu,
             &shader!("techniques.obscurances.transfer"),
@@ -113,11 +96,11 @@ impl Peeling {
                 raster(shader!("techniques.obscurances.peel_alpha"))?,
             ],
             transfer,
-            plan: Kernel::new(gpu, &shader!("techniques.obscurances.plan"), "main", None)?,
             corners,
             side,
             lines_of_texel: (side as f32 / texels.max(1.0)).powi(2),
-            layers: [layer()?, layer()?],
+            hits: None,
+            target: target.create_view(&Default::default()),
             most_layers: settings.layers,
             directions: match capture.pieces() {
                 [] => 0,
@@ -137,9 +120,29 @@ impl Peeling {
         (self.directions as f32 * self.lines_of_texel / 2.0 / 4.0).min(65_536.0) as u32
     }
 
-    /// Bytes of two layers and their depth.
+    /// Bytes of what lines meet, and of what nothing is drawn onto.
     pub fn bytes(&self) -> u64 {
-        u64::from(self.side).pow(2) * (8 + 8 + 4)
+        let hits = self.hits.as_ref().map_or(0, |(buffer, _)| buffer.size());
+        hits + u64::from(self.side).pow(2) * 4
+    }
+
+    /// Makes room for what lines meet of surfaces of `area` in all [m^2], as `scene` stands.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn make_room(&mut self, gpu: &Gpu, scene: &GpuScene, area: f64) -> Result<(), GpuError> {
+        let lines = Lines::new(0, self.seed, &scene.bounds, self.side);
+        // However surfaces lie, lines meet no more of them than fit side by side, but for chance at edges.
+        let most = area / f64::from(lines.pixel()).powi(2) * 1.05 + 65_536.0;
+        let most = most.min(f64::from(u32::MAX)) as u32;
+        if self.hits.as_ref().is_some_and(|(_, room)| *room >= most) {
+            return Ok(());
+        }
+        let words = 1 + u64::from(self.side).pow(2) + u64::from(most) * HIT_WORDS;
+        let label = "what lines meet (take fewer) [bytes]";
+        let buffer = gpu.buffer(label, words * 4, wgpu::BufferUsages::STORAGE)?;
+        self.hits = Some((buffer, most));
+        Ok(())
     }
 
     /// Takes one. `region`: around all texels that are computed, where not all are.
@@ -152,6 +155,9 @@ impl Peeling {
         region: Option<Bounds>,
         settings: SettingsUniform,
     ) -> Result<(), GpuError> {
+        let Some((hits, room)) = &self.hits else {
+            return Ok(());
+        };
         let gpu = frame.gpu;
         let lines = Lines::new(number as u32, self.seed, &scene.bounds, self.side);
         let [x, y, width, height] = match region {
@@ -177,15 +183,6 @@ impl Peeling {
             start..end
         };
         let ranges = [false, true].map(of_kind);
-        let [opaque, translucent] = ranges.clone();
-        let arguments = [
-            [opaque.len() as u32, 1, opaque.start, 0, 0],
-            [translucent.len() as u32, 1, translucent.start, 0, 0],
-        ];
-        let dispatch = [width.div_ceil(8), height.div_ceil(8), 1];
-        let arguments: Vec<u32> = [arguments.as_flattened(), &dispatch].concat();
-        let indirect = wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::STORAGE;
-        let arguments = gpu.buffer_with("what is drawn of a layer", &arguments, indirect)?;
         let mut first_triangles = vec![0; scene.objects.len()];
         for draw in &scene.draws {
             first_triangles[draw.instance as usize] = draw.indices.start / 3;
@@ -193,89 +190,62 @@ impl Peeling {
         let first_triangles =
             gpu.storage("first triangles of instances [bytes]", &first_triangles)?;
 
-        let plan = [
-            ("texels", texels.as_entire_binding()),
-            ("arguments", arguments.as_entire_binding()),
+        let view = gpu.uniform(
+            "bundle of lines",
+            &PeelView {
+                clip_from_world: lines.clip_from_world.to_cols_array_2d(),
+                seed: [self.seed.wrapping_add(number as u32), self.side, *room, 0],
+            },
+        )?;
+        let bundle = gpu.uniform(
+            "bundle of lines",
+            &Bundle {
+                first_column: x,
+                first_row: y,
+                end_column: x + width,
+                end_row: y + height,
+                side: self.side,
+                layers: self.most_layers,
+                ..lines.bundle
+            },
+        )?;
+        let peel = [
+            ("view", view.as_entire_binding()),
+            ("first_triangles", first_triangles.as_entire_binding()),
+            ("hits", hits.as_entire_binding()),
         ];
-        let plan = self.plan.bind(gpu, 1, &plan)?;
-        let mut groups = Vec::new();
-        for layer in 0..self.most_layers.min(3) {
-            let is_first = u32::from(layer == 0);
-            let view = gpu.uniform(
-                "bundle of lines",
-                &PeelView {
-                    clip_from_world: lines.clip_from_world.to_cols_array_2d(),
-                    seed: [self.seed.wrapping_add(number as u32), is_first, 0, 0],
-                },
-            )?;
-            let bundle = gpu.uniform(
-                "bundle of lines",
-                &Bundle {
-                    first_column: x,
-                    first_row: y,
-                    end_column: x + width,
-                    end_row: y + height,
-                    is_first,
-                    ..lines.bundle
-                },
-            )?;
-            let [farther, nearer] = [layer, layer + 1].map(|layer| {
-                let Layer { numbers, depths } = &self.layers[layer as usize % 2];
-                [numbers, depths].map(wgpu::BindingResource::TextureView)
-            });
-            let peel = [
-                ("view", view.as_entire_binding()),
-                ("first_triangles", first_triangles.as_entire_binding()),
-                ("nearer_numbers", nearer[0].clone()),
-                ("nearer_depths", nearer[1].clone()),
-            ];
-            let transfer = [
-                ("settings", settings.as_entire_binding()),
-                ("lines", bundle.as_entire_binding()),
-                ("nearer_numbers", nearer[0].clone()),
-                ("nearer_depths", nearer[1].clone()),
-                ("farther_numbers", farther[0].clone()),
-                ("farther_depths", farther[1].clone()),
-                ("indices", scene.indices.as_entire_binding()),
-                ("merged", scene.vertices.as_entire_binding()),
-                ("texels", texels.as_entire_binding()),
-            ];
-            groups.push((
-                [
-                    self.peel[0].bind(gpu, 1, &peel)?,
-                    self.peel[1].bind(gpu, 1, &peel)?,
-                ],
-                self.transfer.bind(gpu, 1, &transfer)?,
-            ));
-        }
-        for layer in 0..self.most_layers as usize {
-            // The first has groups of its own; of the others, two in turn.
-            let (peel, transfer) = match layer {
-                0 => &groups[0],
-                _ => &groups[2 - layer % 2],
-            };
-            let target = &self.layers[layer % 2];
-            let (name, keeps) = ("obscurances.peel", Keeps::Colors);
-            frame.render_onto(name, keeps, &[&target.numbers], &target.depths, |pass| {
-                pass.set_bind_group(0, &scene.bind_group, &[]);
-                pass.set_vertex_buffer(0, scene.vertices.slice(..));
-                pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-                pass.set_scissor_rect(x, y, width, height);
-                for (kind, range) in ranges.iter().enumerate() {
-                    if !range.is_empty() {
-                        self.peel[kind].set(pass);
-                        pass.set_bind_group(1, &peel[kind], &[]);
-                        pass.draw_indexed_indirect(&arguments, kind as u64 * 20);
-                    }
+        let transfer = [
+            ("settings", settings.as_entire_binding()),
+            ("lines", bundle.as_entire_binding()),
+            ("hits", hits.as_entire_binding()),
+            ("indices", scene.indices.as_entire_binding()),
+            ("merged", scene.vertices.as_entire_binding()),
+            ("texels", texels.as_entire_binding()),
+        ];
+        let transfer = self.transfer.bind(gpu, 1, &transfer)?;
+        let peel = [
+            self.peel[0].bind(gpu, 1, &peel)?,
+            self.peel[1].bind(gpu, 1, &peel)?,
+        ];
+        frame.clear_first(hits, (1 + u64::from(self.side).pow(2)) * 4);
+        let (name, keeps) = ("obscurances.peel", Keeps::Everything);
+        frame.render_onto(name, keeps, &[], &self.target, |pass| {
+            pass.set_bind_group(0, &scene.bind_group, &[]);
+            pass.set_vertex_buffer(0, scene.vertices.slice(..));
+            pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_scissor_rect(x, y, width, height);
+            for (kind, range) in ranges.iter().enumerate() {
+                if !range.is_empty() {
+                    self.peel[kind].set(pass);
+                    pass.set_bind_group(1, &peel[kind], &[]);
+                    pass.draw_indexed(range.clone(), 0, 0..1);
                 }
-            });
-            frame.compute("obscurances.transfer", |pass| {
-                let groups = [(0, &scene.bind_group), (1, transfer), (2, &self.corners)];
-                self.transfer
-                    .dispatch_indirect(pass, &groups, &arguments, DISPATCH_AT);
-                self.plan.dispatch(pass, &[(1, &plan)], [1, 1, 1]);
-            });
-        }
+            }
+        });
+        frame.compute("obscurances.transfer", |pass| {
+            let groups = [(0, &scene.bind_group), (1, &transfer), (2, &self.corners)];
+            self.transfer.dispatch(pass, &groups, [width, height, 1]);
+        });
         Ok(())
     }
 }
@@ -335,6 +305,11 @@ impl Lines {
             half,
             side,
         }
+    }
+
+    /// Side of a pixel (m).
+    fn pixel(&self) -> f32 {
+        2.0 * self.half / self.side as f32
     }
 
     /// First column and row, width and height of the pixels whose lines may meet a box.

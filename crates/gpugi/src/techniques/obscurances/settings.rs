@@ -11,7 +11,7 @@ pub enum Mode {
     /// Rays from every texel, in a scene in which rays are traced ([`crate::scene::GpuScene::with_rays`]).
     #[default]
     Rays,
-    /// Bundles of parallel lines through everything, layer by layer, in a scene for captures ([`crate::scene::GpuScene::new`]).
+    /// Bundles of parallel lines through everything, hit by hit, in a scene for captures ([`crate::scene::GpuScene::new`]).
     Peeling,
 }
 
@@ -97,7 +97,7 @@ impl Default for Settings {
 pub const FIELDS: &[Field] = &[
     Field {
         name: "mode",
-        summary: "rays (from every texel) or peeling (bundles of lines, layer by layer)",
+        summary: "rays (from every texel) or peeling (bundles of lines, hit by hit)",
         range: None,
     },
     Field {

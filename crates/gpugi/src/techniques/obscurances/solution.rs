@@ -1,7 +1,7 @@
 //! The obscurances of the texels of an atlas, computed in steps.
 
 use bytemuck::Zeroable;
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use gpugi_scene::{Atlas, Bounds, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -56,8 +56,8 @@ pub struct Solution {
     average: Kernel,
     sampler: Sampler,
     pictures: Option<Pictures>,
-    /// Box of each instance's mesh in its own space.
-    mesh_bounds: Vec<Bounds>,
+    /// Box and area (m^2) of each instance's mesh in its own space.
+    meshes: Vec<(Bounds, f64)>,
     state: State,
 }
 
@@ -140,8 +140,7 @@ impl Solution {
         }
         let lookup = AtlasLookup::new(gpu, scene, atlas)?;
         let count = u64::from(atlas.pages) * u64::from(atlas.size) * u64::from(atlas.size);
-        // One more, in which peeling counts.
-        let bytes = (count + 1) * TEXEL_BYTES;
+        let bytes = count.max(1) * TEXEL_BYTES;
         let texels = gpu.buffer("obscurances [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
         let sampler = match settings.mode {
@@ -151,6 +150,8 @@ impl Solution {
                 Sampler::Peeling(Box::new(peeling))
             }
         };
+        let of_mesh = scene.meshes.iter();
+        let of_mesh: Vec<_> = of_mesh.map(|mesh| (mesh.bounds(), mesh.area())).collect();
         Ok(Self {
             settings: settings.clone(),
             size: atlas.size,
@@ -162,10 +163,10 @@ impl Solution {
             average: kernel(shader!("techniques.obscurances.mean"))?,
             sampler,
             pictures: None,
-            mesh_bounds: scene
+            meshes: scene
                 .instances
                 .iter()
-                .map(|instance| scene.meshes[instance.mesh].bounds())
+                .map(|instance| of_mesh[instance.mesh])
                 .collect(),
             state: State::default(),
         })
@@ -292,10 +293,16 @@ impl Solution {
         capture: &AtlasCapture,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let placed = self.mesh_bounds.iter().zip(&scene.placements);
+        let placed = self.meshes.iter().zip(&scene.placements);
         let bounds: Vec<Bounds> = placed
-            .map(|(bounds, place)| bounds.transformed(&place.world_from_mesh))
+            .clone()
+            .map(|((bounds, _), place)| bounds.transformed(&place.world_from_mesh))
             .collect();
+        if let Sampler::Peeling(peeling) = &mut self.sampler {
+            let areas =
+                placed.map(|((_, area), place)| area * most_stretch(&place.world_from_mesh));
+            peeling.make_room(gpu, scene, areas.sum())?;
+        }
         let [geometry, materials] = [scene.versions.geometry, scene.versions.materials];
         let changed = match self.state.made {
             Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
@@ -532,6 +539,13 @@ impl Solution {
         });
         named.collect()
     }
+}
+
+/// No area becomes larger by more than this: the product of the two largest factors by which lengths do is at most half the sum of the squares of all.
+fn most_stretch(matrix: &Mat4) -> f64 {
+    let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+    let squares = axes.map(|axis| f64::from(axis.truncate().length_squared()));
+    squares.iter().sum::<f64>() / 2.0
 }
 
 /// Constant of pipelines that take samples.
