@@ -59,7 +59,7 @@ pub struct Common {
 enum Command {
     /// Render a scene to a picture
     Render(render::Arguments),
-    /// Write an environment's maps as files that other programs read
+    /// Write a scene with its light in textures, or an environment's maps, as files that other programs read
     Bake(bake::Arguments),
     /// Say how far a picture is from its reference
     Compare(compare::Arguments),

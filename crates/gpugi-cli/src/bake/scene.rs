@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Context;
 use glam::Vec3;
 use gpugi::Renderer;
-use gpugi::bake::{Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
+use gpugi::bake::{CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
@@ -113,7 +113,7 @@ pub struct SceneOptions {
     dump_maps: Option<PathBuf>,
 }
 
-/// Texels of all pages: 12 bytes of memory each, and as many files' worth of images.
+/// Texels of all pages: 16 bytes of memory each, three times as many while a checkpoint is written.
 const MOST_TEXELS: u64 = 1 << 28;
 /// Pages, however small.
 const MOST_PAGES: u64 = 1024;
@@ -156,6 +156,8 @@ pub fn run(
         "{:?}",
         (
             scene.digest(),
+            &gpu.adapter.name,
+            &gpu.adapter.driver,
             techniques,
             settings,
             SceneOptions {
@@ -165,6 +167,7 @@ pub fn run(
             }
         )
     );
+    let key = CheckpointKey::new(&key).context("this program's own file cannot be read")?;
     let mut work = Work::new(common, &gpu, output, key);
     if options.resume {
         work.resume(&scene)?;

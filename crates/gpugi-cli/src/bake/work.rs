@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use gpugi::bake::Checkpoint;
+use gpugi::bake::{Checkpoint, CheckpointKey};
 use gpugi::gpu::Gpu;
 use gpugi_scene::Scene;
 
@@ -21,7 +21,7 @@ pub struct Work<'a> {
     pub progress: Progress,
     pub done: Checkpoint,
     pub path: PathBuf,
-    key: String,
+    key: CheckpointKey,
     saved: Instant,
     /// How long each part took, in words.
     pub times: Vec<String>,
@@ -29,7 +29,7 @@ pub struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    pub fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: String) -> Self {
+    pub fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: CheckpointKey) -> Self {
         let mut path = output.as_os_str().to_owned();
         path.push(".checkpoint");
         Self {

@@ -199,7 +199,7 @@ impl Atlas {
                 scene.instances.len()
             ));
         }
-        if self.size > LARGEST_PAGE {
+        if !(1..=LARGEST_PAGE).contains(&self.size) {
             return Err(format!("pages of {} texels a side", self.size));
         }
         for (number, (uvs, instance)) in self.instances.iter().zip(&scene.instances).enumerate() {

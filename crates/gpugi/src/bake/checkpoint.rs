@@ -26,11 +26,30 @@ pub struct Checkpoint {
     pub light: Option<LightState>,
 }
 
+/// All that decides what a bake gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CheckpointKey([u8; CHECKSUM]);
+
+impl CheckpointKey {
+    /// Of `text`, which says what is baked and how, and of the running program with all its shaders as it is now: before a bake begins, for programs may be
+    /// replaced while they run.
+    ///
+    /// # Errors
+    /// When the program's file cannot be read.
+    pub fn new(text: &str) -> io::Result<Self> {
+        let program = std::fs::read(std::env::current_exe()?)?;
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(blake3::hash(&program).as_bytes());
+        hasher.update(text.as_bytes());
+        Ok(Self(*hasher.finalize().as_bytes()))
+    }
+}
+
 /// Why a file cannot be gone on from.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// It cannot be read.
-    #[error("cannot be read ({0})")]
+    #[error("cannot be read")]
     Io(#[from] io::Error),
     /// It is another kind of file, or is not as it was written.
     #[error("{0}")]
@@ -41,12 +60,12 @@ pub enum CheckpointError {
 }
 
 impl Checkpoint {
-    /// Writes a file. `key`: all that decides what the bake gives, beside the program.
+    /// Writes a file.
     ///
     /// # Errors
     /// What the file system says.
-    pub fn write(&self, path: &Path, key: &str) -> io::Result<()> {
-        let mut content = identity(key).as_bytes().to_vec();
+    pub fn write(&self, path: &Path, key: &CheckpointKey) -> io::Result<()> {
+        let mut content = key.0.to_vec();
         content = postcard::to_extend(self, content).map_err(io::Error::other)?;
         gpugi_scene::image::replace_file(path, |file| {
             file.write_all(MAGIC)?;
@@ -59,7 +78,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// [`CheckpointError`].
-    pub fn read(path: &Path, key: &str, scene: &Scene) -> Result<Self, CheckpointError> {
+    pub fn read(path: &Path, key: &CheckpointKey, scene: &Scene) -> Result<Self, CheckpointError> {
         let damaged = |how: &str| CheckpointError::Damaged(how.to_owned());
         let mut file = File::open(path)?;
         let mut start = [0; MAGIC.len() + CHECKSUM + CHECKSUM];
@@ -78,7 +97,7 @@ impl Checkpoint {
         if blake3::hash(&content).as_bytes() != checksum {
             return Err(damaged("is damaged: its checksum is wrong"));
         }
-        if identity(key).as_bytes() != of_key {
+        if key.0 != of_key {
             return Err(CheckpointError::OtherBake);
         }
         let (checkpoint, rest) = postcard::take_from_bytes::<Self>(&content[CHECKSUM..])
@@ -90,14 +109,4 @@ impl Checkpoint {
         fits.map_err(|reason| damaged(&reason))?;
         Ok(checkpoint)
     }
-}
-
-/// What a bake depends on: `key`, and the program with all its shaders, as far as that can be read.
-fn identity(key: &str) -> blake3::Hash {
-    let program = std::env::current_exe().and_then(std::fs::read);
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
-    hasher.update(blake3::hash(&program.unwrap_or_default()).as_bytes());
-    hasher.update(key.as_bytes());
-    hasher.finalize()
 }

@@ -1,7 +1,6 @@
 //! The light that techniques add at the texels of an atlas.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 use gpugi_scene::atlas::Seams;
@@ -9,9 +8,7 @@ use gpugi_scene::{Atlas, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 
 use super::{Leaks, Quantity};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, Dilation, LeakReport, LeakTest, cut, rows_of,
-};
+use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, Dilation, LeakTest};
 use crate::capture::{Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::renderer::{RenderError, Renderer};
@@ -78,7 +75,6 @@ pub struct LightState {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 struct LitRows {
     texels: Vec<Vec3>,
-    leaks: LeakReport,
     leak_map: Vec<[u8; 4]>,
 }
 
@@ -102,8 +98,7 @@ pub struct LightBake<'a> {
     view: View,
     /// How far maps are; none once they are as fine as they get.
     refining: Option<f32>,
-    /// Rows of each tile, through all pages.
-    tiles: Vec<Range<u32>>,
+    tiles: Vec<atlas::Tile>,
     tile: Option<Tile>,
     done: LitRows,
     resumed: LightState,
@@ -148,13 +143,7 @@ impl<'a> LightBake<'a> {
         let mut renderer = Renderer::with_texels(gpu, scene, names)?;
         renderer.set_seed(options.seed);
         let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
-        // A row at least, however little memory that is.
-        let tiles = cut(
-            gpu,
-            atlas.size,
-            rows_of(gpu, atlas)?,
-            most_texels.max(atlas.size),
-        )?;
+        let tiles = atlas::tiles(gpu, atlas, most_texels)?;
         // Maps that follow a camera follow one that sees all there is.
         let diagonal = renderer.scene().diagonal();
         let center = scene.bounds().center();
@@ -236,9 +225,8 @@ impl<'a> LightBake<'a> {
     }
 
     fn tiles_done(&self) -> usize {
-        let texels = |rows: &Range<u32>| rows.len() * self.atlas.size as usize;
-        let mut ends = self.tiles.iter().scan(0, |end, rows| {
-            *end += texels(rows);
+        let mut ends = self.tiles.iter().scan(0, |end, tile| {
+            *end += tile.rows.len() * self.atlas.size as usize;
             Some(*end)
         });
         let done = self.done.texels.len();
@@ -247,13 +235,13 @@ impl<'a> LightBake<'a> {
 
     /// Room for the texels of a tile; none when there is no such tile.
     fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, RenderError> {
-        let Some(rows) = self.tiles.get(index) else {
+        let Some(tile) = self.tiles.get(index) else {
             return Ok(None);
         };
         let gpu = &self.gpu;
         let options = AtlasCaptureOptions {
             lobes: self.options.quantity,
-            rows: Some(rows.clone()),
+            rows: Some(tile.captured.clone()),
             ..AtlasCaptureOptions::default()
         };
         let on_gpu = self.renderer.scene();
@@ -285,6 +273,7 @@ impl<'a> LightBake<'a> {
     /// Keeps the light of a tile that has all its samples.
     fn keep(&mut self, tile: &Tile) -> Result<(), RenderError> {
         let gpu = &self.gpu;
+        let mut captured: Vec<Vec3> = Vec::new();
         for (piece, target) in tile.capture.pieces().iter().zip(&tile.targets) {
             let rows = piece.rows.len() as u32;
             let mut frame = Frame::new(gpu, false);
@@ -296,10 +285,17 @@ impl<'a> LightBake<'a> {
             let means = texels
                 .into_iter()
                 .map(|[r, g, b, a]| Vec3::new(r, g, b) / a.max(1.0));
-            self.done.texels.extend(means);
+            captured.extend(means);
         }
-        self.done.leaks += tile.leaks.report(gpu)?;
-        self.done.leak_map.extend(tile.leaks.map(gpu)?);
+        let size = self.atlas.size;
+        let leak_map = tile.leaks.map(gpu)?;
+        let place = &self.tiles[self.tiles_done()];
+        self.done
+            .leak_map
+            .extend_from_slice(place.of(&leak_map, size));
+        self.done
+            .texels
+            .extend_from_slice(place.of(&captured, size));
         Ok(())
     }
 
@@ -330,21 +326,20 @@ impl<'a> LightBake<'a> {
     /// # Errors
     /// [`RenderError::Gpu`] when the state is not of such a bake.
     pub fn resume(&mut self, state: LightState) -> Result<(), RenderError> {
-        let texels = |rows: &Range<u32>| rows.len() * self.atlas.size as usize;
+        let texels = |rows: usize| rows * self.atlas.size as usize;
         self.done = state.done.clone();
         let index = self.tiles_done();
-        let whole: usize = self.tiles[..index].iter().map(texels).sum();
-        let next = self.tiles.get(index).map_or(0, texels);
+        let before = self.tiles[..index].iter();
+        let whole = texels(before.map(|tile| tile.rows.len()).sum());
+        let next = self.tiles.get(index);
+        let next = texels(next.map_or(0, |tile| tile.captured.len()));
         let is_whole = self.done.texels.len() == whole && self.done.leak_map.len() == whole;
         let has_sums = if state.samples == 0 {
             state.sums.is_empty()
         } else {
             state.samples < self.options.samples && state.sums.len() == next
         };
-        let is_finite = |value: &f32| value.is_finite();
-        let are_finite = self.done.texels.iter().all(|texel| texel.is_finite())
-            && state.sums.iter().flatten().all(is_finite);
-        if !(is_whole && has_sums && are_finite) {
+        if !(is_whole && has_sums) {
             return Err(RenderError::Gpu(GpuError::Pass {
                 pass: "bake".into(),
                 reason: "what was saved does not fit this bake".into(),
@@ -363,7 +358,7 @@ impl<'a> LightBake<'a> {
         let page = (self.atlas.size as usize).pow(2);
         LitAtlas {
             pages: self.done.texels.chunks(page).map(<[_]>::to_vec).collect(),
-            leaks: Leaks::new(self.done.leaks, &self.done.leak_map, self.atlas.size),
+            leaks: Leaks::new(&self.done.leak_map, self.atlas.size),
         }
     }
 }

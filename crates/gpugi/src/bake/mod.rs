@@ -11,7 +11,7 @@ mod tests;
 
 use crate::capture::atlas::LeakReport;
 pub use crate::capture::atlas::TexelLobes as Quantity;
-pub use checkpoint::{Checkpoint, CheckpointError};
+pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub(crate) use light::Tile;
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Stage};
 pub use obscurances::ObscuranceBake;
@@ -26,10 +26,10 @@ pub struct Leaks {
 }
 
 impl Leaks {
-    fn new(report: LeakReport, map: &[[u8; 4]], side: u32) -> Self {
+    fn new(map: &[[u8; 4]], side: u32) -> Self {
         let pages = map.chunks((side as usize).pow(2));
         Self {
-            report,
+            report: LeakReport::of_map(map),
             maps: pages.map(<[_]>::to_vec).collect(),
         }
     }

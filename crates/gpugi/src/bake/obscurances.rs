@@ -84,12 +84,7 @@ impl ObscuranceBake {
     /// # Errors
     /// [`GpuError`].
     pub fn leaks(&self) -> Result<Leaks, GpuError> {
-        let report = self.leaks.report(&self.gpu)?;
-        Ok(Leaks::new(
-            report,
-            &self.leaks.map(&self.gpu)?,
-            self.capture.size,
-        ))
+        Ok(Leaks::new(&self.leaks.map(&self.gpu)?, self.capture.size))
     }
 
     /// The pages as they are now. Waits for the GPU.

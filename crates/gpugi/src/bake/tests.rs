@@ -87,37 +87,49 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
     }
 }
 
-/// Little memory takes more tiles, not other light.
+/// Little memory takes more tiles, not other light, nor beside charts that a tile cuts.
 #[test]
 fn tiles_are_of_one_picture() {
     let Some(gpu) = test_gpu() else { return };
     let (scene, atlas) = room();
     let lit = |rows| {
         let mut bake = bake(&gpu, &scene, &atlas, rows);
+        // Lamps' edges of few samples would be noise.
+        bake.renderer()
+            .set("shadow-map", "area-samples", "16")
+            .unwrap();
         take(&mut bake, usize::MAX);
         (bake.tiles(), bake.finish())
     };
     let (one, whole) = lit(u64::MAX / 1_000_000);
     assert_eq!(one, 1);
-    for rows in [u64::from(SIZE), 5] {
+    let halo = u64::from(2 * crate::capture::atlas::HALO);
+    for (rows, at_once) in [(u64::from(SIZE), SIZE), (5 + halo, 5)] {
         let (tiles, parts) = lit(rows);
-        assert_eq!(tiles, (atlas.pages * SIZE).div_ceil(rows as u32) as usize);
+        assert_eq!(tiles, (atlas.pages * SIZE).div_ceil(at_once) as usize);
         assert_eq!(parts.leaks, whole.leaks);
-        let mean = |lit: &LitAtlas| {
-            let texels = lit
-                .pages
-                .iter()
-                .flatten()
-                .zip(lit.leaks.maps.iter().flatten());
-            let good = texels.filter(|(_, state)| state[3] > 0 && state[0] == state[1]);
-            let (sum, count) = good.fold((Vec3::ZERO, 0), |(sum, count), (texel, _)| {
-                (sum + texel, count + 1)
-            });
-            sum / count as f32
+        // Texels of charts, and the empty ones around them, but not those that lie inside things: nobody sees their neighbours' light.
+        let lies_inside = |state: &[u8; 4]| state[0] > state[1];
+        let is_covered = |page: &[[u8; 4]], x: i32, y: i32| {
+            let side = SIZE as i32;
+            let is_inside = (0..side).contains(&x) && (0..side).contains(&y);
+            is_inside && page[(y * side + x) as usize][3] > 0
         };
-        let (here, there) = (mean(&parts), mean(&whole));
-        println!("{rows} rows at a time: {here} instead of {there}");
-        assert!((here - there).abs().max_element() < 0.01 * there.max_element());
+        let mut most: f32 = 0.0;
+        let pages = parts.pages.iter().zip(&whole.pages);
+        for ((part, whole), states) in pages.zip(&whole.leaks.maps) {
+            for (at, (here, there)) in part.iter().zip(whole).enumerate() {
+                let (x, y) = (at as i32 % SIZE as i32, at as i32 / SIZE as i32);
+                let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+                let mut around = around;
+                if !lies_inside(&states[at]) && around.any(|(x, y)| is_covered(states, x, y)) {
+                    let off = (*here - *there).abs().max_element();
+                    most = most.max(off / (there.max_element() + 0.02));
+                }
+            }
+        }
+        println!("{at_once} rows at a time: up to {most} off");
+        assert!(most < 0.15, "{at_once} rows at a time: {most}");
     }
 }
 
@@ -226,8 +238,9 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
         obscurances: None,
         light: Some(LightState::default()),
     };
-    kept.write(&path, "key").unwrap();
-    let read = |key: &str, scene: &Scene| Checkpoint::read(&path, key, scene);
+    let key = |text: &str| CheckpointKey::new(text).unwrap();
+    kept.write(&path, &key("key")).unwrap();
+    let read = |text: &str, scene: &Scene| Checkpoint::read(&path, &key(text), scene);
     assert_eq!(read("key", &scene).unwrap(), kept);
     assert!(matches!(
         read("other", &scene),
@@ -241,7 +254,7 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
     let whole = std::fs::read(&path).unwrap();
     let refused = |what: &str, bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
-        let read = Checkpoint::read(&path, "key", &scene);
+        let read = read("key", &scene);
         assert!(matches!(read, Err(CheckpointError::Damaged(_))), "{what}");
     };
     let places = (0..200).chain((200..whole.len()).step_by(997));

@@ -2,7 +2,7 @@
 
 use gpugi_scene::{AlphaMode, Atlas, Instance, InstanceUvs, Scene};
 
-use super::{AtlasCapture, AtlasCaptureOptions, Dilation, cut, rows_of};
+use super::{AtlasCapture, AtlasCaptureOptions, Dilation, tiles};
 use crate::capture::Target;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
@@ -28,10 +28,9 @@ pub fn alpha(gpu: &Gpu, scene: &Scene, atlas: &Atlas) -> Result<Option<Vec<f32>>
     let shader = shader!("capture.atlas.alpha");
     let kernel = Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout))?;
     let mut image = Vec::new();
-    let most_texels = TEXELS_AT_ONCE.max(atlas.size);
-    for rows in cut(gpu, atlas.size, rows_of(gpu, atlas)?, most_texels)? {
+    for tile in tiles(gpu, atlas, TEXELS_AT_ONCE)? {
         let options = AtlasCaptureOptions {
-            rows: Some(rows),
+            rows: Some(tile.captured.clone()),
             ..AtlasCaptureOptions::default()
         };
         let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, &options)?;
@@ -39,6 +38,7 @@ pub fn alpha(gpu: &Gpu, scene: &Scene, atlas: &Atlas) -> Result<Option<Vec<f32>>
         on_gpu.merge(&mut frame);
         capture.record(&mut frame, &on_gpu)?;
         frame.submit()?;
+        let mut captured = Vec::new();
         for piece in capture.pieces() {
             let target = Target::new(gpu, piece.points.count)?;
             let resources = [
@@ -59,8 +59,9 @@ pub fn alpha(gpu: &Gpu, scene: &Scene, atlas: &Atlas) -> Result<Option<Vec<f32>>
             frame.submit()?;
             let size = target.radiance.size();
             let texels: Vec<[f32; 4]> = read_buffer(gpu, &target.radiance, size)?;
-            image.extend(texels.into_iter().map(|[alpha, ..]| alpha));
+            captured.extend(texels.into_iter().map(|[alpha, ..]| alpha));
         }
+        image.extend_from_slice(tile.of(&captured, atlas.size));
     }
     Ok(Some(image))
 }

@@ -26,7 +26,7 @@ pub(crate) struct LeakSettings {
 }
 
 /// What became of the texels of an atlas.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
 pub struct LeakReport {
     /// Texels that no triangle touches.
     pub empty: u64,
@@ -38,12 +38,25 @@ pub struct LeakReport {
     pub invalid: u64,
 }
 
-impl std::ops::AddAssign for LeakReport {
-    fn add_assign(&mut self, other: Self) {
-        self.empty += other.empty;
-        self.good += other.good;
-        self.moved += other.moved;
-        self.invalid += other.invalid;
+/// What a map shows of a texel, by its state: empty, good, moved, invalid.
+const COLORS: [[u8; 4]; 4] = [
+    [0, 0, 0, 0],
+    [128, 128, 128, 255],
+    [0, 200, 0, 255],
+    [230, 0, 0, 255],
+];
+
+impl LeakReport {
+    /// Of what [`LeakTest::map`] shows.
+    pub fn of_map(map: &[[u8; 4]]) -> Self {
+        let [empty, good, moved, invalid] =
+            COLORS.map(|color| map.iter().filter(|texel| **texel == color).count() as u64);
+        Self {
+            empty,
+            good,
+            moved,
+            invalid,
+        }
     }
 }
 
@@ -168,12 +181,8 @@ impl LeakTest {
         let mut pixels = Vec::new();
         for piece in &self.pieces {
             let states: Vec<u32> = read_buffer(gpu, &piece.states, u64::from(piece.count) * 4)?;
-            pixels.extend(states.into_iter().map(|state| match state {
-                0 => [0, 0, 0, 0],
-                1 => [128, 128, 128, 255],
-                2 => [0, 200, 0, 255],
-                _ => [230, 0, 0, 255],
-            }));
+            let color = |state: u32| COLORS[(state as usize).min(COLORS.len() - 1)];
+            pixels.extend(states.into_iter().map(color));
         }
         Ok(pixels)
     }

@@ -330,7 +330,7 @@ impl AtlasCapture {
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] when nobody could count them.
-pub(crate) fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> {
+fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> {
     let all = u64::from(atlas.pages) * u64::from(atlas.size);
     let end = u32::try_from(all).map_err(|_| GpuError::TooLarge {
         what: "rows of all pages of an atlas".into(),
@@ -341,12 +341,60 @@ pub(crate) fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> 
     Ok(0..end)
 }
 
+/// Rows around those of a tile whose texels its gutters continue.
+pub(crate) const HALO: u32 = 8;
+
+/// Rows that are worked at for themselves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Tile {
+    /// The rows.
+    pub rows: Range<u32>,
+    /// Those that are captured: where a page is cut also some around, whose texels gutters at the cut continue.
+    pub captured: Range<u32>,
+}
+
+impl Tile {
+    /// Of an image of the captured rows, in pages of `size` texels a side, the tile's.
+    pub fn of<'a, T>(&self, image: &'a [T], size: u32) -> &'a [T] {
+        let first = (self.rows.start - self.captured.start) as usize * size as usize;
+        &image[first..][..self.rows.len() * size as usize]
+    }
+}
+
+/// The rows of an atlas in tiles of no more than `most_texels`: whole pages where they fit.
+///
+/// # Errors
+/// [`GpuError::TooLarge`].
+pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Tile>, GpuError> {
+    let all = rows_of(gpu, atlas)?;
+    // A row at least, however few texels that are.
+    let pieces = cut(gpu, atlas.size, all.clone(), most_texels.max(atlas.size))?;
+    let whole = |rows: Range<u32>| Tile {
+        captured: rows.clone(),
+        rows,
+    };
+    let step = pieces.first().map_or(0, |rows| rows.len() as u32);
+    if pieces.len() < 2 || step % atlas.size == 0 {
+        return Ok(pieces.into_iter().map(whole).collect());
+    }
+    let step = step.saturating_sub(2 * HALO).max(1);
+    let firsts = all.clone().step_by(step as usize);
+    let tile = |first: u32| {
+        let rows = first..first.saturating_add(step).min(all.end);
+        Tile {
+            captured: rows.start.saturating_sub(HALO)..rows.end.saturating_add(HALO).min(all.end),
+            rows,
+        }
+    };
+    Ok(firsts.map(tile).collect())
+}
+
 /// The fewest pieces of `rows`, in pages of `size` texels a side, that fit the adapter's buffers and have no more than `most_texels`: whole pages where they
 /// fit, so that no chart is cut.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] when not even a row does.
-pub(crate) fn cut(
+fn cut(
     gpu: &Gpu,
     size: u32,
     rows: Range<u32>,

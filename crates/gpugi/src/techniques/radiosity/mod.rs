@@ -318,8 +318,14 @@ impl Technique for Radiosity {
         if light != Some(saved.refinements_of_light) {
             return Ok(false);
         }
-        if saved.iterates > self.settings.burn_in + self.settings.iterations {
-            return Err(unfit("too many iterates"));
+        // The first frame drops iterates and makes one that counts.
+        let Settings {
+            burn_in,
+            iterations,
+            ..
+        } = self.settings;
+        if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
+            return Err(unfit("another number of iterates"));
         }
         let solution = &mut made.solution;
         if !solution.resume(gpu, &made.kernels, saved.iterates, &saved.light)? {

@@ -6,7 +6,7 @@ use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 
-use super::Radiosity;
+use super::{Radiosity, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
@@ -221,6 +221,26 @@ fn rays_aimed_at_bright_texels_find_them() {
     let [without, aimed] = [error("0"), error("1")];
     println!("error {aimed} instead of {without}");
     assert!(aimed * 2.5 < without, "{aimed} {without}");
+}
+
+#[test]
+fn what_was_not_saved_for_it_is_refused() {
+    let Some(gpu) = test_gpu() else { return };
+    let (_, mut radiosity) = solved(&gpu, &room(), RAYS, 0, u32::MAX);
+    let bytes = radiosity.save(&gpu).unwrap().unwrap();
+    assert_eq!(radiosity.resume(&gpu, &bytes), Ok(true));
+    let mut changed = |change: &dyn Fn(&mut Saved)| {
+        let mut saved: Saved = postcard::from_bytes(&bytes).unwrap();
+        change(&mut saved);
+        radiosity.resume(&gpu, &postcard::to_allocvec(&saved).unwrap())
+    };
+    // 24 are dropped, 16 count.
+    for iterates in [0, 7, 24, 41, u32::MAX] {
+        assert!(changed(&|saved| saved.iterates = iterates).is_err());
+    }
+    assert!(changed(&|saved| saved.light.truncate(8)).is_err());
+    assert_eq!(changed(&|saved| saved.refinements_of_light += 1), Ok(false));
+    assert!(radiosity.resume(&gpu, &bytes[..7]).is_err());
 }
 
 /// Texels in several dispatches, and in several pages.
