@@ -200,6 +200,14 @@ fn a_file_that_cannot_be_replaced_is_named() {
     assert!(names(&output).iter().all(|name| !name.contains("tmp")));
 }
 
+/// What the command says when it succeeds, as it must.
+fn run(arguments: &[&str]) -> String {
+    let output = gpugi(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
 /// What is baked looks as what is lit.
 #[test]
 fn a_baked_scene_looks_as_it_is_lit() {
@@ -208,12 +216,6 @@ fn a_baked_scene_looks_as_it_is_lit() {
     }
     let folder = folder("bake-scene");
     let file = |name: &str| folder.join(name).display().to_string();
-    let run = |arguments: &[&str]| {
-        let output = gpugi(arguments);
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {errors}");
-        String::from_utf8_lossy(&output.stdout).into_owned()
-    };
     let small = ["--set", "shadow-map.area-samples=4"];
     let options = ["--atlas-size", "256", "--samples", "2"];
     let baked = file("emissive.glb");
@@ -388,12 +390,6 @@ fn an_unlit_bake_looks_as_it_is_lit() {
     }
     let folder = folder("bake-unlit");
     let file = |name: &str| folder.join(name).display().to_string();
-    let run = |arguments: &[&str]| {
-        let output = gpugi(arguments);
-        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{arguments:?}: {errors}");
-        String::from_utf8_lossy(&output.stdout).into_owned()
-    };
     let baked = file("unlit.glb");
     let picture = ["--exposure", "-1", "--tone-map", "none"];
     let small = ["--set", "shadow-map.area-samples=4", "--samples", "2"];
@@ -434,6 +430,7 @@ fn unlit_bakes_keep_alpha() {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
     let leaf = scene.add_material(Material {
         base_color_texture: Some(TextureRef::new(0)),

@@ -263,6 +263,7 @@ impl Feed for Texture {
             image,
             wrap,
             nearest,
+            has_levels,
         } = self;
         image.feed(hasher);
         for wrap in wrap {
@@ -274,6 +275,7 @@ impl Feed for Texture {
             plain(hasher, &[mode]);
         }
         nearest.feed(hasher);
+        has_levels.feed(hasher);
     }
 }
 

@@ -23,6 +23,8 @@ pub struct Texture {
     pub wrap: [Wrap; 2],
     /// Magnify without interpolation.
     pub nearest: bool,
+    /// Minify by coarser levels; otherwise texels that lie between those that are looked up are lost, but none from elsewhere is mixed in.
+    pub has_levels: bool,
 }
 
 /// How a material reads a texture.

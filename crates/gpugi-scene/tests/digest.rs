@@ -41,6 +41,7 @@ fn scene() -> Scene {
             image: 0,
             wrap: [Wrap::Repeat; 2],
             nearest: false,
+            has_levels: true,
         };
         2
     ];
@@ -184,6 +185,7 @@ const MATTERS: &[Change] = &[
     ("wrap v", |s| s.textures[0].wrap[1] = Wrap::ClampToEdge),
     ("mirrored", |s| s.textures[0].wrap[0] = Wrap::MirroredRepeat),
     ("nearest", |s| s.textures[0].nearest = true),
+    ("levels", |s| s.textures[0].has_levels = false),
     ("texel", |s| s.images[0].pixels = Pixels::Rgba8(vec![8; 8])),
     ("float texels", |s| {
         s.images[0].pixels = Pixels::Rgba32Float(vec![7.0; 8])

@@ -173,6 +173,7 @@ fn checker(scene: &mut Scene, dark: [u8; 4], light: [u8; 4]) -> TextureRef {
         image: scene.images.len() - 1,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
     TextureRef::new(scene.textures.len() - 1)
 }

@@ -264,12 +264,14 @@ pub fn run(
     print_notes(common, &notes);
     if !common.quiet {
         println!(
-            "{}: {} pages of {}x{} texels, {} samples, {:.2} s on {} ({})",
+            "{}: {} of {}x{} texels, {:.2} s on {} ({})",
             output.display(),
-            atlas.pages,
+            match atlas.pages {
+                1 => "1 page".to_owned(),
+                pages => format!("{pages} pages"),
+            },
             atlas.size,
             atlas.size,
-            options.samples,
             started.elapsed().as_secs_f64(),
             gpu.adapter.name,
             work.times.join(", ")

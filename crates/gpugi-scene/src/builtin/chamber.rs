@@ -85,6 +85,7 @@ fn textured(scene: &mut Scene, name: &str, make: fn(&str, u32) -> Image) -> usiz
         image: scene.images.len() - 1,
         wrap: [Wrap::Repeat; 2],
         nearest: false,
+        has_levels: true,
     });
     let texture = TextureRef::new(scene.textures.len() - 1);
     scene.add_material(Material {

@@ -24,6 +24,7 @@ pub(super) fn build(detail: u32) -> Scene {
         image,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
 
     let mut place = |mesh: Mesh, material: Material, at: Mat4| {

@@ -102,6 +102,7 @@ fn everything() -> Scene {
         image: 0,
         wrap: [Wrap::MirroredRepeat, Wrap::ClampToEdge],
         nearest: true,
+        has_levels: true,
     });
     let plain = TextureRef::new(0);
     let turned = TextureRef {

@@ -174,11 +174,15 @@ fn samplers() {
     );
     let texture = &file.import().textures[0];
     assert_eq!(texture.wrap, [Wrap::ClampToEdge, Wrap::MirroredRepeat]);
-    assert!(texture.nearest);
+    assert!(texture.nearest && texture.has_levels);
     file.json["samplers"][0] = json!({});
     let texture = &file.import().textures[0];
     assert_eq!(texture.wrap, [Wrap::Repeat; 2]);
-    assert!(!texture.nearest);
+    assert!(!texture.nearest && texture.has_levels);
+    for (filter, has_levels) in [(9728, false), (9729, false), (9984, true), (9987, true)] {
+        file.json["samplers"][0] = json!({ "minFilter": filter });
+        assert_eq!(file.import().textures[0].has_levels, has_levels);
+    }
 }
 
 #[test]

@@ -304,19 +304,28 @@ impl<'a> LightBake<'a> {
     /// # Errors
     /// [`RenderError::Gpu`].
     pub fn save(&self) -> Result<LightState, RenderError> {
-        let mut sums = Vec::new();
-        for target in self.tile.iter().flat_map(|tile| &tile.targets) {
-            let radiance = &target.radiance;
-            sums.extend(read_buffer::<[f32; 4]>(
-                &self.gpu,
-                radiance,
-                radiance.size(),
-            )?);
-        }
+        // What another bake saved and this one has not come to yet is still the best there is.
+        let mut maps = self.renderer.save_maps()?;
+        maps.extend(self.resumed.maps.clone());
+        let (samples, sums) = match &self.tile {
+            None => (self.resumed.samples, self.resumed.sums.clone()),
+            Some(tile) => {
+                let mut sums: Vec<[f32; 4]> = Vec::new();
+                for target in &tile.targets {
+                    let radiance = &target.radiance;
+                    sums.extend(read_buffer::<[f32; 4]>(
+                        &self.gpu,
+                        radiance,
+                        radiance.size(),
+                    )?);
+                }
+                (tile.samples, sums)
+            }
+        };
         Ok(LightState {
-            maps: self.renderer.save_maps()?,
+            maps,
             done: self.done.clone(),
-            samples: self.tile.as_ref().map_or(0, |tile| tile.samples),
+            samples,
             sums,
         })
     }

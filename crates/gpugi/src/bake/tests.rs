@@ -79,9 +79,20 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
         drop(stopped);
         let mut other = bake(&gpu, &scene, &atlas, u64::from(SIZE));
         other.resume(state).unwrap();
-        let left = take(&mut other, usize::MAX);
+        let first = take(&mut other, 1);
+        let early = other.save().unwrap();
+        let left = first + take(&mut other, usize::MAX);
         println!("stopped after {stop} of {steps} steps, {left} more");
         assert!(other.finish() == whole, "stopped after {stop}");
+        // Nor may it matter that the other is stopped, too, before it has come to where the first was.
+        let mut again = bake(&gpu, &scene, &atlas, u64::from(SIZE));
+        again.resume(early).unwrap();
+        let twice = take(&mut again, usize::MAX);
+        assert!(again.finish() == whole, "stopped after {stop}, and again");
+        assert!(
+            twice <= left + 1,
+            "stopped after {stop}: {twice}, not {left}"
+        );
         // Work that was done is not done again, but for a frame that finds where texels are.
         assert!(left <= steps - stop + 2, "stopped after {stop}: {left}");
     }

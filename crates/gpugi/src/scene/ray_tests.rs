@@ -390,6 +390,7 @@ fn alpha_decides_what_rays_hit() {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
     let sheet = scene.add_material(Material {
         base_color_texture: Some(TextureRef::new(0)),

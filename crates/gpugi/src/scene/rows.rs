@@ -116,7 +116,8 @@ fn texture_row(
             | u32::from(texture.nearest) << 3
             | wrap(texture.wrap[0]) << 4
             | wrap(texture.wrap[1]) << 6
-            | reference.uv_set.min(1) << 8,
+            | reference.uv_set.min(1) << 8
+            | u32::from(!texture.has_levels) << 9,
         layer: place.layer,
         width: image.width,
         height: image.height,

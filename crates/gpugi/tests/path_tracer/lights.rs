@@ -221,6 +221,7 @@ fn half_a_lamp() -> Scene {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
     let mut mesh = lamp(1.0);
     // u follows x, whatever the mesh had.

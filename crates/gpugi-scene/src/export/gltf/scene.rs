@@ -189,7 +189,8 @@ impl Writer<'_> {
                 Wrap::ClampToEdge => 33_071,
             });
             let filter = if texture.nearest { 9728 } else { 9729 };
-            let sampler = json!({ "magFilter": filter, "minFilter": 9987, "wrapS": wrap[0], "wrapT": wrap[1] });
+            let coarser = if texture.has_levels { 9987 } else { filter };
+            let sampler = json!({ "magFilter": filter, "minFilter": coarser, "wrapS": wrap[0], "wrapT": wrap[1] });
             let sampler = self.output.json.push("samplers", sampler)?;
             let texture = json!({ "sampler": sampler, "source": texture.image });
             self.output.json.push("textures", texture)?;

@@ -166,6 +166,9 @@ impl<'a> Textures<'a> {
                 wrap(sampler.and_then(|sampler| sampler.wrap_t))?,
             ],
             nearest: sampler.is_some_and(|sampler| sampler.mag_filter == Some(9728)),
+            // NEAREST and LINEAR: without.
+            has_levels: !sampler
+                .is_some_and(|sampler| matches!(sampler.min_filter, Some(9728 | 9729))),
             image: self.image(source, &place, scene)?,
         };
         scene.textures.push(texture);

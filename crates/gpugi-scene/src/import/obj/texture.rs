@@ -188,6 +188,7 @@ impl<'a> Textures<'a> {
                 image,
                 wrap: [wrap; 2],
                 nearest: false,
+                has_levels: true,
             });
             scene.textures.len() - 1
         });

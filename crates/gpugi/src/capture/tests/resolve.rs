@@ -161,20 +161,21 @@ fn points_lie_on_the_surface_and_face_the_viewer() {
     }
 }
 
-/// A unit square around the origin that faces +Z, with the given material, and the camera `distance` before or behind it.
+/// A unit square around the origin that faces +Z, with the given material and an image with or without coarser levels, and the camera `distance` before or behind it.
 fn square(
     gpu: &Gpu,
     material: Material,
-    image: Option<Image>,
+    image: Option<(Image, bool)>,
     distance: f32,
 ) -> Vec<(Point, Vec3, Vec3)> {
     let mut scene = Scene::new("square");
-    if let Some(image) = image {
+    if let Some((image, has_levels)) = image {
         scene.images.push(image);
         scene.textures.push(Texture {
             image: 0,
             wrap: [Wrap::Repeat; 2],
             nearest: true,
+            has_levels,
         });
     }
     let mesh = scene.add_mesh(shapes::quad(
@@ -244,7 +245,7 @@ fn an_alpha_mask_cuts_what_its_texture_says() {
         ..Material::matt("mask", Vec3::ONE)
     };
     let image = two_texels([255, 255, 255, 0], [255; 4]);
-    for (point, origin, _) in square(&gpu, material, Some(image), 2.0) {
+    for (point, origin, _) in square(&gpu, material, Some((image, true)), 2.0) {
         let inside = origin.truncate().abs().max_element() < 0.5 && origin.x > 0.0;
         // Along the border between the texels the filter decides.
         if origin.x.abs() > 0.05 && (origin.x.abs() - 0.5).abs() > 0.03 {
@@ -253,11 +254,15 @@ fn an_alpha_mask_cuts_what_its_texture_says() {
     }
 }
 
-/// Texture gradients: sharp texels where a texel covers many pixels, their mean where a pixel covers many texels.
+/// Texture gradients: sharp texels where a texel covers many pixels, their mean where a pixel covers many texels, unless the texture has no coarser levels.
 #[test]
 fn texture_gradients_choose_the_level() {
     let Some(gpu) = test_gpu() else { return };
-    for (repeats, sharp) in [(2.0, true), (200.0, false)] {
+    for (repeats, has_levels, sharp) in [
+        (2.0, true, true),
+        (200.0, true, false),
+        (200.0, false, true),
+    ] {
         let material = Material {
             base_color_texture: Some(TextureRef {
                 uv_from_mesh: glam::Affine2::from_scale(Vec2::splat(repeats)),
@@ -267,7 +272,7 @@ fn texture_gradients_choose_the_level() {
         };
         let image = two_texels([0, 0, 0, 255], [255; 4]);
         let (mut dark, mut bright, mut hits) = (0, 0, 0);
-        for (point, origin, _) in square(&gpu, material, Some(image), 2.0) {
+        for (point, origin, _) in square(&gpu, material, Some((image, has_levels)), 2.0) {
             if point.instance == NONE {
                 continue;
             }

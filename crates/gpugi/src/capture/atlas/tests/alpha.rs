@@ -20,6 +20,7 @@ fn two_alphas(alpha_mode: AlphaMode) -> Scene {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
         nearest: true,
+        has_levels: true,
     });
     let square = Mesh {
         positions: [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
