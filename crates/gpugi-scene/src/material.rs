@@ -217,4 +217,15 @@ impl Material {
             ..Self::matt(name, Vec3::ZERO)
         }
     }
+
+    /// Whether it reflects diffusely anywhere, be it black: neither metal all over nor what all light that enters it passes through.
+    pub fn has_diffuse(&self) -> bool {
+        let is_metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
+        let is_glass = self.transmission >= 1.0 && self.transmission_texture.is_none();
+        match self.model {
+            MaterialModel::MetallicRoughness => !is_metal && !is_glass,
+            MaterialModel::Phong { .. } => !is_glass,
+            MaterialModel::Conductor { .. } => false,
+        }
+    }
 }

@@ -182,13 +182,9 @@ pub fn run(
     }
     work.timed("unwrapping");
     let mut atlas = work.done.atlas.clone();
-    if options.bake_mode == Mode::Emissive {
-        // Eight bits for a lamp and its light would leave few to the light: what shines goes on shining as it did.
-        for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
-            if scene.materials[instance.material].emissive != Vec3::ZERO {
-                *place = None;
-            }
-        }
+    let lights = Lights::new(&gpu, &scene, techniques, &options.include)?;
+    if !lights.names.is_empty() {
+        leave_out(&scene, &mut atlas, options.bake_mode, options.lobes);
     }
     let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
         .iter()
@@ -205,7 +201,6 @@ pub fn run(
     } else if let Some(setting) = of_factor.first() {
         return Err(Usage(format!("--set {setting}: {FACTOR} is not in use")).into());
     }
-    let lights = Lights::new(&gpu, &scene, techniques, &options.include)?;
     if !lights.names.is_empty() {
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
         let light_options = LightOptions {
@@ -303,6 +298,26 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
         }
         error => error.into(),
     })
+}
+
+/// Takes those instances from an atlas that keep their materials.
+fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
+    for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
+        let material = &scene.materials[instance.material];
+        let shines = material.emissive != Vec3::ZERO;
+        let keeps = match mode {
+            // Eight bits for a lamp and its light would leave few to the light: what shines goes on shining as it did.
+            Mode::Emissive if shines => true,
+            // Black would be all that is left of mirrors and glass.
+            Mode::Unlit | Mode::Emissive => {
+                lobes == Lobes::Diffuse && !shines && !material.has_diffuse()
+            }
+            Mode::Lightmap => false,
+        };
+        if keeps {
+            *place = None;
+        }
+    }
 }
 
 /// Writes where texels lie inside something: `leaks-PAGE.png`, grey good, green moved out, red invalid.
@@ -489,6 +504,27 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lamps_mirrors_and_glass_keep_their_materials() {
+        let scene = gpugi_scene::builtin::builtin("glass-room", 1).expect("a scene");
+        let whole = Atlas::new(&scene, &AtlasOptions::default()).expect("an atlas");
+        let left_out = |mode, lobes| {
+            let mut atlas = whole.clone();
+            leave_out(&scene, &mut atlas, mode, lobes);
+            let places = scene.instances.iter().zip(&atlas.instances);
+            let out = places.filter(|(_, place)| place.is_none());
+            out.map(|(instance, _)| instance.name.clone())
+                .collect::<Vec<_>>()
+        };
+        let [unlit, emissive] =
+            [Mode::Unlit, Mode::Emissive].map(|mode| left_out(mode, Lobes::Diffuse));
+        println!("{unlit:?} {emissive:?}");
+        assert!(unlit.iter().any(|name| name.contains("teapot")) && unlit.len() >= 3);
+        assert!(unlit.len() < emissive.len() && emissive.len() < scene.instances.len());
+        assert!(left_out(Mode::Unlit, Lobes::All).is_empty());
+        assert!(left_out(Mode::Lightmap, Lobes::Diffuse).is_empty());
+    }
 
     #[test]
     fn pages_have_one_exposure() {
