@@ -74,7 +74,6 @@ struct Piece {
     /// Bind group 1 of each dispatch, and its texels.
     dispatches: Vec<(wgpu::BindGroup, u32)>,
     states: wgpu::Buffer,
-    counts: wgpu::Buffer,
     count: u32,
 }
 
@@ -90,7 +89,6 @@ impl LeakTest {
             let count = piece.points.count;
             let storage = wgpu::BufferUsages::STORAGE;
             let states = gpu.buffer("states of texels [bytes]", u64::from(count) * 4, storage)?;
-            let counts = gpu.buffer("leak counts", 16, storage)?;
             let dispatch = |first: u32| {
                 let end = first.saturating_add(TEXELS_AT_ONCE).min(count);
                 let settings = LeakSettings {
@@ -106,7 +104,6 @@ impl LeakTest {
                     ("settings", settings.as_entire_binding()),
                     ("points", piece.points.points.as_entire_binding()),
                     ("states", states.as_entire_binding()),
-                    ("counts", counts.as_entire_binding()),
                 ];
                 Ok((kernel.bind(gpu, 1, &resources)?, end - first))
             };
@@ -114,7 +111,6 @@ impl LeakTest {
             Ok(Piece {
                 dispatches: firsts.map(dispatch).collect::<Result<_, GpuError>>()?,
                 states,
-                counts,
                 count,
             })
         };
@@ -137,7 +133,6 @@ impl LeakTest {
         }
         self.tested = capture.number;
         for piece in &self.pieces {
-            frame.clear(&piece.counts);
             frame.compute("capture.atlas.leaks", |pass| {
                 for (group, count) in &piece.dispatches {
                     let groups = [(0, &rays.bind_group), (1, group)];
@@ -152,20 +147,7 @@ impl LeakTest {
     /// # Errors
     /// [`GpuError`].
     pub fn report(&self, gpu: &Gpu) -> Result<LeakReport, GpuError> {
-        let mut sums = [0_u64; 4];
-        for piece in &self.pieces {
-            let counts: Vec<u32> = read_buffer(gpu, &piece.counts, 16)?;
-            for (sum, count) in sums.iter_mut().zip(counts) {
-                *sum += u64::from(count);
-            }
-        }
-        let [empty, good, moved, invalid] = sums;
-        Ok(LeakReport {
-            empty,
-            good,
-            moved,
-            invalid,
-        })
+        Ok(LeakReport::of_map(&self.map(gpu)?))
     }
 
     /// What became of the texels of each piece, a number of 32 bits each: 0 empty, 1 good, 2 moved, 3 invalid.
