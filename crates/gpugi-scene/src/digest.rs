@@ -3,6 +3,8 @@
 //!
 //! Structs are taken apart field by field, so that a new field does not compile before somebody decides whether it counts.
 
+use std::sync::Arc;
+
 use blake3::Hasher;
 use bytemuck::NoUninit;
 use glam::{Affine2, Mat4};
@@ -112,6 +114,12 @@ impl<T: Feed> Feed for Option<T> {
         if let Some(value) = self {
             value.feed(hasher);
         }
+    }
+}
+
+impl<T: Feed> Feed for Arc<T> {
+    fn feed(&self, hasher: &mut Hasher) {
+        T::feed(self, hasher);
     }
 }
 

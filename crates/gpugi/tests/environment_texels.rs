@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::f32::consts::PI;
 
 use common::{Picture, floor, from_above, gpu, picture, place};
@@ -20,12 +22,12 @@ const SETS: [&[&str]; 2] = [
 fn environment([width, height]: [u32; 2], texels: Vec<Vec3>) -> Environment {
     let values = texels.iter().flat_map(|texel| texel.extend(1.0).to_array());
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".into(),
             width,
             height,
             pixels: Pixels::Rgba32Float(values.collect()),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

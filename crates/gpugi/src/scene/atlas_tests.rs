@@ -83,7 +83,7 @@ fn techniques_share_an_atlas_until_meshes_change() {
     render(&mut renderer);
     assert!(kept.strong_count() > 0);
     let others: [fn(&mut Scene); 3] = [
-        |scene| scene.meshes[1].positions[0] *= 1.1,
+        |scene| Arc::make_mut(&mut scene.meshes[1]).positions[0] *= 1.1,
         |scene| scene.instances[1].mesh = 0,
         |scene| scene.instances.truncate(1),
     ];

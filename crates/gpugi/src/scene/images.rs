@@ -56,7 +56,7 @@ impl ImageArrays {
                     });
                 }
                 let images: Vec<&Image> =
-                    members.iter().map(|&image| &scene.images[image]).collect();
+                    members.iter().map(|&image| &*scene.images[image]).collect();
                 bytes += u64::from(size) * u64::from(size) * 16 / 3 * images.len() as u64;
                 views.push(upload(gpu, &images, size, format)?);
             }

@@ -1,5 +1,7 @@
 //! Rays in the shader against the CPU twin and against every triangle of the scene.
 
+use std::sync::Arc;
+
 use glam::{DVec2, Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::bvh::traverse::{Ray, closest_hit};
 use gpugi_scene::bvh::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, STACK_SIZE, TRIANGLE_ROWS};
@@ -380,12 +382,12 @@ fn alpha_decides_what_rays_hit() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = Scene::new("alpha");
     // Alpha: left half 0.25, right half 0.75.
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: String::new(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![255, 255, 255, 64, 255, 255, 255, 191]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
@@ -486,7 +488,7 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     // Another mesh: everything is built again.
     let before = scene.clone();
     scene.add_instance("", mesh, material, Mat4::IDENTITY);
-    for position in &mut scene.meshes[mesh].positions {
+    for position in &mut Arc::make_mut(&mut scene.meshes[mesh]).positions {
         position.z = -1.0;
     }
     uploaded.update(&gpu, &before, &scene).unwrap();

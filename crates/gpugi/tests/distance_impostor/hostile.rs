@@ -1,5 +1,7 @@
 //! Scenes in which nothing right can be shown: pictures stay finite and sensible, settings that cannot work are refused.
 
+use std::sync::Arc;
+
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::{RenderError, Renderer};
@@ -46,12 +48,12 @@ fn brightness(picture: &Picture, instance: usize) -> f32 {
 
 fn white_sky() -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "white".into(),
             width: 1,
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

@@ -1,5 +1,7 @@
 //! Maps that are kept while things move, and renewed face by face: pictures as of a renderer that is made anew.
 
+use std::sync::Arc;
+
 use glam::{EulerRot, Mat4, Quat, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
@@ -18,12 +20,12 @@ fn camera() -> Camera {
 /// An environment of one radiance.
 fn sky(radiance: f32) -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "sky".into(),
             width: 1,
             height: 1,
             pixels: Pixels::Rgba32Float(vec![radiance; 4]),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

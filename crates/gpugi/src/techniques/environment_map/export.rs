@@ -1,6 +1,8 @@
 //! The environment's maps for other programs: cube maps in KTX2's axes, and what their numbers mean. docs/techniques/environment-map.md,
 //! "Export".
 
+use std::sync::Arc;
+
 use gpugi_scene::image::HalfTexture;
 use gpugi_scene::{Environment, Image, Scene};
 use half::f16;
@@ -87,7 +89,7 @@ const COSINE_FACTORS: [f32; 9] = {
 ///
 /// # Errors
 /// [`GpuError`].
-pub fn bake(gpu: &Gpu, image: &Image, settings: &Settings) -> Result<Baked, GpuError> {
+pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked, GpuError> {
     let mut scene = Scene::new(&image.name);
     scene.environment = Some(Environment {
         image: image.clone(),

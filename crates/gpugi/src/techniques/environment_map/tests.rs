@@ -1,5 +1,7 @@
 //! The environment's maps against sums over its texels in double precision.
 
+use std::sync::Arc;
+
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2};
@@ -18,7 +20,7 @@ use crate::testing::{Random, on_face, run_kernel, test_gpu};
 /// A map of `width` x `height` texels.
 fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32) -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".into(),
             width: width as u32,
             height: height as u32,
@@ -30,7 +32,7 @@ fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32)
                     })
                     .collect(),
             ),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

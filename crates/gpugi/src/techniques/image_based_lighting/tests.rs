@@ -2,6 +2,8 @@
 
 mod stability;
 
+use std::sync::Arc;
+
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
 
@@ -28,12 +30,12 @@ fn sky([width, height]: [u32; 2], texel: impl Fn(u32, u32) -> Vec3) -> Scene {
     });
     let mut scene = Scene::new("sky");
     scene.environment = Some(Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "sky".into(),
             width,
             height,
             pixels: Pixels::Rgba32Float(texels.collect()),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     });
@@ -356,7 +358,7 @@ fn samples_follow_a_changing_sky() {
     let before = sunny(size);
     let mut after = before.clone();
     if let Some(environment) = &mut after.environment
-        && let Pixels::Rgba32Float(texels) = &mut environment.image.pixels
+        && let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut environment.image).pixels
     {
         // A cloud: a twentieth of the light less over a part of the sky.
         for (index, texel) in texels.chunks_exact_mut(4).enumerate() {

@@ -1,6 +1,8 @@
 //! How far samples and pictures jump from frame to frame while the sky turns: by its rotation, and texel by texel, warm and cold. The figures of
 //! docs/techniques/image-based-lighting.md: `cargo test --package gpugi --lib stability -- --nocapture`.
 
+use std::sync::Arc;
+
 use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
@@ -27,7 +29,7 @@ enum Turn {
 fn turned(sky: &Scene, texels: usize) -> Scene {
     let mut scene = sky.clone();
     if let Some(environment) = &mut scene.environment
-        && let Pixels::Rgba32Float(values) = &mut environment.image.pixels
+        && let Pixels::Rgba32Float(values) = &mut Arc::make_mut(&mut environment.image).pixels
     {
         for row in values.chunks_exact_mut(COLUMNS * 4) {
             row.rotate_right(texels * 4);
