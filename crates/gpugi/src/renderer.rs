@@ -12,7 +12,7 @@ use crate::display::{Display, DisplaySettings};
 use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::{Claims, GpuScene, check_environment};
+use crate::scene::{Claims, Edit, GpuScene, check_environment};
 use crate::techniques::{Info, Lit, Map, REGISTRY, SettingError, Technique};
 
 /// A renderer that cannot do what it was asked.
@@ -287,15 +287,29 @@ impl Renderer {
         &self.scene
     }
 
-    /// Follows changes of the scene; accumulation begins anew.
+    /// Follows the scene to what it is in `after` ([`GpuScene::update`]); accumulation begins anew.
     ///
     /// # Errors
     /// [`RenderError::Scene`], [`RenderError::Gpu`].
-    pub fn update(&mut self, before: &Scene, after: &Scene) -> Result<(), RenderError> {
+    pub fn update(&mut self, after: &Scene) -> Result<(), RenderError> {
         check_environment(after.environment.as_ref())?;
         self.samples = 0;
-        self.scene.update(&self.gpu, before, after)?;
+        self.scene.update(&self.gpu, after)?;
         self.assign();
+        Ok(())
+    }
+
+    /// Changes a few things of the scene ([`GpuScene::edit`]); accumulation begins anew.
+    ///
+    /// # Errors
+    /// [`RenderError::Scene`], after which everything is as before; [`RenderError::Gpu`].
+    pub fn edit(&mut self, edits: &[Edit]) -> Result<(), RenderError> {
+        let objects = self.scene.versions.objects;
+        self.scene.edit(&self.gpu, edits)?;
+        self.samples = 0;
+        if self.scene.versions.objects != objects {
+            self.assign();
+        }
         Ok(())
     }
 

@@ -175,7 +175,7 @@ fn numbers_that_are_no_intensity_or_angle_are_refused() {
             assert!(what.contains(part), "{what}");
         }
         let mut renderer = renderer(&gpu, &before, SETS[1]).expect("a renderer");
-        let refused = renderer.update(&before, &scene);
+        let refused = renderer.update(&scene);
         assert!(matches!(refused, Err(RenderError::Scene { .. })), "{part}");
     }
     let dark = Environment {

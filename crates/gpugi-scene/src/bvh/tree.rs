@@ -7,6 +7,7 @@ use super::binary;
 use crate::Bounds;
 
 /// An eight-wide tree. Boxes of nodes are encoded elsewhere.
+#[derive(Debug, Clone)]
 pub(super) struct Tree {
     /// Of obvhs' nodes only the topology counts: which slots are filled, by what. Children follow their parents.
     pub nodes: Vec<CwBvhNode>,

@@ -21,6 +21,7 @@ pub use shader::{BindingKind, Shader, all_shaders};
 pub use wgpu::{PollType, TextureAspect};
 
 use std::borrow::Cow;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Mesa's software adapter compiles a copy of a shader for the values in its uniform buffers that decide branches, whenever these change, and forgets
@@ -40,6 +41,7 @@ pub struct Gpu {
     pub has_timestamps: bool,
     /// Whether shaders read uniform buffers as storage.
     uniforms_are_storage: bool,
+    uploaded: Arc<AtomicU64>,
     lost: Arc<Mutex<Option<String>>>,
 }
 
@@ -106,6 +108,7 @@ impl Gpu {
             adapter: summary,
             has_timestamps,
             uniforms_are_storage,
+            uploaded: Arc::default(),
             lost,
         })
     }
@@ -208,13 +211,47 @@ impl Gpu {
         let buffer = self.buffer(label, bytes.len() as u64, usage)?;
         // Writes are whole words; the buffer has room for the last one.
         let (whole, rest) = bytes.split_at(bytes.len() & !3);
-        self.queue.write_buffer(&buffer, 0, whole);
+        self.write(&buffer, 0, whole);
         if !rest.is_empty() {
             let mut word = [0; 4];
             word[..rest.len()].copy_from_slice(rest);
-            self.queue.write_buffer(&buffer, whole.len() as u64, &word);
+            self.write(&buffer, whole.len() as u64, &word);
         }
         Ok(buffer)
+    }
+
+    /// Writes `data` into a buffer from the byte `offset` on, and counts it.
+    pub fn write<T: bytemuck::NoUninit>(&self, buffer: &wgpu::Buffer, offset: u64, data: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        self.queue.write_buffer(buffer, offset, bytes);
+        self.count_uploaded(bytes);
+    }
+
+    /// Writes the texels of a region of `size` of a texture, in rows of `bytes_per_row`, and counts them.
+    pub(crate) fn write_texture(
+        &self,
+        region: wgpu::TexelCopyTextureInfo<'_>,
+        texels: &[u8],
+        bytes_per_row: u32,
+        size: wgpu::Extent3d,
+    ) {
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(bytes_per_row),
+            rows_per_image: None,
+        };
+        self.queue.write_texture(region, texels, layout, size);
+        self.count_uploaded(texels);
+    }
+
+    fn count_uploaded(&self, bytes: &[u8]) {
+        self.uploaded
+            .fetch_add(bytes.len() as u64, Ordering::Relaxed);
+    }
+
+    /// Bytes that were uploaded to this device so far: of scenes and of buffers made with their contents.
+    pub fn uploaded_bytes(&self) -> u64 {
+        self.uploaded.load(Ordering::Relaxed)
     }
 
     /// A storage buffer that holds `data`.

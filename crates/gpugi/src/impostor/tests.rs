@@ -110,9 +110,8 @@ impl<'a> Watched<'a> {
     }
 
     fn after(&mut self, change: impl FnOnce(&mut Scene)) -> Done {
-        let before = self.scene.clone();
         change(&mut self.scene);
-        self.on_gpu.update(self.gpu, &before, &self.scene).unwrap();
+        self.on_gpu.update(self.gpu, &self.scene).unwrap();
         self.frame()
     }
 

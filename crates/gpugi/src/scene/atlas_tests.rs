@@ -59,9 +59,8 @@ fn techniques_share_an_atlas_until_meshes_change() {
     let mut scene = block_on_floor();
     let mut renderer = renderer(&gpu, &scene);
     let mut follow = |renderer: &mut Renderer, change: fn(&mut Scene)| {
-        let before = scene.clone();
         change(&mut scene);
-        renderer.update(&before, &scene).unwrap();
+        renderer.update(&scene).unwrap();
         render(renderer);
     };
     assert_eq!(techniques(&gpu, &renderer), 2);

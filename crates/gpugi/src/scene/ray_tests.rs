@@ -17,10 +17,10 @@ use crate::testing::{Random, constant, test_gpu};
 /// What testing/rays.wesl writes for a ray.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Found {
-    t: f32,
-    instance: u32,
-    primitive: u32,
+pub(super) struct Found {
+    pub t: f32,
+    pub instance: u32,
+    pub primitive: u32,
     padding_0: u32,
     barycentrics: [f32; 2],
     any: u32,
@@ -28,7 +28,7 @@ struct Found {
 }
 
 /// Traces rays on the GPU.
-fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
+pub(super) fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
     let packed: Vec<[f32; 8]> = rays
         .iter()
         .map(|ray| {
@@ -117,7 +117,7 @@ fn check(gpu: &Gpu, scene: &Scene, rays: &[Ray]) -> usize {
     let rows: Vec<Row> = read_buffer(gpu, &hierarchy.buffer, hierarchy.buffer.size()).unwrap();
     let mut hits = 0;
     for (ray, found) in rays.iter().zip(found) {
-        let twin = closest_hit(&rows, hierarchy.start, ray, |_, _, _| true);
+        let twin = closest_hit(&rows, hierarchy.start(), ray, |_, _, _| true);
         assert!(twin.stack <= STACK_SIZE as usize);
         let t = f64::from(found.t);
         match twin.hit {
@@ -452,9 +452,8 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     let buffer = |scene: &GpuScene| scene.rays.as_ref().unwrap().buffer.clone();
     let first = buffer(&uploaded);
 
-    let before = scene.clone();
     scene.instances[0].world_from_mesh = Mat4::from_translation(Vec3::new(0.0, 0.0, 0.5));
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert_eq!(buffer(&uploaded), first, "meshes were built again");
     assert!(
         trace(&gpu, &uploaded, &rays)
@@ -463,12 +462,11 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     );
 
     // More instances than there was room for.
-    let before = scene.clone();
     for index in 0..40 {
         let place = Mat4::from_translation(Vec3::new(0.0, 0.0, 0.75 - index as f32));
         scene.add_instance("", mesh, material, place);
     }
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     let found = trace(&gpu, &uploaded, &rays);
     assert!(
         found
@@ -476,9 +474,8 @@ fn instances_move_come_and_go_under_the_same_meshes() {
             .all(|found| (found.t, found.instance) == (0.25, 1))
     );
 
-    let before = scene.clone();
     scene.instances.clear();
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert!(
         trace(&gpu, &uploaded, &rays)
             .iter()
@@ -486,12 +483,11 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     );
 
     // Another mesh: everything is built again.
-    let before = scene.clone();
     scene.add_instance("", mesh, material, Mat4::IDENTITY);
     for position in &mut Arc::make_mut(&mut scene.meshes[mesh]).positions {
         position.z = -1.0;
     }
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert!(
         trace(&gpu, &uploaded, &rays)
             .iter()

@@ -94,10 +94,9 @@ fn impossible_places_stay_finite() {
             (Vec3::ZERO, Vec3::ZERO),
             (Vec3::splat(1e-7), Vec3::ZERO),
         ] {
-            let before = scene.clone();
             scene.instances.last_mut().expect("a ball").world_from_mesh =
                 Mat4::from_translation(at) * Mat4::from_scale(scale);
-            renderer.update(&before, &scene).expect("an update");
+            renderer.update(&scene).expect("an update");
             seen_by(&gpu, &mut renderer, &scene.name, &toward(at));
         }
     }
@@ -241,7 +240,7 @@ fn changes_of_the_scene_are_followed() {
     let mut kept = renderer(&gpu, &steps[0], &[]);
     let mut before = picture(&gpu, &mut kept, &camera);
     for (number, pair) in steps.windows(2).enumerate() {
-        kept.update(&pair[0], &pair[1]).expect("an update");
+        kept.update(&pair[1]).expect("an update");
         let found = picture(&gpu, &mut kept, &camera);
         let fresh = seen(&gpu, &pair[1], &camera, &[]);
         let worst = |other: &Picture| {

@@ -32,8 +32,8 @@ fn sky(radiance: f32) -> Environment {
 }
 
 /// The picture after a change.
-fn after(gpu: &Gpu, renderer: &mut Renderer, before: &Scene, scene: &Scene) -> Picture {
-    renderer.update(before, scene).expect("an update");
+fn after(gpu: &Gpu, renderer: &mut Renderer, scene: &Scene) -> Picture {
+    renderer.update(scene).expect("an update");
     picture(gpu, renderer, &camera())
 }
 
@@ -55,11 +55,10 @@ fn glass_that_turns_is_as_if_captured_anew() {
         ("a quarter about z", 0.0, 0.0, quarter, 1e-5),
         ("turned", 0.4, -0.9, 0.3, 1e-4),
     ] {
-        let old = scene.clone();
         let turn = Quat::from_euler(EulerRot::XYZ, x, y, z);
         scene.instances[index].world_from_mesh =
             Mat4::from_rotation_translation(turn, vec3(0.2, -0.1, 0.1)) * flat;
-        let found = after(&gpu, &mut kept, &old, &scene);
+        let found = after(&gpu, &mut kept, &scene);
         let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[]), &camera());
         let mse = rel_mse(&found.radiance, &fresh.radiance);
         let change = rel_mse(&before.radiance, &fresh.radiance);
@@ -96,12 +95,11 @@ fn faces_in_turn_end_in_the_same_picture() {
         assert_eq!(scene.instances[block].material, matt);
         let mut in_turn = renderer(&gpu, &scene, &[("faces-per-frame", "2"), layers]);
         let before = picture(&gpu, &mut in_turn, &camera());
-        let old = scene.clone();
         scene.instances[block].world_from_mesh = Mat4::from_translation(vec3(0.6, -0.5, 1.0));
         scene.lights[0].intensity *= 0.7;
         let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[layers]), &camera());
         let off = |one: &Picture| rel_mse(&one.radiance, &fresh.radiance);
-        let mut found = after(&gpu, &mut in_turn, &old, &scene);
+        let mut found = after(&gpu, &mut in_turn, &scene);
         let [start, first] = [&before, &found].map(off);
         // Twice, because they show each other.
         for _ in 1..6 {
@@ -145,11 +143,10 @@ fn faces_in_turn_are_lit_by_all_techniques() {
     for renderer in [&mut in_turn, &mut at_once] {
         picture(&gpu, renderer, &camera());
     }
-    let old = scene.clone();
     scene.environment = Some(sky(0.3));
-    let expected = after(&gpu, &mut at_once, &old, &scene);
+    let expected = after(&gpu, &mut at_once, &scene);
     let off = |one: &Picture| rel_mse(&one.radiance, &expected.radiance);
-    let first = off(&after(&gpu, &mut in_turn, &old, &scene));
+    let first = off(&after(&gpu, &mut in_turn, &scene));
     let end = off(&picture(&gpu, &mut in_turn, &camera()));
     println!("after the first turn rel-mse {first:.1e}, at last {end:.1e}");
     assert!(first > 1e-3 && end < 1e-9, "{first}, {end}");

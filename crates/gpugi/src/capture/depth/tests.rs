@@ -226,7 +226,7 @@ mod simplified {
             instance.world_from_mesh =
                 glam::Mat4::from_translation(Vec3::new(0.0, 5.0, 0.0)) * instance.world_from_mesh;
         }
-        scene.update(&gpu, &before, &after).unwrap();
+        scene.update(&gpu, &after).unwrap();
         merge(&mut scene);
         let moved = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(quarter)).unwrap();
         assert_eq!(*moved.casters(&scene).indices, indices);
@@ -235,7 +235,7 @@ mod simplified {
         assert!(differs && off < 0.02, "{off}");
         // Other meshes are.
         let other = builtin("spheres", 2).unwrap();
-        scene.update(&gpu, &after, &other).unwrap();
+        scene.update(&gpu, &other).unwrap();
         merge(&mut scene);
         let new = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(moved)).unwrap();
         assert_ne!(*new.casters(&scene).indices, indices);

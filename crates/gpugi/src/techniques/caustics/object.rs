@@ -225,7 +225,10 @@ impl Caustic {
             capture.record(frame, scene, &light.view, |draw| {
                 if draw.instance == self.wanted.instance {
                     scene.whole_class(draw)
-                } else if scene.claims[draw.instance as usize].contains(Claims::SHADOW) {
+                } else if scene
+                    .claims(draw.instance as usize)
+                    .contains(Claims::SHADOW)
+                {
                     // What passes through that is its own caustic.
                     scene.whole_class(draw).from_both_sides()
                 } else {

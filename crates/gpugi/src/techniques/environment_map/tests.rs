@@ -531,11 +531,11 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let mut turned = before.clone();
     turned.environment.as_mut().unwrap().rotation = 1.0;
     turned.environment.as_mut().unwrap().intensity = 2.0;
-    scene.update(&gpu, &before, &turned).unwrap();
+    scene.update(&gpu, &turned).unwrap();
     assert_eq!(passes(&mut technique, &scene), 0);
     let mut other = turned.clone();
     other.environment = Some(sunny(1, 1));
-    scene.update(&gpu, &turned, &other).unwrap();
+    scene.update(&gpu, &other).unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);
     technique.set("resolution", "16").unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);

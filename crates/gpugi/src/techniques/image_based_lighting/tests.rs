@@ -374,7 +374,7 @@ fn samples_follow_a_changing_sky() {
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
     let mut made = Decomposition::new(&gpu, &scene).unwrap();
     let first = decompose(&gpu, &mut made, &scene, &settings);
-    scene.update(&gpu, &before, &after).unwrap();
+    scene.update(&gpu, &after).unwrap();
     let second = decompose(&gpu, &mut made, &scene, &settings);
     let (fresh, ..) = domains(&gpu, &after, &settings);
     let jump = |other: &[Domain]| {
@@ -410,7 +410,7 @@ fn a_turned_sky_keeps_its_domains() {
         directions
     };
     let first = directions(&mut technique, &scene);
-    scene.update(&gpu, &before, &after).unwrap();
+    scene.update(&gpu, &after).unwrap();
     let second = directions(&mut technique, &scene);
     assert_eq!(first.len(), second.len());
     let turn = Mat3::from_rotation_y(0.02);

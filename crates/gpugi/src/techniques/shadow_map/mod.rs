@@ -249,7 +249,12 @@ impl Technique for ShadowMap {
             LightKind::Point => false,
         });
         let made = Made {
-            versions: scene.versions,
+            // The environment casts no shadow here.
+            versions: Versions {
+                sky: 0,
+                environment: 0,
+                ..scene.versions
+            },
             settings: self.settings.clone(),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };

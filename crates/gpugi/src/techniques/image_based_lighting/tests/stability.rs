@@ -46,7 +46,6 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
     let mut technique = ImageBasedLighting::new(gpu, &scene).unwrap();
     technique.settings = settings.clone();
     let mut sight = Sight::new(gpu, &scene);
-    let mut before = sky.clone();
     let mut seen = |frame: usize| {
         let mut after = turned(sky, if turn == Turn::Rotation { 0 } else { frame });
         let environment = after.environment.as_mut().unwrap();
@@ -54,8 +53,7 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
             // Eastward is from -Z to +X, against a rotation about +Y.
             environment.rotation = -TAU * frame as f32 / COLUMNS as f32;
         }
-        scene.update(gpu, &before, &after).unwrap();
-        before = after;
+        scene.update(gpu, &after).unwrap();
         if turn == Turn::Cold {
             technique.decomposition = Decomposition::new(gpu, &scene).unwrap();
         }
