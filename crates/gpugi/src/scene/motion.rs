@@ -1,4 +1,5 @@
-//! Instances that move and change in nothing else: a few words of the tables, no upload of the rest.
+//! Instances that only move: their rows in the tables and what depends on their places are updated, and the rest of the
+//! scene is not uploaded again.
 
 use std::mem::offset_of;
 
@@ -13,20 +14,21 @@ use crate::gpu::Gpu;
 /// Where an instance is, and since when.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// World space from the mesh's own.
+    /// World space from mesh space.
     pub world_from_mesh: Mat4,
-    /// [`super::Versions::geometry`] since which it is there, with the same mesh.
+    /// [`super::Versions::geometry`] since which the instance is there, with the same mesh.
     pub moved: u64,
-    /// [`super::Versions::geometry`] since which it has the same mesh.
+    /// [`super::Versions::geometry`] since which the instance has the same mesh.
     pub bent: u64,
 }
 
-/// Where instances are when a scene begins.
+/// Placements of the instances of a new scene.
 pub(super) fn placements(scene: &Scene) -> Vec<Placement> {
     moved(Vec::new(), scene, &[], 1)
 }
 
-/// Where instances are in `scene`, at `version` of its geometry: `before` has what they were, `same_meshes` says which meshes are as before.
+/// Placements of the instances of `scene` at `version` of its geometry. `before`: their previous placements;
+/// `same_meshes`: which meshes are unchanged.
 pub(super) fn moved(
     before: Vec<Placement>,
     scene: &Scene,
@@ -47,7 +49,7 @@ pub(super) fn moved(
     placements.collect()
 }
 
-/// Which meshes of `after` are as in `before`.
+/// Which meshes of `after` are the same as in `before`.
 pub(super) fn same_meshes(before: &Scene, after: &Scene) -> Vec<bool> {
     let meshes = after.meshes.iter().enumerate();
     meshes
@@ -56,10 +58,12 @@ pub(super) fn same_meshes(before: &Scene, after: &Scene) -> Vec<bool> {
 }
 
 impl GpuScene {
-    /// Moves instances to where `after` has them. False, and nothing done, when they differ in more than their places.
+    /// Moves instances to where `after` has them. Returns false if the scene must be uploaded instead: if instances
+    /// differ in more than their places, if one begins or ceases to mirror, if the scene is for rays only, or if the
+    /// ray hierarchy outgrows its buffer.
     pub(super) fn move_instances(&mut self, gpu: &Gpu, before: &Scene, after: &Scene) -> bool {
         let pairs = || before.instances.iter().zip(&after.instances);
-        // A mirroring transform turns the winding of triangles.
+        // A mirroring transform flips the winding of triangles.
         let is_only_moved = self.use_of != Use::Rays
             && before.instances.len() == after.instances.len()
             && pairs().all(|(old, new)| {
@@ -71,7 +75,7 @@ impl GpuScene {
         }
         if let Some(rays) = self.rays.take() {
             let bound = rays.buffer.clone();
-            // Of a larger hierarchy, nothing is kept.
+            // A larger hierarchy has another buffer than the one that is bound.
             self.rays = rays.moved(gpu, after).ok();
             let moved = self.rays.as_ref().filter(|rays| rays.buffer == bound);
             let Some(start) = moved.map(|rays| rays.start) else {

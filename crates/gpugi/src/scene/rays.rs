@@ -1,4 +1,4 @@
-//! The scene's bounding volume hierarchies on the GPU, for scenes in which somebody traces rays.
+//! The scene's bounding volume hierarchies on the GPU, for scenes in which shaders trace rays.
 
 use gpugi_scene::bvh::{
     BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row,
@@ -8,7 +8,7 @@ use gpugi_scene::{AlphaMode, Scene};
 use super::upload::PlacedMesh;
 use crate::gpu::{Gpu, GpuError};
 
-/// Hierarchies of all meshes, and a top level over the instances behind them.
+/// Hierarchies of all meshes, followed by a top level over the instances.
 #[derive(Debug)]
 pub(super) struct Rays {
     bottom: BottomLevel,
@@ -38,7 +38,7 @@ impl Rays {
         rays.moved(gpu, scene)
     }
 
-    /// Follows instances that moved, came or went; the meshes are the same as before.
+    /// Follows instances that moved, were added or were removed; the meshes must be the same as before.
     pub fn moved(mut self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
         let instances: Vec<BvhInstance> = scene
             .instances
@@ -71,7 +71,7 @@ impl Rays {
     }
 }
 
-/// Rows that a top level over the scene's instances seldom exceeds: nodes have two children or more.
+/// Rows that a top level over the scene's instances seldom exceeds, because nodes have at least two children.
 fn usual_rows(scene: &Scene) -> usize {
     scene.instances.len().max(1) * (NODE_ROWS + INSTANCE_ROWS) as usize
 }
@@ -80,7 +80,7 @@ fn bytes(rows: usize) -> u64 {
     (rows * std::mem::size_of::<Row>()) as u64
 }
 
-/// A buffer for `rows` rows; zeros, which are an empty node.
+/// A buffer for `rows` rows, filled with zeros, which are an empty node.
 pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, GpuError> {
     gpu.buffer(
         "ray hierarchy [bytes]",

@@ -1,11 +1,12 @@
-//! A scene's way to the GPU: geometry in provoking-vertex order, merged indices in order of class, tables, images, hierarchies.
+//! Uploads a scene to the GPU: geometry in provoking-vertex order, merged indices sorted by class, tables, images,
+//! hierarchies.
 
 use glam::Vec3;
 use gpugi_scene::{AlphaMode, Bounds, Instance, Scene, bvh::NODE_ROWS, provoking::provoking_order};
 
 use super::atlases::Atlases;
 use super::emitters::emitters;
-use super::environment::environment_texture;
+use super::environment::{check_environment, environment_texture};
 use super::images::ImageArrays;
 use super::rays::{Rays, hierarchy_buffer};
 use super::rows::{instance_row, material_row};
@@ -13,10 +14,10 @@ use super::{Claims, Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motio
 use crate::gpu::{Gpu, GpuError, Kernel};
 use crate::shader;
 
-/// Surface points keep a material in 16 bits (capture/surface_point.wesl).
+/// Surface points store a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;
 
-/// Where a mesh lies in the geometry buffer, and what captures need of it.
+/// Where a mesh lies in the geometry buffer, and what captures need to know about it.
 pub(super) struct PlacedMesh {
     pub first_vertex_word: u32,
     pub first_index_word: u32,
@@ -27,7 +28,7 @@ pub(super) struct PlacedMesh {
 }
 
 impl PlacedMesh {
-    /// The corners of its triangles, from the geometry buffer's words.
+    /// The corners of the mesh's triangles, from the geometry buffer's words.
     pub fn triangles(&self, words: &[u32]) -> Vec<[Vec3; 3]> {
         let position = |&index: &u32| {
             let at = (self.first_vertex_word + index * VERTEX_WORDS) as usize;
@@ -42,13 +43,14 @@ impl PlacedMesh {
 const VERTEX_WORDS: u32 = (std::mem::size_of::<gpu::Vertex>() / 4) as u32;
 
 impl GpuScene {
-    /// `kept`: hierarchies of the same meshes, maybe differently placed.
+    /// `kept`: hierarchies of the same meshes, whose instances may have moved.
     pub(super) fn upload(
         gpu: &Gpu,
         scene: &Scene,
         use_of: Use,
         kept: Option<Rays>,
     ) -> Result<Self, GpuError> {
+        check_environment(scene.environment.as_ref())?;
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -69,7 +71,8 @@ impl GpuScene {
         let mut instances = vec![bytemuck::Zeroable::zeroed(); scene.instances.len()];
         let mut merged_indices: Vec<u32> = Vec::new();
         let mut draws = Vec::new();
-        // Instances keep their numbers; vertices are merged in that order so that a vertex finds its instance by search.
+        // Instances keep their indices. Vertices are merged in that order, so that a vertex finds its instance by
+        // binary search.
         let mut vertex_count: u64 = 0;
         let mut index_count: u64 = 0;
         for (index, instance) in scene.instances.iter().enumerate() {
@@ -88,8 +91,8 @@ impl GpuScene {
                 adapter: gpu.adapter.name.clone(),
             });
         }
-        // Shaders read them, too.
-        let limits = gpu.device.limits();
+        // Shaders also read the indices, so the limit of storage bindings applies.
+        let limits = gpu.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
@@ -110,7 +113,7 @@ impl GpuScene {
             let row: &gpu::Instance = &instances[index];
             let first = merged_indices.len() as u32;
             for triangle in mesh.indices.chunks_exact(3) {
-                // A mirroring transform turns the winding; the provoking vertex stays first.
+                // A mirroring transform flips the winding; the provoking vertex stays first.
                 let [a, b, c] = if row.mirrored == 1 {
                     [triangle[0], triangle[2], triangle[1]]
                 } else {
@@ -179,7 +182,7 @@ impl GpuScene {
         )?;
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
         let environment_view = environment_texture(gpu, environment)?;
-        // Mesa's software rasterizer ignores explicit gradients where a sampler is anisotropic (seen in 22.3).
+        // Mesa's software rasterizer ignores explicit gradients if the sampler is anisotropic (seen in 22.3).
         let anisotropy_clamp = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => 1,
             _ => 8,
@@ -223,13 +226,11 @@ impl GpuScene {
                 resource,
             })
             .collect();
-        let bind_group = gpu.scoped("scene", || {
-            Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("scene"),
-                layout: &layout,
-                entries: &entries,
-            }))
-        })?;
+        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("scene"),
+            layout: &layout,
+            entries: &entries,
+        });
         let merge = Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?;
         let merge_group = merge.bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
         let buffers = [&geometry, &tables, &vertices, &indices, &hierarchy];
@@ -300,7 +301,7 @@ fn place_mesh(mesh: &gpugi_scene::Mesh, words: &mut Vec<u32>) -> PlacedMesh {
                 .map_or([0.0; 2], |uv| uv.to_array())
         };
         let color = mesh.colors.get(source).copied().unwrap_or(glam::Vec4::ONE);
-        // The lowest bit holds the sign of the bitangent.
+        // The lowest bit holds the bitangent's sign.
         let tangent = mesh.tangents.get(source).map_or(0, |tangent| {
             gpu::octahedral(tangent.truncate()) & !1 | u32::from(tangent.w < 0.0)
         });
