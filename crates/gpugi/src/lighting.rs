@@ -294,19 +294,26 @@ impl Lighting {
                 revision,
                 self.lights_elsewhere,
             );
-            self.generated[index] = rest[0].generate(frame, scene, view, &mut earlier)?;
-            revision += self.generated[index].revision;
+            let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
+            self.generated[index] = generated;
+            if let Some(what) = generated.pending {
+                // Later techniques would take the light of maps that are stale.
+                return Ok(Readiness::Pending {
+                    progress: generated.progress,
+                    what,
+                });
+            }
+            revision += generated.revision;
         }
         let progress = self
             .generated
             .iter()
             .map(|one| one.progress)
             .fold(1.0, f32::min);
-        let pending = self.generated.iter().find_map(|one| one.pending);
-        Ok(match pending {
-            Some(what) => Readiness::Pending { progress, what },
-            None if progress < 1.0 => Readiness::Refining { progress },
-            None => Readiness::Ready,
+        Ok(if progress < 1.0 {
+            Readiness::Refining { progress }
+        } else {
+            Readiness::Ready
         })
     }
 

@@ -117,7 +117,12 @@ fn indirect_light_is_added_once() {
     let scene = lit_ball(Vec3::splat(0.5));
     let all = ["shadow-map", "radiosity", "obscurances"];
     let refused = radiance(&gpu, &scene, &all, &[("ambient", "colored")]);
-    assert!(refused.unwrap_err().to_string().contains("choose one of them"));
+    assert!(
+        refused
+            .unwrap_err()
+            .to_string()
+            .contains("choose one of them")
+    );
     // As maps alone, obscurances combine with all techniques.
     let settings = [("resolution", "16"), ("directions", "1")];
     assert!(radiance(&gpu, &scene, &all, &settings).is_ok());
