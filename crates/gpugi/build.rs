@@ -1,4 +1,4 @@
-//! Links every WESL module that has an entry point, and the shared bindings, to one plain WGSL file each.
+//! Links every WESL module that has an entry point, the shared bindings, and the library of gathers of other crates, to one plain WGSL file each.
 //!
 //! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`; `shaders.rs` in `OUT_DIR`
 //! lists them all, so that a test can validate every one.
@@ -31,7 +31,10 @@ fn main() {
         let has_entry_point = ["@compute", "@vertex", "@fragment"]
             .iter()
             .any(|stage| text.contains(stage));
-        if !has_entry_point && !path.ends_with("scene/bindings.wesl") {
+        let is_library = ["scene/bindings.wesl", "techniques/library.wesl"]
+            .iter()
+            .any(|one| path.ends_with(one));
+        if !has_entry_point && !is_library {
             continue;
         }
         let relative = path

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use gpugi::Renderer;
 use gpugi::display::{DisplaySettings, Exposure};
-use gpugi::gpu::{Gpu, PollType};
+use gpugi::gpu::Gpu;
 
 use crate::output::write_json;
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
@@ -19,13 +19,13 @@ pub struct Arguments {
     /// Scene: a file or a built-in name
     #[arg(long, default_value = "room")]
     scene: String,
-    /// Tessellation of a built-in scene
+    /// Tessellation level of a built-in scene
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     detail: u32,
     /// Environment map
     #[arg(long, value_name = "FILE")]
     environment: Option<PathBuf>,
-    /// Objects to leave out, names with commas between and * for any letters
+    /// Objects and lights to leave out: names separated by commas; * stands for any characters
     #[arg(
         long,
         value_name = "NAME,...",
@@ -33,23 +33,23 @@ pub struct Arguments {
         hide_default_value = true
     )]
     without: String,
-    /// Width and height in pixels; 1280x1024 when not given, 1920x1080 for rays
+    /// Width and height in pixels (default: 1280x1024, or 1920x1080 for bvh)
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
-    /// Techniques, or path-tracer; the best real-time set when not given; `bvh` measures rays a second, `edits` changes of ten thousand
-    /// instances
+    /// Techniques, or path-tracer, or bvh for rays per second, or edits for changes of ten thousand instances (default:
+    /// the best real-time set)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Of the frames that make maps, only move the casters: what depends on the environment or the lights alone is kept
+    /// In frames that rebuild maps, move only the casters; maps that depend only on environment or lights are kept
     #[arg(long)]
     moving: bool,
-    /// Keep the first N punctual lights and no other light
+    /// Keep only the first N punctual lights, and no other light
     #[arg(long, value_name = "N")]
     lights: Option<usize>,
-    /// Frames to measure; of the path tracer, samples a pixel; edits of each kind
+    /// Frames to measure; for path-tracer, samples per pixel; for edits, edits of each kind
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
     /// Write the table as JSON
@@ -57,7 +57,7 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
-/// What was measured.
+/// The results.
 #[derive(Debug, serde::Serialize)]
 struct Measured {
     adapter: String,
@@ -66,17 +66,17 @@ struct Measured {
     triangles: u64,
     size: [u32; 2],
     frames: u32,
-    /// Whether only casters changed in frames that make maps.
+    /// Whether only casters changed in frames that rebuild maps.
     moving: bool,
-    /// Median GPU milliseconds of each pass, all its parts together, in frames that make maps again.
+    /// Median GPU milliseconds of each pass, summed over all its parts in a frame, in frames that rebuild maps.
     passes: BTreeMap<String, f64>,
-    /// Median sum of a frame's passes, GPU milliseconds.
+    /// Median of the total GPU milliseconds of a frame's passes.
     passes_total_ms: f64,
-    /// Wall time a frame (ms), many frames queued: maps made again.
+    /// Wall time per frame (ms) with many frames queued and maps rebuilt.
     frame_dynamic_ms: f64,
-    /// The same with the maps kept.
+    /// The same with maps kept.
     frame_static_ms: f64,
-    /// Median CPU time to record and submit a frame (ms), maps made again.
+    /// Median CPU time to record and submit a frame (ms), with maps rebuilt.
     cpu_record_ms: f64,
 }
 
@@ -146,14 +146,14 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         renderer.render_sample(&camera, 1, Some(&display), timed)
     };
     for _ in 0..3 {
-        frame(true, true)?;
+        frame(true, true)?.wait()?;
     }
     let mut passes: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut totals = Vec::new();
     for _ in 0..arguments.frames {
-        let timings = frame(true, true)?;
+        let timings = frame(true, true)?.wait()?;
         totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
-        // A pass may come several times a frame: in batches, say.
+        // A pass may run several times per frame, for example in batches.
         let mut sums: BTreeMap<String, f64> = BTreeMap::new();
         for timing in timings {
             *sums.entry(timing.pass).or_default() += timing.milliseconds;
@@ -162,7 +162,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             passes.entry(pass).or_default().push(sum);
         }
     }
-    let wait = || gpu.device.poll(PollType::wait_indefinitely());
+    let wait = || gpu.wait();
     let mut recorded = Vec::new();
     let mut wall = |dynamic: bool| -> anyhow::Result<f64> {
         wait()?;

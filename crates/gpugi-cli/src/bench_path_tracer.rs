@@ -1,4 +1,4 @@
-//! `gpugi bench --technique path-tracer`: samples and path segments a second, and the time to a given error.
+//! `gpugi bench --technique path-tracer`: samples and path segments per second, and the time to a given error.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -11,12 +11,12 @@ use gpugi_scene::{Camera, Scene};
 use crate::output::write_json;
 use crate::render::usage;
 
-/// The error that equal-error times are given for.
+/// The error for which equal-error times are reported.
 const TARGET: f64 = 1e-3;
-/// Longest search for it (s).
+/// Maximum time to reach that error (s).
 const PATIENCE: f64 = 60.0;
 
-/// What was measured.
+/// The results.
 #[derive(Debug, serde::Serialize)]
 struct Measured {
     adapter: String,
@@ -32,7 +32,7 @@ struct Measured {
     segments_per_sample: f64,
     /// Estimated relative mean squared error after `samples`.
     estimated_rel_mse: f64,
-    /// Time until the estimate falls to 0.001; none when that took over a minute.
+    /// Time until the estimate falls to 0.001; `None` if it did not within a minute.
     seconds_to_rel_mse_0_001: Option<f64>,
     samples_to_rel_mse_0_001: u32,
     scene_bytes: u64,
@@ -52,7 +52,7 @@ pub fn run(
 ) -> anyhow::Result<()> {
     let mut tracer = PathTracer::new(gpu, scene, size, settings).map_err(usage)?;
     let mut on = |_: &gpugi::reference::Progress| ControlFlow::Continue(());
-    // Warm up until dispatches have their full length.
+    // Warm up until dispatches reach their full size.
     let started = Instant::now();
     let mut warm = 0;
     while started.elapsed().as_secs_f64() < 1.0 && warm < samples {

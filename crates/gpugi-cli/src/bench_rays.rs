@@ -1,4 +1,4 @@
-//! `gpugi bench --technique bvh`: rays a second.
+//! `gpugi bench --technique bvh`: rays per second.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use gpugi_scene::Scene;
 
 use crate::output::write_json;
 
-/// What was measured.
+/// The results.
 #[derive(Debug, serde::Serialize)]
 struct Measured {
     adapter: String,

@@ -16,19 +16,19 @@ use crate::{Common, Usage};
 /// Options of `gpugi compare`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Picture under test (.png, .jpg, .hdr, .exr, .ktx2)
+    /// Image under test (.png, .jpg, .hdr, .exr, .ktx2)
     #[arg(value_name = "A")]
     test: PathBuf,
-    /// Its reference, of the same size
+    /// Reference image of the same size
     #[arg(value_name = "B")]
     reference: PathBuf,
-    /// How to compare; every metric when not given
+    /// Metric to compute (default: all)
     #[arg(long, value_parser = metric_parser())]
     metric: Option<Metric>,
-    /// Write a heat map of the metric's error of each pixel (rel-mse when no metric is given)
+    /// Write a heat map of the metric's error per pixel (rel-mse if no metric is given)
     #[arg(long, value_name = "FILE.png")]
     diff: Option<PathBuf>,
-    /// Exit with 1 if the metric is above this; psnr and ssim, where larger is better: if it is below
+    /// Exit with 1 if the metric is above this value (psnr and ssim, where larger is better: below)
     #[arg(
         long,
         value_name = "VALUE",
@@ -48,7 +48,7 @@ fn metric_parser() -> impl TypedValueParser<Value = Metric> {
     })
 }
 
-/// Compares, prints and writes what was asked for, then holds the result against the bound.
+/// Compares, prints and writes the requested files, then checks the result against the bound.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.max.is_some_and(f64::is_nan) {
         return Err(Usage("--max needs a number".into()).into());
@@ -141,7 +141,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// One line: name, value, and what it was computed with.
+/// Prints one line: name, value, and the metric's parameters.
 pub fn print_line(metric: Metric, result: &Comparison) {
     let unit = if metric == Metric::Psnr { "dB" } else { "" };
     let parameters: Vec<String> = result
@@ -158,7 +158,7 @@ pub fn print_line(metric: Metric, result: &Comparison) {
     println!("{}", line.trim_end());
 }
 
-/// A metric's value and parameters; an infinite value is null.
+/// A metric's value and parameters as JSON; an infinite value is null.
 pub fn in_json(result: &Comparison) -> Value {
     let value = ("value".to_owned(), json!(result.value));
     let parameters = result.parameters.iter();

@@ -1,8 +1,8 @@
-//! `gpugi doctor`: what this machine can do, and how to get what it lacks.
+//! `gpugi doctor`: shows what this machine can do, and how to get what it lacks.
 
 use gpugi::gpu::{AdapterSummary, list_adapters};
 
-/// One adapter in one line.
+/// Describes an adapter in one line.
 pub fn adapter_line(adapter: &AdapterSummary) -> String {
     format!(
         "{} ({:?}, {:?}, {})",
@@ -10,7 +10,7 @@ pub fn adapter_line(adapter: &AdapterSummary) -> String {
     )
 }
 
-/// Prints adapters, their limits and features, what is missing and how to get it.
+/// Prints adapters with their limits and features, what is missing, and how to get it.
 pub fn run() -> anyhow::Result<()> {
     let adapters = list_adapters();
     let mut usable = 0;

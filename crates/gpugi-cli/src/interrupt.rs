@@ -1,10 +1,10 @@
-//! Ctrl-C: the first asks long work to stop and keep what is done, the second ends the program.
+//! Ctrl-C handling: the first asks long work to stop and keep its results, the second ends the program.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static ASKED: AtomicBool = AtomicBool::new(false);
 
-/// Begins to catch Ctrl-C. Without a handler, which the system may refuse, Ctrl-C ends the program as usual.
+/// Installs the Ctrl-C handler. If the system refuses it, Ctrl-C ends the program as usual.
 pub fn catch() {
     let _ = ctrlc::set_handler(|| {
         if ASKED.swap(true, Ordering::Relaxed) {
@@ -13,7 +13,7 @@ pub fn catch() {
     });
 }
 
-/// Whether somebody pressed Ctrl-C.
+/// Whether the user pressed Ctrl-C.
 pub fn asked() -> bool {
     ASKED.load(Ordering::Relaxed)
 }

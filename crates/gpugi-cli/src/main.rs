@@ -1,4 +1,4 @@
-//! The `gpugi` command: parse, call the library, print.
+//! The `gpugi` command: parses arguments, calls the library and prints.
 
 mod bake;
 mod bench;
@@ -17,7 +17,7 @@ mod scene_argument;
 use clap::{Parser, Subcommand};
 use gpugi::gpu::AdapterChoice;
 
-/// Wrong arguments: exit code 2.
+/// Invalid arguments: exit code 2.
 #[derive(Debug)]
 pub struct Usage(pub String);
 
@@ -42,7 +42,7 @@ struct Arguments {
 /// Options of every command.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Common {
-    /// GPU to use: part of its name, `software` or `discrete`; the fastest when not given
+    /// GPU to use: part of its name, `software` or `discrete` (default: the fastest)
     #[arg(
         long,
         global = true,
@@ -51,31 +51,31 @@ pub struct Common {
         hide_default_value = true
     )]
     pub adapter: AdapterChoice,
-    /// Print nothing but errors
+    /// Print only errors
     #[arg(long, global = true)]
     pub quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render a scene to a picture
+    /// Render an image of a scene
     Render(render::Arguments),
-    /// Write a scene with its light in textures, or an environment's maps, as files that other programs read
+    /// Bake a scene's light into textures, or an environment into maps, for use in other programs
     Bake(bake::Arguments),
-    /// Say how far a picture is from its reference
+    /// Measure the error of an image against its reference
     Compare(compare::Arguments),
-    /// Say how far techniques are from the path tracer on the same light paths, and what they cost
+    /// Measure the error of techniques against the path tracer on the same light paths, and their cost
     Measure(measure::Arguments),
-    /// Say what a scene holds
+    /// Print a scene's contents
     Info(scene_argument::SceneArguments),
     /// List techniques, built-in scenes or adapters
     List {
         /// What to list
         what: What,
     },
-    /// Say which adapters exist, what is missing and how to get it
+    /// List adapters, what they lack and how to get it
     Doctor,
-    /// Measure GPU time of each technique
+    /// Measure the GPU time of each technique
     Bench(bench::Arguments),
 }
 
@@ -126,7 +126,8 @@ fn main() -> std::process::ExitCode {
 fn list(what: What) {
     match what {
         What::Techniques => {
-            let infos = gpugi::techniques::REGISTRY.iter().map(|(info, _)| *info);
+            let registry = gpugi::techniques::Registry::default();
+            let infos = registry.all().iter().map(|one| one.info);
             for info in infos.chain([&gpugi::reference::INFO]) {
                 let paths: Vec<String> = info
                     .paths

@@ -24,7 +24,7 @@ use crate::{Common, Usage, interrupt};
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Techniques, separated by commas; the best real-time set when not given
+    /// Techniques, separated by commas (default: the best real-time set)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -33,25 +33,25 @@ pub struct Arguments {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = parse_size)]
     size: [u32; 2],
-    /// Camera of the scene by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
-    /// Samples a pixel of the techniques
+    /// Samples per pixel for the techniques
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
-    /// Samples a pixel of the path tracer; 1024 when neither this nor --noise is given
+    /// Samples per pixel for the path tracer (default: 1024, or 16777216 with --noise)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=16_777_216))]
     reference_samples: Option<u32>,
-    /// Stop the path tracer when its estimated rel-mse falls to this
+    /// Stop the path tracer when its estimated rel-mse falls to this value
     #[arg(long, value_name = "REL-MSE")]
     noise: Option<f64>,
-    /// Seed of all that is stochastic
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
-    /// Folder that keeps the path tracer's pictures; gpugi in the user's cache folder when not given
+    /// Folder for cached references of the path tracer (default: gpugi in the user's cache folder)
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Neither read nor keep pictures of the path tracer
+    /// Neither read nor write cached references
     #[arg(long, conflicts_with = "cache")]
     no_cache: bool,
     /// Write the result as JSON
@@ -60,12 +60,12 @@ pub struct Arguments {
     /// Write a heat map of each pixel's relative error
     #[arg(long, value_name = "FILE.png")]
     diff: Option<PathBuf>,
-    /// Write the techniques' picture, the path tracer's at the same exposure, and the heat map side by side
+    /// Write the techniques' image, the path tracer's at the same exposure, and the heat map side by side
     #[arg(long, value_name = "FILE.png")]
     side_by_side: Option<PathBuf>,
 }
 
-/// What `--json` writes.
+/// The content of `--json`.
 #[derive(serde::Serialize)]
 struct Report<'a> {
     scene: &'a str,
@@ -90,7 +90,7 @@ struct Reference<'a> {
     parts: &'a [TracedPart],
 }
 
-/// Measures, prints and writes what was asked for.
+/// Measures, prints and writes the requested files.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     crate::output::check_folders(
         [&arguments.json, &arguments.diff, &arguments.side_by_side]
@@ -184,7 +184,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             techniques: renderer
                 .techniques()
                 .iter()
-                .map(|technique| (technique.info().name.to_owned(), technique.settings()))
+                .map(|technique| {
+                    (
+                        technique.info().name.to_owned(),
+                        technique.settings().to_json(),
+                    )
+                })
                 .collect(),
             size,
             samples: arguments.samples,
@@ -223,7 +228,7 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
     let cache = match (&arguments.cache, arguments.no_cache) {
         (_, true) => None,
         (Some(folder), false) => Some(Cache::new(folder)),
-        // Without a home there is nowhere to keep anything.
+        // Without a home folder, nothing is cached.
         (None, false) => etcetera::base_strategy::choose_native_strategy()
             .ok()
             .map(|folders| etcetera::BaseStrategy::cache_dir(&folders).join("gpugi"))
@@ -300,7 +305,7 @@ fn error_colors(measured: &Measured) -> Vec<u8> {
     heat_map(Metric::RelMse, map)
 }
 
-/// The techniques' picture, the path tracer's, and the heat map, with a strip of white between them.
+/// The techniques' image, the path tracer's, and the heat map, separated by white strips.
 fn side_by_side(
     gpu: &Gpu,
     measured: &Measured,
@@ -308,10 +313,10 @@ fn side_by_side(
 ) -> anyhow::Result<([u32; 2], Vec<u8>)> {
     const GAP: usize = 4;
     let [width, height] = measured.size;
-    // As one picture, so that both have one exposure.
+    // Display both as one image, so that they share one exposure.
     let both: Vec<f32> = [&measured.radiance[..], &measured.truth.radiance].concat();
     let display = DisplaySettings {
-        // Noise of its own has no place beside an error, and takes most of a file's bytes.
+        // Dither noise would distract from the error and would take up most of the file's bytes.
         dither: false,
         ..Default::default()
     };

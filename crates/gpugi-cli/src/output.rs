@@ -1,17 +1,17 @@
-//! What the commands write: pictures, quantities of surface points, maps, JSON.
+//! Output of the commands: images, quantities of surface points, maps, JSON.
 
 use std::path::Path;
 
 use anyhow::Context;
 use gpugi::gpu::TextureAspect::{All, DepthOnly};
 use gpugi::gpu::{Gpu, read_buffer, read_texture};
-use gpugi::techniques::Texels;
+use gpugi::techniques::{Map, Texels};
 use gpugi::{Renderer, capture};
 use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
 use crate::Usage;
 
-/// A picture's file format.
+/// An image file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     Png,
@@ -19,7 +19,7 @@ pub enum Format {
     Hdr,
 }
 
-/// The format that a file's name asks for.
+/// The format that a file's extension selects.
 pub fn format(path: &Path) -> anyhow::Result<Format> {
     let extension = path
         .extension()
@@ -36,7 +36,7 @@ pub fn format(path: &Path) -> anyhow::Result<Format> {
     }
 }
 
-/// Refuses paths whose folder does not exist, before hours are spent on what they are to hold.
+/// Rejects paths whose folder does not exist, before hours are spent on their content.
 pub fn check_folders<'a>(paths: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
     for path in paths {
         let folder = match path.parent() {
@@ -53,7 +53,7 @@ pub fn check_folders<'a>(paths: impl IntoIterator<Item = &'a Path>) -> anyhow::R
     Ok(())
 }
 
-/// Makes a folder, and those around it.
+/// Creates a folder and its parents.
 pub fn make_folder(folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))
 }
@@ -63,7 +63,7 @@ pub fn write_png(path: &Path, [width, height]: [u32; 2], pixels: &[u8]) -> anyho
     save_png(path, width, height, pixels).with_context(|| cannot_write(path))
 }
 
-/// Writes linear radiance, three floats a pixel, as EXR or HDR.
+/// Writes linear radiance, three floats per pixel, as EXR or HDR.
 pub fn write_radiance(
     path: &Path,
     format: Format,
@@ -90,7 +90,7 @@ pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result
     .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-/// A quantity of surface points that can be written as a picture.
+/// A quantity of surface points that can be written as an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Aov {
     Albedo,
@@ -99,9 +99,8 @@ pub enum Aov {
     Position,
 }
 
-/// Writes surface points as linear EXR pictures named `OUTPUT-aov.exr`. Background is zero.
+/// Writes surface points as linear EXR images named `OUTPUT-aov.exr`. The background is zero.
 pub fn write_aovs(
-    gpu: &Gpu,
     renderer: &Renderer,
     output: &Path,
     [width, height]: [u32; 2],
@@ -111,12 +110,7 @@ pub fn write_aovs(
     if aovs.is_empty() {
         return Ok(());
     }
-    let bytes = u64::from(width) * u64::from(height) * capture::SURFACE_POINT_BYTES;
-    let words: Vec<u32> = read_buffer(gpu, renderer.surface_points(), bytes)?;
-    let points: Vec<Option<capture::VisiblePoint>> = words
-        .chunks_exact(12)
-        .map(capture::VisiblePoint::unpack)
-        .collect();
+    let points = renderer.surface_points()?;
     let eye = camera.world_from_view.w_axis.truncate();
     let forward = -camera.world_from_view.z_axis.truncate();
     for aov in aovs {
@@ -139,10 +133,11 @@ pub fn write_aovs(
     Ok(())
 }
 
-/// Writes each technique's maps as EXR, the finest level: depth reversed, as stored; numbers as grey; faces of a cube and pages of an atlas below each other.
-pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Result<()> {
+/// Writes the finest level of each technique's maps as EXR. Depth stays reversed, as stored. Integers become grey.
+/// Faces of a cube and pages of an atlas are stacked vertically.
+pub fn dump_maps(gpu: &Gpu, maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     make_folder(folder)?;
-    for map in renderer.maps() {
+    for map in maps {
         let (size, texels) = texels(gpu, &map.texels)?;
         let path = folder.join(format!("{}.exr", map.name));
         save_exr(&path, size[0], size[1], &texels)
@@ -151,7 +146,7 @@ pub fn dump_maps(gpu: &Gpu, renderer: &Renderer, folder: &Path) -> anyhow::Resul
     Ok(())
 }
 
-/// Width, height, and three numbers a texel.
+/// Width and height, and three numbers per texel.
 fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
     let grey = |value: f32| [value; 3];
     let texture = match texels {

@@ -1,4 +1,4 @@
-//! How far long work is: a bar with the time left on a terminal, a line now and then elsewhere.
+//! Progress of long work: a bar with the remaining time on a terminal, otherwise an occasional line.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 /// Steps of the bar.
 const STEPS: u64 = 1000;
-/// Time between lines where there is no terminal.
+/// Time between lines if there is no terminal.
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Shows progress on standard error.
@@ -20,7 +20,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Shows nothing when `quiet`.
+    /// Creates a progress display, which shows nothing if `quiet`.
     pub fn new(quiet: bool) -> Self {
         let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
             ProgressBar::new(STEPS).with_style(
@@ -36,7 +36,7 @@ impl Progress {
         }
     }
 
-    /// `fraction` of the work is done, 0 to 1.
+    /// Shows that `fraction` of the work is done, 0 to 1.
     pub fn show(&mut self, fraction: f64, message: &str) {
         if let Some(bar) = &self.bar {
             bar.set_message(message.to_owned());

@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use gpugi::display::{DisplaySettings, Exposure, ToneMap};
+use gpugi::display::{Display, DisplaySettings, Exposure, ToneMap};
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::reference::{self, PathTracer};
-use gpugi::{RenderError, Renderer};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::{Camera, Scene};
 
 use crate::output::{self, Aov, Format, write_json};
@@ -19,13 +19,13 @@ use crate::{Common, Usage, interrupt};
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Picture to write: .png tone-mapped, .exr or .hdr linear radiance
+    /// Image to write: .png (tone-mapped), .exr or .hdr (linear radiance)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
     size: [u32; 2],
-    /// Camera of the scene by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
     /// Exposure in EV (0 shows radiance 1 as 1), or auto
@@ -39,25 +39,25 @@ pub struct Arguments {
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Techniques, separated by commas, or path-tracer; the best real-time set when not given
+    /// Techniques, separated by commas, or path-tracer (default: the best real-time set)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Samples a pixel: of real-time techniques 4, for smooth edges; of the path tracer 256
+    /// Samples per pixel (default: 4 for real-time techniques, for smooth edges; 256 for the path tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,
-    /// Seed of all that is stochastic
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
-    /// Write what was rendered, on what and how fast
+    /// Write a report of what was rendered, on what and how fast
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
     /// Write every technique's maps into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
-    /// Also write these beside the picture: albedo, normal, depth, position
+    /// Also write these beside the image: albedo, normal, depth, position
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
 }
@@ -70,11 +70,11 @@ pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
         .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
 }
 
-/// Samples of real-time techniques, and of the path tracer.
+/// Default samples per pixel for real-time techniques, and for the path tracer.
 const REAL_TIME_SAMPLES: u32 = 4;
 const PATH_TRACER_SAMPLES: u32 = 256;
 
-/// What `--report` writes.
+/// The content of `--report`.
 #[derive(serde::Serialize)]
 struct Report {
     scene: gpugi_scene::Statistics,
@@ -86,17 +86,25 @@ struct Report {
     techniques: serde_json::Map<String, serde_json::Value>,
     left_out: Vec<String>,
     notes: Vec<String>,
-    /// Of real-time techniques.
+    /// For real-time techniques only.
     passes_of_last_sample: Vec<Timing>,
-    /// Of the path tracer: estimated relative mean squared error, and closest-hit rays.
+    /// For the path tracer only: estimated relative mean squared error, and number of closest-hit rays.
     estimated_rel_mse: Option<f64>,
     path_segments: Option<u64>,
     seconds: f64,
 }
 
-/// A picture, and what a report says of it.
+/// What is written.
+enum Image {
+    /// 8-bit sRGB, RGBA.
+    Pixels(Vec<u8>),
+    /// Mean linear radiance, three floats per pixel.
+    Radiance(Vec<f32>),
+}
+
+/// An image, and its data for the report.
 struct Rendered {
-    radiance: Vec<f32>,
+    image: Image,
     samples: u32,
     scene_bytes_on_gpu: u64,
     techniques: serde_json::Map<String, serde_json::Value>,
@@ -106,11 +114,10 @@ struct Rendered {
     path_segments: Option<u64>,
 }
 
-/// Makes a renderer's argument errors count as such.
-pub fn usage(error: RenderError) -> anyhow::Error {
+/// Converts a renderer's argument errors to usage errors.
+pub fn usage(error: LightingError) -> anyhow::Error {
     match error {
-        RenderError::Gpu(error) => error.into(),
-        RenderError::Scene { .. } => error.into(),
+        LightingError::Gpu(error) => error.into(),
         other => Usage(other.to_string()).into(),
     }
 }
@@ -141,7 +148,7 @@ pub fn apply_settings(renderer: &mut Renderer, settings: &[String]) -> anyhow::R
     Ok(())
 }
 
-/// Whether the path tracer is meant, which stands alone.
+/// Whether the path tracer is selected. It cannot be combined with techniques.
 pub fn is_path_tracer(techniques: &[String]) -> anyhow::Result<bool> {
     let named = techniques.iter().any(|name| name == reference::INFO.name);
     if named && techniques.len() > 1 {
@@ -191,18 +198,17 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     )?;
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
+    // A PNG leaves the GPU as it is displayed.
+    let shown = (format == Format::Png).then_some(&display);
     let rendered = if with_path_tracer {
-        render_reference(common, arguments, &gpu, &scene, &camera, &notes)?
+        render_reference(common, arguments, &gpu, &scene, &camera, shown, &notes)?
     } else {
-        render_techniques(common, arguments, &gpu, &scene, &camera, &mut notes)?
+        render_techniques(common, arguments, &gpu, &scene, &camera, shown, &mut notes)?
     };
-    match format {
-        Format::Png => {
-            let pixels = gpugi::display::Display::picture(&gpu, &rendered.radiance, &display)?;
-            output::write_png(&arguments.output, size, &pixels)?;
-        }
-        Format::Exr | Format::Hdr => {
-            output::write_radiance(&arguments.output, format, size, &rendered.radiance)?;
+    match &rendered.image {
+        Image::Pixels(pixels) => output::write_png(&arguments.output, size, pixels)?,
+        Image::Radiance(radiance) => {
+            output::write_radiance(&arguments.output, format, size, radiance)?
         }
     }
     let seconds = started.elapsed().as_secs_f64();
@@ -237,7 +243,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints what a user should know.
+/// Prints notes for the user.
 pub fn print_notes(common: &Common, notes: &[String]) {
     if !common.quiet {
         for note in notes {
@@ -252,6 +258,7 @@ fn render_techniques(
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
+    shown: Option<&DisplaySettings>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
     let mut renderer =
@@ -268,12 +275,12 @@ fn render_techniques(
     let mut passes_of_last_sample = Vec::new();
     for sample in 1..=samples {
         let timed = sample == samples && arguments.report.is_some();
-        passes_of_last_sample = renderer.render_sample(camera, samples, None, timed)?;
+        passes_of_last_sample = renderer
+            .render_sample(camera, samples, None, timed)?
+            .wait()?;
         if sample % 8 == 0 {
-            // Wait now and then, so that the bar tells the truth and the queue stays short.
-            gpu.device
-                .poll(gpugi::gpu::PollType::wait_indefinitely())
-                .ok();
+            // Wait regularly, so that the progress bar is accurate and the queue stays short.
+            gpu.wait()?;
         }
         progress.show(
             f64::from(sample) / f64::from(samples),
@@ -284,11 +291,11 @@ fn render_techniques(
         }
     }
     progress.finish();
-    let warnings = renderer.warnings()?;
+    gpu.wait()?;
+    let warnings = renderer.warnings();
     print_notes(common, &warnings);
     notes.extend(warnings);
     output::write_aovs(
-        gpu,
         &renderer,
         &arguments.output,
         arguments.size,
@@ -296,16 +303,27 @@ fn render_techniques(
         camera,
     )?;
     if let Some(folder) = &arguments.dump_maps {
-        output::dump_maps(gpu, &renderer, folder)?;
+        output::dump_maps(gpu, &renderer.maps(), folder)?;
     }
     Ok(Rendered {
-        radiance: renderer.radiance()?,
+        image: match shown {
+            Some(display) => {
+                renderer.display(display)?;
+                Image::Pixels(renderer.pixels()?)
+            }
+            None => Image::Radiance(renderer.radiance()?),
+        },
         samples: renderer.samples(),
         scene_bytes_on_gpu: renderer.scene().bytes,
         techniques: renderer
             .techniques()
             .iter()
-            .map(|technique| (technique.info().name.to_owned(), technique.settings()))
+            .map(|technique| {
+                (
+                    technique.info().name.to_owned(),
+                    technique.settings().to_json(),
+                )
+            })
             .collect(),
         left_out,
         passes_of_last_sample,
@@ -320,6 +338,7 @@ fn render_reference(
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
+    shown: Option<&DisplaySettings>,
     notes: &[String],
 ) -> anyhow::Result<Rendered> {
     let settings = path_tracer_settings(&arguments.set)?;
@@ -363,7 +382,10 @@ fn render_reference(
         serde_json::to_value(tracer.settings())?,
     );
     Ok(Rendered {
-        radiance: tracer.radiance()?,
+        image: match shown {
+            Some(display) => Image::Pixels(Display::picture(gpu, &tracer.radiance()?, display)?),
+            None => Image::Radiance(tracer.radiance()?),
+        },
         samples: done.samples,
         scene_bytes_on_gpu: tracer.scene().bytes,
         techniques,
@@ -374,7 +396,7 @@ fn render_reference(
     })
 }
 
-/// How a picture is shown, from `--exposure` and `--tone-map`.
+/// Display settings from `--exposure` and `--tone-map`.
 pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Result<DisplaySettings> {
     let exposure = match exposure {
         "auto" => Exposure::Auto,

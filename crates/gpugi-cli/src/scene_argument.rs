@@ -1,4 +1,4 @@
-//! Which scene: a file or a built-in name.
+//! Scene selection: a file or a built-in name.
 
 use std::path::{Path, PathBuf};
 
@@ -7,21 +7,21 @@ use gpugi_scene::{Camera, Environment, Limits, Scene, builtin, import_environmen
 
 use crate::Usage;
 
-/// Options that say which scene.
+/// Options that select the scene.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SceneArguments {
-    /// A file (.gltf, .glb, .obj, .ply) or a built-in scene's name (`gpugi list scenes`)
+    /// Scene file (.gltf, .glb, .obj, .ply) or name of a built-in scene (`gpugi list scenes`)
     pub scene: String,
-    /// Tessellation of a built-in scene
+    /// Tessellation level of a built-in scene
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub detail: u32,
-    /// Environment map (.hdr, .exr, .ktx2, .png, .jpg), equirectangular
+    /// Equirectangular environment map (.hdr, .exr, .ktx2, .png, .jpg)
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
-    /// Time of the animation (s)
+    /// Animation time (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     pub time: f32,
-    /// Objects and lights to leave out, names with commas between and * for any letters
+    /// Objects and lights to leave out: names separated by commas; * stands for any characters
     #[arg(
         long,
         value_name = "NAME,...",
@@ -31,7 +31,7 @@ pub struct SceneArguments {
     pub without: String,
 }
 
-/// Loads the scene; gives it a sky when it has no light. Returns what a user should know of it.
+/// Loads the scene, and adds a sky if it has no light. Also returns notes for the user.
 pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> {
     let limits = Limits::default();
     let name = &arguments.scene;
@@ -83,7 +83,7 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
     Ok((scene, notes))
 }
 
-/// The camera that `choice` names, for an image of the given width over height.
+/// The camera that `choice` selects, for an image of the given aspect ratio (width / height).
 pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Result<Camera> {
     let Some(choice) = choice else {
         return Ok(match scene.cameras.first() {
@@ -119,7 +119,8 @@ pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Resul
     })
 }
 
-/// `eye=x,y,z;target=x,y,z;fov=DEGREES`; what is left out comes from framing the scene.
+/// Parses `eye=x,y,z;target=x,y,z;fov=DEGREES`. A missing eye or target is chosen to frame the scene; a missing fov is
+/// 35 degrees.
 fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
     let framing = Camera::framing(&scene.bounds(), 1.0);
     let mut eye = framing.world_from_view.w_axis.truncate();

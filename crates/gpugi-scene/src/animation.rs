@@ -1,8 +1,8 @@
-//! Animation: a node hierarchy, skins and morph targets, posed by time.
+//! Animation: a node hierarchy, skins and morph targets, posed at a given time.
 //!
-//! [`Scene::pose`] evaluates everything for one moment: channels move nodes, nodes move instances, lights and cameras,
-//! and meshes that bend (skin, morph targets) are written anew in world or mesh space. No technique knows of it: it
-//! sees a scene that has changed.
+//! [`Scene::pose`] evaluates everything for one moment. Channels move nodes; nodes move instances, lights and cameras;
+//! and meshes that deform (by skin or morph targets) are rewritten in world or mesh space. Techniques know nothing of
+//! animation: they see a scene that has changed.
 
 use std::sync::Arc;
 
@@ -10,29 +10,29 @@ use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
 
 use crate::{Mesh, Scene};
 
-/// What moves in a scene.
+/// The animation data of a scene.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
-    /// The hierarchy; instances, lights and cameras name a node by its index.
+    /// The hierarchy; instances, lights and cameras refer to a node by its index.
     pub nodes: Vec<Node>,
     /// Every node once, parents before their children.
     pub order: Vec<usize>,
-    /// Skeletons that bend meshes.
+    /// Skeletons that deform meshes.
     pub skins: Vec<Skin>,
-    /// Meshes that bend.
+    /// Meshes that deform.
     pub deformers: Vec<Deformer>,
-    /// All play at the same time, each in a loop of its own.
+    /// All animations play at the same time, each looping on its own.
     pub animations: Vec<Animation>,
 }
 
-/// One joint of the hierarchy.
+/// A node of the hierarchy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
-    /// Index of the node that carries this one.
+    /// Index of the parent node.
     pub parent: Option<usize>,
-    /// Placement relative to the parent where no channel says otherwise.
+    /// Placement relative to the parent when no channel overrides it.
     pub rest: Transform,
-    /// Weights of the morph targets of the node's mesh where no channel says otherwise.
+    /// Weights of the morph targets of the node's mesh when no channel overrides them.
     pub weights: Vec<f32>,
 }
 
@@ -66,7 +66,7 @@ impl Transform {
     }
 
     fn set(&mut self, property: Property, value: &[f32]) {
-        // A channel changes one part, so a matrix is taken apart first.
+        // A channel changes a single component, so decompose a matrix first.
         let (mut scale, mut rotation, mut translation) = match *self {
             Self::Matrix(matrix) => matrix.to_scale_rotation_translation(),
             Self::Parts {
@@ -89,7 +89,7 @@ impl Transform {
     }
 }
 
-/// The rotation along `xyzw`; none if that has no length.
+/// The rotation of the quaternion `xyzw`, normalized; the identity if its length is zero or not finite.
 pub fn unit_rotation(xyzw: [f32; 4]) -> Quat {
     let length_squared = Vec4::from(xyzw).length_squared();
     if length_squared > 0.0 && length_squared.is_finite() {
@@ -102,14 +102,14 @@ pub fn unit_rotation(xyzw: [f32; 4]) -> Quat {
 /// A skeleton.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Skin {
-    /// Nodes.
+    /// Node indices of the joints.
     pub joints: Vec<usize>,
-    /// Joint space from mesh space at rest, one matrix a joint.
+    /// Joint space from mesh space at rest, one matrix per joint.
     pub joint_from_mesh: Vec<Mat4>,
 }
 
 impl Skin {
-    /// World space from mesh space, one matrix a joint.
+    /// World space from mesh space, one matrix per joint.
     fn matrices(&self, pose: &Pose) -> Vec<Mat4> {
         let joints = self.joints.iter().zip(&self.joint_from_mesh);
         joints
@@ -118,12 +118,12 @@ impl Skin {
     }
 }
 
-/// A mesh that bends: the mesh at rest, and what bends it. Its instance alone uses the mesh.
+/// A mesh that deforms: the mesh at rest and what deforms it. No other instance uses the mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Deformer {
     /// Index into [`Scene::instances`].
     pub instance: usize,
-    /// Node that carries the instance and the weights of the morph targets.
+    /// Node that carries the instance and the morph target weights.
     pub node: usize,
     /// Positions at rest, mesh space.
     pub positions: Vec<Vec3>,
@@ -131,15 +131,15 @@ pub struct Deformer {
     pub normals: Vec<Vec3>,
     /// Tangents at rest, mesh space; may be empty.
     pub tangents: Vec<Vec4>,
-    /// Normals follow from the bent triangles: each has three vertices of its own, in order.
+    /// Normals are recomputed from the deformed triangles. Each triangle then has three vertices of its own, in order.
     pub flat: bool,
-    /// Displacements by the node's weights, one after the other.
+    /// Displacements, in the order of the node's weights.
     pub targets: Vec<MorphTarget>,
-    /// Index into [`Rig::skins`] and what each vertex follows. The instance is then in world space.
+    /// Index into [`Rig::skins`], and the joints that influence each vertex. Skinned instances are in world space.
     pub skin: Option<(usize, Influences)>,
 }
 
-/// Displacements of every vertex, mesh space; a list that does not move is empty.
+/// Displacements of every vertex, in mesh space; a list is empty if the target does not change that attribute.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MorphTarget {
     /// Added to positions (m).
@@ -153,9 +153,10 @@ pub struct MorphTarget {
 /// Which joints move each vertex.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Influences {
-    /// Influences a vertex.
+    /// Number of influences per vertex.
     pub per_vertex: usize,
-    /// Joint of the skin and weight, `per_vertex` in a row; a vertex's weights sum to 1.
+    /// Joint index within the skin, and weight; `per_vertex` consecutive entries per vertex. The weights of a vertex
+    /// sum to 1.
     pub joints: Vec<(u32, f32)>,
 }
 
@@ -164,9 +165,9 @@ pub struct Influences {
 pub struct Animation {
     /// Name for reports.
     pub name: String,
-    /// Time of the last key (s); then it starts again.
+    /// Time of the last key (s); the animation then starts again.
     pub duration: f32,
-    /// What moves.
+    /// Its channels.
     pub channels: Vec<Channel>,
 }
 
@@ -175,13 +176,13 @@ pub struct Animation {
 pub struct Channel {
     /// Index into [`Rig::nodes`].
     pub node: usize,
-    /// What it sets.
+    /// The property that it sets.
     pub property: Property,
-    /// Between keys.
+    /// Interpolation between keys.
     pub interpolation: Interpolation,
     /// Times of the keys (s), increasing, at least one.
     pub times: Vec<f32>,
-    /// The same number of values each key; cubic splines have in-tangent, value and out-tangent.
+    /// The same number of values for each key; cubic splines store in-tangent, value and out-tangent.
     pub values: Vec<f32>,
 }
 
@@ -194,23 +195,23 @@ pub enum Property {
     Rotation,
     /// Three values.
     Scale,
-    /// A value each morph target.
+    /// One value per morph target.
     Weights,
 }
 
-/// How a channel passes between keys.
+/// How a channel interpolates between keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// A key holds until the next.
+    /// A key's value holds until the next key.
     Step,
-    /// A straight line; rotations take the shortest arc.
+    /// Linear interpolation; rotations take the shortest arc.
     Linear,
-    /// Cubic Hermite splines with tangents from the file.
+    /// Cubic Hermite spline with the tangents stored in the file.
     CubicSpline,
 }
 
 impl Channel {
-    /// The values at `time` (s); before the first and after the last key, theirs.
+    /// The values at `time` (s). Before the first key and after the last one, the value of that key holds.
     pub fn sample(&self, time: f32) -> Vec<f32> {
         let cubic = self.interpolation == Interpolation::CubicSpline;
         let key_width = self.values.len() / self.times.len().max(1);
@@ -243,7 +244,8 @@ impl Channel {
                 pairs.map(|(a, b)| a + (b - a) * s).collect()
             }
             Interpolation::CubicSpline => {
-                // glTF 2.0, appendix C.5: v = (2s^3-3s^2+1) v_k + td (s^3-2s^2+s) b_k + (-2s^3+3s^2) v_k+1 + td (s^3-s^2) a_k+1
+                // glTF 2.0, appendix C.5:
+                // v = (2s^3-3s^2+1) v_k + td (s^3-2s^2+s) b_k + (-2s^3+3s^2) v_k+1 + td (s^3-s^2) a_k+1
                 let (s2, s3) = (s * s, s * s * s);
                 let (leaving, arriving) = (part(last, 2), part(next, 0));
                 (0..width)
@@ -259,7 +261,7 @@ impl Channel {
     }
 }
 
-/// The hierarchy at one moment.
+/// The hierarchy evaluated at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
     /// World space from each node's space.
@@ -269,7 +271,7 @@ pub struct Pose {
 }
 
 impl Rig {
-    /// Whether anything can change from one moment to another, or bends at all.
+    /// Whether anything deforms or any animation has channels.
     pub fn moves(&self) -> bool {
         !self.deformers.is_empty()
             || self
@@ -278,7 +280,7 @@ impl Rig {
                 .any(|animation| !animation.channels.is_empty())
     }
 
-    /// The longest loop (s).
+    /// Duration of the longest loop (s).
     pub fn duration(&self) -> f32 {
         self.animations
             .iter()
@@ -286,13 +288,13 @@ impl Rig {
             .fold(0.0, f32::max)
     }
 
-    /// Where all nodes are at `time_seconds`.
+    /// Evaluates all nodes at `time_seconds`.
     pub fn pose(&self, time_seconds: f32) -> Pose {
         let mut transforms: Vec<Transform> = self.nodes.iter().map(|node| node.rest).collect();
         let mut weights: Vec<Vec<f32>> =
             self.nodes.iter().map(|node| node.weights.clone()).collect();
         for animation in &self.animations {
-            // An animation without duration is a pose; without a finite time there is only the first one.
+            // A duration of 0 and a non-finite time both give NaN here: such an animation stays at its start.
             let looped = time_seconds.rem_euclid(animation.duration);
             let time = if looped.is_finite() { looped } else { 0.0 };
             for channel in &animation.channels {
@@ -319,8 +321,8 @@ impl Rig {
 }
 
 impl Scene {
-    /// Moves everything to `time_seconds`: instances, lights, cameras, and the meshes that bend. Animations loop.
-    /// Does nothing without a rig. What overflows floats stays where it was.
+    /// Moves everything to `time_seconds`: instances, lights, cameras and meshes that deform. Animations loop. Does
+    /// nothing without a rig. Values that would not be finite are not written.
     pub fn pose(&mut self, time_seconds: f32) {
         let Some(rig) = &self.rig else {
             return;
@@ -389,8 +391,8 @@ impl Deformer {
     }
 }
 
-/// Linear blend skinning: each vertex by the weighted sum of its joints' matrices, to world space.
-/// `matrices`: world space from mesh space by joint.
+/// Linear blend skinning: transforms each vertex to world space by the weighted sum of its joints' matrices.
+/// `matrices`: world space from mesh space, per joint.
 fn bend(matrices: &[Mat4], influences: &Influences, mesh: &mut Mesh) {
     let vertices = influences.joints.chunks_exact(influences.per_vertex.max(1));
     for (index, joints) in vertices.enumerate() {
@@ -403,8 +405,8 @@ fn bend(matrices: &[Mat4], influences: &Influences, mesh: &mut Mesh) {
         let linear = Mat3::from_mat4(world_from_mesh);
         let position = &mut mesh.positions[index];
         *position = finite_or(world_from_mesh.transform_point3(*position), *position);
-        // The inverse transpose is the cofactor matrix over the determinant, whose sign alone matters here. Unlike the
-        // inverse, it exists for joints that are scaled to nothing.
+        // The inverse transpose is the cofactor matrix divided by the determinant; only the sign of the determinant
+        // matters here. Unlike the inverse, the cofactor matrix exists for joints that are scaled to zero.
         let sign = 1.0_f32.copysign(linear.determinant());
         let cofactors = Mat3::from_cols(
             linear.y_axis.cross(linear.z_axis),
@@ -424,8 +426,8 @@ fn finite_or(value: Vec3, otherwise: Vec3) -> Vec3 {
     if value.is_finite() { value } else { otherwise }
 }
 
-/// Rotation and translation of an affine matrix, without scale, shear and mirroring: -Z keeps its direction, and +Y
-/// stays in its plane.
+/// Rotation and translation of an affine matrix, without scale, shear or mirroring. -Z keeps its direction, and +Y
+/// stays in the plane of the original Y and Z axes.
 pub fn rigid(matrix: Mat4) -> Mat4 {
     let back = matrix.z_axis.truncate().normalize_or(Vec3::Z);
     let up = matrix.y_axis.truncate();

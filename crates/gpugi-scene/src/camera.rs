@@ -1,10 +1,10 @@
-//! Cameras: where a picture is taken from.
+//! Cameras: viewpoint and projection.
 
 use glam::{Mat4, Vec3};
 
 use crate::scene::Bounds;
 
-/// How a camera maps space to its image.
+/// How a camera projects the scene onto its image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// Perspective with a vertical field of view (rad).
@@ -19,7 +19,7 @@ pub enum Projection {
     },
 }
 
-/// A camera looks along its local -Z, +Y is up.
+/// A camera that looks along its local -Z; +Y is up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Name, for `--camera NAME`.
@@ -28,12 +28,13 @@ pub struct Camera {
     pub world_from_view: Mat4,
     /// Perspective or orthographic.
     pub projection: Projection,
-    /// Node of the animation hierarchy that carries it, if any.
+    /// The animation node that carries the camera, if any.
     pub node: Option<usize>,
 }
 
 impl Camera {
-    /// A perspective camera at `eye` that looks at `target` (world space (m)) with the given vertical field of view (rad).
+    /// A perspective camera at `eye` that looks at `target` (both in world space (m)) with the given vertical field of
+    /// view (rad).
     pub fn look_at(name: &str, eye: Vec3, target: Vec3, vertical_fov: f32) -> Self {
         let forward = (target - eye).normalize_or(Vec3::NEG_Z);
         let up = if forward.y.abs() > 0.999 {
@@ -56,12 +57,13 @@ impl Camera {
         }
     }
 
-    /// A camera that frames `bounds` for an image of the given width over height: from the front, slightly right and above.
+    /// A camera that frames `bounds` from the front, slightly from the right and from above. `aspect` is the image's
+    /// width over height.
     pub fn framing(bounds: &Bounds, aspect: f32) -> Self {
         let vertical_fov = 35.0_f32.to_radians();
         let center = bounds.center();
         let direction = Vec3::new(0.35, 0.25, 1.0).normalize();
-        // Every corner of the box must lie inside the frustum: move back until the last one does.
+        // Move back until all corners of the box lie inside the frustum.
         let view = Self::look_at("framing", center + direction, center, vertical_fov);
         let (right, up, back) = (
             view.world_from_view.x_axis.truncate(),

@@ -1,7 +1,8 @@
-//! What a picture depends on, as one number: a hash of everything in a scene that can change what a camera sees. Names, cameras, warnings
-//! and what would move at another time do not count.
+//! One hash that identifies a picture's inputs: it covers everything in a scene that can change what a camera sees.
+//! Names, cameras, warnings and animation data (what would move at another time) are excluded.
 //!
-//! Structs are taken apart field by field, so that a new field does not compile before somebody decides whether it counts.
+//! Structs are destructured field by field, so adding a field breaks the build until somebody decides whether the hash
+//! includes it.
 
 use std::sync::Arc;
 
@@ -15,8 +16,8 @@ use crate::{
 };
 
 impl Scene {
-    /// BLAKE3 of meshes, instances, materials, textures, images, lights and environment. Equal for scenes that look equal from everywhere
-    /// because they hold the same values, on any machine with the same byte order.
+    /// BLAKE3 of meshes, instances, materials, textures, images, lights and environment. Scenes that hold the same
+    /// values, and hence look the same from everywhere, have equal digests on all machines with the same byte order.
     pub fn digest(&self) -> [u8; 32] {
         let Self {
             name: _,
@@ -44,7 +45,7 @@ impl Scene {
 }
 
 impl Camera {
-    /// BLAKE3 of where the camera is and how it projects.
+    /// BLAKE3 of the camera's placement and projection.
     pub fn digest(&self) -> [u8; 32] {
         let Self {
             name: _,
@@ -62,17 +63,18 @@ impl Camera {
     }
 }
 
-/// Adds its values to a hash, in a way from which they could be read back: what has several lengths or forms says which.
+/// Feeds its values to a hasher in an unambiguous encoding: anything of variable length or with several variants also
+/// writes its length or variant.
 trait Feed {
     fn feed(&self, hasher: &mut Hasher);
 }
 
-/// A value's bytes.
+/// Feeds the raw bytes of the values.
 fn plain<T: NoUninit>(hasher: &mut Hasher, values: &[T]) {
     hasher.update(bytemuck::cast_slice(values));
 }
 
-/// How many there are, and their bytes.
+/// Feeds the number of values, then their raw bytes.
 fn list<T: NoUninit>(hasher: &mut Hasher, values: &[T]) {
     values.len().feed(hasher);
     plain(hasher, values);

@@ -1,6 +1,6 @@
-//! The one error of every importer: which file, where in it, and why.
+//! The error type that all importers share: which file, where in the file, and why.
 
-/// A file that cannot become a scene or an image.
+/// Why a file could not be imported as a scene or an image.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 #[error("{file}: {place}: {reason}")]
 pub struct ImportError {
@@ -8,7 +8,7 @@ pub struct ImportError {
     pub file: String,
     /// Where in the file: `line 12`, `accessors[3]`, `header`.
     pub place: String,
-    /// What is wrong there, and what to do about it where that is known.
+    /// What is wrong there and, if known, how to fix it.
     pub reason: String,
 }
 

@@ -5,16 +5,16 @@ use glam::{Mat4, Vec3};
 /// The shape of a punctual light's emission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LightKind {
-    /// Emits the same in all directions. Intensity in W/sr (candela).
+    /// Emits equally in all directions. Intensity in W/sr (candela).
     Point,
     /// Emits into a cone around its local -Z. Intensity in W/sr (candela).
     Spot {
         /// Half-angle inside which the intensity is full (rad).
         inner_cone_angle: f32,
-        /// Half-angle outside which it is zero (rad), larger than the inner and at most pi/2.
+        /// Half-angle outside which the intensity is zero (rad); larger than the inner angle and at most pi/2.
         outer_cone_angle: f32,
     },
-    /// Parallel light along its local -Z. Irradiance on a facing surface in W/m^2 (lux).
+    /// Parallel light along its local -Z. Intensity is the irradiance on a surface that faces it, in W/m^2 (lux).
     Directional,
 }
 
@@ -25,21 +25,21 @@ pub struct Light {
     pub name: String,
     /// Point, spot or directional.
     pub kind: LightKind,
-    /// Linear Rec. 709 intensity [W/sr] (point, spot) or irradiance [W/m^2] (directional), colour included.
+    /// Linear Rec. 709 intensity [W/sr] (point, spot) or irradiance [W/m^2] (directional), including colour.
     pub intensity: Vec3,
-    /// Distance at which the light fades to zero (m); none means no limit.
+    /// Distance at which the light fades to zero (m); `None` means no limit.
     pub range: Option<f32>,
-    /// Radius of the emitter that soft shadows assume: (m) for point and spot, (rad) (half-angle) for directional.
-    /// glTF: `extras.gpugi.radius` on the light. 0 is an ideal light.
+    /// Radius of the emitter that soft shadows assume: metres for point and spot lights, a half-angle in radians for
+    /// directional lights. In glTF: `extras.gpugi.radius` on the light. 0 is an ideal light.
     pub radius: f32,
-    /// Rigid transform of the light: it shines along local -Z.
+    /// Rigid transform of the light, which shines along its local -Z.
     pub world_from_light: Mat4,
-    /// Node of the animation hierarchy that carries it, if any.
+    /// The animation node that carries the light, if any.
     pub node: Option<usize>,
 }
 
 impl Light {
-    /// A light of the given kind at the origin, intensity given as linear RGB (see [`Light::intensity`] for units).
+    /// A light of the given kind at the origin, with its intensity in linear RGB (units: see [`Light::intensity`]).
     pub fn new(name: &str, kind: LightKind, intensity: Vec3) -> Self {
         Self {
             name: name.to_owned(),
@@ -52,7 +52,7 @@ impl Light {
         }
     }
 
-    /// The same light at `position`, shining toward `target` (world space (m)).
+    /// The same light at `position`, shining toward `target` (both in world space (m)).
     pub fn aimed(mut self, position: Vec3, target: Vec3) -> Self {
         self.world_from_light = crate::Camera::look_at("", position, target, 1.0).world_from_view;
         self
@@ -63,7 +63,7 @@ impl Light {
         self.world_from_light.w_axis.truncate()
     }
 
-    /// Unit direction in which the light shines, world space.
+    /// Unit direction in which the light shines, in world space.
     pub fn direction(&self) -> Vec3 {
         (-self.world_from_light.z_axis.truncate()).normalize_or(Vec3::NEG_Z)
     }

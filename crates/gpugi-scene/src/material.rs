@@ -1,20 +1,20 @@
-//! Materials: glTF 2.0 metallic-roughness with extensions, and the tutorial's own models.
+//! Materials: glTF 2.0 metallic-roughness with extensions, and the tutorial's own reflection models.
 
 use glam::{Affine2, Vec3, Vec4};
 
-/// What happens at the border of a texture.
+/// How a texture continues past its border.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wrap {
     /// Tile the image.
     #[default]
     Repeat,
-    /// Tile the image, every other copy mirrored.
+    /// Tile the image and mirror every other copy.
     MirroredRepeat,
     /// Extend the border texels.
     ClampToEdge,
 }
 
-/// An image with the way to sample it.
+/// An image and how to sample it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
     /// Index into [`crate::Scene::images`].
@@ -23,7 +23,8 @@ pub struct Texture {
     pub wrap: [Wrap; 2],
     /// Magnify without interpolation.
     pub nearest: bool,
-    /// Minify by coarser levels; otherwise texels that lie between those that are looked up are lost, but none from elsewhere is mixed in.
+    /// Minify with mip levels. Without them, minification skips the texels between samples, but no texels from
+    /// elsewhere bleed in.
     pub has_levels: bool,
 }
 
@@ -34,12 +35,12 @@ pub struct TextureRef {
     pub texture: usize,
     /// UV set: 0 or 1.
     pub uv_set: u32,
-    /// KHR_texture_transform: texture coordinates from mesh coordinates.
+    /// KHR_texture_transform: maps the mesh's texture coordinates to those used for sampling.
     pub uv_from_mesh: Affine2,
 }
 
 impl TextureRef {
-    /// `texture` read with the first UV set as it is.
+    /// Reads `texture` with the first UV set, untransformed.
     pub fn new(texture: usize) -> Self {
         Self {
             texture,
@@ -55,27 +56,27 @@ pub enum AlphaMode {
     /// Alpha is ignored.
     #[default]
     Opaque,
-    /// Below the cutoff the surface does not exist.
+    /// The surface exists only where alpha reaches the cutoff.
     Mask {
-        /// Smallest alpha that exists.
+        /// Smallest alpha at which the surface exists.
         cutoff: f32,
     },
-    /// Alpha is coverage: captures decide stochastically.
+    /// Alpha is coverage; captures decide it stochastically.
     Blend,
 }
 
-/// The inside of a closed surface (KHR_materials_volume).
+/// The interior of a closed surface (KHR_materials_volume).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volume {
-    /// Distance (m) after which `attenuation_color` of the light is left; infinite means no absorption.
+    /// Distance (m) after which `attenuation_color` of the light remains; infinite means no absorption.
     pub attenuation_distance: f32,
     /// Linear Rec. 709 transmittance at `attenuation_distance`.
     pub attenuation_color: Vec3,
 }
 
 impl Volume {
-    /// Absorption coefficient (1/m): the Beer-Lambert law is `exp(-absorption distance)`. Bounded, so that black attenuation gives
-    /// a large coefficient instead of an infinite one.
+    /// Absorption coefficient (1/m) of the Beer-Lambert law: transmittance is `exp(-absorption * distance)`. Bounded,
+    /// so that a black attenuation colour gives a large coefficient instead of an infinite one.
     pub fn absorption(&self) -> Vec3 {
         const DARKEST: f32 = 1e-6;
         let color = self
@@ -90,10 +91,10 @@ impl Volume {
 /// Which reflection model a material uses.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum MaterialModel {
-    /// Lambert + GGX as glTF 2.0 defines it.
+    /// Lambert and GGX, as glTF 2.0 defines them.
     #[default]
     MetallicRoughness,
-    /// The tutorial's diffuse + Phong with albedos: f = kd/pi + ks (n+2)/(2 pi) max(0, cos psi)^n, kd + ks <= 1.
+    /// The tutorial's diffuse + Phong model with albedos: f = kd/pi + ks (n+2)/(2 pi) max(0, cos psi)^n, kd + ks <= 1.
     /// `base_color` and its texture multiply kd.
     Phong {
         /// Diffuse albedo.
@@ -103,7 +104,7 @@ pub enum MaterialModel {
         /// Exponent n.
         shininess: f32,
     },
-    /// A metal given by its complex refractive index per channel; `roughness` applies.
+    /// A metal defined by its complex refractive index per channel; `roughness` applies.
     Conductor {
         /// Real part of the refractive index.
         n: Vec3,
@@ -131,15 +132,16 @@ pub struct Material {
     pub metallic_roughness_texture: Option<TextureRef>,
     /// Tangent-space normals (linear image).
     pub normal_texture: Option<TextureRef>,
-    /// Scale of the normal map's x and y.
+    /// Scale of the x and y components of the normal map.
     pub normal_scale: f32,
-    /// Emitted radiance [glTF emissive units: W/sr/m^2], strength included.
+    /// Emitted radiance [glTF emissive units: W/sr/m^2], including emissive strength.
     pub emissive: Vec3,
     /// Multiplies `emissive` (sRGB image).
     pub emissive_texture: Option<TextureRef>,
-    /// Index of refraction (KHR_materials_ior); 0 means a normal reflectance of 1, as that extension defines.
+    /// Index of refraction (KHR_materials_ior); 0 means a reflectance of 1 at normal incidence, as that extension
+    /// defines.
     pub ior: f32,
-    /// Strength of the dielectric reflection (KHR_materials_specular); 0 makes a pure Lambert surface.
+    /// Strength of the dielectric reflection (KHR_materials_specular); 0 gives a pure Lambert surface.
     pub specular: f32,
     /// A multiplies `specular` (linear image).
     pub specular_texture: Option<TextureRef>,
@@ -147,20 +149,20 @@ pub struct Material {
     pub specular_color: Vec3,
     /// Multiplies `specular_color` (sRGB image).
     pub specular_color_texture: Option<TextureRef>,
-    /// Fraction of light that enters (KHR_materials_transmission).
+    /// Fraction of the light that enters the surface (KHR_materials_transmission).
     pub transmission: f32,
     /// R multiplies `transmission` (linear image).
     pub transmission_texture: Option<TextureRef>,
-    /// Present: the surface bounds a solid. Absent: with transmission it is a thin wall.
+    /// If present, the surface bounds a solid. If absent, a transmissive surface is a thin wall.
     pub volume: Option<Volume>,
     /// How alpha is used.
     pub alpha_mode: AlphaMode,
-    /// Both sides exist; otherwise back faces are culled.
+    /// Both sides are visible; otherwise back faces are culled.
     pub double_sided: bool,
 }
 
 impl Default for Material {
-    /// glTF's default material, except that a material made in code is a dielectric: metallic 0.
+    /// glTF's default material, except that materials created in code default to dielectrics (metallic 0).
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -199,7 +201,7 @@ impl Material {
         }
     }
 
-    /// A metal with the given normal reflectance and perceptual roughness; roughness 0 is an ideal mirror.
+    /// A metal with the given reflectance at normal incidence and perceptual roughness; roughness 0 is an ideal mirror.
     pub fn metal(name: &str, reflectance: Vec3, roughness: f32) -> Self {
         Self {
             name: name.to_owned(),
@@ -218,7 +220,8 @@ impl Material {
         }
     }
 
-    /// Whether it reflects diffusely anywhere, be it black: neither metal all over nor what all light that enters it passes through.
+    /// Whether any part of the surface can reflect diffusely (a black albedo counts). False only for pure metals and
+    /// for surfaces that transmit all light that enters them.
     pub fn has_diffuse(&self) -> bool {
         let is_metal = self.metallic >= 1.0 && self.metallic_roughness_texture.is_none();
         let is_glass = self.transmission >= 1.0 && self.transmission_texture.is_none();

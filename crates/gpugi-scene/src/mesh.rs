@@ -8,8 +8,9 @@ use crate::scene::Bounds;
 
 /// An indexed triangle mesh. Counter-clockwise triangles face the viewer.
 ///
-/// `positions` and `normals` have the same length; `tangents`, each set of `uvs` and `colors` have that length or are
-/// empty; `indices` is a multiple of three and every index is in range: [`Mesh::check`] says whether that holds.
+/// `positions` and `normals` have the same length. `tangents`, each set of `uvs` and `colors` either have that length
+/// or are empty. The length of `indices` is a multiple of three, and every index is in range. [`Mesh::check`] verifies
+/// these conditions.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// Name for reports.
@@ -18,17 +19,17 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// Unit normals in mesh space.
     pub normals: Vec<Vec3>,
-    /// Unit tangents (xyz) and the bitangent's sign (w), as glTF defines them; empty without normal maps.
+    /// Unit tangents (xyz) and the sign of the bitangent (w), as glTF defines them; empty if there are no normal maps.
     pub tangents: Vec<Vec4>,
     /// Two sets of texture coordinates, v downward.
     pub uvs: [Vec<Vec2>; 2],
     /// Linear vertex colours with alpha; they multiply the base colour.
     pub colors: Vec<Vec4>,
-    /// Three vertex indices a triangle.
+    /// Three vertex indices per triangle.
     pub indices: Vec<u32>,
 }
 
-/// As [`Mesh::weld_positions`].
+/// See [`Mesh::weld_positions`].
 pub(crate) fn weld(positions: &[Vec3]) -> Vec<u32> {
     let mut number_at = HashMap::with_capacity(positions.len());
     positions
@@ -43,12 +44,12 @@ pub(crate) fn weld(positions: &[Vec3]) -> Vec<u32> {
 }
 
 impl Mesh {
-    /// The box around all positions, mesh space.
+    /// Bounding box of all positions, in mesh space.
     pub fn bounds(&self) -> Bounds {
         Bounds::of(self.positions.iter().copied())
     }
 
-    /// Area of all triangles, mesh space (m^2).
+    /// Total area of the triangles, in mesh space (m^2).
     pub fn area(&self) -> f64 {
         let corner = |&index: &u32| self.positions[index as usize].as_dvec3();
         let triangles = self.indices.as_chunks::<3>().0.iter();
@@ -69,7 +70,10 @@ impl Mesh {
             + self.indices.len() * 4
     }
 
-    /// Whether the arrays fit together and hold finite numbers; the reason if not.
+    /// Checks that the array lengths are consistent and that positions and normals are finite.
+    ///
+    /// # Errors
+    /// The first violation found.
     pub fn check(&self) -> Result<(), String> {
         let count = self.positions.len();
         let lengths = [
@@ -113,7 +117,8 @@ impl Mesh {
         Ok(())
     }
 
-    /// A mesh of the given vertices of this one, in that order and as often as they occur, with new `indices` into them.
+    /// A new mesh that contains the listed vertices of this one, in that order and repeated as listed. The new
+    /// `indices` refer to the new vertices.
     pub fn with_vertices(&self, vertices: &[u32], indices: Vec<u32>) -> Self {
         fn pick<T: Copy>(from: &[T], vertices: &[u32]) -> Vec<T> {
             if from.is_empty() {
@@ -133,15 +138,15 @@ impl Mesh {
         }
     }
 
-    /// For each vertex, a number that it shares with exactly the vertices at the same position (bitwise, except that -0 is
-    /// 0): the mesh without the seams that normals and texture coordinates need.
+    /// Assigns each vertex a number. Two vertices get the same number exactly if their positions are bitwise equal (-0
+    /// counts as 0). This removes the seams that normals and texture coordinates require.
     pub fn weld_positions(&self) -> Vec<u32> {
         weld(&self.positions)
     }
 
-    /// Whether the mesh bounds a solid: it has triangles, and once equal positions are welded and triangles that are
-    /// degenerate then are dropped, each edge joins exactly two triangles that run along it in opposite directions.
-    /// Second-depth shadow maps need that. Indices must be in range.
+    /// Whether the mesh bounds a solid: it has triangles, and after welding equal positions and dropping triangles that
+    /// become degenerate, each edge joins exactly two triangles that traverse it in opposite directions. Second-depth
+    /// shadow maps require this. Indices must be in range.
     pub fn is_closed(&self) -> bool {
         let welded = self.weld_positions();
         let mut edges = HashSet::with_capacity(self.indices.len());

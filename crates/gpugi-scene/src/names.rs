@@ -1,24 +1,24 @@
-//! Lists of names in options: commas between, and `*` for any characters.
+//! Lists of object names in options: comma-separated, with `*` as a wildcard for any characters.
 
-/// A list names something that does not exist.
+/// A list contains a name that does not exist.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no object of the scene is called {name:?}; there are: {known}")]
 pub struct UnknownObject {
-    /// The name or pattern.
+    /// The name or pattern in question.
     pub name: String,
-    /// Some of the names there are.
+    /// The names that exist, abbreviated if there are many.
     pub known: String,
 }
 
-/// Whether `list` names `name`: names separated by commas, in which `*` stands for any characters.
+/// Whether `list` names `name`. A list holds comma-separated names in which `*` stands for any characters.
 pub fn is_named_by(name: &str, list: &str) -> bool {
     patterns(list).any(|pattern| matches(pattern, name))
 }
 
-/// Checks that each name of `list` is that of one of the objects called `known`.
+/// Checks that each name in `list` matches at least one name in `known`.
 ///
 /// # Errors
-/// [`UnknownObject`]: the first that is not.
+/// [`UnknownObject`]: the first name that matches none.
 pub fn check_names<'a>(
     list: &str,
     known: impl Iterator<Item = &'a str> + Clone,
@@ -33,7 +33,7 @@ pub fn check_names<'a>(
     }
 }
 
-/// The names that there are, a few of them when there are many.
+/// The known names, sorted; if there are many, only the first few and a count of the others.
 fn enumerate<'a>(known: impl Iterator<Item = &'a str>) -> String {
     const MOST: usize = 12;
     let mut known: Vec<&str> = known.collect();
@@ -54,7 +54,7 @@ fn patterns(list: &str) -> impl Iterator<Item = &str> {
         .filter(|pattern| !pattern.is_empty())
 }
 
-/// Whether `pattern`, in which `*` stands for any characters, describes all of `name`.
+/// Whether `pattern`, in which `*` stands for any characters, matches the whole of `name`.
 fn matches(pattern: &str, name: &str) -> bool {
     let Some((start, rest)) = pattern.split_once('*') else {
         return pattern == name;
@@ -65,7 +65,7 @@ fn matches(pattern: &str, name: &str) -> bool {
     let mut parts: Vec<&str> = rest.split('*').collect();
     let end = parts.pop().unwrap_or("");
     for part in parts {
-        // The first place is as good as any: what follows may begin anywhere.
+        // The first match is as good as any, because a `*` follows.
         match name.find(part) {
             Some(at) => name = &name[at + part.len()..],
             None => return false,

@@ -1,4 +1,4 @@
-//! Normals for meshes that come without.
+//! Smooth normals for meshes that have none.
 
 use std::collections::HashMap;
 
@@ -6,21 +6,22 @@ use glam::DVec3;
 
 use crate::Mesh;
 
-/// The crease angle that importers use (rad): 40 degrees.
+/// Crease angle that importers use (rad): 40 degrees.
 pub const CREASE_ANGLE: f32 = 40.0 * std::f32::consts::PI / 180.0;
 
-/// With more corners than this at one position, all are smoothed together: comparing each with each would take too long.
+/// If more corners than this share a position, all are smoothed together: comparing every pair would take too long.
 const CORNERS_COMPARED: usize = 512;
 
-/// Replaces the normals of `mesh` by smooth ones. A corner's normal is the mean of the face normals around its position,
-/// weighted by area and by the angle at that corner, over the faces that bend away from its own by at most `crease_angle`
-/// (rad). Equal positions count as one; a vertex whose corners get different normals is split.
+/// Replaces the normals of `mesh` with smooth ones. The normal of a corner is the mean of the face normals around its
+/// position, weighted by area and by the angle at that corner. Only faces whose normals differ from that of the
+/// corner's own face by at most `crease_angle` (rad) contribute. Equal positions count as one; a vertex whose corners
+/// get different normals is split.
 ///
-/// Always unit and finite: triangles without area take the mean of their neighbours, and +Y when there are none. Indices
-/// must be in range and positions finite.
+/// The normals are always unit and finite: triangles without area take the mean of their neighbours, or +Y if there are
+/// none. Indices must be in range and positions finite.
 pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
     let triangles = mesh.indices.as_chunks::<3>().0;
-    // In double precision neither huge nor tiny triangles overflow or vanish.
+    // Double precision prevents overflow and underflow for huge and tiny triangles.
     let position = |vertex: u32| mesh.positions[vertex as usize].as_dvec3();
     let faces: Vec<Face> = triangles
         .iter()
@@ -70,9 +71,9 @@ pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
 }
 
 struct Face {
-    /// Unit, or zero without area.
+    /// Unit vector; zero if the face has no area.
     normal: DVec3,
-    /// Area times the angle at each corner.
+    /// Area times the angle at each corner, up to a common factor.
     weights: [f64; 3],
 }
 
@@ -95,9 +96,9 @@ impl Face {
     }
 }
 
-/// The corners (positions in the index list) that lie at each welded position.
+/// The corners (positions in the index list) at each welded position.
 struct CornersByPosition {
-    /// Start of each position's corners in `corners`, and the end of the last.
+    /// Start of each position's range in `corners`; the last entry is the end of the last range.
     starts: Vec<u32>,
     corners: Vec<u32>,
 }

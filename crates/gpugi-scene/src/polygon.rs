@@ -1,8 +1,9 @@
-//! Polygons into triangles, for files that hold faces with any number of corners.
+//! Triangulates polygons, for file formats whose faces have any number of corners.
 
 use glam::{DVec3, Vec3};
 
-/// The normal of a polygon by Newell's method: not unit, its length is twice the area. Zero for a degenerate polygon.
+/// The normal of a polygon by Newell's method. It is not a unit vector: its length is twice the area. Zero for a
+/// degenerate polygon.
 fn polygon_normal(corners: &[DVec3]) -> DVec3 {
     let next = corners.iter().cycle().skip(1);
     let origin = corners[0];
@@ -13,11 +14,13 @@ fn polygon_normal(corners: &[DVec3]) -> DVec3 {
         .sum()
 }
 
-/// Polygons with more corners than this are cut into a fan even when they are concave: cutting ears takes quadratic time.
+/// Polygons with more corners than this become a fan even if they are concave, because ear clipping takes quadratic
+/// time.
 const EAR_CORNERS: usize = 100;
 
-/// Cuts a polygon into triangles of corner numbers, in the same winding: a fan when it is convex, ears when it is concave.
-/// A polygon that crosses itself or has no area gives as many triangles of any shape. Fewer than three corners give none.
+/// Triangulates a polygon and keeps its winding. Returns corner numbers. A convex polygon becomes a fan; a concave one
+/// is cut by ear clipping. A polygon that intersects itself or has no area yields the same number of triangles, of
+/// arbitrary shape. Fewer than three corners yield none.
 pub fn triangulate(corners: &[Vec3]) -> Vec<[u32; 3]> {
     let fan = || {
         (2..corners.len() as u32)
@@ -29,7 +32,7 @@ pub fn triangulate(corners: &[Vec3]) -> Vec<[u32; 3]> {
     }
     let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
     let normal = polygon_normal(&points);
-    // Twice the signed area of a triangle as seen against the normal, times the normal's length.
+    // Twice the signed area of the triangle projected along the normal, times the length of the normal.
     let area = |a: u32, b: u32, c: u32| {
         let [a, b, c] = [a, b, c].map(|corner| points[corner as usize]);
         (b - a).cross(c - a).dot(normal)

@@ -1,27 +1,29 @@
-//! Provoking-vertex order: lets a vertex index name its triangle.
+//! Provoking-vertex order: makes the vertex index identify the triangle.
 //!
-//! A fragment shader needs the triangle that it belongs to, and WebGPU's `primitive-index` is optional. A value
-//! interpolated flat comes from a triangle's first vertex, so that when triangle t starts with vertex t, the vertex index
-//! is the triangle's number.
+//! A fragment shader needs to know its triangle, and WebGPU's `primitive-index` is optional. A flat-interpolated value
+//! comes from the first vertex of the triangle. So if triangle t starts with vertex t, the vertex index is the
+//! triangle's number.
 
-/// A mesh's triangles in provoking-vertex order.
+/// The triangles of a mesh in provoking-vertex order.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProvokingMesh {
-    /// The original vertex of each new vertex. Entry t is the first vertex of triangle t; vertices that start no triangle
-    /// follow. Every original vertex occurs at least once.
+    /// The original vertex of each new vertex. Entry t is the first vertex of triangle t. Vertices that start no
+    /// triangle follow. Every original vertex occurs at least once.
     pub vertices: Vec<u32>,
-    /// Three new vertices a triangle: the original triangles in their order and winding, some of them rotated.
+    /// Three new vertex indices per triangle: the original triangles in their original order and winding, some of them
+    /// rotated.
     pub indices: Vec<u32>,
 }
 
 /// Rotates triangles and duplicates vertices until the first vertex of triangle t is new vertex t.
 ///
-/// There are as many new vertices as triangles, and one more for each original vertex that starts no triangle. The fewer of
-/// those the better: greedily, each triangle starts with an unused corner, the one with the fewest triangles still to come,
-/// because it has the fewest chances left (the idea of meshoptimizer's `generateProvokingIndexBuffer`).
+/// The result has one new vertex per triangle, plus one for each original vertex that starts no triangle. To keep the
+/// latter few, a greedy pass starts each triangle with an unused corner: of those, the one with the fewest triangles
+/// still to come, because it has the fewest chances left (the idea of meshoptimizer's `generateProvokingIndexBuffer`).
+/// Indices after the last whole triangle are ignored.
 ///
 /// # Panics
-/// When an index is not below `vertex_count`; indices after the last whole triangle are ignored.
+/// If an index is not below `vertex_count`.
 pub fn provoking_order(indices: &[u32], vertex_count: usize) -> ProvokingMesh {
     let triangles = indices.as_chunks::<3>().0;
     let mut triangles_to_come = vec![0_u32; vertex_count];

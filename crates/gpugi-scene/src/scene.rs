@@ -1,4 +1,4 @@
-//! The scene: everything a technique may light.
+//! The scene: everything that a technique may light.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::animation::Rig;
 use crate::names::{UnknownObject, check_names, is_named_by};
 use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
 
-/// One placed mesh. Two instances may share a mesh.
+/// A placed mesh. Several instances may share a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
     /// Name for reports.
@@ -17,39 +17,41 @@ pub struct Instance {
     pub mesh: usize,
     /// Index into [`Scene::materials`].
     pub material: usize,
-    /// World space (m) from mesh space; affine, may mirror.
+    /// World space (m) from mesh space; affine, possibly mirrored.
     pub world_from_mesh: Mat4,
-    /// Node of the animation hierarchy that carries it, if any.
+    /// The animation node that carries the instance, if any.
     pub node: Option<usize>,
-    /// Where in the glTF file it comes from, if it does.
+    /// Where the instance comes from in its glTF file, if it comes from one.
     pub origin: Option<Origin>,
 }
 
-/// The place of an instance in its glTF file. Corner c of triangle t of the instance's mesh is corner c of triangle t of
-/// the primitive there, with strips and fans taken apart.
+/// The place of an instance in its glTF file. Corner c of triangle t of the instance's mesh is corner c of triangle t
+/// of that primitive, once strips and fans are converted to triangle lists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Origin {
     /// Index into the file's nodes.
     pub node: usize,
-    /// Number of the instance, of a node that stands in many places (EXT_mesh_gpu_instancing).
+    /// Index of the copy, for a node that is instanced many times (EXT_mesh_gpu_instancing).
     pub place: Option<usize>,
     /// Index into the primitives of that node's mesh.
     pub primitive: usize,
 }
 
-/// Light from infinitely far: an equirectangular image, +Y up, the centre looks toward -Z, u grows toward +X.
+/// Light from infinitely far away: an equirectangular image. +Y is up, the centre looks toward -Z, and u grows toward
+/// +X.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Linear radiance.
     pub image: Arc<Image>,
     /// Rotation about +Y (rad).
     pub rotation: f32,
-    /// Factor on the radiance.
+    /// Factor applied to the radiance.
     pub intensity: f32,
 }
 
 impl Environment {
-    /// A clear sky with a low sun behind the viewer's left shoulder and grey ground: what lights a scene that has no light of its own.
+    /// A clear sky with a low sun behind the viewer's left shoulder, and grey ground. Lights scenes that have no light
+    /// of their own.
     pub fn default_sky() -> Self {
         const WIDTH: u32 = 256;
         const HEIGHT: u32 = 128;
@@ -70,7 +72,8 @@ impl Environment {
                 } else {
                     Vec3::splat(0.22)
                 };
-                // A disc of five degrees: small enough for shadows, wide enough for a texel grid.
+                // A sun disc of 5 degrees radius: small enough to cast distinct shadows, wide enough for the texel
+                // grid.
                 let toward_sun = direction.dot(sun);
                 let disc = if toward_sun > 0.9962 { 180.0 } else { 0.0 };
                 let glow = toward_sun.max(0.0).powi(64) * 0.8;
@@ -101,7 +104,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The box around nothing.
+    /// The empty box.
     pub const EMPTY: Self = Self {
         min: Vec3::INFINITY,
         max: Vec3::NEG_INFINITY,
@@ -115,12 +118,12 @@ impl Bounds {
         })
     }
 
-    /// Whether nothing is inside.
+    /// Whether the box contains no points.
     pub fn is_empty(&self) -> bool {
         self.min.cmpgt(self.max).any()
     }
 
-    /// The box around both.
+    /// The smallest box that contains both.
     pub fn union(self, other: Self) -> Self {
         Self {
             min: self.min.min(other.min),
@@ -128,7 +131,7 @@ impl Bounds {
         }
     }
 
-    /// Middle of the box; the origin when empty.
+    /// Centre of the box; the origin if empty.
     pub fn center(&self) -> Vec3 {
         if self.is_empty() {
             Vec3::ZERO
@@ -137,7 +140,7 @@ impl Bounds {
         }
     }
 
-    /// Length of the diagonal; 0 when empty.
+    /// Length of the diagonal; 0 if empty.
     pub fn diagonal(&self) -> f32 {
         if self.is_empty() {
             0.0
@@ -157,7 +160,7 @@ impl Bounds {
         })
     }
 
-    /// The box around this box transformed by `matrix`.
+    /// Bounding box of this box after transformation by `matrix`.
     pub fn transformed(&self, matrix: &Mat4) -> Self {
         if self.is_empty() {
             return *self;
@@ -166,18 +169,18 @@ impl Bounds {
     }
 }
 
-/// What exists, in world space.
+/// All scene contents, in world space.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scene {
     /// File or built-in name.
     pub name: String,
-    /// Triangle meshes in their own space. Copies of the scene share them; who edits a mesh replaces it.
+    /// Triangle meshes, each in its own mesh space. Copies of the scene share them; to edit a mesh, replace it.
     pub meshes: Vec<Arc<Mesh>>,
     /// Placed meshes.
     pub instances: Vec<Instance>,
     /// Materials.
     pub materials: Vec<Material>,
-    /// Images with sampling modes.
+    /// Images with their sampling modes.
     pub textures: Vec<Texture>,
     /// Decoded images, shared like meshes.
     pub images: Vec<Arc<Image>>,
@@ -185,15 +188,15 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Cameras, the default one first.
     pub cameras: Vec<Camera>,
-    /// Light from infinitely far.
+    /// Light from infinitely far away.
     pub environment: Option<Environment>,
-    /// What moves: see [`Scene::pose`].
+    /// Animation data: see [`Scene::pose`].
     pub rig: Option<Rig>,
-    /// What the file asked for and did not get.
+    /// Features that the file asked for and the importer could not provide.
     pub warnings: Vec<String>,
 }
 
-/// What a scene holds, for `gpugi info`.
+/// Scene statistics, for `gpugi info`.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Statistics {
     /// Distinct meshes.
@@ -204,7 +207,7 @@ pub struct Statistics {
     pub triangles: u64,
     /// Materials.
     pub materials: usize,
-    /// Materials that discard or blend by alpha.
+    /// Materials whose alpha mode is mask or blend.
     pub alpha_materials: usize,
     /// Images.
     pub images: usize,
@@ -220,7 +223,7 @@ pub struct Statistics {
     pub cameras: usize,
     /// Whether there is an environment.
     pub environment: bool,
-    /// Whether something moves.
+    /// Whether the scene has a rig.
     pub animated: bool,
     /// Bytes of meshes in memory.
     pub mesh_bytes: u64,
@@ -272,10 +275,10 @@ impl Scene {
         self.instances.len() - 1
     }
 
-    /// Takes away the instances and lights that `list` names ([`is_named_by`]). Meshes and materials stay.
+    /// Removes the instances and lights that `list` names ([`is_named_by`]). Meshes and materials stay.
     ///
     /// # Errors
-    /// [`UnknownObject`] when a name of the list is nobody's; the scene is then as before.
+    /// [`UnknownObject`] if a name in the list matches no object; the scene is then unchanged.
     pub fn remove(&mut self, list: &str) -> Result<(), UnknownObject> {
         let instances = self.instances.iter().map(|instance| instance.name.as_str());
         let lights = self.lights.iter().map(|light| light.name.as_str());
@@ -304,7 +307,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The box around every instance.
+    /// Bounding box of all instances.
     pub fn bounds(&self) -> Bounds {
         let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(|mesh| mesh.bounds()).collect();
         self.instances.iter().fold(Bounds::EMPTY, |all, instance| {
@@ -312,7 +315,7 @@ impl Scene {
         })
     }
 
-    /// Whether anything in the scene gives light.
+    /// Whether anything in the scene emits light.
     pub fn has_light(&self) -> bool {
         !self.lights.is_empty()
             || self.environment.is_some()
@@ -322,7 +325,7 @@ impl Scene {
                 .any(|instance| self.materials[instance.material].emissive != Vec3::ZERO)
     }
 
-    /// What the scene holds.
+    /// Counts and sizes of the scene's contents.
     pub fn statistics(&self) -> Statistics {
         let triangles = |instance: &Instance| self.meshes[instance.mesh].indices.len() as u64 / 3;
         let count = |test: fn(&LightKind) -> bool| {

@@ -1,17 +1,18 @@
-//! Coarser triangles for what need not be exact, such as casters of soft shadows.
+//! Mesh simplification for uses that tolerate it, such as casters of soft shadows.
 
 use glam::Vec3;
 
-/// Whether [`simplified`] simplifies: with the cargo feature `meshopt`.
+/// Whether [`simplified`] simplifies: true with the cargo feature `meshopt`.
 pub const CAN_SIMPLIFY: bool = cfg!(feature = "meshopt");
 
-/// Largest distance between a simplified mesh and itself, relative to its extent: walls and boxes stay what they are.
+/// Maximum simplification error, relative to the mesh's extent. Walls and boxes keep their shape.
 #[cfg(feature = "meshopt")]
 const MOST_ERROR: f32 = 0.02;
 
-/// About `detail` times as many of a mesh's triangles, between its own vertices, by collapsing edges (Garland, Heckbert 1997, as in
-/// meshoptimizer). Seams of normals and texture coordinates are closed. Indices must be in range. Without the cargo feature
-/// `meshopt`, and at a detail of 1, the triangles that it has.
+/// Simplifies a mesh to about `detail` times its number of triangles by edge collapse (Garland, Heckbert 1997, as
+/// implemented in meshoptimizer). The result uses the mesh's own vertices. Seams of normals and texture coordinates are
+/// closed. Indices must be in range. Without the cargo feature `meshopt`, or if `detail` is 1, returns the original
+/// triangles.
 pub fn simplified(positions: &[Vec3], indices: &[u32], detail: f32) -> Vec<u32> {
     #[cfg(feature = "meshopt")]
     if detail < 1.0 {
@@ -23,7 +24,8 @@ pub fn simplified(positions: &[Vec3], indices: &[u32], detail: f32) -> Vec<u32> 
 
 #[cfg(feature = "meshopt")]
 fn collapsed(positions: &[Vec3], indices: &[u32], detail: f32) -> Vec<u32> {
-    // Vertices that differ in position alone: meshoptimizer keeps those that share one with another, even with one that is not used.
+    // Pass only vertices with distinct positions: meshoptimizer keeps vertices that share a position with another
+    // vertex, even with an unused one.
     let numbers = crate::mesh::weld(positions);
     let mut first_at: Vec<u32> = Vec::new();
     for (vertex, &number) in numbers.iter().enumerate() {
@@ -72,14 +74,14 @@ mod tests {
     fn curved_meshes_lose_triangles_and_flat_ones_keep_their_shape() {
         for name in ["spheres", "room", "teapot"] {
             for mesh in &builtin(name, 2).unwrap().meshes {
-                // As captures draw it, with twins of vertices.
+                // In the order in which captures draw it, with duplicated vertices.
                 let ordered = provoking_order(&mesh.indices, mesh.positions.len());
                 let mesh = mesh.with_vertices(&ordered.vertices, ordered.indices);
                 let before = area(&mesh.positions, &mesh.indices);
                 let coarse = simplified(&mesh.positions, &mesh.indices, 0.25);
                 let count = coarse.len() / 3;
                 assert_eq!(coarse.len() % 3, 0);
-                // Edges of boxes stay, and so do their last triangles.
+                // The edges of boxes stay, and so do their last triangles.
                 let most = mesh.indices.len() / 3 / 2 + 12;
                 assert!(count <= most, "{}: {count}, not {most}", mesh.name);
                 let change = area(&mesh.positions, &coarse) / before - 1.0;
@@ -95,7 +97,7 @@ mod tests {
     #[test]
     fn nothing_stays_nothing() {
         assert!(simplified(&[], &[], 0.5).is_empty());
-        // Triangles of no area do no harm.
+        // Triangles without area must do no harm.
         let coarse = simplified(&[Vec3::ONE; 3], &[0, 1, 2], 0.5);
         assert!(coarse.len() <= 3);
     }

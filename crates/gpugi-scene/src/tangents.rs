@@ -1,4 +1,4 @@
-//! Normals and tangents for meshes that lack them.
+//! Flat normals, and tangents for meshes that lack them.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 
 use crate::Mesh;
 
-/// Gives every triangle vertices and a normal of its own. Returns the old vertex of each new one.
+/// Gives every triangle its own vertices and its own normal. Returns the old vertex of each new one.
 pub fn make_flat(mesh: &mut Mesh) -> Vec<u32> {
     let sources = mesh.indices.clone();
     select_vertices(mesh, &sources);
@@ -16,7 +16,8 @@ pub fn make_flat(mesh: &mut Mesh) -> Vec<u32> {
     sources
 }
 
-/// Sets the normals of a mesh whose triangles have three vertices of their own, in order; +Y where a triangle has no area.
+/// Sets flat normals on a mesh in which each triangle has three vertices of its own, in order; +Y for triangles without
+/// area.
 pub(crate) fn flatten_normals(mesh: &mut Mesh) {
     let (triangles, _) = mesh.positions.as_chunks::<3>();
     mesh.normals = triangles
@@ -25,7 +26,7 @@ pub(crate) fn flatten_normals(mesh: &mut Mesh) {
         .collect();
 }
 
-/// `vector` with length 1, also where its square overflows or underflows; `otherwise` if it has no direction.
+/// `vector` normalized, even if its squared length would overflow or underflow; `otherwise` if it has no direction.
 pub(crate) fn unit_or(otherwise: Vec3, vector: Vec3) -> Vec3 {
     let largest = vector.abs().max_element();
     if largest > 0.0 && largest.is_finite() {
@@ -35,9 +36,9 @@ pub(crate) fn unit_or(otherwise: Vec3, vector: Vec3) -> Vec3 {
     }
 }
 
-/// Generates MikkTSpace tangents for normal maps that are read with the given UV set, as glTF demands; vertices where
-/// tangents part become several. Returns the old vertex of each new one; none, and nothing changes, without that UV set.
-/// The mesh must pass [`Mesh::check`].
+/// Generates MikkTSpace tangents, as glTF demands, for normal maps that use the given UV set. A vertex whose corners
+/// get different tangents is split. Returns the old vertex of each new one. Without that UV set, returns `None` and
+/// changes nothing. The mesh must pass [`Mesh::check`].
 ///
 /// Mikkelsen, "Simulation of Wrinkled Surfaces Revisited", 2008.
 pub fn generate(mesh: &mut Mesh, uv_set: usize) -> Option<Vec<u32>> {
@@ -74,7 +75,7 @@ pub fn generate(mesh: &mut Mesh, uv_set: usize) -> Option<Vec<u32>> {
     Some(sources)
 }
 
-/// Some unit tangent for a triangle whose texture coordinates give none.
+/// An arbitrary unit tangent for a triangle whose texture coordinates define none.
 fn any_tangent(normal: Vec3) -> Vec4 {
     normal
         .try_normalize()
@@ -82,7 +83,7 @@ fn any_tangent(normal: Vec3) -> Vec4 {
         .extend(1.0)
 }
 
-/// Makes vertex `sources[i]` vertex i in every list.
+/// Rearranges every vertex list so that old vertex `sources[i]` becomes vertex i.
 fn select_vertices(mesh: &mut Mesh, sources: &[u32]) {
     select(&mut mesh.positions, sources);
     select(&mut mesh.normals, sources);
@@ -92,7 +93,7 @@ fn select_vertices(mesh: &mut Mesh, sources: &[u32]) {
     select(&mut mesh.colors, sources);
 }
 
-/// Makes `values[sources[i]]` value i; an empty list stays empty.
+/// Rearranges `values` so that old entry `sources[i]` becomes entry i; an empty list stays empty.
 pub(crate) fn select<T: Copy>(values: &mut Vec<T>, sources: &[u32]) {
     if !values.is_empty() {
         *values = sources
@@ -102,7 +103,7 @@ pub(crate) fn select<T: Copy>(values: &mut Vec<T>, sources: &[u32]) {
     }
 }
 
-/// A mesh as MikkTSpace sees it: a tangent each corner of each triangle.
+/// Presents a mesh to MikkTSpace, with one tangent per corner of each triangle.
 struct Corners<'a> {
     mesh: &'a Mesh,
     uv_set: usize,
@@ -137,7 +138,7 @@ impl Geometry for Corners<'_> {
     }
 
     fn set_tangent(&mut self, tangent: Option<TangentSpace>, face: usize, corner: usize) {
-        // MikkTSpace's bitangent follows v, which points down in glTF, where the bitangent points up.
+        // MikkTSpace's bitangent follows v. In glTF v points down but the bitangent points up, hence the opposite sign.
         self.tangents[face * 3 + corner] = tangent.map(|tangent| {
             let [x, y, z, sign] = tangent.tangent_encoded();
             Vec4::new(x, y, z, -sign)

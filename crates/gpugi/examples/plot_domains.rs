@@ -32,6 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut frame = Frame::new(&gpu, false);
     let domains = decomposition.decompose(&mut frame, &scene, &Settings::default())?;
     frame.submit()?;
+    let domains = domains.ok_or("no environment")?.wait()?;
     let owners = decomposition.owners().ok_or("no domains")?;
     let (cells, rows) = (owners.width(), owners.height());
     let owners: Vec<u32> = read_texture(&gpu, owners, TextureAspect::All, 0, 0)?;

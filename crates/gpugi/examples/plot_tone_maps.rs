@@ -5,7 +5,7 @@ use std::error::Error;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use gpugi::display::{Display, DisplaySettings, Exposure, ToneMap};
+use gpugi::display::{Display, DisplaySettings, Exposure, Part, ToneMap};
 use gpugi::gpu::{AdapterChoice, Frame, Gpu};
 
 /// Exposed radiance at the plot's left and right edge, in stops above 1.
@@ -76,7 +76,11 @@ fn curve(gpu: &Gpu, tone_map: ToneMap) -> Result<Vec<(f32, f32)>, Box<dyn Error>
         ..DisplaySettings::default()
     };
     let mut frame = Frame::new(gpu, false);
-    display.record(&mut frame, &radiance, 1, &settings)?;
+    let part = Part {
+        radiance,
+        pixels: (COPIES * POINTS) as u32,
+    };
+    display.record(&mut frame, &[part], 1, &settings)?;
     frame.submit()?;
     let pixels = display.pixels(gpu)?;
     let means = pixels.chunks_exact(COPIES * 4).map(|row| {

@@ -52,7 +52,7 @@ fn row(gpu: &Gpu, name: &str, scene: &Scene) -> Result<(), Box<dyn std::error::E
         let mut frame = Frame::new(gpu, false);
         capture.record(&mut frame, &on_gpu)?;
         frame.submit()?;
-        gpu.device.poll(wgpu::PollType::wait_indefinitely())?;
+        gpu.wait()?;
         passes.push(Instant::now());
     }
     let first = (passes[0] - start).as_secs_f64();

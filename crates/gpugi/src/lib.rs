@@ -8,8 +8,11 @@
 //! let mut renderer = Renderer::new(&gpu, &scene, [640, 640], &[])?;
 //! renderer.render_sample(&scene.cameras[0], 1, Some(&DisplaySettings::default()), false)?;
 //! let rgba = renderer.pixels()?;
-//! # Ok::<(), gpugi::RenderError>(())
+//! # Ok::<(), gpugi::LightingError>(())
 //! ```
+
+// What macros expand to names the crate, here, too.
+extern crate self as gpugi;
 
 pub mod bake;
 pub mod capture;
@@ -17,15 +20,19 @@ pub mod display;
 pub mod gpu;
 pub mod impostor;
 pub mod light_paths;
+pub mod lighting;
 pub mod measure;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;
 pub mod scene;
+mod sequence;
+pub mod settings;
 #[cfg(test)]
 mod shared;
 pub mod techniques;
 #[cfg(test)]
 mod testing;
 
-pub use renderer::{RenderError, Renderer};
+pub use lighting::{Lighting, LightingError, Readiness};
+pub use renderer::Renderer;

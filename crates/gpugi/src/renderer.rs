@@ -1,253 +1,124 @@
-//! The frame, readable as a table of contents: capture, resolve, each technique's generate, each technique's gather.
+//! Pictures: a camera's pixels as receivers of a scene's lighting, and their display.
 
-use std::collections::BTreeMap;
+use std::ops::Range;
 
 use glam::Vec2;
-use gpugi_scene::names::check_names;
 use gpugi_scene::{Camera, Scene};
 
-use crate::bake::Tile;
-use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
-use crate::display::{Display, DisplaySettings};
-use crate::gpu::{Frame, Gpu, GpuError, Timing, read_buffer};
-use crate::impostor::Impostors;
-use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::{Claims, Edit, GpuScene, check_environment};
-use crate::techniques::{Info, Lit, Map, REGISTRY, SettingError, Technique};
-
-/// A renderer that cannot do what it was asked.
-#[derive(Debug, Clone, thiserror::Error, PartialEq)]
-pub enum RenderError {
-    /// The GPU failed.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// A setting does not fit.
-    #[error("{technique}: {source}")]
-    Setting {
-        /// Technique.
-        technique: String,
-        /// Why.
-        source: SettingError,
-    },
-    /// There is no such technique.
-    #[error("there is no technique {name:?}; there are: {known}")]
-    UnknownTechnique {
-        /// The name asked for.
-        name: String,
-        /// The names there are.
-        known: String,
-    },
-    /// The scene holds something that no light can be computed from.
-    #[error("{what}")]
-    Scene {
-        /// What, and where.
-        what: String,
-    },
-    /// Two techniques would add the same light twice.
-    #[error("{first} and {second} both add light of path {path} ({class}): choose one of them")]
-    Overlap {
-        /// One technique.
-        first: String,
-        /// The other.
-        second: String,
-        /// A path that both add.
-        path: String,
-        /// Its class of lights.
-        class: LightClass,
-    },
-}
+use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
+use crate::display::{Display, DisplaySettings, Part, Present};
+use crate::gpu::{Frame, Gpu, GpuError, ReadBack, Timings, begin_read_part, read_buffer};
+use crate::light_paths::{LightClass, LightPaths};
+use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
+use crate::scene::{Edit, GpuScene};
+use crate::sequence::low_discrepancy;
+use crate::techniques::{Map, Registry, Technique};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
 pub struct Renderer {
     gpu: Gpu,
     scene: GpuScene,
+    lighting: Lighting,
     size: [u32; 2],
-    capture: Capture,
-    emission: Emission,
-    techniques: Vec<Box<dyn Technique>>,
-    impostors: Impostors,
-    target: Target,
+    tiles: Vec<Tile>,
     display: Display,
     samples: u32,
     seed: u32,
-    /// Grows with every setting.
-    settings_version: u64,
+}
+
+/// As many rows of the picture as fit one buffer of surface points.
+#[derive(Debug)]
+struct Tile {
+    rows: Range<u32>,
+    capture: Capture,
+    receiver: Receiver,
 }
 
 impl Renderer {
-    /// A renderer of `scene` at `size` pixels with the named techniques; none named means every real-time technique that adds light
-    /// in this scene.
+    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set.
     ///
     /// # Errors
-    /// [`RenderError::UnknownTechnique`], [`RenderError::Overlap`], [`RenderError::Scene`], [`RenderError::Gpu`].
+    /// [`LightingError`].
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         names: &[String],
-    ) -> Result<Self, RenderError> {
-        check_environment(scene.environment.as_ref())?;
-        let is_named = |info: &Info| names.iter().any(|name| name == info.name);
-        let mut infos = REGISTRY.iter().map(|(info, _)| info);
-        let scene = if infos.any(|info| info.keeps_texels && is_named(info)) {
-            GpuScene::with_texels(gpu, scene)?
-        } else {
-            GpuScene::new(gpu, scene)?
-        };
-        Self::of(gpu, scene, size, names)
+    ) -> Result<Self, LightingError> {
+        Self::with_registry(gpu, scene, size, names, &Registry::default())
     }
 
-    /// As [`Renderer::new`], of a scene in which rays are traced at texels whether techniques do so or not.
+    /// As [`Renderer::new`], with techniques of other crates.
     ///
     /// # Errors
-    /// As [`Renderer::new`].
-    pub(crate) fn with_texels(
+    /// [`LightingError`].
+    pub fn with_registry(
         gpu: &Gpu,
         scene: &Scene,
-        names: &[String],
-    ) -> Result<Self, RenderError> {
-        check_environment(scene.environment.as_ref())?;
-        Self::of(gpu, GpuScene::with_texels(gpu, scene)?, [1, 1], names)
-    }
-
-    fn of(
-        gpu: &Gpu,
-        scene: GpuScene,
         size: [u32; 2],
         names: &[String],
-    ) -> Result<Self, RenderError> {
-        let is_named = |info: &Info| names.iter().any(|name| name == info.name);
-        let present = light_classes(&scene);
-        if let Some(name) = names
-            .iter()
-            .find(|name| REGISTRY.iter().all(|(info, _)| info.name != **name))
-        {
-            return Err(RenderError::UnknownTechnique {
-                name: name.clone(),
-                known: REGISTRY
-                    .iter()
-                    .map(|(info, _)| info.name)
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            });
-        }
-        let kernels = CaptureKernels::new(gpu, &scene)?;
-        let mut techniques: Vec<Box<dyn Technique>> = Vec::new();
-        for (info, make) in REGISTRY {
-            let wanted = if names.is_empty() {
-                info.paths
-                    .iter()
-                    .any(|paths| present.contains(&paths.class))
-                    && (info.suits)(&scene)
-            } else {
-                is_named(info)
-            };
-            if !wanted {
-                continue;
-            }
-            techniques.push(make(gpu, &scene)?);
-        }
-        let capture = Capture::of_camera(gpu, &kernels, size)?;
-        let target = Target::new(gpu, capture.points.count)?;
-        let mut renderer = Self {
+        registry: &Registry,
+    ) -> Result<Self, LightingError> {
+        let mut scene = Lighting::upload(gpu, scene, names, registry)?;
+        let lighting = Lighting::new(gpu, &mut scene, names, registry)?;
+        let tiles = tiles(gpu, &lighting, size, u32::MAX)?;
+        // Errors of pipelines and bind groups belong to this call.
+        gpu.check()?;
+        Ok(Self {
             display: Display::new(gpu, size)?,
             gpu: gpu.clone(),
+            scene,
+            lighting,
             size,
-            capture,
-            emission: Emission::new(gpu, &scene)?,
-            impostors: Impostors::new(gpu, &scene, &kernels)?,
-            techniques,
-            target,
+            tiles,
             samples: 0,
             seed: 0,
-            settings_version: 0,
-            scene,
-        };
-        let claiming = renderer.assign();
-        // Techniques with objects of their own add their light there alone.
-        let unclaimed = renderer.techniques.iter().zip(claiming);
-        let unclaimed = unclaimed.filter_map(|(technique, claims)| (!claims).then_some(technique));
-        for (index, second) in unclaimed.clone().enumerate() {
-            for first in unclaimed.clone().take(index) {
-                if let Some((class, path)) = overlap(first.paths(), second.paths()) {
-                    return Err(RenderError::Overlap {
-                        first: first.info().name.into(),
-                        second: second.info().name.into(),
-                        path,
-                        class,
-                    });
-                }
-            }
-        }
-        Ok(renderer)
+        })
     }
 
-    /// Asks the techniques which objects are their own affair; returns which of them have any.
-    fn assign(&mut self) -> Vec<bool> {
-        let mut claims = vec![Claims::NONE; self.scene.objects.len()];
-        let mut covered = Vec::new();
-        let mut claiming = Vec::new();
-        for technique in &mut self.techniques {
-            let own = technique.claim(&self.scene, &covered);
-            claiming.push(own.iter().any(|claim| *claim != Claims::NONE));
-            for (all, own) in claims.iter_mut().zip(own) {
-                *all = *all | own;
-            }
-            covered.extend_from_slice(technique.paths());
-        }
-        self.scene.assign(&self.gpu, &claims);
-        claiming
-    }
-
-    /// Sets one setting of one technique from text.
+    /// Changes the size of the picture (pixels); accumulation restarts, maps stay.
     ///
     /// # Errors
-    /// [`RenderError::UnknownTechnique`] when it is not among those in use, [`RenderError::Setting`].
-    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), RenderError> {
-        let known = self
-            .techniques
-            .iter()
-            .map(|one| one.info().name)
-            .collect::<Vec<_>>()
-            .join(", ");
-        let found = self
-            .techniques
-            .iter_mut()
-            .find(|one| one.info().name == technique)
-            .ok_or_else(|| RenderError::UnknownTechnique {
-                name: technique.to_owned(),
-                known,
-            })?;
-        let fail = |source| RenderError::Setting {
-            technique: technique.to_owned(),
-            source,
-        };
-        let before = found.settings()[name].clone();
-        let names = found.names().to_owned();
-        found.set(name, value).map_err(fail)?;
-        let objects = &self.scene.objects;
-        let known = objects.iter().map(|object| object.name.as_str());
-        // Names that were known may be gone from the scene meanwhile.
-        if found.names() != names
-            && let Err(unknown) = check_names(found.names(), known)
-        {
-            // What is refused is not kept.
-            let before = before.as_str().unwrap_or_default();
-            found.set(name, before).map_err(fail)?;
-            return Err(fail(SettingError::Value {
-                name: name.to_owned(),
-                value: value.to_owned(),
-                reason: unknown.to_string(),
-            }));
-        }
-        self.settings_version += 1;
-        self.assign();
+    /// [`LightingError::Gpu`]; the renderer keeps its size then.
+    pub fn resize(&mut self, size: [u32; 2]) -> Result<(), LightingError> {
+        self.cut(size, u32::MAX)
+    }
+
+    /// As [`Renderer::resize`], in tiles of no more than `most_points` pixels.
+    pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
+        let tiles = tiles(&self.gpu, &self.lighting, size, most_points)?;
+        self.display = Display::new(&self.gpu, size)?;
+        self.tiles = tiles;
+        self.size = size;
+        self.samples = 0;
         Ok(())
     }
 
-    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps that become finer from
-    /// frame to frame are kept when accumulation begins anew.
+    /// Sets one setting of one technique from text. What is refused is not kept.
+    ///
+    /// # Errors
+    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`], [`LightingError::Overlap`].
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
+        self.lighting.set(&mut self.scene, technique, name, value)
+    }
+
+    /// Changes the technique of this type, if it is in use, by its struct: `renderer.change(|shadows: &mut ShadowMap| shadows.settings.taps = 32)`.
+    ///
+    /// # Errors
+    /// [`LightingError::Overlap`].
+    pub fn change<T: Technique>(
+        &mut self,
+        change: impl FnOnce(&mut T),
+    ) -> Result<(), LightingError> {
+        if let Some(technique) = self.lighting.technique_mut() {
+            change(technique);
+        }
+        self.lighting.validate(&mut self.scene)
+    }
+
+    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps that improve from
+    /// frame to frame are kept when accumulation restarts.
     pub fn set_seed(&mut self, seed: u32) {
         self.seed = seed;
         self.samples = 0;
@@ -260,11 +131,7 @@ impl Renderer {
 
     /// Light that the techniques in use add.
     pub fn light_paths(&self) -> Vec<LightPaths> {
-        let techniques = self.techniques.iter();
-        techniques
-            .flat_map(|technique| technique.paths())
-            .cloned()
-            .collect()
+        self.lighting.light_paths()
     }
 
     /// Classes of light that the scene has.
@@ -274,12 +141,15 @@ impl Renderer {
 
     /// Bytes that the picture takes: surface points and radiance.
     pub fn picture_bytes(&self) -> u64 {
-        self.surface_points().size() + self.target.radiance.size()
+        let receivers = self.tiles.iter().map(|tile| &tile.receiver);
+        receivers
+            .map(|one| one.points.points.size() + one.target.radiance.size())
+            .sum()
     }
 
     /// The techniques in use.
     pub fn techniques(&self) -> &[Box<dyn Technique>] {
-        &self.techniques
+        self.lighting.techniques()
     }
 
     /// The scene on the GPU.
@@ -287,49 +157,44 @@ impl Renderer {
         &self.scene
     }
 
-    /// Follows the scene to what it is in `after` ([`GpuScene::update`]); accumulation begins anew.
+    /// Follows the scene to its state `after` ([`GpuScene::update`]); accumulation restarts.
     ///
     /// # Errors
-    /// [`RenderError::Scene`], [`RenderError::Gpu`].
-    pub fn update(&mut self, after: &Scene) -> Result<(), RenderError> {
-        check_environment(after.environment.as_ref())?;
+    /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is now.
+    pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
         self.samples = 0;
         self.scene.update(&self.gpu, after)?;
-        self.assign();
-        Ok(())
+        self.lighting.validate(&mut self.scene)
     }
 
-    /// Changes a few things of the scene ([`GpuScene::edit`]); accumulation begins anew.
+    /// Edits the scene ([`GpuScene::edit`]); accumulation restarts.
     ///
     /// # Errors
-    /// [`RenderError::Scene`], after which everything is as before; [`RenderError::Gpu`].
-    pub fn edit(&mut self, edits: &[Edit]) -> Result<(), RenderError> {
-        let objects = self.scene.versions.objects;
-        self.scene.edit(&self.gpu, edits)?;
+    /// As [`Renderer::update`].
+    pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
+        let planned_for = |scene: &GpuScene| (scene.versions.objects, light_classes(scene));
+        let before = planned_for(&self.scene);
         self.samples = 0;
-        if self.scene.versions.objects != objects {
-            self.assign();
+        self.scene.edit(&self.gpu, edits)?;
+        if planned_for(&self.scene) == before {
+            return Ok(());
         }
-        Ok(())
+        self.lighting.validate(&mut self.scene)
     }
 
     /// Light that exists in the scene and that no technique in use adds: a few words each.
     pub fn left_out(&self) -> Vec<String> {
-        left_out(&self.light_paths(), &self.light_classes())
+        self.lighting.left_out(&self.scene)
     }
 
-    /// What the techniques in use have to say of the picture, once a sample is rendered.
-    ///
-    /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn warnings(&self) -> Result<Vec<String>, RenderError> {
-        let mut all = Vec::new();
-        for technique in &self.techniques {
-            let name = technique.info().name;
-            let warnings = technique.warnings(&self.gpu)?.into_iter();
-            all.extend(warnings.map(|warning| format!("{name}: {warning}")));
-        }
-        Ok(all)
+    /// What is to be known of the picture beyond its light paths, as far as it is known yet: one sentence each.
+    pub fn warnings(&self) -> Vec<String> {
+        let inspections = self.lighting.inspect();
+        let warnings = inspections.flat_map(|(name, inspection)| {
+            let warnings = inspection.warnings.into_iter();
+            warnings.map(move |warning| format!("{name}: {warning}"))
+        });
+        warnings.collect()
     }
 
     /// Samples accumulated so far.
@@ -342,209 +207,333 @@ impl Renderer {
         self.samples = 0;
     }
 
-    /// Makes every map out of date, so that the next sample generates all of them: for measuring.
+    /// Makes every map stale, so that the next sample generates all of them: for measuring.
     pub fn invalidate(&mut self) {
         self.scene.invalidate();
     }
 
-    /// As if every instance had moved: maps that depend on geometry are out of date.
+    /// Makes the maps stale that depend on geometry, as if every instance had moved.
     pub fn invalidate_geometry(&mut self) {
         self.scene.invalidate_geometry();
     }
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
-    /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
+    /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass. Waits for the GPU only while maps are pending.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
+    /// [`LightingError::Gpu`].
     pub fn render_sample(
         &mut self,
         camera: &Camera,
         of: u32,
         display: Option<&DisplaySettings>,
         timed: bool,
-    ) -> Result<Vec<Timing>, RenderError> {
+    ) -> Result<Timings, LightingError> {
+        let gpu = self.gpu.clone();
+        let mut timings = Timings::default();
+        loop {
+            let mut frame = Frame::new(&gpu, timed);
+            let readiness = self.record(&mut frame, camera, of, display)?;
+            timings = timings.then(frame.submit()?);
+            if readiness.is_usable() {
+                return Ok(timings);
+            }
+            gpu.wait()?;
+        }
+    }
+
+    /// As [`Renderer::render_sample`], without ever waiting: while pipelines compile or maps are pending, no sample is added.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn try_render_sample(
+        &mut self,
+        camera: &Camera,
+        of: u32,
+        display: Option<&DisplaySettings>,
+    ) -> Result<Readiness, LightingError> {
+        if self.gpu.is_compiling() {
+            return Ok(Readiness::Pending {
+                progress: 0.0,
+                what: "shaders",
+            });
+        }
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        let readiness = self.record(&mut frame, camera, of, display)?;
+        frame.submit()?;
+        Ok(readiness)
+    }
+
+    /// Records the frame: prepare; then, when maps are usable, capture, resolve, gather and display.
+    fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        camera: &Camera,
+        of: u32,
+        display: Option<&DisplaySettings>,
+    ) -> Result<Readiness, GpuError> {
         let jitter = if of <= 1 {
             Vec2::ZERO
         } else {
-            crate::techniques::shadow_map::lights::low_discrepancy(self.samples) - 0.5
+            low_discrepancy(self.samples) - 0.5
         };
-        let view = View::new(
-            camera,
-            self.size,
-            jitter,
-            self.samples,
-            self.seed,
-            self.scene.diagonal(),
-        );
-        let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, timed);
-        self.scene.merge(&mut frame);
-        self.capture
-            .record(&mut frame, &self.scene, &view, |draw| draw.seen)?;
-        self.generate(&mut frame, &view)?;
-        let points = &self.capture.points;
-        self.emission
-            .record(&mut frame, &self.scene, points, &self.target)?;
-        for technique in &mut self.techniques {
-            technique.gather(&mut frame, &self.scene, points, &self.target)?;
+        let diagonal = self.scene.diagonal();
+        let view = View::new(camera, self.size, jitter, self.samples, self.seed, diagonal);
+        let readiness = self.lighting.prepare(frame, &mut self.scene, &view)?;
+        if !readiness.is_usable() {
+            return Ok(readiness);
+        }
+        for tile in &mut self.tiles {
+            let view = view.of_rows(&tile.rows);
+            tile.capture
+                .record(frame, &self.scene, &view, |draw| draw.seen)?;
+            self.lighting.gather(frame, &self.scene, &tile.receiver)?;
         }
         self.samples += 1;
         if let Some(settings) = display {
-            self.display
-                .record(&mut frame, &self.target.radiance, self.samples, settings)?;
+            let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
+            self.display.record(frame, &parts, self.samples, settings)?;
         }
-        Ok(frame.submit()?)
+        Ok(readiness)
     }
 
-    /// Brings the maps of all techniques up to date.
-    fn generate(&mut self, frame: &mut Frame<'_>, view: &View) -> Result<(), GpuError> {
-        self.impostors.begin_frame();
-        for index in 0..self.techniques.len() {
-            let (earlier, rest) = self.techniques.split_at_mut(index);
-            let mut lit = Lit::new(
-                &mut self.emission,
-                earlier,
-                &mut self.impostors,
-                self.settings_version,
-            );
-            rest[0].generate(frame, &self.scene, view, &mut lit)?;
-        }
-        Ok(())
-    }
-
-    /// Brings the techniques' maps of a still scene one frame further, without a picture; returns how far they are, 0 to 1. `view`: what maps that
-    /// follow a camera follow.
+    /// Displays the samples accumulated so far.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub(crate) fn refine(&mut self, view: &View) -> Result<f32, GpuError> {
-        let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
-        self.scene.merge(&mut frame);
-        self.generate(&mut frame, view)?;
-        frame.submit()?;
-        let progress = self.techniques.iter().map(|one| one.progress());
-        Ok(progress.fold(1.0, f32::min))
+    pub fn display(&mut self, settings: &DisplaySettings) -> Result<(), GpuError> {
+        let mut frame = Frame::new(&self.gpu, false);
+        let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
+        self.display
+            .record(&mut frame, &parts, self.samples, settings)?;
+        frame.submit().map(|_| ())
     }
 
-    /// What techniques save of their maps, by name.
+    /// Draws the display picture onto a colour target of its size, such as the texture of a window: pass `display.present`.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub(crate) fn save_maps(&self) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
-        let mut saved = BTreeMap::new();
-        for technique in &self.techniques {
-            if let Some(bytes) = technique.save(&self.gpu)? {
-                saved.insert(technique.info().name.to_owned(), bytes);
-            }
-        }
-        Ok(saved)
-    }
-
-    /// Lets techniques go on from what they saved, once maps are generated; returns what waits for the next time.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub(crate) fn resume_maps(
-        &mut self,
-        mut saved: BTreeMap<String, Vec<u8>>,
-    ) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
-        for technique in &mut self.techniques {
-            let name = technique.info().name;
-            if let Some(bytes) = saved.get(name)
-                && technique.resume(&self.gpu, bytes)?
-            {
-                saved.remove(name);
-            }
-        }
-        Ok(saved)
-    }
-
-    /// Adds a sample of light at the texels of `tile`: emission, and what the techniques add whose names `adds` accepts. `view`: what maps that follow a camera
-    /// follow.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub(crate) fn light_tile(
-        &mut self,
+    pub fn present(
+        &self,
         frame: &mut Frame<'_>,
-        view: &View,
-        tile: &mut Tile,
-        adds: impl Fn(&str) -> bool,
+        present: &Present,
+        target: &wgpu::TextureView,
     ) -> Result<(), GpuError> {
-        self.scene.merge(frame);
-        tile.capture.look(frame.gpu, tile.samples, self.seed);
-        tile.capture.record(frame, &self.scene)?;
-        tile.leaks.record(frame, &self.scene, &tile.capture);
-        self.generate(frame, view)?;
-        for (points, target) in tile.capture.points().zip(&tile.targets) {
-            self.emission.record(frame, &self.scene, points, target)?;
-            for technique in &mut self.techniques {
-                if adds(technique.info().name) {
-                    technique.gather(frame, &self.scene, points, target)?;
-                }
-            }
-        }
-        tile.samples += 1;
-        Ok(())
+        present.record(frame, &self.display, self.size, target)
     }
 
     /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display settings.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn pixels(&self) -> Result<Vec<u8>, RenderError> {
-        Ok(self.display.pixels(&self.gpu)?)
+    /// [`GpuError`].
+    pub fn pixels(&self) -> Result<Vec<u8>, GpuError> {
+        self.display.pixels(&self.gpu)
     }
 
-    /// Mean linear radiance, three floats a pixel, row by row from the top.
+    /// The future of [`Renderer::pixels`].
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn radiance(&self) -> Result<Vec<f32>, RenderError> {
-        let scale = 1.0 / self.samples.max(1) as f32;
-        let sums: Vec<[f32; 4]> = read_buffer(
-            &self.gpu,
-            &self.target.radiance,
-            self.target.radiance.size(),
-        )?;
-        let count = (self.size[0] * self.size[1]) as usize;
-        Ok(sums[..count]
-            .iter()
-            .flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale))
-            .collect())
+    /// [`GpuError`].
+    pub fn begin_pixels(&self) -> Result<ReadBack<Vec<u8>>, GpuError> {
+        self.display.begin_pixels(&self.gpu)
     }
 
-    /// The packed surface points of the last sample (48 bytes each).
-    pub fn surface_points(&self) -> &wgpu::Buffer {
-        &self.capture.points.points
+    /// Mean linear radiance, three floats per pixel, row by row from the top.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn radiance(&self) -> Result<Vec<f32>, GpuError> {
+        let scale = 1.0 / self.samples.max(1) as f32;
+        let mut all = Vec::with_capacity((self.size[0] * self.size[1] * 3) as usize);
+        for tile in &self.tiles {
+            let part = tile.part();
+            let sums: Vec<[f32; 4]> =
+                read_buffer(&self.gpu, &part.radiance, u64::from(part.pixels) * 16)?;
+            all.extend(
+                sums.iter()
+                    .flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale)),
+            );
+        }
+        Ok(all)
+    }
+
+    /// The surface points of the last sample, row by row from the top; `None` where no surface is.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn surface_points(&self) -> Result<Vec<Option<VisiblePoint>>, GpuError> {
+        let mut all = Vec::with_capacity((self.size[0] * self.size[1]) as usize);
+        for tile in &self.tiles {
+            let bytes = u64::from(tile.part().pixels) * SURFACE_POINT_BYTES;
+            let words: Vec<u32> = read_buffer(&self.gpu, &tile.receiver.points.points, bytes)?;
+            all.extend(words.chunks_exact(12).map(VisiblePoint::unpack));
+        }
+        Ok(all)
+    }
+
+    /// The surface point that the last sample shows at `pixel` (from the top left), when it arrives; `None` where no surface is.
+    ///
+    /// # Errors
+    /// [`GpuError::Input`] when the pixel is outside of the picture.
+    pub fn pick(&self, pixel: [u32; 2]) -> Result<ReadBack<Option<VisiblePoint>>, GpuError> {
+        let tile = self.tiles.iter().find(|tile| tile.rows.contains(&pixel[1]));
+        let tile = tile
+            .filter(|_| pixel[0] < self.size[0])
+            .ok_or_else(|| GpuError::Input {
+                what: format!("pixel {}, {} is outside of the picture", pixel[0], pixel[1]),
+            })?;
+        let index = (pixel[1] - tile.rows.start) * self.size[0] + pixel[0];
+        let first = u64::from(index) * SURFACE_POINT_BYTES;
+        let range = first..first + SURFACE_POINT_BYTES;
+        begin_read_part(&self.gpu, &tile.receiver.points.points, range, |bytes| {
+            VisiblePoint::unpack(&bytemuck::pod_collect_to_vec(&bytes))
+        })
     }
 
     /// Bytes that techniques hold to make their maps.
     pub fn work_bytes(&self) -> u64 {
-        let techniques = self.techniques.iter();
-        techniques.map(|technique| technique.work_bytes()).sum()
+        self.lighting
+            .inspect()
+            .map(|(_, inspection)| inspection.work_bytes)
+            .sum()
     }
 
     /// Every map that exists now.
     pub fn maps(&self) -> Vec<Map> {
-        self.techniques
-            .iter()
-            .flat_map(|technique| technique.maps())
-            .collect()
+        self.lighting.maps()
     }
 }
 
-/// Classes of light that a scene has.
-fn light_classes(scene: &GpuScene) -> Vec<LightClass> {
-    let punctual = !scene.lights.is_empty();
-    [
-        (punctual, LightClass::Punctual),
-        (!scene.emitters.is_empty(), LightClass::Area),
-        (scene.environment.is_some(), LightClass::Environment),
-    ]
-    .into_iter()
-    .filter_map(|(present, class)| present.then_some(class))
-    .collect()
+impl Tile {
+    fn part(&self) -> Part {
+        Part {
+            radiance: self.receiver.target.radiance.clone(),
+            pixels: self.receiver.points.count,
+        }
+    }
+}
+
+/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points` pixels each.
+fn tiles(
+    gpu: &Gpu,
+    lighting: &Lighting,
+    size: [u32; 2],
+    most_points: u32,
+) -> Result<Vec<Tile>, GpuError> {
+    let limits = gpu.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let most_points = (bytes / SURFACE_POINT_BYTES).min(u64::from(most_points));
+    let most_rows =
+        (most_points / u64::from(size[0].max(1))).min(u64::from(limits.max_texture_dimension_2d));
+    // A row at least: if that is too large, its buffer says so.
+    let count = u64::from(size[1]).div_ceil(most_rows.max(1)).max(1) as u32;
+    let kernels = lighting.capture_kernels();
+    (0..count)
+        .map(|index| {
+            let row =
+                |index: u32| (u64::from(size[1]) * u64::from(index) / u64::from(count)) as u32;
+            let rows = row(index)..row(index + 1);
+            let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
+            let target = Target::new(gpu, capture.points.count)?;
+            Ok(Tile {
+                receiver: Receiver::new(&capture.points, &target),
+                capture,
+                rows,
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::builtin::builtin;
+
+    use super::*;
+    use crate::testing::test_gpu;
+
+    #[test]
+    fn renderers_may_move_between_threads() {
+        fn is_send_and_sync<T: Send + Sync>() {}
+        is_send_and_sync::<Renderer>();
+        is_send_and_sync::<crate::bake::LightBake<'_>>();
+        is_send_and_sync::<crate::reference::PathTracer>();
+    }
+
+    /// Shadows, mirrors, glass, light in texels and see-through surfaces alike.
+    #[test]
+    fn a_picture_lit_in_tiles_has_no_seams() {
+        let Some(gpu) = test_gpu() else { return };
+        let size = [48, 37];
+        let settings = [
+            ("shadow-map", "area-samples", "4"),
+            ("radiosity", "resolution", "64"),
+            ("radiosity", "iterations", "4"),
+            ("distance-impostor", "resolution", "32"),
+        ];
+        let names = ["shadow-map", "radiosity", "distance-impostor"].map(str::to_owned);
+        let scene = builtin("glass-room", 1).unwrap();
+        let picture = |most_points: u32| {
+            let mut renderer = Renderer::new(&gpu, &scene, size, &names).unwrap();
+            for (technique, name, value) in settings {
+                renderer.set(technique, name, value).unwrap();
+            }
+            renderer.cut(size, most_points).unwrap();
+            let display = DisplaySettings::default();
+            for _ in 0..2 {
+                renderer
+                    .render_sample(&scene.cameras[0], 2, Some(&display), false)
+                    .unwrap();
+            }
+            let points = renderer.surface_points().unwrap();
+            let picked = renderer.pick([20, 30]).unwrap().wait().unwrap();
+            assert_eq!(picked, points[30 * 48 + 20]);
+            assert!(picked.is_some());
+            (
+                renderer.tiles.len(),
+                renderer.radiance().unwrap(),
+                renderer.pixels().unwrap(),
+            )
+        };
+        let (one, whole, shown) = picture(u32::MAX);
+        let (several, tiled, shown_tiled) = picture(48 * 8);
+        assert_eq!((one, several), (1, 5));
+        assert_eq!(whole.len(), tiled.len());
+        let far = whole
+            .iter()
+            .zip(&tiled)
+            .filter(|(a, b)| (*a - *b).abs() > 1e-3 * a.abs().max(0.05));
+        // A rasterizer may decide otherwise at a triangle's edge.
+        assert!(far.count() <= 3 * 4);
+        let differs = shown
+            .iter()
+            .zip(&shown_tiled)
+            .filter(|(a, b)| a.abs_diff(**b) > 1);
+        assert!(differs.count() <= 3 * 4);
+        assert!(
+            Renderer::pick(&Renderer::new(&gpu, &scene, size, &names).unwrap(), [48, 0]).is_err()
+        );
+    }
+
+    #[test]
+    fn frames_that_never_wait_come_to_the_same_picture() {
+        let Some(gpu) = test_gpu() else { return };
+        let scene = builtin("spheres", 1).unwrap();
+        let camera = &scene.cameras[0];
+        let mut blocking = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+        blocking.render_sample(camera, 1, None, false).unwrap();
+        let mut live = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+        let mut waited = 0;
+        while live.samples() == 0 {
+            let readiness = live.try_render_sample(camera, 1, None).unwrap();
+            waited += u32::from(!readiness.is_usable());
+        }
+        assert!(waited > 0, "an environment's domains take a frame at least");
+        assert_eq!(live.radiance().unwrap(), blocking.radiance().unwrap());
+        live.resize([24, 8]).unwrap();
+        live.render_sample(camera, 1, None, false).unwrap();
+        assert_eq!(live.radiance().unwrap().len(), 24 * 8 * 3);
+    }
 }

@@ -1,4 +1,4 @@
-//! Environments that nobody wants to meet, through image-based-lighting and environment-map.
+//! Hostile environments with image-based-lighting and environment-map.
 
 mod common;
 
@@ -8,12 +8,12 @@ use std::f32::consts::PI;
 
 use common::{Picture, floor, from_above, gpu, picture, place};
 use glam::{Vec3, vec3};
-use gpugi::gpu::Gpu;
-use gpugi::{RenderError, Renderer};
+use gpugi::gpu::{Gpu, GpuError};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::{Environment, Image, Material, Pixels, Scene};
 
-/// Image-based-lighting with environment-map for its mirrors, and environment-map alone.
+/// Image-based-lighting with environment-map for mirrors, and environment-map alone.
 const SETS: [&[&str]; 2] = [
     &["image-based-lighting", "environment-map"],
     &["environment-map"],
@@ -33,7 +33,7 @@ fn environment([width, height]: [u32; 2], texels: Vec<Vec3>) -> Environment {
     }
 }
 
-/// A matt floor, with balls on it: a mirror and a glossy one.
+/// A matt floor with two balls on it: a mirror and a glossy one.
 fn balls(environment: Environment) -> Scene {
     let mut scene = floor(1.0);
     for (x, roughness) in [(-0.5, 0.0), (0.5, 0.3)] {
@@ -51,7 +51,7 @@ fn balls(environment: Environment) -> Scene {
     scene
 }
 
-fn renderer(gpu: &Gpu, scene: &Scene, names: &[&str]) -> Result<Renderer, RenderError> {
+fn renderer(gpu: &Gpu, scene: &Scene, names: &[&str]) -> Result<Renderer, LightingError> {
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
     let mut renderer = Renderer::new(gpu, scene, [16, 16], &names)?;
     renderer.set("environment-map", "resolution", "16")?;
@@ -63,13 +63,12 @@ fn renderer(gpu: &Gpu, scene: &Scene, names: &[&str]) -> Result<Renderer, Render
     Ok(renderer)
 }
 
-/// What every set of techniques makes of a scene; [`picture`] sees to it that radiance is finite.
+/// Pictures of a scene by every set of techniques; [`picture`] checks that radiance is finite.
 fn pictures(gpu: &Gpu, scene: &Scene) -> Vec<Picture> {
     let camera = from_above(2.0, 3.0);
     SETS.iter()
         .map(|names| {
             picture(
-                gpu,
                 &mut renderer(gpu, scene, names).expect("a renderer"),
                 &camera,
             )
@@ -169,14 +168,17 @@ fn numbers_that_are_no_intensity_or_angle_are_refused() {
         });
         for names in SETS {
             let refused = renderer(&gpu, &scene, names).map(|_| ());
-            let Err(RenderError::Scene { what }) = refused else {
+            let Err(LightingError::Gpu(GpuError::Input { what })) = refused else {
                 panic!("{part}: {refused:?}")
             };
             assert!(what.contains(part), "{what}");
         }
         let mut renderer = renderer(&gpu, &before, SETS[1]).expect("a renderer");
         let refused = renderer.update(&scene);
-        assert!(matches!(refused, Err(RenderError::Scene { .. })), "{part}");
+        assert!(
+            matches!(refused, Err(LightingError::Gpu(GpuError::Input { .. }))),
+            "{part}"
+        );
     }
     let dark = Environment {
         intensity: 0.0,

@@ -1,5 +1,5 @@
-//! Small pictures of built-in scenes, and an environment's maps, against stored ones: they detect change, not error.
-//! `GPUGI_UPDATE_GOLDEN=1` stores them anew.
+//! Compares small pictures of built-in scenes, and an environment's maps, with stored ones: they detect change, not
+//! error. `GPUGI_UPDATE_GOLDEN=1` stores them again.
 
 mod common;
 
@@ -92,7 +92,7 @@ fn shapes() {
     golden("shapes");
 }
 
-/// A sky that is bright in one corner, and uneven everywhere.
+/// A sky with one bright texel, uneven everywhere.
 fn uneven_sky() -> Image {
     const WIDTH: usize = 32;
     let texel = |index: usize| {
@@ -113,7 +113,7 @@ fn uneven_sky() -> Image {
     }
 }
 
-/// Mean and a dozen texels of every level.
+/// Mean and a dozen texels of each level.
 fn samples(texture: &HalfTexture) -> Value {
     let levels = texture.levels.iter().map(|level| {
         let rgb = |i: usize| [0, 1, 2].map(|c| level[i][c].to_f32());
@@ -127,7 +127,7 @@ fn samples(texture: &HalfTexture) -> Value {
     levels.collect()
 }
 
-/// Every number of one beside that of the other: where they stand, and both.
+/// Pairs every number of one value with that of the other: its place, and both numbers.
 fn pairs(place: String, found: &Value, kept: &Value, all: &mut Vec<(String, [f64; 2])>) {
     match (found, kept) {
         (Value::Object(a), Value::Object(b)) => {
@@ -185,7 +185,7 @@ fn environment_maps() {
     let mut all = Vec::new();
     pairs(String::new(), &found, &kept, &mut all);
     assert!(all.len() > 500, "{}", all.len());
-    // Drivers filter and round a little differently.
+    // Drivers filter and round slightly differently.
     for (place, [found, kept]) in all {
         assert!(
             (found - kept).abs() < 0.01 * kept.abs() + 0.005,

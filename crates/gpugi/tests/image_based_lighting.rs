@@ -83,7 +83,7 @@ fn a_white_sky_gives_white_its_albedo() {
     assert!(worst < 0.1, "{worst}");
 }
 
-/// Mean position of what a sun of one texel leaves dark around a post.
+/// Mean position of what a one-texel sun leaves dark around a post.
 fn shadow_of_a_post(gpu: &gpugi::gpu::Gpu, rotation: f32) -> Vec3 {
     let mut scene = floor(3.0);
     place(
@@ -125,7 +125,7 @@ fn turning_the_environment_turns_the_shadow() {
     let Some(gpu) = gpu() else { return };
     for rotation in [0.0, FRAC_PI_2, 2.0] {
         let shadow = shadow_of_a_post(&gpu, rotation);
-        // The sun stands where rotation about +Y takes +X; the shadow lies opposite.
+        // The sun is where rotation about +Y takes +X; the shadow lies opposite.
         let away = -(glam::Mat3::from_rotation_y(rotation - PI / WIDTH as f32) * Vec3::X);
         let angle = shadow.normalize().dot(away).clamp(-1.0, 1.0).acos();
         assert!(
@@ -159,7 +159,7 @@ fn black_and_dim_skies_are_no_trouble() {
         &[],
     );
     assert!(below.lit().all(|lit| lit.radiance == Vec3::ZERO));
-    // A single texel is as bright all around.
+    // A single texel is equally bright in all directions.
     let mut tiny = environment(|_, _| 0.0);
     let texel = Arc::make_mut(&mut tiny.image);
     texel.width = 1;
@@ -198,14 +198,14 @@ fn phong(shininess: f32) -> Material {
     }
 }
 
-/// One ball of shininess 100 alone.
+/// A single ball of shininess 100.
 fn ball() -> Scene {
     let mut scene = Scene::new("ball");
     place(&mut scene, sphere(1.0, 48), phong(100.0));
     under(scene, sunny())
 }
 
-/// A floor with balls of every model.
+/// A floor with balls of every material model.
 fn balls() -> Scene {
     let mut scene = floor(2.0);
     scene.name = "balls".into();
@@ -272,7 +272,8 @@ fn reflectivities_are_near_the_truth() {
         );
         error
     };
-    // A ball hides nothing: all its error is that of reflectivity. A direction a domain shows as dots.
+    // A ball does not shadow itself, so all of its error comes from reflectivity. One direction per domain shows as
+    // dots.
     assert!(of(&ball, "48", "sample") > 0.1);
     assert!(of(&ball, "48", "lobe") < 0.006);
     assert!(of(&ball, "48", "ratio") < 0.005);

@@ -1,5 +1,5 @@
-//! Measuring itself: that the error is that of the two pictures, that the reference holds the right light, and that the cache is believed
-//! exactly where it may be.
+//! Tests of measuring: the error is that of the two pictures, the reference holds the right light, and the cache is
+//! trusted exactly where it may be.
 
 mod common;
 
@@ -55,7 +55,7 @@ fn scene() -> Scene {
     scene
 }
 
-/// A folder of this test's own, empty.
+/// An empty folder for one test.
 fn folder(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
         .join("measure")
@@ -75,7 +75,7 @@ fn part(classes: &[LightClass], pattern: &str) -> Part {
     }
 }
 
-/// Few samples of a reference, with or without a cache.
+/// Options for a reference of few samples, with or without a cache.
 fn options(samples: u32, cache: Option<&Path>) -> Options {
     Options {
         samples: 16,
@@ -129,7 +129,8 @@ fn shadow_map_is_near_the_truth_and_the_error_is_that_of_the_pictures() {
         );
         assert_eq!(again.as_ref(), Ok(comparison), "{}", metric.name());
     }
-    // Without the technique's light, but with what is seen directly, the picture is far off; so is one light too few.
+    // Without the technique's light, but with what is seen directly, the picture is far off; also if one light is
+    // missing.
     let dark = measured(&gpu, &scene, &["environment-map"], &options(16, None));
     let without = rel_mse(&dark.radiance, &found.truth.radiance);
     assert!(without > 100.0 * error, "{without} without, {error} with");
@@ -139,7 +140,7 @@ fn shadow_map_is_near_the_truth_and_the_error_is_that_of_the_pictures() {
     let without = rel_mse(&one_less.radiance, &found.truth.radiance);
     assert!(without > 100.0 * error, "{without} without, {error} with");
 
-    // The sky is seen and gives no light: that is the second part of the reference.
+    // The sky is visible and gives no light: that is the second part of the reference.
     use LightClass::{Area, Environment, Punctual};
     let parts: Vec<_> = found.truth.parts.iter().map(|one| &one.part).collect();
     assert_eq!(
@@ -187,7 +188,7 @@ fn the_parts_sum_to_the_whole() {
         let noise = sum.rel_mse() + whole.rel_mse();
         assert!(error < 2.0 * noise, "{error} of {noise}: {parts:?}");
     }
-    // Neither would hold with a part too few.
+    // Neither check would hold with one part missing.
     let less = traced(&gpu, &scene, camera, &by_class[..2], &options);
     let missing = rel_mse(&less.radiance, &whole.radiance);
     assert!(missing > 100.0 * whole.rel_mse(), "{missing}");
@@ -204,7 +205,7 @@ fn the_estimated_noise_is_that_of_another_seed() {
         ..options(64, None)
     };
     let second = traced(&gpu, &scene, &scene.cameras[0], &parts, &other);
-    // Two pictures differ by the noise of both.
+    // The difference between two pictures has the noise of both.
     let between = rel_mse(&first.radiance, &second.radiance) / 2.0;
     let estimate = first.rel_mse();
     assert!(
@@ -247,7 +248,7 @@ fn a_reference_is_rendered_once_and_again_when_something_changed() {
     assert!(!traced(&gpu, &scene, &moved, &parts, &kept).is_cached());
 }
 
-/// The only file of a folder.
+/// The only file in a folder.
 fn only_file(folder: &Path) -> PathBuf {
     let files: Vec<_> = std::fs::read_dir(folder)
         .expect("a folder")
@@ -278,7 +279,7 @@ fn a_damaged_file_is_named_and_rendered_anew() {
     assert_eq!(anew.radiance, right.radiance);
     assert!(read().is_cached(), "not replaced");
 
-    // A cache that cannot be written costs a note, no more.
+    // A cache that cannot be written only adds a note.
     let nowhere = options(16, Some(&path));
     let without = traced(&gpu, &scene, &scene.cameras[0], &parts, &nowhere);
     assert_eq!(without.radiance, right.radiance);

@@ -1,10 +1,11 @@
-//! What must hold whatever the scene: finite radiance, the same picture from the same seed, maps made only when something changed.
+//! What must hold for every scene: finite radiance, the same picture from the same seed, and maps generated only when
+//! something changed.
 
 mod common;
 
 use common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
 use glam::{Mat4, Vec3, vec3};
-use gpugi::{RenderError, Renderer};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
@@ -75,11 +76,11 @@ fn degenerate_scenes_stay_finite() {
     render(&gpu, &scene, &looking_down(), 16, &settings);
     render(&gpu, &scene, &looking_down(), 1, &settings);
 
-    // The camera inside the box, and a light there.
+    // The camera and a light inside the box.
     let inside = Camera::look_at("", vec3(0.0, 0.3, 0.0), vec3(0.0, 0.2, -1.0), 1.0);
     render(&gpu, &scene, &inside, 16, &settings);
 
-    // Emitters and walls without area, a mesh of one point, an instance flattened to a plane.
+    // Emitters and walls without area, a mesh of a single point, and an instance flattened to a plane.
     let mut flat = furnished();
     let nothing = line();
     place(
@@ -154,6 +155,7 @@ fn maps_are_made_again_only_when_something_changed() {
     let generates = |renderer: &mut Renderer| {
         let timings = renderer
             .render_sample(&looking_down(), 1, None, true)
+            .and_then(|timings| Ok(timings.wait()?))
             .expect("a sample");
         assert!(
             timings
@@ -175,11 +177,11 @@ fn maps_are_made_again_only_when_something_changed() {
         .set("shadow-map", "filter-radius", "3")
         .expect("a setting");
     assert!(generates(&mut renderer), "a setting changed");
-    // The picture after the update is the picture of the changed scene.
+    // The picture after the update is that of the changed scene.
     renderer
         .set("shadow-map", "filter-radius", "1.5")
         .expect("a setting");
-    let updated = picture(&gpu, &mut renderer, &looking_down());
+    let updated = picture(&mut renderer, &looking_down());
     let fresh = render(&gpu, &after, &looking_down(), 16, &[]);
     assert_eq!(updated.radiance, fresh.radiance);
 }
@@ -191,9 +193,9 @@ fn a_moved_instance_moves_its_shadow() {
     let mut after = before.clone();
     after.instances[1].world_from_mesh = Mat4::from_translation(vec3(0.4, 0.2, 0.1));
     let mut renderer = renderer(&gpu, &before, 32, &[]);
-    picture(&gpu, &mut renderer, &looking_down());
+    picture(&mut renderer, &looking_down());
     renderer.update(&after).expect("an update");
-    let updated = picture(&gpu, &mut renderer, &looking_down());
+    let updated = picture(&mut renderer, &looking_down());
     assert_eq!(
         updated.radiance,
         render(&gpu, &after, &looking_down(), 32, &[]).radiance
@@ -208,10 +210,13 @@ fn without_shadow_maps_there_is_no_direct_light() {
     assert!(on.lit().all(|lit| lit.radiance.x > 0.0));
     let mut off =
         Renderer::new(&gpu, &scene, [16, 16], &["environment-map".to_owned()]).expect("a renderer");
-    let off = picture(&gpu, &mut off, &from_above(2.0, 1.0));
+    let off = picture(&mut off, &from_above(2.0, 1.0));
     assert!(off.lit().all(|lit| lit.radiance == Vec3::ZERO));
     let unknown = Renderer::new(&gpu, &scene, [16, 16], &["shadow-maps".to_owned()]);
-    assert!(matches!(unknown, Err(RenderError::UnknownTechnique { .. })));
+    assert!(matches!(
+        unknown,
+        Err(LightingError::UnknownTechnique { .. })
+    ));
 }
 
 #[test]
@@ -225,13 +230,13 @@ fn more_materials_than_a_surface_point_can_name_are_refused() {
     assert!(
         matches!(
             refused,
-            Err(RenderError::Gpu(gpugi::gpu::GpuError::TooLarge { .. }))
+            Err(LightingError::Gpu(gpugi::gpu::GpuError::TooLarge { .. }))
         ),
         "{refused:?}"
     );
 }
 
-/// What moves, comes and goes is shown as if the renderer had never seen it otherwise; also in mirrors and shadows.
+/// What moves, is added or is removed shows as in a new renderer, including mirrors and shadows.
 #[test]
 fn a_renderer_follows_its_scene() {
     let Some(gpu) = gpu() else { return };
@@ -244,7 +249,7 @@ fn a_renderer_follows_its_scene() {
     start.instances[ball].world_from_mesh = Mat4::from_translation(vec3(0.7, 0.3, 0.2));
     let mut moved = start.clone();
     moved.instances[1].world_from_mesh = Mat4::from_translation(vec3(-0.4, 0.1, 0.3));
-    // The lamp, which is an emitter, and the mirror.
+    // The lamp, which is an emitter, and the mirror ball.
     moved.instances[2].world_from_mesh = Mat4::from_translation(vec3(0.4, 0.2, 0.5));
     moved.instances[ball].world_from_mesh = Mat4::from_translation(vec3(-0.5, 0.3, 0.9));
     let mut more = moved.clone();
@@ -256,7 +261,7 @@ fn a_renderer_follows_its_scene() {
     fewer.instances.remove(1);
     let camera = looking_down();
     let mut renderer = renderer(&gpu, &start, 48, &[]);
-    picture(&gpu, &mut renderer, &camera);
+    picture(&mut renderer, &camera);
     for (what, after) in [
         ("moved", &moved),
         ("one more", &more),
@@ -265,7 +270,7 @@ fn a_renderer_follows_its_scene() {
         ("as it was", &start),
     ] {
         renderer.update(after).expect("an update");
-        let followed = picture(&gpu, &mut renderer, &camera);
+        let followed = picture(&mut renderer, &camera);
         let anew = render(&gpu, after, &camera, 48, &[]);
         let differ = followed.radiance.iter().zip(&anew.radiance);
         let worst = differ.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);

@@ -89,7 +89,7 @@ fn a_point_light_casts_shadows_to_all_six_sides() {
             let mut outward = Vec3::ZERO;
             outward[axis] = sign;
             let mut scene = Scene::new("closed room");
-            // The room is closed and faces inward; a box stands before each side.
+            // The room is closed and faces inward; a box stands in front of each side.
             let mut room = cuboid(Vec3::splat(-2.0), Vec3::splat(2.0), 1);
             room.indices
                 .chunks_exact_mut(3)
@@ -106,7 +106,7 @@ fn a_point_light_casts_shadows_to_all_six_sides() {
                 Material::matt("box", Vec3::splat(0.5)),
             );
             scene.lights.push(light.clone());
-            // From the side of the box, past it: the wall behind shows its shadow.
+            // Looks past the box from beside it: the wall behind shows the box's shadow.
             let mut camera = Camera::look_at("", outward * 1.35, outward * 2.0, 2.4);
             camera.world_from_view.w_axis = (outward * 1.35).extend(1.0);
             for second_depth in [false, true] {
@@ -121,7 +121,7 @@ fn a_point_light_casts_shadows_to_all_six_sides() {
                 let (mut lit_count, mut dark_count) = (0, 0);
                 for lit in picture.lit().filter(|lit| lit.instance == 0) {
                     let expected = GREY_BRDF * irradiance(&light, lit.position, lit.normal);
-                    // Three texels at this distance, and the reach of the filter.
+                    // Three texels at this distance, plus the reach of the filter.
                     let margin = 0.05;
                     let inner = meets(lit.position, eye, min + margin, max - margin);
                     let outer = meets(lit.position, eye, min - margin, max + margin);
@@ -250,7 +250,8 @@ fn lit_surfaces_have_no_acne() {
                         LightKind::Directional => -light.direction(),
                         _ => (light.position() - lit.position).normalize(),
                     };
-                    // The plane's points near the sphere's shadow, and the terminator, are another test's.
+                    // Points of the plane near the sphere's shadow, and points near the terminator, belong to another
+                    // test.
                     let nearest = lit.position + to_light * (-lit.position.dot(to_light)).max(0.0);
                     if lit.normal.dot(to_light) < 0.15
                         || (lit.instance == 0 && nearest.length() < 0.7)
@@ -331,7 +332,8 @@ fn cascades_shade_near_and_far_without_steps() {
 #[test]
 fn shadow_edges_stand_still_when_the_camera_moves() {
     let Some(gpu) = gpu() else { return };
-    // A long wall whose shadow's edge lies along the way: what a fixed point of the floor receives must not change.
+    // A long wall whose shadow's edge runs along the camera's path: what a fixed point of the floor receives must not
+    // change.
     let light = sun(vec3(2.0, 2.0, 0.4), 3.0);
     let mut scene = lit_by(floor(100.0), light);
     place(
@@ -340,12 +342,12 @@ fn shadow_edges_stand_still_when_the_camera_moves() {
         Material::matt("wall", Vec3::splat(0.5)),
     );
     let mut renderer = renderer(&gpu, &scene, 96, &[]);
-    // Where along x the light falls to a half, near z = 84: the mean of what is half lit.
+    // Where along x the light falls to half, near z = 84: the mean over half-lit points.
     let edges: Vec<f32> = (0..8)
         .map(|step| {
             let mut camera = down_the_avenue(0.037 * step as f32);
             camera.world_from_view.w_axis.x += 0.013 * step as f32;
-            let picture = picture(&gpu, &mut renderer, &camera);
+            let picture = picture(&mut renderer, &camera);
             let full = GREY_BRDF * irradiance(&scene.lights[0], Vec3::ZERO, Vec3::Y);
             let near = picture
                 .lit()
@@ -370,13 +372,14 @@ fn cascades_move_in_whole_texels() {
     let (scene, _) = avenue();
     let settings = ["shadow-map.resolution=256", "shadow-map.filter=none"];
     let mut renderer = renderer(&gpu, &scene, 64, &settings);
-    // Straight down from 10 m: pixels are a grid on the floor, and so the same points seen from 1 to 5 pixels further on.
+    // Straight down from 10 m: the pixels are a grid on the floor, so the same points are seen 1 to 5 pixels further
+    // on.
     let pixel = 2.0 * 10.0 * 0.45_f32.tan() / 64.0;
     let mut seen = |steps: usize| {
         let mut camera = Camera::look_at("", vec3(0.0, 10.0, 30.0), vec3(0.0, 0.0, 30.0), 0.9);
         let right = camera.world_from_view.x_axis;
         camera.world_from_view.w_axis += right * (pixel * steps as f32);
-        picture(&gpu, &mut renderer, &camera)
+        picture(&mut renderer, &camera)
     };
     let first = seen(0);
     let darkest = first

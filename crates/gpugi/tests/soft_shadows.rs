@@ -17,7 +17,7 @@ use gpugi_scene::{
 const HEIGHT: f32 = 2.0;
 const RADIANCE: f32 = 5.0;
 
-/// A square lamp of 1 m over the floor, looking down.
+/// A square lamp with sides of 1 m over the floor, facing down.
 fn under_a_lamp(double_sided: bool) -> Scene {
     let mut scene = floor(2.0);
     let lamp = quad(vec3(-0.5, HEIGHT, -0.5), Vec3::X, Vec3::Z, 1);
@@ -34,7 +34,8 @@ fn below_the_lamp(side: f32) -> Camera {
     from_above(side, HEIGHT - 0.3)
 }
 
-/// Exact irradiance at a point of the floor under a lamp between two x, by quadrature over the visible part of the rectangle.
+/// Exact irradiance at a point of the floor under the part of a lamp between two values of x, by quadrature over the
+/// visible part of the rectangle.
 fn lamp_irradiance(at: Vec3, x_from: f64, x_to: f64) -> f64 {
     const STEPS: u32 = 64;
     if x_to <= x_from {
@@ -91,7 +92,8 @@ fn an_area_light_is_its_form_factor() {
 #[test]
 fn an_area_light_casts_the_exact_penumbra() {
     let Some(gpu) = gpu() else { return };
-    // A half-plane x > 0 at height 1 hides the lamp beyond the line from the point over its edge.
+    // A half-plane x > 0 at height 1 hides the part of the lamp beyond the line from the point over the half-plane's
+    // edge.
     let mut scene = under_a_lamp(false);
     let blocker = quad(vec3(0.0, 1.0, 4.0), Vec3::X * 4.0, Vec3::NEG_Z * 8.0, 1);
     place(
@@ -103,7 +105,7 @@ fn an_area_light_casts_the_exact_penumbra() {
     let errors = [16, 64, 256].map(|count| {
         let picture = render(&gpu, &scene, &camera, 64, &[&samples(count)]);
         let pairs = picture.lit().filter(|lit| floor_of(lit)).map(|lit| {
-            // Seen from x, the edge at half the lamp's height covers the lamp beyond -x.
+            // Seen from x, the edge at half the lamp's height hides the part of the lamp beyond -x.
             let visible_to = f64::from(-lit.position.x).clamp(-0.5, 0.5);
             let expected = 0.5 / PI * lamp_irradiance(lit.position, -0.5, visible_to);
             (lit.radiance.x, expected as f32)
@@ -120,7 +122,7 @@ fn emitters_light_the_sides_that_emit() {
     let Some(gpu) = gpu() else { return };
     for double_sided in [false, true] {
         let mut scene = under_a_lamp(double_sided);
-        // A ceiling over the lamp, looking down; its distance to the lamp is that of the floor.
+        // A ceiling over the lamp, facing down, as far from the lamp as the floor is.
         let ceiling = quad(
             vec3(-2.0, 2.0 * HEIGHT, -2.0),
             Vec3::X * 4.0,
@@ -163,7 +165,7 @@ fn emitters_light_the_sides_that_emit() {
     }
 }
 
-/// A 2 x 2 checker, repeated by nobody, in the red, green, blue and alpha channels.
+/// A 2 x 2 checker, not repeated, in the red, green, blue and alpha channels.
 fn checker(scene: &mut Scene, dark: [u8; 4], light: [u8; 4]) -> TextureRef {
     scene.images.push(Arc::new(Image {
         name: "checker".into(),
@@ -190,7 +192,7 @@ fn an_emissive_texture_lights_by_its_mean() {
     let halved = render(&gpu, &scene, &below_the_lamp(3.0), 32, &[]);
     for (plain, halved) in plain.lit().zip(halved.lit()) {
         let ratio = halved.radiance.x / plain.radiance.x;
-        // The mean comes from 36 points a triangle.
+        // The mean is taken at 36 points per triangle.
         assert!(
             (ratio - 0.5).abs() < 0.07,
             "{ratio} of the light at {}",
@@ -199,7 +201,8 @@ fn an_emissive_texture_lights_by_its_mean() {
     }
 }
 
-/// The floor's mean brightness in and out of the shadow of a square sheet of 1 m at height 1, under the sun at the zenith.
+/// The floor's mean brightness inside and outside the shadow of a square sheet with sides of 1 m at height 1, under a
+/// sun at the zenith.
 fn through_a_sheet(
     gpu: &gpugi::gpu::Gpu,
     material: impl FnOnce(&mut Scene) -> Material,
@@ -285,7 +288,8 @@ fn see_through_surfaces_cast_what_they_hide() {
     );
 }
 
-/// Width (m) over which light rises from none to full across the shadow's edge of a half-plane at `height` under a spot light at 3 m.
+/// Width (m) over which light rises from none to full across the shadow edge of a half-plane at `height`, under a spot
+/// light at 3 m.
 fn penumbra(gpu: &gpugi::gpu::Gpu, filter: &str, radius: f32, height: f32) -> f32 {
     let cone = LightKind::Spot {
         inner_cone_angle: 0.6,
@@ -362,7 +366,8 @@ fn pcss_penumbrae_grow_and_pcf_edges_do_not() {
 #[test]
 fn every_face_of_a_hemicube_casts() {
     let Some(gpu) = gpu() else { return };
-    // A tiny lamp half a metre from a surface below (or, two-sided, above), with a box on each of its four sides, beyond 45 degrees.
+    // A tiny lamp half a metre from a surface below (or, if two-sided, above), with a box on each of its four sides,
+    // beyond 45 degrees.
     for up in [-1.0_f32, 1.0] {
         let lamp = vec3(0.05, 0.0, -0.03);
         let mut scene = Scene::new("sides");
@@ -407,7 +412,7 @@ fn every_face_of_a_hemicube_casts() {
             ),
             emitter,
         );
-        // From the other side of the surface, which is double-sided: what the lamp lights is seen from the lamp's side only.
+        // Seen through the surface, which is double-sided: lit parts are visible only from the lamp's side.
         let mut camera = Camera::look_at(
             "",
             lamp + vec3(0.0, -up * 1.0, 0.0),

@@ -1,4 +1,4 @@
-//! Warping a spot light's depth view: the same shadows, sharper where the camera looks.
+//! Warping a spot light's depth view: the shadows are the same, and sharper where the camera looks.
 
 mod common;
 

@@ -1,4 +1,4 @@
-//! `gpugi bake`: a scene's light into texture space, or an environment's maps.
+//! `gpugi bake`: bakes a scene's light into texture space, or an environment into maps.
 
 mod scene;
 mod work;
@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use gpugi::gpu::Gpu;
+use gpugi::settings::SettingSet;
 use gpugi::techniques::environment_map::{self, export};
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::{Limits, import_environment};
@@ -22,10 +23,11 @@ use scene::SceneOptions;
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// File to write (.glb); of an environment map a folder
+    /// File to write (.glb), or folder for an environment's maps
     #[arg(short, long, value_name = "FILE.glb|DIR")]
     output: PathBuf,
-    /// Techniques whose light is baked, separated by commas; environment-map alone writes the maps of an environment (SCENE is an .exr or .hdr)
+    /// Techniques whose light is baked, separated by commas; environment-map alone writes an environment's maps (SCENE
+    /// is an .exr or .hdr)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -58,7 +60,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     )
 }
 
-/// Makes the maps of an environment and writes them: each file complete or not at all.
+/// Builds the maps of an environment and writes them. Each file is written completely or not at all.
 fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let mut settings = environment_map::Settings::default();
     for [technique, key, value] in split_settings(&arguments.set)? {
@@ -74,8 +76,7 @@ fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
                 format!("--set {technique}.{key}: changes how maps are read, not what they hold");
             return Err(Usage(message).into());
         }
-        settings
-            .set(key, value)
+        SettingSet::set(&mut settings, key, value)
             .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
     }
     let environment = import_environment(Path::new(&arguments.scene.scene), &Limits::default())?;
@@ -113,7 +114,7 @@ fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether a path ends so, in capitals or not.
+/// Whether a path has one of these extensions, ignoring case.
 pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension()
         .is_some_and(|found| extensions.iter().any(|one| found.eq_ignore_ascii_case(one)))

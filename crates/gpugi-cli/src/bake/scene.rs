@@ -1,15 +1,18 @@
-//! `gpugi bake` of scenes: light into the texels of an atlas, and a .glb that shows it.
+//! `gpugi bake` for scenes: bakes light into the texels of an atlas, and writes a .glb that shows it.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
 use glam::Vec3;
-use gpugi::Renderer;
 use gpugi::bake::{CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
+use gpugi::lighting::default_set;
+use gpugi::scene::GpuScene;
+use gpugi::settings::SettingSet;
+use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
@@ -20,75 +23,76 @@ use super::has_extension;
 use super::work::Work;
 use crate::output::make_folder;
 use crate::progress::Progress;
-use crate::render::{apply_settings, display_settings, print_notes, split_settings, usage};
+use crate::render::{display_settings, print_notes, split_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
-/// Techniques that light what is diffuse, straight from lights.
+/// Techniques that add direct light on diffuse surfaces.
 const DIRECT: [&str; 3] = [
     shadow_map::INFO.name,
     image_based_lighting::INFO.name,
     caustics::INFO.name,
 ];
-/// By way of diffuse surfaces.
+/// The technique that adds light reflected between diffuse surfaces.
 const INDIRECT: &str = radiosity::INFO.name;
-/// What is no light, but how much of it arrives.
+/// The technique that computes not light, but the fraction of it that arrives.
 const FACTOR: &str = obscurances::INFO.name;
 
 /// Parts of light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Part {
-    /// Straight from lights, and what mirrors and glass throw
+    /// Light straight from lights, and caustics of mirrors and glass
     Direct,
-    /// By way of diffuse surfaces: radiosity
+    /// Light reflected between diffuse surfaces (radiosity)
     Indirect,
 }
 
-/// In which form a file holds light.
+/// How a file stores light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Mode {
-    /// What a display shows, in baseColorTexture, with KHR_materials_unlit
+    /// Display values in baseColorTexture, with KHR_materials_unlit
     Unlit,
-    /// Radiance, in emissiveTexture, with KHR_materials_emissive_strength, over black
+    /// Radiance in emissiveTexture over black, with KHR_materials_emissive_strength
     Emissive,
-    /// Irradiance without albedo, named in extras, with an .exr a page beside the file
+    /// Irradiance without albedo in a texture named in extras, and in one .exr per page beside the file
     Lightmap,
 }
 
-/// Which reflections a file holds.
+/// Which reflections a file stores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Lobes {
-    /// Diffuse ones, which look alike from everywhere; metals are black
+    /// Diffuse reflection, which looks the same from everywhere; surfaces without it, such as metals and glass, keep
+    /// their materials
     Diffuse,
-    /// All, as seen from straight above each texel: highlights and metals stand still while the viewer moves
+    /// All reflection, as seen from straight above each texel; highlights and metals do not change with the viewer
     All,
 }
 
-/// Options of bakes of scenes.
+/// Options for baking scenes.
 #[derive(Debug, Clone, clap::Args)]
 pub struct SceneOptions {
-    /// Texels per metre, in as many pages as it takes; as many as fit one page when not given
+    /// Texels per metre, in as many pages as needed (default: as many texels as fit one page)
     #[arg(long, value_name = "N")]
     texel_density: Option<f32>,
-    /// Side of a page (texels)
+    /// Width and height of a page (texels)
     #[arg(long, value_name = "TEXELS", default_value_t = 1024)]
     atlas_size: u32,
-    /// Empty texels between charts, at least
+    /// Minimum number of empty texels between charts
     #[arg(long, value_name = "TEXELS", default_value_t = 2)]
     gutter: u32,
-    /// In which form the file holds light
+    /// How the file stores light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
     bake_mode: Mode,
-    /// Which reflections unlit and emissive bakes hold
+    /// Which reflections unlit and emissive bakes store
     #[arg(long, value_name = "LOBES", default_value = "diffuse")]
     lobes: Lobes,
-    /// Parts of light, separated by commas; both when neither they nor techniques are named
+    /// Parts of light, separated by commas (default: both, unless techniques are given)
     #[arg(long, value_name = "PART,...", value_delimiter = ',')]
     include: Vec<Part>,
-    /// Samples a texel
+    /// Samples per texel
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
-    /// Seed of all that is stochastic
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
     /// Exposure of unlit bakes in EV (0 shows radiance 1 as 1), or auto
@@ -102,23 +106,23 @@ pub struct SceneOptions {
     /// Tone mapping of unlit bakes: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Memory on the GPU for texels that are lit at a time (MiB); scene and maps come on top
+    /// GPU memory for the texels lit at once (MiB); scene and maps take more
     #[arg(long, value_name = "MIB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
-    /// Go on with a bake that was stopped, from FILE.glb.checkpoint
+    /// Resume a stopped bake from FILE.glb.checkpoint
     #[arg(long)]
     resume: bool,
-    /// Write every technique's maps, and where texels lie inside something, into this folder
+    /// Write every technique's maps, and images of the texels inside geometry, into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
 }
 
-/// Texels of all pages: 16 bytes of memory each, three times as many while a checkpoint is written.
+/// Maximum number of texels over all pages: 16 bytes of memory each, three times as much while a checkpoint is written.
 const MOST_TEXELS: u64 = 1 << 28;
-/// Pages, however small.
+/// Maximum number of pages, however small.
 const MOST_PAGES: u64 = 1024;
 
-/// Bakes and writes: the file complete or not at all.
+/// Bakes and writes the file, completely or not at all.
 pub fn run(
     common: &Common,
     arguments: &SceneArguments,
@@ -205,7 +209,7 @@ pub fn run(
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
         let light_options = LightOptions {
             quantity: match (options.bake_mode, options.lobes) {
-                (Mode::Lightmap, _) => Quantity::White,
+                (Mode::Lightmap, _) => Quantity::Irradiance,
                 (_, Lobes::Diffuse) => Quantity::Diffuse,
                 (_, Lobes::All) => Quantity::All,
             },
@@ -222,15 +226,17 @@ pub fn run(
                 options.memory
             ));
         }
-        apply_settings(bake.renderer(), &of_light)?;
-        let left_out = bake.renderer().left_out();
+        for [technique, key, value] in split_settings(&of_light)? {
+            bake.set(technique, key, value).map_err(usage)?;
+        }
+        let left_out = bake.lighting().left_out(bake.scene());
         if !left_out.is_empty() {
             notes.push(format!("not in this bake: {}", left_out.join("; ")));
         }
         work.timed("setup");
         light(&mut bake, &lights, &mut work)?;
         if let Some(folder) = &options.dump_maps {
-            crate::output::dump_maps(&gpu, bake.renderer(), folder)?;
+            crate::output::dump_maps(&gpu, &bake.lighting().maps(), folder)?;
         }
         let lit = bake.finish();
         leaks = Some(lit.leaks);
@@ -275,7 +281,7 @@ pub fn run(
     Ok(())
 }
 
-/// Pages of `size` texels a side that memory has room for.
+/// Number of pages of `size` texels per side that fit in memory.
 fn most_pages(size: u32) -> u32 {
     (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
 }
@@ -300,15 +306,16 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
     })
 }
 
-/// Takes those instances from an atlas that keep their materials.
+/// Removes the instances that keep their materials from an atlas.
 fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
     for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
         let material = &scene.materials[instance.material];
         let shines = material.emissive != Vec3::ZERO;
         let keeps = match mode {
-            // Eight bits for a lamp and its light would leave few to the light: what shines goes on shining as it did.
+            // In 8 bits, a lamp's own emission would leave few steps for the light on it. So emitters keep their
+            // material.
             Mode::Emissive if shines => true,
-            // Black would be all that is left of mirrors and glass.
+            // Mirrors and glass would bake to black.
             Mode::Unlit | Mode::Emissive => {
                 lobes == Lobes::Diffuse && !shines && !material.has_diffuse()
             }
@@ -320,7 +327,7 @@ fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
     }
 }
 
-/// Writes where texels lie inside something: `leaks-PAGE.png`, grey good, green moved out, red invalid.
+/// Writes images of texels inside geometry to `leaks-PAGE.png`: grey good, green moved out, red invalid.
 fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
     make_folder(folder)?;
     for (number, map) in leaks.maps.iter().enumerate() {
@@ -331,7 +338,7 @@ fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What became of texels that lie inside things.
+/// A note on what happened to texels inside geometry.
 fn moved(leaks: &LeakReport) -> Option<String> {
     let all = leaks.moved + leaks.invalid;
     (all > 0).then(|| {
@@ -342,7 +349,7 @@ fn moved(leaks: &LeakReport) -> Option<String> {
     })
 }
 
-/// What a display shows, all pages at one exposure. `alpha`: of all texels, 1 if not given.
+/// Display values, all pages at one exposure. `alpha` is that of all texels; 1 if not given.
 fn unlit(
     gpu: &Gpu,
     pages: &[Vec<Vec3>],
@@ -360,7 +367,7 @@ fn unlit(
     Ok(pages.iter().map(of_page).collect())
 }
 
-/// Irradiance from that over pi, also written beside the output.
+/// Converts pages of irradiance / pi to irradiance, and also writes them beside the output.
 fn lightmaps(pages: Vec<Vec<Vec3>>, size: u32, output: &Path) -> anyhow::Result<Vec<BakedLight>> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
     let lightmap = |(number, page): (usize, Vec<Vec3>)| {
@@ -374,7 +381,7 @@ fn lightmaps(pages: Vec<Vec<Vec3>>, size: u32, output: &Path) -> anyhow::Result<
     pages.into_iter().enumerate().map(lightmap).collect()
 }
 
-/// Obscurances.
+/// Bakes obscurances.
 fn factor(
     scene: &Scene,
     atlas: &Atlas,
@@ -404,7 +411,7 @@ fn factor(
         })?;
     }
     work.timed(FACTOR);
-    // Whoever stops the bake later need not do this again.
+    // Save the result, so that a bake that is stopped later need not repeat this.
     work.done.obscurances = Some(bake.save()?);
     Ok((bake.pages()?, bake.leaks()?))
 }
@@ -436,12 +443,12 @@ fn light(bake: &mut LightBake<'_>, lights: &Lights, work: &mut Work<'_>) -> anyh
 /// The techniques that light texels.
 struct Lights {
     names: Vec<String>,
-    /// Whether direct light is only there for what it becomes.
+    /// Whether direct light is only an input to indirect light and is not baked itself.
     only_indirect: bool,
 }
 
 impl Lights {
-    /// Those named and those that `parts` need: all, when there are neither.
+    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty.
     fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> anyhow::Result<Self> {
         let mut names: Vec<String> = named.to_vec();
         names.retain(|name| name != FACTOR);
@@ -453,9 +460,9 @@ impl Lights {
         };
         let only_indirect = names.is_empty() && parts == [Part::Indirect];
         if !parts.is_empty() {
-            let best = Renderer::new(gpu, scene, [1, 1], &[]).map_err(usage)?;
-            let best = best.techniques().iter().map(|one| one.info().name);
-            names.extend(best.filter(|name| DIRECT.contains(name)).map(str::to_owned));
+            let best = default_set(&GpuScene::new(gpu, scene)?, &Registry::default());
+            let direct = best.into_iter().filter(|name| DIRECT.contains(name));
+            names.extend(direct.map(str::to_owned));
         }
         if parts.contains(&Part::Indirect) {
             names.push(INDIRECT.to_owned());
@@ -471,7 +478,7 @@ impl Lights {
     }
 }
 
-/// Writes the file; returns what it could not keep.
+/// Writes the file; returns warnings about what could not be preserved.
 fn write(
     scene: &Scene,
     name: &str,
@@ -544,7 +551,7 @@ mod tests {
             panic!("two pages");
         };
         assert_eq!([one.len(), other.len()], [2, 2]);
-        // But for the dither.
+        // Equal except for dither.
         assert!(one[0][0].abs_diff(other[0][0]) <= 1, "{one:?} {other:?}");
         assert!(other[1][0] > one[0][0] + 50, "{one:?} {other:?}");
         assert_eq!([one[1][3], other[0][3]], [255, 0]);

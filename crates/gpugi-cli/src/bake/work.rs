@@ -1,4 +1,4 @@
-//! Long work of a bake: how far it is, how long its parts took, and a checkpoint of it.
+//! The long-running work of a bake: its progress, timings and checkpoint.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -11,10 +11,10 @@ use gpugi_scene::Scene;
 use crate::progress::Progress;
 use crate::{Common, interrupt};
 
-/// What is done is saved so often.
+/// Interval between checkpoints.
 const SAVE_EVERY: Duration = Duration::from_secs(60);
 
-/// A bake at work: what is done so far, and where that is kept when it is stopped.
+/// A running bake: its results so far, and where to save them if it is stopped.
 #[derive(Debug)]
 pub struct Work<'a> {
     pub gpu: &'a Gpu,
@@ -23,7 +23,7 @@ pub struct Work<'a> {
     pub path: PathBuf,
     key: CheckpointKey,
     saved: Instant,
-    /// How long each part took, in words.
+    /// Duration of each part, in words.
     pub times: Vec<String>,
     part: Instant,
 }
@@ -44,7 +44,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads what was kept.
+    /// Reads the checkpoint.
     pub fn resume(&mut self, scene: &Scene) -> anyhow::Result<()> {
         let path = self.path.display().to_string();
         let read = Checkpoint::read(&self.path, &self.key, scene);
@@ -52,21 +52,20 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// Ends a part.
+    /// Ends a part and records its duration.
     pub fn timed(&mut self, part: &str) {
         let seconds = self.part.elapsed().as_secs_f64();
         self.times.push(format!("{part} {seconds:.2} s"));
         self.part = Instant::now();
     }
 
-    /// Waits, so that bars tell the truth, the queue stays short and Ctrl-C is heard; saves what `now` puts into the checkpoint, now and then and when
-    /// somebody stops the bake.
+    /// Waits for the GPU, so that progress bars are accurate, the queue stays short and Ctrl-C is noticed. Saves what
+    /// `now` puts into the checkpoint every `SAVE_EVERY`, and when the user stops the bake.
     pub fn after_step(
         &mut self,
         now: impl FnOnce(&mut Checkpoint) -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
-        let wait = gpugi::gpu::PollType::wait_indefinitely();
-        self.gpu.device.poll(wait).ok();
+        self.gpu.wait()?;
         let is_asked = interrupt::asked();
         if !is_asked && self.saved.elapsed() < SAVE_EVERY {
             return Ok(());
@@ -83,7 +82,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// What is done needs no checkpoint.
+    /// Deletes the checkpoint of a finished bake.
     pub fn forget(&self) {
         std::fs::remove_file(&self.path).ok();
     }

@@ -1,8 +1,8 @@
-//! Why a scene gets no atlas.
+//! Why a scene has no atlas.
 
 use super::AtlasOptions;
 
-/// A scene or options that give no atlas.
+/// Why no atlas can be made of a scene with the given options.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
 pub enum AtlasError {
     /// An option is out of range.
@@ -10,29 +10,29 @@ pub enum AtlasError {
     Option {
         /// The option.
         option: &'static str,
-        /// What was asked for.
+        /// Requested value.
         value: f64,
-        /// Smallest value.
+        /// Minimum.
         least: f64,
-        /// Largest value.
+        /// Maximum.
         most: f64,
     },
-    /// A mesh that is none.
+    /// A mesh is invalid.
     #[error("mesh {mesh} ({name}): {reason}")]
     Mesh {
-        /// Its number.
+        /// Mesh index.
         mesh: usize,
-        /// Its name.
+        /// Mesh name.
         name: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// An instance that is nowhere.
+    /// An instance cannot be laid out.
     #[error("instance {instance} ({name}): {reason}")]
     Instance {
-        /// Its number.
+        /// Instance index.
         instance: usize,
-        /// Its name.
+        /// Instance name.
         name: String,
         /// What is wrong with it.
         reason: String,
@@ -42,11 +42,11 @@ pub enum AtlasError {
         "the atlas needs {needed} pages of {size} texels a side, {limit} are allowed; take fewer texels per metre, or larger pages"
     )]
     TooManyPages {
-        /// Pages needed, gutters maybe not counted.
+        /// Pages needed, possibly without gutters.
         needed: u64,
-        /// Pages allowed.
+        /// Maximum number of pages.
         limit: u32,
-        /// Texels a side of a page.
+        /// Side of a page (texels).
         size: u32,
     },
     /// An instance or chart does not fit a page.
@@ -54,26 +54,26 @@ pub enum AtlasError {
         "an instance takes {width}x{height} texels, a page has {size}x{size}; take fewer texels per metre, or larger pages"
     )]
     PageTooSmall {
-        /// Its width (texels).
+        /// Width of the instance or chart (texels).
         width: u32,
-        /// Its height (texels).
+        /// Height of the instance or chart (texels).
         height: u32,
-        /// Texels a side of a page.
+        /// Side of a page (texels).
         size: u32,
     },
-    /// Everything together is beyond what is laid out at all.
+    /// All charts together exceed the limit of the unwrapper.
     #[error("the atlas would have {texels} texels, 2^30 is the limit; take fewer texels per metre")]
     TooManyTexels {
         /// Texels needed.
         texels: u64,
     },
-    /// Whoever watched the progress said so.
+    /// The progress callback cancelled the work.
     #[error("cancelled")]
     Cancelled,
-    /// The unwrapper refused its input: a defect of gpugi.
+    /// The unwrapper rejected its input, which indicates a bug in gpugi.
     #[error("unwrapping: {reason}")]
     Unwrapper {
-        /// The unwrapper's words.
+        /// The unwrapper's message.
         reason: String,
     },
 }

@@ -1,8 +1,10 @@
-//! Seams: edges of the surface that lie in two places of an atlas, where bilinear filters read different texels on the two sides.
+//! Seams: edges of the surface that lie in two places of an atlas, so that bilinear filters read different texels on
+//! the two sides.
 //!
-//! The texels beside them are changed as little as makes both sides agree, by least squares: J holds, for samples along all seams, the weights of
-//! bilinear lookups on one side minus those on the other; for texels x0, x = x0 + d minimizes |J x|^2 + s |d|^2, by conjugate gradients (after Iwanicki,
-//! "Lighting technology of The Last of Us", 2013).
+//! Least squares finds the smallest change of the texels beside them that makes both sides agree. For samples along all
+//! seams, J holds the weights of bilinear lookups on one side minus those on the other. For texels x0, x = x0 + d
+//! minimizes |J x|^2 + s |d|^2, solved by conjugate gradients (after Iwanicki, "Lighting technology of The Last of Us",
+//! 2013).
 
 use std::collections::HashMap;
 
@@ -11,31 +13,33 @@ use glam::{Vec2, Vec3};
 use super::Atlas;
 use crate::{Mesh, Scene};
 
-/// How much texels hold to what they are: s.
+/// How strongly texels resist change: s.
 const STIFFNESS: f32 = 0.05;
-/// Samples a texel along a seam.
+/// Samples per texel along a seam.
 const SAMPLES: f32 = 2.0;
-/// Most iterations of conjugate gradients, and the share of the error at which they end: what is left is not seen.
+/// Maximum number of conjugate gradient iterations, and the fraction of the initial residual at which they stop: what
+/// remains is invisible.
 const MOST_ITERATIONS: usize = 60;
 const ENOUGH: f32 = 1e-4;
-/// Normals that differ more than this cosine make a hard edge, whose sides are lit differently.
+/// An edge whose two normals have a cosine of at most this is hard: its sides are lit differently.
 const SMOOTH_COSINE: f32 = 0.99;
 
 /// The seams of an atlas.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Seams {
-    /// Texels beside seams, as numbers into an image of all pages below each other.
+    /// Indices of the texels beside seams in an image of all pages stacked vertically.
     texels: Vec<u32>,
-    /// Eight entries a sample: indices into `texels`, and weights.
+    /// Eight entries per sample: indices into `texels`, and weights.
     rows: Vec<[(u32, f32); 8]>,
     image_len: usize,
 }
 
 impl Seams {
-    /// Finds the smooth edges of an atlas's scene that lie in two places. Edges of more than two triangles are left alone.
+    /// Finds the smooth edges of an atlas's scene that lie in two places of the atlas. Edges of more than two triangles
+    /// are ignored.
     ///
     /// # Panics
-    /// When the atlas is not one of the scene ([`Atlas::check`]).
+    /// If the atlas does not belong to the scene ([`Atlas::check`]).
     pub fn new(scene: &Scene, atlas: &Atlas) -> Self {
         let size = atlas.size as usize;
         let mut seams = Self {
@@ -81,17 +85,18 @@ impl Seams {
         seams
     }
 
-    /// Whether there are none.
+    /// Whether there are no seams.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Texels beside seams, as numbers into an image of all pages below each other.
+    /// Indices of the texels beside seams in an image of all pages stacked vertically.
     pub fn texels(&self) -> &[u32] {
         &self.texels
     }
 
-    /// Samples along seams, eight entries each: indices into [`Seams::texels`], and weights, of bilinear lookups on one side and, negative, on the other.
+    /// Samples along seams, eight entries each: indices into [`Seams::texels`] and the weights of bilinear lookups,
+    /// positive on one side and negative on the other.
     pub fn rows(&self) -> &[[(u32, f32); 8]] {
         &self.rows
     }
@@ -99,7 +104,7 @@ impl Seams {
     /// Root mean square difference between the two sides of seams.
     ///
     /// # Panics
-    /// When the image is not one of all pages.
+    /// If the size of `image` is not that of all pages.
     pub fn difference(&self, image: &[Vec3]) -> f32 {
         assert_eq!(image.len(), self.image_len, "texels of all pages");
         let texels: Vec<Vec3> = self.texels.iter().map(|&at| image[at as usize]).collect();
@@ -108,22 +113,22 @@ impl Seams {
         (sum / self.rows.len().max(1) as f32).sqrt()
     }
 
-    /// Makes both sides of every seam agree as well as can be, in an image of all pages below each other whose gutters are filled. Texels that no seam
-    /// touches stay.
+    /// Makes both sides of every seam agree as well as possible, in an image of all pages stacked vertically whose
+    /// gutters are filled. Texels that no seam touches stay unchanged.
     ///
     /// # Panics
-    /// When the image is not one of all pages.
+    /// If the size of `image` is not that of all pages.
     pub fn smooth(&self, image: &mut [Vec3]) {
         assert_eq!(image.len(), self.image_len, "texels of all pages");
         let before: Vec<Vec3> = self.texels.iter().map(|&at| image[at as usize]).collect();
-        // (J^T J + s) d = -J^T J x0; the three channels at once, each with its own step.
+        // (J^T J + s) d = -J^T J x0; solves all three channels at once, each with its own step size.
         let mut change = vec![Vec3::ZERO; before.len()];
         let mut residual: Vec<Vec3> = self.normal_product(&before).iter().map(|v| -*v).collect();
         let mut direction = residual.clone();
         let mut squared = dot(&residual, &residual);
         let first = squared;
         for _ in 0..MOST_ITERATIONS {
-            // Written so that what is no number ends it.
+            // Written so that NaN ends the loop.
             if !squared.cmpgt(first * (ENOUGH * ENOUGH)).any() {
                 break;
             }
@@ -144,7 +149,7 @@ impl Seams {
             squared = next;
         }
         for ((&at, before), change) in self.texels.iter().zip(&before).zip(&change) {
-            // Light is not negative, and what was not stays so.
+            // Light must not become negative, but a texel that was negative may stay so.
             let after = *before + *change;
             if after.is_finite() {
                 image[at as usize] = after.max(before.min(Vec3::ZERO));
@@ -175,7 +180,7 @@ fn dot(a: &[Vec3], b: &[Vec3]) -> Vec3 {
     a.iter().zip(b).map(|(a, b)| *a * *b).sum()
 }
 
-/// By channel; 0 where there is nothing to divide by.
+/// Per channel; 0 where the divisor is not positive.
 fn quotient(a: Vec3, b: Vec3) -> Vec3 {
     Vec3::select(b.cmpgt(Vec3::ZERO), a / b, Vec3::ZERO)
 }
@@ -195,14 +200,14 @@ fn taps(at: Vec2, size: usize) -> [(usize, f32); 4] {
     ]
 }
 
-/// An edge on its two sides: numbers of the corners at its ends, the same end first.
+/// An edge with its two sides: on each side, the corner indices at its two ends, in the same order of ends.
 type Edge = [[usize; 2]; 2];
 
-/// Edges of two triangles whose normals agree.
+/// Edges that exactly two triangles share and whose normals agree.
 fn smooth_edges(mesh: &Mesh) -> Vec<Edge> {
     let welded = mesh.weld_positions();
     let vertex = |corner: usize| mesh.indices[corner] as usize;
-    // In order of their first triangles, whatever the hash.
+    // In the order of their first triangles, independent of the hash map.
     let mut found: Vec<(u32, Edge)> = Vec::new();
     let mut numbers = HashMap::new();
     for triangle in 0..mesh.indices.len() / 3 {

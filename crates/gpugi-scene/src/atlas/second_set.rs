@@ -1,27 +1,27 @@
-//! Whether a file's second set of texture coordinates is an atlas of its mesh.
+//! Checks whether a file's second set of texture coordinates is an atlas of its mesh.
 
 use glam::{DVec2, Vec2};
 
 use crate::Mesh;
 
-/// Why a mesh's second set of texture coordinates is no atlas.
+/// Why a mesh's second set of texture coordinates is not an atlas.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum SecondSetFault {
-    /// There is none.
+    /// There is no second set.
     #[error("there is no second set")]
     None,
-    /// A coordinate is not in 0 to 1.
+    /// A coordinate lies outside 0 to 1.
     #[error("vertex {vertex} has {uv}, which is not in 0 to 1")]
     OutOfRange {
-        /// Vertex.
+        /// Vertex index.
         vertex: usize,
         /// Its coordinate.
         uv: Vec2,
     },
-    /// Triangles lie on each other.
+    /// Triangles overlap.
     #[error("triangles overlap in more than {} of {} samples", MOST_OVERLAPPED, SIDE * SIDE)]
     Overlap,
-    /// Part of the surface has no area there.
+    /// Part of the surface has no area in the set.
     #[error("{share} of the surface has no area there")]
     Collapsed {
         /// Share of the mesh's area (0 to 1).
@@ -29,33 +29,35 @@ pub enum SecondSetFault {
     },
 }
 
-/// Samples a side of the raster that finds overlaps.
+/// Samples per side of the raster that detects overlaps.
 const SIDE: usize = 1024;
 
-/// So many samples may lie in two triangles: what rounding of coordinates does to edges.
+/// Number of samples that may lie in two triangles, because rounding of coordinates affects edges.
 const MOST_OVERLAPPED: usize = SIDE * SIDE / 1000;
 
-/// Of the surface, at most so much may have no area in the set.
+/// Maximum share of the surface that may have no area in the set.
 const MOST_COLLAPSED: f64 = 1e-3;
 
-/// Coordinates may leave the unit square by so much: what quantization does.
+/// Distance by which coordinates may leave the unit square, because of quantization.
 const TOLERANCE: f32 = 1e-4;
 
-/// Whether the second set of texture coordinates is an atlas of the mesh: in 0 to 1, without overlap, and with room for all of the surface.
+/// Checks whether the second set of texture coordinates is an atlas of the mesh: inside 0 to 1, without overlap, and
+/// with room for the whole surface. Indices must be in range.
 ///
-/// Overlap is looked for at a raster of 1,024 samples squared, by the rule of rasterizers, after which a sample on an edge belongs to one triangle. The
-/// unwrapper then makes a chart of each connected piece, of which it checks exactly that it does not overlap itself; so what slips through the
-/// raster does no harm. Takes a time that grows with triangles, not with how they overlap.
+/// Overlaps are detected on a raster of 1,024 x 1,024 samples with the fill rule of rasterizers, by which a sample on
+/// an edge belongs to one triangle. The unwrapper later makes a chart of each connected piece and checks exactly that
+/// it does not overlap itself, so an overlap that the raster misses does no harm. The time grows with the number of
+/// triangles, not with their overlap.
 ///
 /// # Errors
-/// What is wrong. Indices must be in range.
+/// The fault found.
 pub fn check_second_set(mesh: &Mesh) -> Result<(), SecondSetFault> {
     let uvs = &mesh.uvs[1];
     if uvs.is_empty() || mesh.indices.is_empty() {
         return Err(SecondSetFault::None);
     }
     let (low, high) = (Vec2::splat(-TOLERANCE), Vec2::splat(1.0 + TOLERANCE));
-    // Written so that what is no number is not inside.
+    // Written so that NaN counts as outside.
     let is_inside = |uv: &Vec2| uv.cmpge(low).all() && uv.cmple(high).all();
     if let Some(vertex) = uvs.iter().position(|uv| !is_inside(uv)) {
         let uv = uvs[vertex];
@@ -81,15 +83,15 @@ pub fn check_second_set(mesh: &Mesh) -> Result<(), SecondSetFault> {
         }
     }
     let share = collapsed / surface;
-    // Neither is it an atlas of a mesh that has no area.
+    // The set is not an atlas of a mesh without area, either.
     if share.is_nan() || share > MOST_COLLAPSED {
         return Err(SecondSetFault::Collapsed { share });
     }
     Ok(())
 }
 
-/// Calls `visit` with each sample of the raster inside a triangle until it says no. A sample on an edge that two triangles share belongs to one of them,
-/// as long as they lie on different sides of it.
+/// Calls `visit` for each sample of the raster inside a triangle, until `visit` returns `false`. A sample on an edge
+/// that two triangles share belongs to exactly one of them, provided that they lie on different sides of it.
 fn visit_samples(corners: [DVec2; 3], mut visit: impl FnMut(usize) -> bool) {
     let lowest = corners
         .iter()
@@ -99,13 +101,13 @@ fn visit_samples(corners: [DVec2; 3], mut visit: impl FnMut(usize) -> bool) {
         .iter()
         .map(|corner| corner.y)
         .fold(f64::NEG_INFINITY, f64::max);
-    // Samples lie in the middle of their squares. Half-open in both directions.
+    // Samples lie at the centres of their cells. Both directions are half-open.
     let first_at = |from: f64| (from - 0.5).ceil().clamp(0.0, SIDE as f64) as usize;
     for row in first_at(lowest)..first_at(highest) {
         let y = row as f64 + 0.5;
         let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
         for (from, to) in [(0, 1), (1, 2), (2, 0)] {
-            // From the lower end to the upper, so that both triangles of an edge compute the same crossing.
+            // Go from the lower to the upper end, so that both triangles of an edge compute the same crossing.
             let (mut p, mut q) = (corners[from], corners[to]);
             if p.y > q.y {
                 std::mem::swap(&mut p, &mut q);

@@ -1,28 +1,29 @@
-//! What is unwrapped once: a mesh as its instances stretch it.
+//! The unit of unwrapping: a mesh as its instances stretch it.
 
 use glam::{DMat3, DVec3};
 
 use crate::{Instance, Mesh};
 
-/// A mesh stretched, up to rotation and size.
+/// A stretched mesh, up to rotation and size.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     pub mesh: usize,
-    /// Positions with the stretch in them.
+    /// Positions with the stretch applied.
     pub positions: Vec<[f32; 3]>,
-    /// For each instance, world lengths per length of `positions`.
+    /// Per instance, the world length of a unit length in `positions`.
     pub scales: Vec<f32>,
-    /// Area of all instances (m^2).
+    /// Total area of all instances (m^2).
     pub area: f64,
     stretch: DMat3,
 }
 
-/// Instances with the same key share an unwrapping: mesh; inner products of the stretched axes, in thousandths of their scale squared; octave of
-/// the scale, since all gutters scale with the instance, of which the smallest has to have enough.
+/// Instances with the same key share an unwrapping. The key holds the mesh; the inner products of the stretched axes,
+/// in thousandths of the squared scale; and the octave of the scale, because gutters scale with the instance and must
+/// be wide enough for the smallest one.
 pub(super) type Key = (usize, [i64; 6], i32);
 
 impl Shape {
-    /// The shape of one instance, without its positions; none when it has no area.
+    /// The shape of one instance, without its positions; `None` if it has no area.
     pub fn new(instance: &Instance, mesh: &Mesh) -> Result<Option<(Key, Self)>, String> {
         let matrix = instance.world_from_mesh;
         if !matrix.is_finite() {
@@ -32,7 +33,7 @@ impl Shape {
         let of_mesh = area(mesh, &DMat3::IDENTITY);
         let of_world = area(mesh, &linear);
         let scale = (of_world / of_mesh).sqrt();
-        // Neither is a number where there is no area.
+        // Without area, the scale is NaN.
         let is_positive = |value: f64| value > f64::from(f32::MIN_POSITIVE);
         if !(is_positive(of_mesh) && is_positive(of_world) && is_positive(scale)) {
             return Ok(None);
@@ -58,7 +59,7 @@ impl Shape {
         Ok(Some((key, shape)))
     }
 
-    /// The shape with its positions.
+    /// Adds the positions to the shape.
     pub fn with_positions(self, mesh: &Mesh) -> Self {
         let stretched = |position: &glam::Vec3| (self.stretch * position.as_dvec3()).as_vec3();
         Self {
@@ -72,7 +73,7 @@ impl Shape {
     }
 }
 
-/// Area of a mesh under a linear transform.
+/// Area of a mesh after a linear transform.
 fn area(mesh: &Mesh, linear: &DMat3) -> f64 {
     let triangles = mesh.indices.as_chunks::<3>().0.iter();
     let areas = triangles.map(|triangle| {

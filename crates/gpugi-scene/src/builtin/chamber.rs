@@ -1,7 +1,8 @@
-//! A columned stone hall like the one of the tutorial's figures 66 to 68: a nave between two arcades that carry galleries,
-//! stairs to a dais at the far end. A spot in the left gallery shines through the balustrade; two lamps glow.
+//! A columned stone hall like the one in figures 66 to 68 of the tutorial: a nave between two arcades that carry
+//! galleries, and stairs to a dais at the far end. A spot in the left gallery shines through the balustrade; two lamps
+//! glow.
 //!
-//! The nave is 6.2 m wide, the hall 12 x 16 m and 9 m high. It is closed: the camera is inside.
+//! The nave is 6.2 m wide; the hall measures 12 x 16 m and is 9 m high. It is closed, with the camera inside.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -13,16 +14,16 @@ use super::shapes::{
 use super::textures::{marble, tiles};
 use crate::{Camera, Image, Light, LightKind, Material, Mesh, Scene, Texture, TextureRef, Wrap};
 
-/// Half the hall's width and length, and its height (m).
+/// Half the width and length of the hall, and its height (m).
 const HALF: Vec2 = vec2(6.0, 8.0);
 const HEIGHT: f32 = 9.0;
-/// Distance of the columns' axes from the middle, and half the thickness of the wall above them.
+/// Distance of the column axes from the centre of the hall, and half the thickness of the wall above them (m).
 const ARCADE: f32 = 3.5;
 const HALF_THICKNESS: f32 = 0.4;
-/// Distance between columns, and the radius of the arches between them.
+/// Distance between columns, and the radius of the arches between them (m).
 const BAY: f32 = 4.0;
 const ARCH_RADIUS: f32 = 1.5;
-/// Where arches start and where the gallery's floor lies.
+/// Heights at which the arches start and of the gallery's floor (m).
 const SPRINGING: f32 = 4.0;
 const GALLERY: f32 = 6.3;
 
@@ -49,7 +50,7 @@ pub(super) fn build(detail: u32) -> Scene {
         }
     };
     let here = [Mat4::IDENTITY];
-    // Both sides of the nave are the same, half a turn apart.
+    // The two sides of the nave are the same mesh, rotated by half a turn.
     let sides = [Mat4::IDENTITY, Mat4::from_rotation_y(PI)];
 
     place("floor", floor(detail), tiles, &here);
@@ -78,7 +79,7 @@ pub(super) fn build(detail: u32) -> Scene {
     scene
 }
 
-/// A matt material with a generated image of 256 x 256 texels.
+/// A matt material with a generated texture of 256 x 256 texels.
 fn textured(scene: &mut Scene, name: &str, make: fn(&str, u32) -> Image) -> usize {
     scene.images.push(make(name, 256).into());
     scene.textures.push(Texture {
@@ -94,7 +95,7 @@ fn textured(scene: &mut Scene, name: &str, make: fn(&str, u32) -> Image) -> usiz
     })
 }
 
-/// `mesh` with its texture coordinates multiplied, so that a texture repeats.
+/// `mesh` with its texture coordinates multiplied by `times`, so that a texture repeats.
 fn repeated(mut mesh: Mesh, times: Vec2) -> Mesh {
     for uv in &mut mesh.uvs[0] {
         *uv *= times;
@@ -108,7 +109,7 @@ fn floor(detail: u32) -> Mesh {
     repeated(floor, vec2(3.0, 4.0))
 }
 
-/// Ceiling and four walls, their fronts inward.
+/// Ceiling and four walls, facing inward.
 fn walls(detail: u32) -> Mesh {
     let (x, y, z) = (
         Vec3::X * 2.0 * HALF.x,
@@ -127,7 +128,7 @@ fn walls(detail: u32) -> Mesh {
     join("walls", quads)
 }
 
-/// A column on the origin: plinth, shaft with rounded base and capital, abacus.
+/// A column at the origin: plinth, shaft with rounded base and capital, abacus.
 fn column(detail: u32) -> Mesh {
     let top = SPRINGING - 0.2;
     let capital = arc_profile(vec2(0.3, top), 0.2, 0.0, -PI / 3.0, 2 * detail);
@@ -149,7 +150,7 @@ fn column(detail: u32) -> Mesh {
     join("column", [plinth, turned, abacus])
 }
 
-/// A straight piece of profile in `steps` pieces.
+/// A straight part of a profile in `steps` segments.
 fn shaft(from: Vec2, to: Vec2, steps: u32) -> impl Iterator<Item = ProfilePoint> {
     let normal = (to - from).perp().normalize();
     (0..=steps).map(move |step| ProfilePoint {
@@ -158,7 +159,7 @@ fn shaft(from: Vec2, to: Vec2, steps: u32) -> impl Iterator<Item = ProfilePoint>
     })
 }
 
-/// The arches of the right side, four bays, with a pilaster where they meet the end walls.
+/// The arches of the right side: four bays, with pilasters at the end walls.
 fn arcade(detail: u32) -> Mesh {
     let bays = (0..4).map(|i| arch((i as f32 - 1.5) * BAY, detail));
     let pilasters = [-HALF.y, HALF.y - 0.5].map(|z| {
@@ -171,18 +172,18 @@ fn arcade(detail: u32) -> Mesh {
     join("arcade", bays.chain(pilasters))
 }
 
-/// One bay of wall with a round arch in it, up to the gallery: both faces and the arch's inside. Columns and the gallery
-/// hide the remaining sides.
+/// One bay of the wall up to the gallery, with a round arch in it: both faces and the inside of the arch. Columns and
+/// the gallery hide the remaining sides.
 fn arch(middle: f32, detail: u32) -> Mesh {
-    // A multiple of four hits the corners of the wall.
+    // A multiple of four places vertices at the corners of the wall.
     let segments = 12 * detail;
     let direction = |step: u32| Vec2::from_angle(PI * step as f32 / segments as f32);
-    // x: along the arcade from the bay's middle, y: above the springing.
+    // x: along the arcade from the centre of the bay; y: above the springing.
     let at = |p: Vec2, x: f32| vec3(x, SPRINGING + p.y, middle + p.x);
     let uv_of = |p: Vec2| vec2(p.x, -p.y) / BAY;
     let face = |side: f32| {
         grid(segments, detail, move |column, row| {
-            // Seen from the right side (+X), +Z runs to the left.
+            // Seen from the right side (+X), +Z points left.
             let step = if side > 0.0 {
                 column
             } else {
@@ -226,7 +227,7 @@ fn gallery(detail: u32) -> Mesh {
     )
 }
 
-/// Posts and rail on the nave's side of the right gallery.
+/// Posts and rail on the nave side of the right gallery.
 fn balustrade() -> Mesh {
     let post = |i: i32| {
         let z = i as f32 * 0.8;
@@ -241,11 +242,11 @@ fn balustrade() -> Mesh {
     join("balustrade", (-9..=9).map(post).chain([rail]))
 }
 
-/// Steps across the nave up to a dais at the far end.
+/// Steps that lead up to a dais at the far end of the nave.
 fn stairs(detail: u32) -> Mesh {
     let steps = (0..5).map(|i| {
         let (depth, height) = (3.2 - 0.35 * i as f32, 0.18 * (i + 1) as f32);
-        // Each step lies on the one below.
+        // Each step rests on the one below.
         cuboid(
             vec3(-2.4, height - 0.18, -HALF.y),
             vec3(2.4, height, -HALF.y + depth),

@@ -1,16 +1,17 @@
-//! The Cornell box: the geometry that Cornell University's Program of Computer Graphics measured and published, with the
-//! usual linear RGB reflectances and light.
+//! The Cornell box: the geometry that Cornell University's Program of Computer Graphics measured and published, with
+//! the usual linear RGB reflectances and light.
 //!
-//! The data's millimetres times 0.01 are metres here: a room 5.5 m wide, ten times the original. The published coordinates
-//! are right-handed, the camera looks along +Z with +X to its left; half a turn about +Y makes it look along -Z, the red
-//! wall left and the green one right.
+//! The published millimetres, multiplied by 0.01, are metres here: the room is 5.5 m wide, ten times the original. The
+//! published coordinates are right-handed; their camera looks along +Z, with +X to its left. Half a turn about +Y makes
+//! it look along -Z, with the red wall on the left and the green wall on the right.
 
 use glam::{Mat4, Vec3, vec3};
 
 use super::shapes::{hexahedron, quadrilateral};
 use crate::{Camera, Material, Mesh, Scene};
 
-/// The height of the ceiling and of the light [mm]. The light hangs 1 mm below, so that the two are never in one plane.
+/// Heights of the ceiling and of the light [mm]. The light hangs 1 mm below the ceiling, so that the two are not
+/// coplanar.
 const CEILING: f32 = 548.8;
 const LIGHT: f32 = 547.8;
 
@@ -100,7 +101,7 @@ pub(super) fn build(detail: u32) -> Scene {
     scene
 }
 
-/// A block of the given height over its published base, x and z of each corner [mm].
+/// A block of the given height [mm] over its published base, given as x and z of each corner [mm].
 fn block(base: [[f32; 2]; 4], height: f32, detail: u32) -> Mesh {
     let level = |y: f32| base.map(|[x, z]| world(x, y, z));
     hexahedron(level(0.0), level(height), 2 * detail)

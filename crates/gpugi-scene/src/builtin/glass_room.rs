@@ -1,4 +1,5 @@
-//! The room of the tutorial's section 5.5: a mirror sphere, a teapot and a ball of glass and a box, lit so that caustics lie on the floor before them.
+//! The room of section 5.5 of the tutorial: a mirror sphere, a teapot and a ball of glass, and a box, lit so that
+//! caustics fall on the floor in front of them.
 
 use std::f32::consts::TAU;
 
@@ -35,7 +36,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let place = Mat4::from_translation(vec3(-0.55, 0.22, 0.35));
     scene.add_instance("ball", mesh, material, place);
 
-    // Hangs before the back wall and faces the glass.
+    // The lamp hangs in front of the back wall and faces the glass.
     let (at, toward) = (vec3(0.9, 2.7, -1.6), vec3(0.0, 0.0, 0.2));
     let front = (toward - at).normalize();
     let right = front.cross(Vec3::Y).normalize();
@@ -64,7 +65,7 @@ pub(super) fn build(detail: u32) -> Scene {
 /// Side of the lamp (m).
 const LAMP: f32 = 0.25;
 
-/// Solid glass that leaves `color` of the light after half a metre.
+/// Solid glass that transmits `color` of the light over half a metre.
 fn glass(name: &str, color: Vec3) -> Material {
     Material {
         name: name.to_owned(),
@@ -79,7 +80,7 @@ fn glass(name: &str, color: Vec3) -> Material {
     }
 }
 
-/// Adds a light that swings about the vertical, slowly; at time 0 it is where it is given.
+/// Adds a light that slowly swings about the vertical axis; at time 0 it has the given orientation.
 fn swing(scene: &mut Scene, mut light: Light) {
     const PERIOD: f32 = 8.0;
     const KEYS: usize = 16;

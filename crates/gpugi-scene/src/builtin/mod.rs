@@ -1,4 +1,4 @@
-//! Built-in scenes: procedural, each a few lines to read.
+//! Built-in procedural scenes, each in a few lines of code.
 
 pub mod shapes;
 
@@ -18,9 +18,9 @@ use crate::Scene;
 /// A scene that comes with gpugi.
 #[derive(Debug, Clone, Copy)]
 pub struct BuiltinScene {
-    /// The bare name that stands for it.
+    /// The bare name that selects it.
     pub name: &'static str,
-    /// What it shows, in one line.
+    /// One-line description.
     pub summary: &'static str,
     build: fn(u32) -> Scene,
 }
@@ -69,11 +69,11 @@ pub const SCENES: &[BuiltinScene] = &[
     },
 ];
 
-/// The largest useful `detail`: a larger one counts as this.
+/// The largest useful `detail`; larger values are clamped to it.
 pub const DETAIL_MAX: u32 = 64;
 
-/// The built-in scene called `name`. The number of triangles of curved and lit surfaces grows about with the square of
-/// `detail`, which counts as at least 1 and at most [`DETAIL_MAX`].
+/// The built-in scene called `name`. The triangle count of curved and lit surfaces grows roughly with the square of
+/// `detail`, which is clamped to 1..=[`DETAIL_MAX`].
 pub fn builtin(name: &str, detail: u32) -> Option<Scene> {
     SCENES
         .iter()

@@ -1,5 +1,5 @@
-//! Rings around balls on a square of a town, one pair of each: gold, glass, matt, glossy. Nothing hides much of the surroundings from them, so that
-//! an environment map alone shows them nearly right.
+//! Rings around balls in a town square, one pair of each material: gold, glass, matt, glossy. Little occludes the
+//! surroundings, so an environment map alone renders them almost correctly.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -78,7 +78,7 @@ fn glossy() -> Material {
     }
 }
 
-/// The surroundings from the eye's height: tiles, houses with windows, and the default sky with its sun.
+/// The surroundings seen from eye height: tiles, houses with windows, and the default sky with its sun.
 fn square() -> Image {
     const WIDTH: u32 = 1024;
     const HEIGHT: u32 = 512;
@@ -114,16 +114,17 @@ fn square() -> Image {
     }
 }
 
-/// Height of the eye above the ground, and distance of the houses (m).
+/// Eye height above the ground and distance of the houses (m), and the number of houses in a full circle.
 const EYE: f32 = 1.7;
 const DISTANCE: f32 = 30.0;
 const HOUSES: f32 = 24.0;
 
-/// What a house shows at a part of a turn and at the tangent of the elevation; None beside and above it.
+/// The colour of a house at a fraction `turn` of a full circle and at a tangent of the elevation; `None` beside and
+/// above it.
 fn house(turn: f32, tangent: f32) -> Option<Vec3> {
     let number = (turn * HOUSES).floor();
     let across = turn * HOUSES - number;
-    // Anything between 0 and 1, another for each house.
+    // A pseudo-random value between 0 and 1 for each house.
     let chance = |salt: f32| {
         ((number + salt) * 12.9898)
             .sin()
@@ -131,12 +132,12 @@ fn house(turn: f32, tangent: f32) -> Option<Vec3> {
             .rem_euclid(1.0)
     };
     let height = tangent * DISTANCE + EYE;
-    // Every fourth is missing, so that the square is open.
+    // Every fourth house is missing, so that the square is open.
     if height < 0.0 || height > 6.0 + 7.0 * chance(0.0) || number as i32 % 4 == 3 {
         return None;
     }
     let plaster = vec3(0.5, 0.42, 0.34).lerp(vec3(0.62, 0.35, 0.25), chance(1.0));
-    // Three windows a floor of 3 m.
+    // Three windows per floor; floors are 3 m high.
     let window = vec2((across * 3.0).fract(), (height / 3.0).fract());
     let is_window = (window - 0.5).abs().cmplt(vec2(0.2, 0.25)).all();
     Some(if is_window {
@@ -146,7 +147,7 @@ fn house(turn: f32, tangent: f32) -> Option<Vec3> {
     })
 }
 
-/// Light and dark tiles of a metre and a half, grey in the distance.
+/// Light and dark tiles of 1.5 m, fading to grey with distance.
 fn tile(at: Vec2) -> Vec3 {
     let cell = (at / 1.5).floor();
     let is_light = (cell.x + cell.y).rem_euclid(2.0) < 1.0;

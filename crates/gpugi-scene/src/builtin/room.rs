@@ -1,4 +1,4 @@
-//! The room of the tutorial's figures 33 and 34: coloured walls, a box that makes it concave, and a mirror sphere.
+//! The room of figures 33 and 34 of the tutorial: coloured walls, a box that makes it concave, and a mirror sphere.
 
 use glam::{Mat4, Vec3, vec3};
 
@@ -32,9 +32,9 @@ pub(super) fn build(detail: u32) -> Scene {
     scene
 }
 
-/// Walls, floor and ceiling of 4 x 3 x 4 m, the floor at y = 0 and the origin in its middle.
+/// Walls, floor and ceiling of a room of 4 x 3 x 4 m. The floor is at y = 0 and its centre is the origin.
 pub(super) fn walls(scene: &mut Scene, detail: u32) {
-    // Each wall: name, albedo, lower left corner seen from inside, the edge to the right and the edge up.
+    // For each wall: name, albedo, lower left corner as seen from inside, the edge to the right and the edge up.
     let (width, height) = (4.0, 3.0);
     let half = width / 2.0;
     let (x, y, z) = (Vec3::X * width, Vec3::Y * height, Vec3::Z * width);
@@ -85,7 +85,7 @@ pub(super) fn walls(scene: &mut Scene, detail: u32) {
     }
 }
 
-/// A box of a height and of two half widths (m), standing on its origin.
+/// A box that stands on its origin. `size`: half width along x, height, half width along z (m).
 pub(super) fn matt_box(scene: &mut Scene, size: Vec3, world_from_mesh: Mat4, detail: u32) {
     let [low, high] = [vec3(-size.x, 0.0, -size.z), size];
     let mut mesh = cuboid(low, high, 2 * detail);
@@ -95,7 +95,7 @@ pub(super) fn matt_box(scene: &mut Scene, size: Vec3, world_from_mesh: Mat4, det
     scene.add_instance("box", mesh, material, world_from_mesh);
 }
 
-/// A ball that mirrors ideally.
+/// An ideal mirror ball.
 pub(super) fn mirror_ball(scene: &mut Scene, radius: f32, center: Vec3, segments: u32) {
     let mesh = scene.add_mesh(sphere(radius, segments));
     let material = scene.add_material(Material::metal("mirror", Vec3::splat(0.95), 0.0));

@@ -1,6 +1,7 @@
-//! Shape generators: outward counter-clockwise triangles, unit normals, texture coordinates with v downward.
+//! Shape generators: counter-clockwise triangles that face outward, unit normals, texture coordinates with v downward.
 //!
-//! Everything is a grid of vertices. Seams repeat their positions bitwise, so that the solids pass [`Mesh::is_closed`].
+//! Every shape is built from grids of vertices. Seams repeat their positions bitwise, so that the solids pass
+//! [`Mesh::is_closed`].
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -8,7 +9,7 @@ use glam::{Mat3, Mat4, Vec2, Vec3, vec2, vec3};
 
 use crate::Mesh;
 
-/// One vertex of a generated shape.
+/// A vertex of a generated shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vertex {
     /// Position in mesh space (m).
@@ -19,8 +20,8 @@ pub struct Vertex {
     pub uv: Vec2,
 }
 
-/// A grid of `columns` x `rows` cells with `vertex(column, row)` at its corners. Seen from the front, columns run to the
-/// right and rows downward. Triangles with two equal corners (at poles) are left out.
+/// A grid of `columns` x `rows` cells with `vertex(column, row)` at their corners. Seen from the front, columns run to
+/// the right and rows downward. Triangles with two equal corners (at poles) are left out.
 pub fn grid(columns: u32, rows: u32, vertex: impl Fn(u32, u32) -> Vertex) -> Mesh {
     let mut mesh = Mesh::default();
     for row in 0..=rows {
@@ -53,7 +54,8 @@ pub fn grid(columns: u32, rows: u32, vertex: impl Fn(u32, u32) -> Vertex) -> Mes
     mesh
 }
 
-/// One mesh of all `parts`, in their order. Only positions, normals, first texture coordinates and indices are kept.
+/// Joins all `parts` into one mesh, in their order. Keeps only positions, normals, first texture coordinates and
+/// indices.
 pub fn join(name: &str, parts: impl IntoIterator<Item = Mesh>) -> Mesh {
     let mut joined = Mesh {
         name: name.to_owned(),
@@ -71,7 +73,7 @@ pub fn join(name: &str, parts: impl IntoIterator<Item = Mesh>) -> Mesh {
     joined
 }
 
-/// `mesh` moved by an affine matrix that does not mirror.
+/// `mesh` transformed by an affine matrix that does not mirror.
 pub fn transformed(mut mesh: Mesh, matrix: &Mat4) -> Mesh {
     let normal_matrix = Mat3::from_mat4(*matrix).inverse().transpose();
     for position in &mut mesh.positions {
@@ -83,8 +85,8 @@ pub fn transformed(mut mesh: Mesh, matrix: &Mat4) -> Mesh {
     mesh
 }
 
-/// A parallelogram seen from its front: `lower_left` corner and the edges from there to the right and up (m); the normal is
-/// right x up. Each side is cut into `divisions`.
+/// A parallelogram seen from its front: the `lower_left` corner and the edges that lead right and up from it (m). The
+/// normal is right x up. Each side is divided into `divisions` parts.
 pub fn quad(lower_left: Vec3, right: Vec3, up: Vec3, divisions: u32) -> Mesh {
     quadrilateral(
         [
@@ -97,7 +99,7 @@ pub fn quad(lower_left: Vec3, right: Vec3, up: Vec3, divisions: u32) -> Mesh {
     )
 }
 
-/// A flat quadrilateral with counter-clockwise corners, the first one lower left.
+/// A flat quadrilateral with counter-clockwise corners, starting at the lower left.
 pub fn quadrilateral(corners: [Vec3; 4], divisions: u32) -> Mesh {
     let [a, b, c, d] = corners;
     let normal = (c - a).cross(d - b).normalize();
@@ -112,8 +114,8 @@ pub fn quadrilateral(corners: [Vec3; 4], divisions: u32) -> Mesh {
     })
 }
 
-/// The point after `step` of `steps` equal steps from `a` to `b`: bitwise the same point counted from either end, so that
-/// neighbouring faces share their edges.
+/// The point after `step` of `steps` equal steps from `a` to `b`. It is bitwise the same when counted from either end,
+/// so that neighbouring faces share their edges.
 fn between(a: Vec3, b: Vec3, step: u32, steps: u32) -> Vec3 {
     match step {
         0 => a,
@@ -122,8 +124,8 @@ fn between(a: Vec3, b: Vec3, step: u32, steps: u32) -> Vec3 {
     }
 }
 
-/// A solid with four-cornered bottom and top: each counter-clockwise seen from above, corner i of the bottom below corner i
-/// of the top.
+/// A solid with a four-cornered bottom and top. Both run counter-clockwise as seen from above; corner i of the bottom
+/// lies below corner i of the top.
 pub fn hexahedron(bottom: [Vec3; 4], top: [Vec3; 4], divisions: u32) -> Mesh {
     let sides = (0..4).map(|i| {
         let next = (i + 1) % 4;
@@ -150,17 +152,18 @@ pub fn cuboid(min: Vec3, max: Vec3, divisions: u32) -> Mesh {
     hexahedron(level(min.y), level(max.y), divisions)
 }
 
-/// One point of a profile that [`revolution`] turns: in its plane x is the distance from the axis, y the height.
+/// A point of a profile for [`revolution`]: x is the distance from the axis, y the height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfilePoint {
     /// Distance from the +Y axis and height (m).
     pub position: Vec2,
-    /// Unit normal in the same plane, away from the solid.
+    /// Unit normal in the same plane, pointing away from the solid.
     pub normal: Vec2,
 }
 
-/// A surface of revolution about +Y. The profile runs so that the outside lies on its left: down the outside of a solid.
-/// Repeat a point with another normal for a sharp edge. u grows once around, v along the profile's length.
+/// A surface of revolution about +Y. The outside lies to the left of the profile's direction, so a profile runs down
+/// the outside of a solid. To make a sharp edge, repeat a point with another normal. u grows once around the axis, v
+/// along the length of the profile.
 pub fn revolution(profile: &[ProfilePoint], columns: u32) -> Mesh {
     let mut lengths = vec![0.0];
     for pair in profile.windows(2) {
@@ -169,7 +172,7 @@ pub fn revolution(profile: &[ProfilePoint], columns: u32) -> Mesh {
     }
     let total = lengths[lengths.len() - 1];
     grid(columns, profile.len() as u32 - 1, |column, row| {
-        // The last column is the first one again, bitwise.
+        // The last column repeats the first one bitwise.
         let (sine, cosine) = ((column % columns) as f32 / columns as f32 * TAU).sin_cos();
         let turn = |p: Vec2| vec3(p.x * sine, p.y, p.x * cosine);
         let point = profile[row as usize];
@@ -195,7 +198,7 @@ pub fn sharp_profile(corners: &[Vec2]) -> Vec<ProfilePoint> {
         .collect()
 }
 
-/// The part of a circle from angle `start` to `end` (rad), counted from +x toward +y, in `steps` segments.
+/// The arc of a circle from angle `start` to `end` (rad), measured from +x toward +y, in `steps` segments.
 pub fn arc_profile(
     center: Vec2,
     radius: f32,
@@ -215,17 +218,17 @@ pub fn arc_profile(
         .collect()
 }
 
-/// A sphere about the origin; `segments` from pole to pole, twice as many around.
+/// A sphere centred at the origin, with `segments` segments from pole to pole and twice as many around.
 pub fn sphere(radius: f32, segments: u32) -> Mesh {
     let segments = segments.max(2);
     let mut profile = arc_profile(Vec2::ZERO, radius, FRAC_PI_2, -FRAC_PI_2, segments);
-    // Rounding must not tear the poles open.
+    // Rounding must not open the poles.
     profile[0].position.x = 0.0;
     profile[segments as usize].position.x = 0.0;
     named("sphere", revolution(&profile, 2 * segments))
 }
 
-/// A cylinder on the plane y = 0 about +Y, with caps.
+/// A cylinder about +Y that stands on the plane y = 0, with caps.
 pub fn cylinder(radius: f32, height: f32, columns: u32) -> Mesh {
     let corners = [
         vec2(0.0, height),
@@ -239,14 +242,14 @@ pub fn cylinder(radius: f32, height: f32, columns: u32) -> Mesh {
     )
 }
 
-/// A cone on the plane y = 0 about +Y, with its cap.
+/// A cone about +Y that stands on the plane y = 0, with its base.
 pub fn cone(radius: f32, height: f32, columns: u32) -> Mesh {
     let corners = [vec2(0.0, height), vec2(radius, 0.0), Vec2::ZERO];
     named("cone", revolution(&sharp_profile(&corners), columns.max(3)))
 }
 
-/// A torus about the origin, its axis +Y: `ring` is the radius of the tube's centre line, `tube` the tube's own, with
-/// `segments` around the tube and twice as many around the axis.
+/// A torus about the origin with axis +Y. `ring` is the radius of the tube's centre line and `tube` that of the tube
+/// itself. It has `segments` segments around the tube and twice as many around the axis.
 pub fn torus(ring: f32, tube: f32, segments: u32) -> Mesh {
     let segments = segments.max(3);
     let mut profile = arc_profile(vec2(ring, 0.0), tube, PI, -PI, segments);

@@ -1,4 +1,4 @@
-//! One of each: shapes, kinds of light, reflection models, and the ways to place a mesh.
+//! One of each: shapes, light types, reflection models, and ways to place a mesh.
 
 use glam::{Mat4, Vec3, vec3};
 
@@ -90,7 +90,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let yellow = Material::matt("yellow", vec3(0.7, 0.55, 0.1));
     place(cone(0.45, 1.0, 24 * detail), yellow, at(1.35, 0.0, -0.2));
 
-    // The leaf's holes let light and sight through.
+    // The holes of the leaf let light and view rays through.
     let leaf = quad(
         vec3(-0.5, 0.0, 0.0),
         Vec3::X,
@@ -105,7 +105,7 @@ pub(super) fn build(detail: u32) -> Scene {
     };
     place(named("leaf", leaf), masked, at(-0.9, 0.0, -1.3));
 
-    // A wedge and its mirror image are two instances of one mesh.
+    // A wedge and its mirror image: two instances of one mesh.
     let base = [
         vec3(0.1, 0.0, 0.4),
         vec3(0.9, 0.0, 0.4),

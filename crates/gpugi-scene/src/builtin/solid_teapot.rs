@@ -1,5 +1,6 @@
-//! Newell's teapot as one closed solid, as if cast in glass: the gap between lid and rim and the end of the spout are closed, and handle and
-//! spout grow out of the body, which has holes where they begin. Coordinates are Newell's, z upward, as in teapot.rs.
+//! Newell's teapot as one closed solid, as if cast in glass. The gap between lid and rim and the end of the spout are
+//! closed. Handle and spout grow out of the body, which has holes where they begin. Coordinates are Newell's, z upward,
+//! as in teapot.rs.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
@@ -16,7 +17,7 @@ use crate::Mesh;
 /// Upper and lower part of the body in [`PROFILES`].
 const BODY: Range<usize> = 1..3;
 
-/// The solid in metres, +Y up, its spout toward +X. `divisions` as of the teapot.
+/// The solid in metres, +Y up, with its spout toward +X. `divisions` as for the teapot.
 pub(super) fn solid_teapot(divisions: u32) -> Mesh {
     let [handle, spout] = [&TUBES[..2], &TUBES[2..]].map(|rows| Tube::new(rows, divisions));
     let handle_start = handle.crossings(-0.25, 1.0);
@@ -31,7 +32,7 @@ pub(super) fn solid_teapot(divisions: u32) -> Mesh {
     ];
     let others = (0..PROFILES.len()).filter(|index| !BODY.contains(index));
     let rounds = others.flat_map(|index| turned(&PROFILES[index]));
-    // Between the lid's edge and the rim's inner one, flat.
+    // A flat ring between the edge of the lid and the inner edge of the rim.
     let gap = |index: usize, row: usize| (PROFILES[index].0[row], PROFILES[index].1[row]);
     let ((lid, round), (rim, _)) = (gap(4, 3), gap(0, 0));
     let across = |part: f32| Vec2::from(lid).lerp(rim.into(), part).to_array();
@@ -49,14 +50,14 @@ pub(super) fn solid_teapot(divisions: u32) -> Mesh {
                 lid_of(&spout.ring(&tip)),
             ]),
     );
-    // Those of the seams would not fit the others.
+    // The texture coordinates of the seams would not match the others.
     mesh.uvs[0].clear();
     mesh
 }
 
-/// Handle or spout: v runs from 0 to 2 along it, and on in a straight line beyond; columns go round it.
+/// Handle or spout. v runs along it from 0 to 2 and continues in a straight line beyond; columns run around it.
 struct Tube {
-    /// Of the -y and the +y side, along the tube.
+    /// Patches of the -y side and of the +y side, each in order along the tube.
     patches: [[Patch; 2]; 2],
     divisions: u32,
 }
@@ -69,12 +70,12 @@ impl Tube {
         }
     }
 
-    /// Columns once around.
+    /// Number of columns once around.
     fn columns(&self) -> u32 {
         2 * self.divisions
     }
 
-    /// The point and the normal at a column and v.
+    /// Position and normal at a column and at `v`.
     fn at(&self, column: u32, v: f32) -> (Vec3, Vec3) {
         let column = column % self.columns();
         let u = (column % self.divisions) as f32 / self.divisions as f32;
@@ -92,7 +93,7 @@ impl Tube {
         (moved, normal(points, uv))
     }
 
-    /// For each column, the v between `inside` and `outside` where it leaves the body.
+    /// For each column, the v between `inside` and `outside` at which the tube leaves the body.
     fn crossings(&self, inside: f32, outside: f32) -> Vec<f32> {
         let crossing = |column| {
             bisect(inside, outside, |v| {
@@ -104,7 +105,7 @@ impl Tube {
         (0..self.columns()).map(crossing).collect()
     }
 
-    /// The points where each column is at its `v`.
+    /// The position of each column at its `v`.
     fn ring(&self, v: &[f32]) -> Vec<Vec3> {
         (0..)
             .zip(v)
@@ -112,7 +113,7 @@ impl Tube {
             .collect()
     }
 
-    /// Each column from its `start` to its `end`.
+    /// The surface of the tube; each column runs from its `start` to its `end`.
     fn mesh(&self, start: &[f32], end: &[f32], rows: u32) -> Mesh {
         grid(self.columns(), rows, |column, row| {
             let index = (column % self.columns()) as usize;
@@ -127,7 +128,7 @@ impl Tube {
     }
 }
 
-/// The zero between `inside`, where `is_inside`, and `outside`.
+/// The boundary between `inside`, where `is_inside` holds, and `outside`, by bisection.
 fn bisect(mut inside: f32, mut outside: f32, is_inside: impl Fn(f32) -> bool) -> f32 {
     for _ in 0..32 {
         let middle = 0.5 * (inside + outside);
@@ -140,7 +141,7 @@ fn bisect(mut inside: f32, mut outside: f32, is_inside: impl Fn(f32) -> bool) ->
     0.5 * (inside + outside)
 }
 
-/// Radius of the body at a height, and its normal there: outward and upward.
+/// Radius of the body at a height, and its normal there as (outward, upward).
 fn body_at(height: f32) -> (f32, Vec2) {
     let [upper, lower] = [1, 2].map(|index| turned(&PROFILES[index])[0]);
     let points = if height > lower[0][0].z { upper } else { lower };
@@ -150,7 +151,7 @@ fn body_at(height: f32) -> (f32, Vec2) {
     (at(v).x, vec2(normal.x, normal.z))
 }
 
-/// The body without what is above and below it: rows go down, columns around.
+/// The body without the parts above and below it; rows run downward, columns around.
 struct Body {
     quarters: [[Patch; 4]; 2],
     divisions: u32,
@@ -190,7 +191,7 @@ impl Body {
         placed(position, normal, Vec2::ZERO)
     }
 
-    /// The body without the cells in holes.
+    /// The body without the cells that lie in holes.
     fn mesh(&self, holes: &[Hole]) -> Mesh {
         let mut mesh = grid(self.columns(), self.rows(), |column, row| {
             self.vertex(column, row)
@@ -205,12 +206,12 @@ impl Body {
     }
 }
 
-/// A hole in the body: a block of cells around the ring in which a tube begins.
+/// A hole in the body: a block of cells around the ring where a tube begins.
 struct Hole {
     ring: Vec<Vec3>,
-    /// Direction of its middle (rad) around the axis.
+    /// Azimuth of its centre around the axis (rad).
     azimuth: f32,
-    /// First column, and how many.
+    /// First column, and the number of columns.
     column: u32,
     columns: u32,
     rows: Range<u32>,
@@ -219,7 +220,7 @@ struct Hole {
 impl Hole {
     fn new(body: &Body, ring: Vec<Vec3>, azimuth: f32) -> Self {
         let middle = (azimuth / TAU * body.columns() as f32).round() as u32;
-        // A quarter of a cell of room, so that no triangle gets too thin.
+        // Leave a margin of a quarter of a cell, so that no triangle becomes too thin.
         let room = |near: Vec2, far: Vec2| (far - near).abs() * 0.25;
         let mut hole = Self {
             ring,
@@ -253,7 +254,7 @@ impl Hole {
         hole
     }
 
-    /// Where a point of the body is as seen from outside: to the right around the axis, and upward.
+    /// Maps a point of the body to a plane as seen from outside: x to the right around the axis, y upward.
     fn chart(&self, point: Vec3) -> Vec2 {
         let around = Vec2::from_angle(-self.azimuth).rotate(point.truncate());
         vec2(2.0 * around.to_angle(), point.z)
@@ -275,7 +276,8 @@ impl Hole {
         places.map(|(column, row)| body.at(column, row)).collect()
     }
 
-    /// The body between the block's border and the ring: both are sorted by their direction from the middle, and joined by triangles.
+    /// The part of the body between the border of the block and the ring. Both are sorted by their direction from the
+    /// centre and joined by triangles.
     fn seam(&self, body: &Body) -> Mesh {
         let of_body = |&point: &Vec3| {
             let (_, normal) = body_at(point.z);
@@ -302,7 +304,7 @@ impl Hole {
             mesh.normals.push(vertex.normal);
             mesh.uvs[0].push(vertex.uv);
         }
-        // Directions go on beyond a full turn.
+        // Directions continue beyond a full turn.
         let direction = |points: &[(f32, _)], step: usize| {
             points[step % points.len()].0 + TAU * (step / points.len()) as f32
         };
@@ -326,7 +328,7 @@ impl Hole {
     }
 }
 
-/// Closes a flat ring at the end of a tube, facing upward.
+/// Closes a flat ring at the end of a tube; faces upward.
 fn lid_of(ring: &[Vec3]) -> Mesh {
     let middle = ring.iter().sum::<Vec3>() / ring.len() as f32;
     grid(ring.len() as u32, 1, |column, row| {

@@ -1,11 +1,11 @@
-//! Seven steps from matt to mirror, as metals (behind) and as dielectrics (in front), under the sky and its sun.
+//! Seven steps from matt to mirror, as metals (back row) and dielectrics (front row), under the sky and its sun.
 
 use glam::{Mat4, Vec3, vec3};
 
 use super::shapes::{quad, sphere};
 use crate::{Camera, Environment, Material, Scene};
 
-/// Spheres in a row.
+/// Number of spheres per row.
 const STEPS: u32 = 7;
 
 pub(super) fn build(detail: u32) -> Scene {

@@ -1,22 +1,24 @@
-//! Martin Newell's teapot of 1975: 32 bicubic Bézier patches, on a plane.
+//! Martin Newell's teapot of 1975 on a plane: 32 bicubic Bézier patches.
 //!
-//! The published 306 control points follow from far fewer numbers by symmetry: rim, body, lid and bottom are turned
-//! profiles, handle and spout are mirrored. Coordinates here are Newell's, z upward; 0.1 of them is a metre.
+//! The published 306 control points follow by symmetry from far fewer numbers: rim, body, lid and bottom are rotated
+//! profiles; handle and spout are mirrored. Coordinates here are Newell's, z upward, and are multiplied by 0.1 to give
+//! metres.
 
 use glam::{Mat4, Vec2, Vec3, vec2, vec3};
 
 use super::shapes::{Vertex, grid, join, quad};
 use crate::{Camera, Light, LightKind, Material, Mesh, Scene};
 
-/// Radius and height of four control points of a profile, and the handle length of its quarter circles over the radius.
+/// Radius and height of the four control points of a profile, and for each the ratio of handle length to radius of its
+/// quarter circles.
 pub(super) type Profile = ([[f32; 2]; 4], [f32; 4]);
 
-/// Newell's quarter circles have handles of 0.56 radii, which is nearly round.
+/// Newell's quarter circles have handles of 0.56 radii, which is almost circular.
 const ROUND: [f32; 4] = [0.56; 4];
 
 /// Rim, body (upper and lower part), lid (upper and lower part), bottom.
 pub(super) const PROFILES: [Profile; 6] = [
-    // Rim, from inside over the top.
+    // Rim, from the inside over the top.
     (
         [[1.4, 2.4], [1.3375, 2.53125], [1.4375, 2.53125], [1.5, 2.4]],
         ROUND,
@@ -24,7 +26,7 @@ pub(super) const PROFILES: [Profile; 6] = [
     // Body, downward.
     ([[1.5, 2.4], [1.75, 1.875], [2.0, 1.35], [2.0, 0.9]], ROUND),
     ([[2.0, 0.9], [2.0, 0.45], [1.5, 0.225], [1.5, 0.15]], ROUND),
-    // Lid, from the top; the published points have 0.45 where 0.448 would be 0.56 radii.
+    // Lid, from the top; the published points have 0.45 where 0.56 radii would be 0.448.
     (
         [[0.0, 3.15], [0.8, 3.15], [0.0, 2.85], [0.2, 2.7]],
         [0.56, 0.5625, 0.56, 0.56],
@@ -34,10 +36,10 @@ pub(super) const PROFILES: [Profile; 6] = [
     ([[1.5, 0.15], [1.5, 0.075], [1.425, 0.0], [0.0, 0.0]], ROUND),
 ];
 
-/// A row of control points across a tube: x and z on its inner and its outer side, and the half width.
+/// A row of control points across a tube: x and z on its inner side and on its outer side, and its half width.
 pub(super) type Across = ([f32; 2], [f32; 2], f32);
 
-/// Handle and spout, two patches each along their length, outward from the body's upper side.
+/// Handle and spout, two patches each along their length, starting at the body.
 pub(super) const TUBES: [[Across; 4]; 4] = [
     [
         ([-1.6, 2.025], [-1.5, 2.25], 0.3),
@@ -79,7 +81,7 @@ pub(super) fn build(detail: u32) -> Scene {
         name: "glaze".into(),
         base_color: vec3(0.55, 0.16, 0.08).extend(1.0),
         roughness: 0.25,
-        // The lid leaves a gap through which the inside shows.
+        // The lid leaves a gap that shows the inside.
         double_sided: true,
         ..Material::default()
     });
@@ -96,7 +98,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let material = scene.add_material(Material::matt("plane", vec3(0.6, 0.6, 0.62)));
     scene.add_instance("plane", mesh, material, Mat4::IDENTITY);
 
-    // A panel above, to the left, that faces the teapot.
+    // A panel above and to the left that faces the teapot.
     let mut panel = quad(
         vec3(-0.9, 0.8, 0.25),
         Vec3::NEG_Z * 0.5,
@@ -119,11 +121,11 @@ pub(super) fn build(detail: u32) -> Scene {
     scene
 }
 
-/// Control points of a bicubic Bézier patch, rows from top to bottom as seen from the front.
+/// Control points of a bicubic Bézier patch; rows run from top to bottom as seen from the front.
 pub(super) type Patch = [[Vec3; 4]; 4];
 
-/// The teapot in metres, +Y up, its spout toward +X, each patch cut into `divisions` x `divisions` cells. Open where
-/// Newell left it open: between lid and rim, and at the ends of handle and spout.
+/// The teapot in metres, +Y up, with its spout toward +X. Each patch has `divisions` x `divisions` cells. It is open
+/// where Newell left it open: between lid and rim, and at the ends of handle and spout.
 fn teapot(divisions: u32) -> Mesh {
     let tubes = TUBES
         .iter()
@@ -138,7 +140,7 @@ fn teapot(divisions: u32) -> Mesh {
     )
 }
 
-/// A profile turned about the vertical axis, a quarter a patch.
+/// A profile rotated about the vertical axis, one patch per quarter turn.
 pub(super) fn turned((profile, handles): &Profile) -> [Patch; 4] {
     [0, 1, 2, 3].map(|quarter| {
         std::array::from_fn(|row| {
@@ -150,13 +152,13 @@ pub(super) fn turned((profile, handles): &Profile) -> [Patch; 4] {
                 vec2(handle, radius),
                 vec2(0.0, radius),
             ];
-            // Quarter turns by exchange of coordinates are exact: neighbouring patches share their edges bitwise.
+            // Quarter turns that exchange coordinates are exact, so neighbouring patches share their edges bitwise.
             arc.map(|point| (0..quarter).fold(point, |p, _| p.perp()).extend(height))
         })
     })
 }
 
-/// The half of a tube on the -y (`side` -1) or +y (1) side, whose columns go round the tube.
+/// The half of a tube on the -y (`side` -1) or +y (`side` 1) side; its columns run around the tube.
 pub(super) fn half_tube(rows: &[Across; 4], side: f32) -> Patch {
     rows.map(|([x0, z0], [x1, z1], width)| {
         let mut across = [
@@ -172,7 +174,7 @@ pub(super) fn half_tube(rows: &[Across; 4], side: f32) -> Patch {
     })
 }
 
-/// A patch as a mesh.
+/// Tessellates a patch.
 pub(super) fn patch(points: &Patch, divisions: u32) -> Mesh {
     grid(divisions, divisions, |column, row| {
         let uv = vec2(column as f32, row as f32) / divisions as f32;
@@ -180,7 +182,7 @@ pub(super) fn patch(points: &Patch, divisions: u32) -> Mesh {
     })
 }
 
-/// A vertex in metres, +Y up, from Newell's coordinates.
+/// Converts a vertex from Newell's coordinates to metres, +Y up.
 pub(super) fn placed(position: Vec3, normal: Vec3, uv: Vec2) -> Vertex {
     Vertex {
         position: vec3(position.x, position.z, -position.y) * 0.1,
@@ -189,11 +191,11 @@ pub(super) fn placed(position: Vec3, normal: Vec3, uv: Vec2) -> Vertex {
     }
 }
 
-/// The unit normal of a patch, toward its front.
+/// The unit normal of a patch at `uv`, toward its front.
 pub(super) fn normal(points: &Patch, uv: Vec2) -> Vec3 {
     let mut normal = cross_of_tangents(points, uv);
     if normal.length() < 1e-5 {
-        // At a pole the rows shrink to a point; the limit is as good as reached nearby.
+        // At a pole the rows shrink to a point; a nearby normal approximates the limit.
         normal = cross_of_tangents(points, uv.lerp(vec2(uv.x, 0.5), 1e-3));
     }
     normal.normalize()
@@ -205,7 +207,7 @@ fn weights(t: f32) -> [f32; 4] {
     [s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t]
 }
 
-/// Their derivatives.
+/// Derivatives of the Bernstein polynomials.
 fn slopes(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     [
@@ -225,19 +227,19 @@ fn combine(points: &Patch, columns: [f32; 4], rows: [f32; 4]) -> Vec3 {
 pub(super) fn surface(points: &Patch, uv: Vec2) -> Vec3 {
     let pole = if uv.y == 0.0 { points[0] } else { points[3] };
     if (uv.y == 0.0 || uv.y == 1.0) && pole == [pole[0]; 4] {
-        // Weights that do not sum to exactly one would pull the pole apart.
+        // Weights that do not sum to exactly 1 would split the pole.
         return pole[0];
     }
     combine(points, weights(uv.x), weights(uv.y))
 }
 
-/// Toward the front: down x right.
+/// Points toward the front: down x right.
 fn cross_of_tangents(points: &Patch, uv: Vec2) -> Vec3 {
     let right = combine(points, slopes(uv.x), weights(uv.y));
     down(points, uv).cross(right)
 }
 
-/// The derivative of a patch downward.
+/// The downward derivative of a patch.
 pub(super) fn down(points: &Patch, uv: Vec2) -> Vec3 {
     combine(points, weights(uv.x), slopes(uv.y))
 }

@@ -1,4 +1,4 @@
-//! Images made in code: sRGB with alpha, and they tile.
+//! Procedural images: sRGB with alpha, tileable.
 
 use std::f32::consts::TAU;
 
@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, vec2, vec3};
 
 use crate::{Image, Pixels};
 
-/// An image of `size` x `size` texels; `color` gives sRGB and alpha in 0..=1 at texture coordinates.
+/// An image of `size` x `size` texels; `color` returns sRGB and alpha in 0..=1 for texture coordinates.
 fn image(name: &str, size: u32, color: impl Fn(Vec2) -> (Vec3, f32)) -> Image {
     let texels = (0..size * size).flat_map(|index| {
         let uv = (vec2((index % size) as f32, (index / size) as f32) + 0.5) / size as f32;
@@ -27,7 +27,7 @@ fn image(name: &str, size: u32, color: impl Fn(Vec2) -> (Vec3, f32)) -> Image {
 pub fn marble(name: &str, size: u32) -> Image {
     image(name, size, |uv| {
         let cloud = turbulence(uv);
-        // Whole numbers of waves tile.
+        // Integer numbers of waves tile.
         let wave = ((uv.x * 2.0 + uv.y + 1.6 * cloud) * TAU).sin();
         let vein = (1.0 - wave.abs()).powi(6);
         let stone = vec3(0.86, 0.83, 0.78) * (0.86 + 0.2 * cloud);
@@ -35,7 +35,7 @@ pub fn marble(name: &str, size: u32) -> Image {
     })
 }
 
-/// Four by four stone tiles in two colours with dark joints.
+/// Four by four stone tiles in two colours, with dark joints.
 pub fn tiles(name: &str, size: u32) -> Image {
     image(name, size, |uv| {
         let scaled = uv * 4.0;
@@ -55,7 +55,7 @@ pub fn tiles(name: &str, size: u32) -> Image {
     })
 }
 
-/// A chequered leaf: green cells, every other one a hole.
+/// A checkered leaf: green cells, every other one a hole.
 pub fn leaf(name: &str, size: u32) -> Image {
     image(name, size, |uv| {
         let cell = (uv * 8.0).floor();
@@ -65,7 +65,7 @@ pub fn leaf(name: &str, size: u32) -> Image {
     })
 }
 
-/// A sum of noise octaves that tiles, in 0..=1.
+/// A tileable sum of noise octaves, in 0..=1.
 fn turbulence(uv: Vec2) -> f32 {
     (0..5).map(|i| noise(uv, 4 << i) / (2 << i) as f32).sum()
 }
@@ -88,7 +88,7 @@ fn noise(uv: Vec2, period: u32) -> f32 {
     )
 }
 
-/// A random number in 0..1 for each pair: an integer hash (Wellons' lowbias32).
+/// A pseudo-random number in 0..1 for each pair of arguments, by an integer hash (Wellons' lowbias32).
 fn lattice(index: u32, seed: u32) -> f32 {
     let mut hash = index ^ seed.wrapping_mul(0x9E37_79B9);
     hash = (hash ^ (hash >> 16)).wrapping_mul(0x7FEB_352D);

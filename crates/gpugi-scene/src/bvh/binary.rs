@@ -1,17 +1,19 @@
-//! A binary tree from the top down, by the surface area heuristic over bins: Wald, "On Fast Construction of SAH-based Bounding
-//! Volume Hierarchies" (2007). n log n whatever the input: clustering, which obvhs offers, takes n^2 on nested boxes.
+//! Builds a binary tree top down by the binned surface area heuristic: Wald, "On Fast Construction of SAH-based
+//! Bounding Volume Hierarchies" (2007). It takes O(n log n) for any input; the clustering that obvhs offers takes
+//! O(n^2) for nested boxes.
 
 use glam::Vec3A;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 
-/// Bins an axis.
+/// Bins per axis.
 const BINS: usize = 32;
 
-/// Levels after which ranges are halved: the tree's depth stays below this and the logarithm of the number of boxes.
+/// Beyond this many levels, ranges are halved, so the tree's depth stays below this plus the logarithm of the number of
+/// boxes.
 const LEVELS_BY_COST: usize = 64;
 
-/// A node to build: its number, its part of the order of primitives, its depth.
+/// A node to build: its number, its range in the order of primitives, and its depth.
 struct Task {
     node: usize,
     first: usize,
@@ -19,7 +21,7 @@ struct Task {
     depth: usize,
 }
 
-/// A tree over at least one box, with one box a leaf.
+/// A tree over at least one box, with one box per leaf.
 pub(super) fn build(boxes: &[Aabb]) -> Bvh2 {
     let mut order: Vec<u32> = (0..boxes.len() as u32).collect();
     let mut nodes = vec![Bvh2Node::default()];
@@ -60,7 +62,8 @@ pub(super) fn build(boxes: &[Aabb]) -> Bvh2 {
     }
 }
 
-/// Orders `range` so that its first part becomes one child, the rest the other; returns the length of that part.
+/// Partitions `range` so that its first part becomes one child and the rest the other; returns the length of the first
+/// part.
 fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
     let centers = union(
         range
@@ -96,8 +99,8 @@ fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
     half
 }
 
-/// The axis and the last bin of the first part where the sum over both parts of area times number is least; None where every box
-/// falls into the same bin.
+/// The axis and the last bin of the first part that minimize the sum of area times count over both parts. `None` if all
+/// boxes fall into the same bin.
 fn best_plane(
     boxes: &[Aabb],
     range: &[u32],
@@ -139,7 +142,8 @@ fn best_plane(
     best.0.is_finite().then_some((best.1, best.2))
 }
 
-/// Area times number; of boxes without area, a little of their length, so that they are divided in space, too.
+/// Area times count. A small multiple of the extent is added to the area, so that boxes without area are split by
+/// position, too.
 fn cost(bounds: &Aabb, number: u32) -> f32 {
     let length = bounds.diagonal().element_sum();
     (bounds.half_area() + length * 1e-6) * number as f32

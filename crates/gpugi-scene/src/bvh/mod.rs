@@ -1,9 +1,10 @@
-//! Bounding volume hierarchies for rays: one a mesh, and one over instances, packed in rows of four words as shaders read them.
+//! Bounding volume hierarchies for ray tracing: one per mesh and one over all instances, packed in rows of four words
+//! for shaders.
 //!
 //! ```text
 //! mesh 0: nodes, triangles | mesh 1: nodes, triangles | ... | top: nodes, instances
 //! ```
-//! The top lies last, so that moving an instance writes that part alone. Row numbers in nodes are absolute.
+//! The top level comes last, so that moving an instance rewrites only that part. Row numbers in nodes are absolute.
 
 mod binary;
 mod node;
@@ -21,59 +22,62 @@ use tree::Tree;
 
 use crate::Bounds;
 
-/// Four words of the packed hierarchy.
+/// Four words of the packed hierarchies.
 pub type Row = [u32; 4];
 
-/// Rows of a triangle in a leaf: three corners in the mesh's units, the first followed by its number.
+/// Rows per triangle in a leaf: one per corner, in the mesh's units. The fourth word of the first row is the triangle's
+/// number.
 pub const TRIANGLE_ROWS: u32 = 3;
 
-/// Rows of an instance in a leaf: three of the affine transform from world space to the mesh's units, then the row of the mesh's
-/// root, the instance's number, flags and zero.
+/// Rows per instance in a leaf: three rows of the affine transform from world space to the mesh's units, then one row
+/// with the row of the mesh's root, the instance's number, flags and zero.
 pub const INSTANCE_ROWS: u32 = 4;
 
-/// Flag of an instance whose material has alpha: its hits are candidates.
+/// Flag of an instance whose material uses alpha: its hits are only candidates.
 pub const FLAG_ALPHA: u32 = 1;
 
-/// Levels of a mesh's hierarchy at most: beyond, a balanced one replaces it, which holds 10^11 triangles.
+/// Maximum number of levels of a mesh's hierarchy. A deeper one is replaced by a balanced one, which holds 10^11
+/// triangles in this many levels.
 const MESH_LEVELS: u32 = 12;
 
-/// Levels of a top level at most, likewise: 10^7 instances.
+/// Maximum number of levels of a top level, likewise: 10^7 instances.
 const TOP_LEVELS: u32 = 8;
 
-/// Entries of a traversal's stack. A level leaves one entry at most (the siblings still to visit), the first none; entering an instance
-/// leaves one more. So the levels of the top and of the deepest mesh together, less one, are what a ray needs at most.
+/// Size of the traversal stack. Each level leaves at most one entry (the siblings still to visit), the first level
+/// none; entering an instance leaves one more. So a ray needs at most the levels of the top plus those of the deepest
+/// mesh, minus one.
 pub const STACK_SIZE: u32 = MESH_LEVELS + TOP_LEVELS - 1;
 
-/// Rounding of slab tests, of projected corners and of a ray's transform: boxes are grown by this fraction of the distances and
-/// extents that went into them. 2^-24 is one rounding; a chain has about ten.
+/// Bound on the rounding errors of slab tests, projected corners and the ray's transform: boxes grow by this fraction
+/// of the distances and extents involved. One rounding is 2^-24; a chain has about ten.
 const ROUNDING: f64 = 1.0 / (1 << 20) as f64;
 
-/// A scene for which there is no hierarchy.
+/// The hierarchy of the scene would exceed a limit.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq, Eq)]
 #[error("{what} of the ray hierarchy: {needed} needed, {limit} is the most")]
 pub struct BvhTooLarge {
-    /// Rows (of 16 bytes) or levels.
+    /// What exceeds the limit: rows (of 16 bytes) or levels.
     pub what: &'static str,
-    /// How many it would have.
+    /// The number that the hierarchy would need.
     pub needed: u64,
-    /// How many it may have.
+    /// The maximum.
     pub limit: u64,
 }
 
-/// Where a mesh's hierarchy lies.
+/// A mesh's hierarchy within the rows.
 #[derive(Debug, Clone, Copy)]
 struct MeshTree {
     root: u32,
     bounds: Bounds,
-    /// Power of two that brings the mesh's largest coordinate to about one: products of tiny or huge ones would leave the range of
-    /// 32-bit floats.
+    /// Power of two that scales the mesh's largest coordinate to about one. Without it, products of tiny or huge
+    /// coordinates would leave the range of 32-bit floats.
     units_from_mesh: f64,
 }
 
 /// An instance to place in the top level.
 #[derive(Debug, Clone, Copy)]
 pub struct BvhInstance {
-    /// Which mesh.
+    /// Mesh number.
     pub mesh: usize,
     /// World space (m) from mesh space.
     pub world_from_mesh: Mat4,
@@ -81,7 +85,7 @@ pub struct BvhInstance {
     pub flags: u32,
 }
 
-/// The hierarchies of meshes: what is needed to build top levels over them.
+/// The hierarchies of meshes, as far as building top levels over them requires.
 #[derive(Debug, Clone, Default)]
 pub struct BottomLevel {
     meshes: Vec<MeshTree>,
@@ -89,8 +93,8 @@ pub struct BottomLevel {
 }
 
 impl BottomLevel {
-    /// Builds the hierarchies of meshes given as triangles of finite corners in mesh space, in the numbering that hits shall have,
-    /// and returns them with their rows.
+    /// Builds the hierarchies and returns them with their rows. Each mesh is a list of triangles with finite corners in
+    /// mesh space; hits report triangles by their position in that list.
     ///
     /// # Errors
     /// [`BvhTooLarge`].
@@ -109,7 +113,7 @@ impl BottomLevel {
         Ok((bottom, rows))
     }
 
-    /// The first row of the top level: the number of rows of all meshes.
+    /// The first row of the top level, which is the total number of rows of all meshes.
     pub fn end(&self) -> u32 {
         self.rows
     }
@@ -143,7 +147,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     } else {
         1.0
     };
-    // Exact but for denormal results.
+    // Exact except for denormal results.
     let scaled = |corner: Vec3| (corner.as_dvec3() * units_from_mesh).as_vec3();
     let boxes: Vec<Bounds> = triangles
         .iter()
@@ -167,8 +171,8 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     })
 }
 
-/// The transform from world space to the mesh's units, and the box of the instance in world space, grown by what rounding of a ray's
-/// transform may come to. None where there is nothing to hit.
+/// The transform from world space to the mesh's units, and the world-space box of the instance, grown by the largest
+/// rounding error of a ray's transform. `None` if there is nothing to hit.
 fn placed(mesh: &MeshTree, world_from_mesh: &Mat4) -> Option<(Mat4, Bounds)> {
     if mesh.bounds.is_empty() {
         return None;

@@ -1,22 +1,23 @@
-//! The packed node: 80 bytes, five rows of four words, after Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on
-//! GPUs Through Compressed Wide BVHs" (HPG 2017).
+//! The packed node: 80 bytes, stored as five rows of four words, after Ylitie, Karras and Laine, "Efficient Incoherent
+//! Ray Traversal on GPUs Through Compressed Wide BVHs" (HPG 2017).
 //!
 //! ```text
-//! row 0   origin x, y, z (f32)            | exponents of the grid along x, y, z (biased, 8 bits), mask of inner children
-//! row 1   row of first child, of first leaf item | eight bytes of meta, one a child
+//! row 0   origin x, y, z (f32)            | grid exponents along x, y, z (biased, 8 bits), mask of inner children
+//! row 1   row of first child, of first leaf item | eight bytes of meta, one per child
 //! row 2   smallest x of eight children (8 bytes) | largest x
-//! row 3   the same of y
-//! row 4   the same of z
+//! row 3   the same for y
+//! row 4   the same for z
 //! ```
-//! Child i spans origin + 2^exponent * [smallest, largest]. Meta of an inner child: 001 and 24 + slot; of a leaf: its number of
-//! items (0 to 3, unary) and the first item; of an empty slot: 0.
+//! Child i spans origin + 2^exponent * [smallest, largest]. The meta byte has three high bits and five low bits. For an
+//! inner child they are 001 and 24 + slot; for a leaf, the number of items (0 to 3, unary) and the first item; for an
+//! empty slot, the byte is 0.
 
 use glam::DVec3;
 
 use super::{Row, tree::Tree};
 use crate::Bounds;
 
-/// Rows of a node.
+/// Rows per node.
 pub const NODE_ROWS: u32 = 5;
 
 /// Encodes a tree's nodes; returns their rows and their boxes. `boxes`: of the primitives by number. `first_row`: where the nodes lie; leaf
@@ -115,10 +116,10 @@ pub(super) fn encode_node(
     ]
 }
 
-/// The grid of 256 planes an axis on which a node's children are given.
+/// The grid, with 256 planes per axis, on which the boxes of a node's children are quantized.
 struct Grid {
     origin: [f32; 3],
-    /// Biased by 127.
+    /// Exponents of the grid step, biased by 127.
     exponents: [u8; 3],
 }
 
@@ -132,7 +133,7 @@ impl Grid {
         }
         let min = bounds.min.as_dvec3();
         let extent = bounds.max.as_dvec3() - min;
-        // A flat node, too, has a grid of some height: rounding is a fraction of that.
+        // Give flat nodes a grid of nonzero height, too: rounding errors are a fraction of that height.
         let extent = extent.max(DVec3::splat(extent.max_element() * 2.0_f64.powi(-16)));
         Self {
             origin: bounds.min.to_array(),
@@ -142,7 +143,7 @@ impl Grid {
         }
     }
 
-    /// The planes around a box inside the grid, rounded outward.
+    /// The grid planes around a box inside the grid, rounded outward.
     fn cells(&self, child: &Bounds) -> [[u8; 3]; 2] {
         let cell = |position: f32, axis: usize| {
             let step = 2.0_f64.powi(i32::from(self.exponents[axis]) - 127);

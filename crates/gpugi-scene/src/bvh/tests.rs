@@ -1,4 +1,5 @@
-//! Hierarchies hold every triangle in boxes that contain it, within their levels, whatever the input; rays slip through no edge.
+//! Tests that each triangle lies in boxes that contain it, that depth limits hold for any input, and that no ray slips
+//! through an edge.
 
 use std::time::Instant;
 
@@ -7,7 +8,7 @@ use glam::{Mat4, Quat, Vec3};
 use super::traverse::{Ray, Traversal, any_hit, closest_hit};
 use super::*;
 
-/// Numbers in [0, 1): an additive recurrence, the same everywhere.
+/// Numbers in [0, 1) from a PCG generator: the same on every machine.
 struct Random(u32);
 
 impl Random {
@@ -61,7 +62,7 @@ impl Built {
         found
     }
 
-    /// Checks the boxes of a mesh's nodes and counts its levels; every triangle must occur once.
+    /// Checks the boxes of a mesh's nodes and returns its number of levels. Every triangle must occur exactly once.
     fn check_mesh(&self, mesh: usize, triangles: usize) -> u32 {
         let mut seen = vec![false; triangles];
         let levels = self.check_node(self.bottom.meshes[mesh].root, None, &mut seen);
@@ -69,7 +70,7 @@ impl Built {
         levels
     }
 
-    /// `within`: the box that the parent gives this node.
+    /// `within`: the box that the parent stores for this node.
     fn check_node(&self, row: u32, within: Option<[DVec3; 2]>, seen: &mut [bool]) -> u32 {
         let node = &self.rows[row as usize..(row + NODE_ROWS) as usize];
         let origin = DVec3::from_array([0, 1, 2].map(|axis| f32::from_bits(node[0][axis]).into()));
@@ -127,7 +128,7 @@ fn boxes_hold_their_triangles_at_every_scale() {
     for scale in [1e-18, 1e-6, 1.0, 1e6, 1e18] {
         for offset in [Vec3::ZERO, Vec3::new(100.0, -5.0, 0.0)] {
             let mut triangles = soup(1500, 0.1, &mut random);
-            // Flat, thin, single points, equal ones.
+            // Flat triangles, thin ones, single points and duplicates.
             for index in 0..100 {
                 triangles[index]
                     .iter_mut()
@@ -212,7 +213,7 @@ fn a_balanced_tree_is_as_deep_as_it_says() {
     let mut random = Random(2);
     for (count, most_items) in [(1, 1), (2, 3), (24, 3), (25, 3), (193, 3), (5000, 1)] {
         let boxes: Vec<Bounds> = (0..count).map(|_| Bounds::of([random.vector()])).collect();
-        // One level is never enough: the tree becomes balanced.
+        // A limit of zero levels always forces the balanced tree.
         let tree = Tree::new(&boxes, 0, most_items);
         let mut order = tree.order.clone();
         order.sort_unstable();
@@ -231,7 +232,8 @@ fn a_balanced_tree_is_as_deep_as_it_says() {
     }
 }
 
-/// A cube's surface with corners on whole numbers from -n to n: rays along whole numbers meet edges and corners exactly.
+/// The surface of a cube with corners at integer coordinates from -n to n, so that rays along integers meet edges and
+/// corners exactly.
 fn lattice_cube(n: i32) -> Vec<[Vec3; 3]> {
     let mut triangles = Vec::new();
     for axis in 0..3 {
@@ -275,7 +277,7 @@ fn no_ray_slips_through_an_edge_or_a_corner() {
         Mat4::from_scale(Vec3::splat(1e12)),
     ];
     let cube = lattice_cube(N);
-    // The same with corners on a ball, where no product is exact.
+    // The same with the corners on a ball, where no product is exact.
     let ball = cube
         .iter()
         .map(|corners| corners.map(|corner| corner.normalize() * 8.1))
@@ -338,7 +340,7 @@ fn nothing_to_hit_is_nothing_hit() {
         [flat, endless, undefined, tiny, Mat4::ZERO, Mat4::IDENTITY].map(|place| (0, place));
     let found = hit(build(std::slice::from_ref(&triangle), &places)).unwrap();
     assert_eq!(found.instance, 5);
-    // Rays that are none.
+    // Invalid rays.
     let built = build(&[triangle], &[(0, Mat4::IDENTITY)]);
     for direction in [Vec3::ZERO, Vec3::NAN, Vec3::INFINITY] {
         assert_eq!(built.closest(toward.0, direction).hit, None);

@@ -1,41 +1,41 @@
-//! Traversal on the CPU: the twin of scene/bvh.wesl of the renderer, over the same rows. Tests compare both.
+//! CPU traversal: the counterpart of the renderer's scene/bvh.wesl, over the same rows. Tests compare the two.
 
 use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
 use super::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
 
-/// A ray in world space: origin + t direction.
+/// A ray in world space: origin + t * direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Where t is 0 (m).
+    /// Position at t = 0 (m).
     pub origin: Vec3,
-    /// Hits lie beyond this t.
+    /// Hits have a larger t.
     pub t_min: f32,
-    /// Not necessarily of unit length.
+    /// Direction, not necessarily of unit length.
     pub direction: Vec3,
-    /// Hits lie before this t.
+    /// Hits have a smaller t.
     pub t_max: f32,
 }
 
 /// Where a ray meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// In lengths of the ray's direction.
+    /// Distance in units of the length of the ray's direction.
     pub t: f32,
-    /// Which instance.
+    /// Instance number.
     pub instance: u32,
-    /// Which triangle of its mesh.
+    /// Triangle number within the mesh.
     pub primitive: u32,
-    /// Weights of the triangle's second and third vertex.
+    /// Weights of the triangle's second and third vertices.
     pub barycentrics: Vec2,
 }
 
-/// What a traversal came to.
+/// The result of a traversal.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Traversal {
-    /// The closest hit, or any.
+    /// The closest hit or, for [`any_hit`], the first hit found.
     pub hit: Option<Hit>,
-    /// Most entries that were on the stack.
+    /// Largest number of entries on the stack.
     pub stack: usize,
 }
 
@@ -43,17 +43,17 @@ pub struct Traversal {
 struct Local {
     origin: Vec3,
     inverse: Vec3,
-    /// Three bits, each set where the direction is positive: 4 x, 2 y, 1 z.
+    /// Three bits, each set if the direction is positive along that axis: 4 for x, 2 for y, 1 for z.
     octant: u32,
-    /// The axis along which the direction is longest: made the third by turning the axes.
+    /// The axis of the largest direction component; [`turned`] makes it the third axis.
     axis: usize,
-    /// The direction's other two components over its longest, negative.
+    /// The other two direction components divided by the largest, negated.
     slopes: Vec2,
-    /// One over its longest.
+    /// 1 / largest direction component.
     inverse_length: f32,
 }
 
-/// The axes turned so that `axis` is the third.
+/// Permutes the axes cyclically so that `axis` becomes the third.
 fn turned(v: Vec3, axis: usize) -> Vec3 {
     match axis {
         0 => v.yzx(),
@@ -89,8 +89,8 @@ impl Local {
         }
     }
 
-    /// Which children of the node at `row` the ray meets between the two t: bits 24 and up inner children in order of the ray's
-    /// octant, nearest highest; below, leaf items.
+    /// The children of the node at `row` that the ray meets between `t_min` and `t_max`. Bits 24 and up are inner
+    /// children, ordered by the ray's octant with the nearest in the highest bit; the bits below are leaf items.
     fn node(&self, rows: &[Row], row: u32, t_min: f32, t_max: f32) -> u32 {
         let node = &rows[row as usize..(row + NODE_ROWS) as usize];
         let origin = Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(node[0][axis])));
@@ -126,8 +126,8 @@ impl Local {
         hits
     }
 
-    /// Watertight: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013). Corners are projected by the same
-    /// operations in every triangle, and the edge function of an edge that two triangles share differs in nothing but its sign.
+    /// Watertight: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013). All triangles project
+    /// their corners by the same operations, so if two triangles share an edge, its edge functions differ only in sign.
     fn triangle(&self, rows: &[Row], row: u32) -> Option<(f32, Vec2)> {
         let [a, b, c] = [0, 1, 2].map(|corner| {
             let [x, y, z, _] = rows[(row + corner) as usize].map(f32::from_bits);
@@ -138,7 +138,7 @@ impl Local {
                 self.inverse_length * p.z,
             )
         });
-        // edge(p, q) = -edge(q, p) in every bit, whatever `mul_add` rounds.
+        // edge(p, q) = -edge(q, p) bit for bit, however `mul_add` rounds.
         let edge =
             |p: Vec3, q: Vec3| p.x.mul_add(q.y, -(p.y * q.x)) - p.y.mul_add(q.x, -(p.x * q.y));
         let weights = Vec3::new(edge(c, b), edge(a, c), edge(b, a));
@@ -152,8 +152,8 @@ impl Local {
     }
 }
 
-/// The closest hit of `ray` in a hierarchy with the start that [`super::TopLevel`] gives. `exists` decides about candidates (instance,
-/// triangle, barycentrics) on instances with alpha.
+/// The closest hit of `ray`, traversing from the `start` that [`super::TopLevel`] provides. On instances with alpha,
+/// `exists` accepts or rejects each candidate (instance, triangle, barycentrics).
 pub fn closest_hit(
     rows: &[Row],
     start: [u32; 2],
@@ -163,7 +163,7 @@ pub fn closest_hit(
     traverse(rows, start, ray, exists, false)
 }
 
-/// Any hit of `ray`: as [`closest_hit`], but the first that is found.
+/// Like [`closest_hit`], but returns the first hit found.
 pub fn any_hit(
     rows: &[Row],
     start: [u32; 2],
@@ -173,13 +173,14 @@ pub fn any_hit(
     traverse(rows, start, ray, exists, true)
 }
 
-/// Bits of a group that stand for nodes still to visit.
+/// Bits of a group that mark nodes still to visit.
 const INNER: u32 = 0xff00_0000;
 
-/// Bits of a group that is one node.
+/// Bits of a group that consists of a single node.
 pub(super) const FIRST_NODE: u32 = 0x8000_0000;
 
-/// A group is a row and bits: of nodes (24 and up to visit, below them the mask of inner children), or of leaf items.
+/// A group is a row and a bit field. In a node group, bits 24 and up mark the nodes to visit, and the bits below are
+/// the mask of inner children. In an item group, the bits mark leaf items.
 fn traverse(
     rows: &[Row],
     start: [u32; 2],
@@ -192,7 +193,7 @@ fn traverse(
     let mut local = Local::new(ray.origin, ray.direction);
     let mut stack: Vec<[u32; 2]> = Vec::new();
     let mut nodes = start;
-    // Number, flags and stack height of the instance that is being traversed.
+    // Number, flags and stack height of the instance being traversed.
     let mut inside: Option<(u32, u32, usize)> = None;
     loop {
         let mut items = nodes;

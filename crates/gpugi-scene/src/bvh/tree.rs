@@ -1,4 +1,4 @@
-//! The shape of an eight-wide tree over boxes: which boxes lie below which child.
+//! The topology of an eight-wide tree over boxes: which boxes lie below which child.
 
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
@@ -6,20 +6,20 @@ use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
 use super::binary;
 use crate::Bounds;
 
-/// An eight-wide tree. Boxes of nodes are encoded elsewhere.
+/// An eight-wide tree. The boxes of its nodes are encoded elsewhere.
 #[derive(Debug, Clone)]
 pub(super) struct Tree {
-    /// Of obvhs' nodes only the topology counts: which slots are filled, by what. Children follow their parents.
+    /// Only the topology of obvhs' nodes is used: which slots are filled, and with what. Children follow their parents.
     pub nodes: Vec<CwBvhNode>,
     /// Primitives in the order of the leaves.
     pub order: Vec<u32>,
-    /// Nodes on the longest way down.
+    /// Nodes on the longest path from the root.
     pub depth: u32,
 }
 
 impl Tree {
-    /// A tree of at most `most_items` (1 to 3) primitives a leaf over boxes that are finite; none give one node without children. A
-    /// balanced one where it would have more than `most_levels` levels.
+    /// A tree over finite boxes with at most `most_items` (1 to 3) primitives per leaf. Without boxes, a single node
+    /// without children. If the tree would have more than `most_levels` levels, a balanced tree instead.
     pub fn new(boxes: &[Bounds], most_levels: u32, most_items: u32) -> Self {
         if boxes.is_empty() {
             return Self::of(vec![CwBvhNode::default()], Vec::new());
@@ -50,7 +50,7 @@ impl Tree {
         }
     }
 
-    /// The tree that divides `order` into eight equal parts again and again: n levels hold 8^n leaves.
+    /// The tree that recursively divides `order` into eight equal parts: n levels hold 8^n leaves.
     fn balanced(order: Vec<u32>, most_items: u32) -> Self {
         let mut nodes = vec![CwBvhNode::default()];
         let mut ranges = vec![(0, order.len())];
@@ -83,7 +83,7 @@ impl Tree {
     }
 }
 
-/// The boxes in the unit cube: areas of tiny or huge ones would leave the range of 32-bit floats.
+/// Scales the boxes to the unit cube: areas of tiny or huge boxes would leave the range of 32-bit floats.
 fn normalized(boxes: &[Bounds]) -> Vec<Aabb> {
     let all = boxes.iter().fold(Bounds::EMPTY, |all, one| all.union(*one));
     let origin = all.min.as_dvec3();

@@ -1,5 +1,5 @@
-//! Exporters: what was baked into texture space goes into a file that other software shows right. They make bytes; writing
-//! those is the caller's.
+//! Exporters: write what was baked into texture space to a file that other software displays correctly. They return
+//! bytes; writing the file is up to the caller.
 
 mod gltf;
 
@@ -15,59 +15,59 @@ pub struct Original<'a> {
     pub name: &'a str,
     /// Its bytes, JSON or binary.
     pub bytes: &'a [u8],
-    /// What gives its buffers and images.
+    /// Provides its buffers and images.
     pub resolver: &'a dyn Resolver,
-    /// What it may ask for.
+    /// Limits on what the file may request.
     pub limits: Limits,
 }
 
-/// What was baked into a page of an atlas: each list holds a value a texel, row by row from the top. Texels that no
-/// triangle covers should continue their neighbours, because filters look beyond the triangles' borders.
+/// What was baked into a page of an atlas. Each list holds one value per texel, row by row from the top. Texels that no
+/// triangle covers should extend the values of their neighbours, because filters read beyond the borders of triangles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BakedPage {
-    /// Obscurance, 0 to 1: how much of the ambient light arrives. Becomes the materials' `occlusionTexture`.
+    /// Obscurance, 0 to 1: the fraction of the ambient light that arrives. Becomes the materials' `occlusionTexture`.
     pub obscurance: Option<Vec<f32>>,
-    /// Obscurance with the colours of what obscures, 0 to 1. glTF has no place for it: `extras.gpugi.coloredObscurance` of
-    /// the materials names the texture.
+    /// Obscurance that includes the colours of the obscuring surfaces, 0 to 1. glTF has no place for it:
+    /// `extras.gpugi.coloredObscurance` of the materials refers to the texture.
     pub colored_obscurance: Option<Vec<Vec3>>,
-    /// Light, in the form that the file shall hold it in.
+    /// Light, in the form in which the file stores it.
     pub light: Option<BakedLight>,
 }
 
-/// Light that was baked.
+/// Baked light.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BakedLight {
-    /// What a display shows of the surface's radiance (sRGB), and the surface's coverage as alpha. The materials become
-    /// unlit (KHR_materials_unlit), and nothing but this colours them.
+    /// The surface's radiance as displayed (sRGB), with the surface's coverage as alpha. The materials become unlit
+    /// (KHR_materials_unlit) and are coloured by nothing else.
     Unlit(Vec<[u8; 4]>),
-    /// Radiance [W/sr/m^2], emission included. The materials become black and emit it.
+    /// Radiance [W/sr/m^2], including emission. The materials become black and emit it.
     Emissive(Vec<Vec3>),
-    /// Irradiance [W/m^2], which viewers multiply by albedo / pi. glTF has no place for it: `extras.gpugi.lightmap` of the
-    /// materials names the texture. The materials stay as they are.
+    /// Irradiance [W/m^2], which viewers multiply by albedo / pi. glTF has no place for it: `extras.gpugi.lightmap` of
+    /// the materials refers to the texture. The materials are otherwise unchanged.
     Lightmap {
         /// Irradiance [W/m^2].
         irradiance: Vec<Vec3>,
-        /// The file beside the exported one that holds the same without loss. The caller writes it.
+        /// A file next to the exported one that holds the same data without loss. The caller writes it.
         exr: String,
     },
 }
 
-/// A glTF file made in memory.
+/// A glTF file in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exported {
-    /// The .glb.
+    /// The .glb file.
     pub glb: Vec<u8>,
     /// What could not be kept or expressed.
     pub warnings: Vec<String>,
 }
 
-/// A scene or a bake that cannot become a file.
+/// Why a scene or a bake cannot be exported.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum ExportError {
     /// The original file cannot be read.
     #[error(transparent)]
     Original(#[from] ImportError),
-    /// The scene, the atlas and what was baked do not fit together, or not into a file.
+    /// The scene, the atlas and the baked pages do not match, or do not fit into a file.
     #[error("{place}: {reason}")]
     Refused {
         /// Where: `instances[3]`, `pages[0]`.
@@ -86,11 +86,11 @@ impl ExportError {
     }
 }
 
-/// Writes `scene` as a .glb: a node an instance, materials as far as glTF and its extensions express them, punctual lights
-/// and cameras. Environment and animation are left out, with a warning.
+/// Writes `scene` as a .glb: one node per instance, materials as far as glTF and its extensions can express them,
+/// punctual lights and cameras. Environment and animation are left out, with a warning.
 ///
 /// # Errors
-/// When the file would exceed 4 GiB.
+/// If the file would exceed 4 GiB.
 pub fn export_scene(scene: &Scene) -> Result<Exported, ExportError> {
     let written = gltf::scene::write(scene)?;
     Ok(Exported {
@@ -99,17 +99,17 @@ pub fn export_scene(scene: &Scene) -> Result<Exported, ExportError> {
     })
 }
 
-/// Writes a .glb that shows `scene` with what was baked, `pages`, on the texture coordinates of `atlas`.
+/// Writes a .glb that shows `scene` with the baked `pages`, using the texture coordinates of `atlas`.
 ///
-/// With an `original`, from which `scene` was imported, everything of that file stays as it is but what the bake must
-/// change: the instances that the atlas holds get materials, texture coordinates and, where the atlas cuts them, vertices
-/// of their own. Their other attributes, skins and morph targets included, are copied bit for bit. Buffers and images beside
-/// the original come into the file; geometry that nothing uses any more stays in it. What the atlas does not hold stays as it
-/// was, also what was removed from `scene` after the import. Without an original, the scene is first written as
-/// [`export_scene`] does.
+/// If there is an `original`, from which `scene` was imported, everything in that file stays as it is except what the
+/// bake must change: the instances that the atlas holds get their own materials, texture coordinates and, where the
+/// atlas has cuts, vertices. Their other attributes, including skins and morph targets, are copied bit for bit.
+/// External buffers and images of the original are embedded; geometry that is no longer used stays in the file.
+/// Whatever the atlas does not hold stays unchanged, including what was removed from `scene` after the import. Without
+/// an original, the scene is first written as by [`export_scene`].
 ///
 /// # Errors
-/// When the original cannot be read, when the parts do not fit together, or when the file would exceed 4 GiB.
+/// If the original cannot be read, the parts do not match, or the file would exceed 4 GiB.
 pub fn export_bake(
     original: Option<Original>,
     scene: &Scene,

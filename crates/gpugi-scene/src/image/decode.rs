@@ -1,4 +1,4 @@
-//! Image files to texels. Sizes are checked against [`Limits`] before anything of that size is allocated.
+//! Decodes image files. Sizes are checked against [`Limits`] before anything of that size is allocated.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -8,14 +8,14 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
 use super::ktx2;
 use crate::{Image, ImportError, Limits, Pixels};
 
-/// Bytes a texel of [`Pixels::Rgba8`].
+/// Bytes per texel of [`Pixels::Rgba8`].
 const COLOR_TEXEL: u64 = 4;
-/// Bytes a texel of [`Pixels::Rgba32Float`].
+/// Bytes per texel of [`Pixels::Rgba32Float`].
 const RADIANCE_TEXEL: u64 = 16;
 
-/// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16 bits are rounded to 8.
+/// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16-bit channels are rounded to 8.
 ///
-/// Files that hold radiance (HDR, EXR, KTX2 with floats) are refused: eight bits cannot hold what they say.
+/// Files that hold radiance (HDR, EXR, KTX2 with floats) are rejected, because 8 bits cannot represent their values.
 pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
     let format = recognise(name, bytes)?;
     let decoded = match format {
@@ -39,7 +39,7 @@ pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, 
 }
 
 /// Decodes an image that holds radiance (HDR, EXR, KTX2; PNG and JPEG are linearised from sRGB) to
-/// [`Pixels::Rgba32Float`] with alpha 1. A texel that is not finite is an error; negative radiance becomes 0, with a
+/// [`Pixels::Rgba32Float`] with alpha 1. A texel that is not finite is an error. Negative radiance becomes 0, with a
 /// warning in the log.
 pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
     let (mut image, _) = decode_linear(name, bytes, limits)?;
@@ -47,7 +47,7 @@ pub fn decode_radiance(name: &str, bytes: &[u8], limits: &Limits) -> Result<Imag
     Ok(image)
 }
 
-/// Decodes as [`decode_radiance`] does, but keeps negative values. Also says whether the file was encoded for a display.
+/// Like [`decode_radiance`], but keeps negative values. Also returns whether the file was sRGB-encoded for display.
 pub(super) fn decode_linear(
     name: &str,
     bytes: &[u8],
@@ -92,7 +92,7 @@ enum Format {
     Other(ImageFormat),
 }
 
-/// Tells the format by the first bytes: names and media types are often wrong.
+/// Detects the format from the first bytes, because file names and media types are often wrong.
 fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::new(name, "header", "the file is empty"));
@@ -120,7 +120,7 @@ fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
     }
 }
 
-/// Refuses an image of the given size when it exceeds the limits. `texel`: bytes a texel once decoded.
+/// Rejects an image whose size is zero or exceeds the limits. `texel`: bytes per decoded texel.
 pub(super) fn check_size(
     name: &str,
     (width, height): (u32, u32),
@@ -176,7 +176,7 @@ fn decode(
     }
 }
 
-/// Bounds what decoders allocate; [`check_size`] has a better message for the sides.
+/// Limits the memory that decoders allocate. Image sides are left to [`check_size`], which has a better message.
 fn decoder_limits(limits: &Limits) -> image::Limits {
     let mut decoder_limits = image::Limits::no_limits();
     decoder_limits.max_alloc = Some(limits.image_bytes);
@@ -196,7 +196,7 @@ fn finish(
         .map_err(|error| ImportError::new(name, "texels", error))
 }
 
-/// The sRGB transfer function, IEC 61966-2-1: 0..1 to 0..1.
+/// The sRGB transfer function (IEC 61966-2-1) from encoded to linear; 0..1 maps to 0..1.
 pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
@@ -214,7 +214,7 @@ pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     }
 }
 
-/// Refuses texels that are not finite.
+/// Rejects texels that are not finite.
 fn check_finite(image: &Image) -> Result<(), ImportError> {
     let Pixels::Rgba32Float(values) = &image.pixels else {
         return Ok(());
@@ -230,8 +230,8 @@ fn check_finite(image: &Image) -> Result<(), ImportError> {
     }
 }
 
-/// Negative radiance becomes 0, with a warning: most measured environments that were resized with a sharp filter have
-/// some around their brightest lights, and no light is what they mean.
+/// Sets negative radiance to 0 and logs a warning. Most measured environments that were resized with a sharp filter
+/// have some around their brightest lights, where it stands for no light.
 fn remove_negative(image: &mut Image) {
     let Pixels::Rgba32Float(values) = &mut image.pixels else {
         return;
@@ -252,7 +252,7 @@ fn remove_negative(image: &mut Image) {
     }
 }
 
-/// A texel by its number, for messages.
+/// Names a texel by its coordinates, for messages.
 fn place(width: u32, at: usize) -> String {
     let width = width as usize;
     format!("texel ({}, {})", at % width, at / width)

@@ -1,4 +1,4 @@
-//! Texels to image files. A file appears complete or not at all.
+//! Writes image files. A file appears complete or not at all.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -33,7 +33,7 @@ pub fn save_exr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result
     })
 }
 
-/// Writes a Radiance HDR file: three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].
+/// Writes a Radiance HDR file, in which three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].
 pub fn save_hdr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
     check_length(width, height, 3, rgb.len())?;
     let (texels, _) = rgb.as_chunks::<3>();
@@ -45,13 +45,13 @@ pub fn save_hdr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result
     })
 }
 
-/// Writes a file through `write` to a temporary neighbour and renames that to `path`, so that what was at `path`
-/// survives a failure. Errors name `path`.
+/// Writes to a temporary file in the same directory through `write`, then renames it to `path`, so that an existing
+/// file at `path` survives a failure. Error messages name `path`.
 pub fn replace_file(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    // Two threads or two processes that write the same file must not share the temporary one.
+    // Threads or processes that write the same file must not share the temporary one.
     static COUNTER: AtomicU32 = AtomicU32::new(0);
     let named =
         |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));

@@ -1,4 +1,4 @@
-//! KTX2 with uncompressed texels.
+//! Reads and writes KTX2 files with uncompressed texels.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -12,18 +12,19 @@ use super::replace_file;
 use super::decode::{check_size, linear_from_srgb};
 use crate::{Image, ImportError, Limits, Pixels};
 
-/// A texture of half floats, RGBA: of two dimensions, or a cube map.
+/// An RGBA texture of half floats: a 2D texture or a cube map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HalfTexture {
-    /// Width and height of the finest level (texels).
+    /// Width and height of level 0 (texels).
     pub size: [u32; 2],
     /// 1, or 6 for a cube map: +X, -X, +Y, -Y, +Z, -Z in KTX2's left-handed axes.
     pub faces: u32,
-    /// From the finest level on, each with half the width and height of the one before: face by face, row by row from the top.
+    /// Mip levels, finest first, each with half the width and height of the one before. Within a level: face by face,
+    /// row by row from the top.
     pub levels: Vec<Vec<[f16; 4]>>,
 }
 
-/// Writes a texture as KTX2, VK_FORMAT_R16G16B16A16_SFLOAT, linear Rec. 709, without supercompression.
+/// Writes a texture as KTX2: VK_FORMAT_R16G16B16A16_SFLOAT, linear Rec. 709, without supercompression.
 pub fn save_ktx2(path: &Path, texture: &HalfTexture) -> io::Result<()> {
     replace_file(path, |file| write_ktx2(file, texture))
 }
@@ -34,7 +35,7 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
         Basic::from_format(Format::R16G16B16A16_SFLOAT).map_err(io::Error::other)?;
     let block = Block::Basic(basic).to_vec();
     let descriptor = [&(block.len() as u32 + 4).to_le_bytes()[..], &block].concat();
-    // In the order of the keys, each padded to whole words.
+    // Sorted by key, each padded to a multiple of four bytes.
     let mut values = Vec::new();
     let writer = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
     for (key, value) in [("KTXorientation", "rd"), ("KTXwriter", writer)] {
@@ -65,7 +66,7 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
             sgd_byte_length: 0,
         },
     };
-    // The coarsest level comes first in the file, and each at a multiple of a texel's eight bytes.
+    // The coarsest level comes first in the file, and each level starts at a multiple of a texel's eight bytes.
     let mut at = values_end.next_multiple_of(8) as u64;
     let mut index = Vec::new();
     for level in texture.levels.iter().rev() {
@@ -90,7 +91,7 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
     Ok(())
 }
 
-/// Refuses levels that are not of the size that the header will say.
+/// Rejects levels whose size does not match the header that will be written.
 fn check_levels(texture: &HalfTexture) -> io::Result<()> {
     let [width, height] = texture.size;
     let refuse = |reason: String| Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
@@ -123,7 +124,7 @@ fn check_levels(texture: &HalfTexture) -> io::Result<()> {
     Ok(())
 }
 
-/// How one channel is stored.
+/// Storage format of a channel.
 #[derive(Clone, Copy, PartialEq)]
 enum Channel {
     Byte { srgb: bool },
@@ -189,7 +190,7 @@ pub(super) fn decode_radiance(
     })
 }
 
-/// One channel is grey; a missing blue is 0 and a missing alpha is `one`.
+/// Expands a texel to four channels: a single channel is grey, a missing blue is 0 and a missing alpha is `one`.
 fn four<T: Copy + Default>(channels: &[T], one: T) -> [T; 4] {
     match *channels {
         [grey] => [grey, grey, grey, one],
@@ -200,14 +201,14 @@ fn four<T: Copy + Default>(channels: &[T], one: T) -> [T; 4] {
     }
 }
 
-/// What of the header matters here.
+/// The parts of the header that matter here.
 struct Layout {
     size: (u32, u32),
     channels: usize,
     channel: Channel,
 }
 
-/// `texel`: bytes a texel once decoded.
+/// `texel`: bytes per decoded texel.
 fn decode(
     name: &str,
     bytes: &[u8],

@@ -1,4 +1,4 @@
-//! Images in memory, and image files in and out.
+//! Images in memory, and reading and writing of image files.
 
 mod decode;
 mod encode;
@@ -10,10 +10,10 @@ pub use decode::{decode_color, decode_radiance, load_radiance};
 pub use encode::{replace_file, save_exr, save_hdr, save_png};
 pub use ktx2::{HalfTexture, save_ktx2};
 
-/// Texels, row by row from the top, four channels each.
+/// Texels, row by row from the top, four channels per texel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pixels {
-    /// 8 bits a channel; the use decides whether RGB is sRGB or linear.
+    /// 8 bits per channel; the use decides whether RGB is sRGB or linear.
     Rgba8(Vec<u8>),
     /// Linear 32-bit floats.
     Rgba32Float(Vec<f32>),
@@ -22,7 +22,7 @@ pub enum Pixels {
 /// An image in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
-    /// File name or label, for messages.
+    /// File name or label, for error messages.
     pub name: String,
     /// Width in texels, at least 1.
     pub width: u32,

@@ -1,4 +1,4 @@
-//! Importers: bytes and a [`Resolver`] in, a [`Scene`] out.
+//! Importers: turn bytes, with the help of a [`Resolver`], into a [`Scene`].
 
 pub(crate) mod gltf;
 mod obj;
@@ -8,22 +8,22 @@ use std::path::{Path, PathBuf};
 
 use crate::{Environment, ImportError, Scene};
 
-/// Gives an importer the other files that a file names.
+/// Provides the other files that a file refers to.
 pub trait Resolver {
-    /// The bytes at `uri`, relative to the importing file. The error says why there are none.
+    /// The bytes at `uri`, relative to the importing file. The error says why they are unavailable.
     fn read(&self, uri: &str) -> Result<Vec<u8>, String>;
 }
 
-/// What a file may ask for before it is refused.
+/// Limits on the resources that a file may request; a file that exceeds them is rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest file read (bytes).
+    /// Maximum size of a file (bytes).
     pub file_bytes: u64,
-    /// Largest image side (texels).
+    /// Maximum side of an image (texels).
     pub image_side: u32,
-    /// Most bytes that all decoded images of a scene may take.
+    /// Maximum size of all decoded images of a scene together (bytes).
     pub image_bytes: u64,
-    /// Most vertices, and most indices, that a scene may hold.
+    /// Maximum number of vertices, and of indices, in a scene.
     pub elements: u64,
 }
 
@@ -75,7 +75,8 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(|error| error.to_string())
 }
 
-/// Reads a scene from `bytes`. `name` decides the format by its extension (.gltf, .glb, .obj, .ply) and stands in errors.
+/// Reads a scene from `bytes`. The extension of `name` (.gltf, .glb, .obj, .ply) determines the format; error messages
+/// include `name`.
 pub fn import(
     name: &str,
     bytes: &[u8],

@@ -1,7 +1,7 @@
 //! OBJ + MTL.
 //!
-//! The parsers are our own: errors name their line, which crates for OBJ do not tell, and nothing in a damaged file makes
-//! them panic or allocate more than the file's own size suggests.
+//! The parsers are custom so that errors name their line, which OBJ crates do not report, and so that no damaged file
+//! makes them panic or allocate more than the file's own size suggests.
 
 mod geometry;
 mod material;
@@ -16,8 +16,8 @@ use self::material::Library;
 use crate::normals::{CREASE_ANGLE, smooth_normals};
 use crate::{ImportError, Limits, Material, Resolver, Scene, tangents};
 
-/// Reads an OBJ scene: one instance for each group (or object) and material. Normals are made smooth where a part lacks
-/// them. What is missing outside the OBJ file itself (material libraries, images) is a warning.
+/// Reads an OBJ scene: one instance per group (or object) and material. Parts without normals get smooth ones. Missing
+/// files other than the OBJ itself (material libraries, images) cause warnings.
 pub fn import(
     name: &str,
     bytes: &[u8],
@@ -61,7 +61,7 @@ pub fn import(
     Ok(scene)
 }
 
-/// What a surface without a material looks like.
+/// The material of surfaces that have none.
 fn grey() -> Material {
     Material {
         name: "default".into(),
@@ -71,7 +71,7 @@ fn grey() -> Material {
     }
 }
 
-/// The numbers in `words`, all finite; the reason if not.
+/// Parses `COUNT` finite numbers from `words`; the error says why that fails.
 fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
     if words.len() < COUNT {
         return Err(format!("{} numbers where {COUNT} belong", words.len()));
@@ -87,7 +87,7 @@ fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
     Ok(values)
 }
 
-/// The start of a word, for messages.
+/// The beginning of a word, for messages.
 fn shortened(word: &str) -> String {
     word.chars().take(40).collect()
 }

@@ -1,7 +1,7 @@
-//! PLY: one mesh, ASCII or binary of either byte order.
+//! PLY: a single mesh, ASCII or binary in either byte order.
 //!
-//! The parser is our own: a file's counts must never be believed before the file has proved long enough for them, errors
-//! name their place, and hundreds of thousands of vertices must not each become a map of named properties.
+//! The parser is custom so that counts in a file are never trusted before the file has proved long enough for them,
+//! errors name their place, and hundreds of thousands of vertices do not each become a map of named properties.
 
 mod header;
 mod values;
@@ -14,8 +14,8 @@ use crate::normals::{CREASE_ANGLE, smooth_normals};
 use crate::tangents::unit_or;
 use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
 
-/// Reads a PLY mesh. Positions and faces are required; normals (made smooth when missing), texture coordinates and vertex
-/// colours are optional; other elements and properties are skipped.
+/// Reads a PLY mesh. Positions and faces are required; normals (smooth ones are generated if missing), texture
+/// coordinates and vertex colours are optional. Other elements and properties are skipped.
 pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, ImportError> {
     let header = Header::parse(bytes)
         .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
@@ -42,7 +42,7 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     Ok(scene)
 }
 
-/// Why a file is refused: at a place with a name, or where the reader stands.
+/// Why a file is rejected: at a named place, or at the current position of the reader.
 enum Failure {
     Place(String, String),
     Here(String),
@@ -96,7 +96,7 @@ fn read(header: &Header, values: &mut Values, limits: &Limits) -> Result<Mesh, F
     Ok(mesh)
 }
 
-/// What a vertex property is for.
+/// The purpose of a vertex property.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Role {
     Position(usize),
@@ -161,11 +161,11 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
         }
         mesh.positions.push(position);
         if has_normals {
-            // A zero normal says that there is none; some direction must stand in.
+            // A zero normal means that there is none; substitute an arbitrary direction.
             mesh.normals.push(unit_or(Vec3::Y, normal));
         }
         if has_uvs {
-            // PLY counts v upward.
+            // In PLY, v points up.
             mesh.uvs[0].push(Vec2::new(uv.x, 1.0 - uv.y));
         }
         if has_colors {
@@ -175,7 +175,7 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
     Ok(())
 }
 
-/// Integers are sRGB in the range of their type, floats are linear; alpha is linear in both.
+/// Integers are sRGB over the range of their type, floats are linear; alpha is always linear.
 fn linear_color(value: f64, kind: Kind, is_alpha: bool) -> f32 {
     let Some(largest) = kind.largest() else {
         return value as f32;
@@ -253,7 +253,7 @@ fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
 }
 
 fn skip(element: &Element, values: &mut Values) -> Result<(), Failure> {
-    // Without properties there is nothing to read, however many entries the header promises.
+    // Without properties there is nothing to read, however many entries the header claims.
     let count = if element.properties.is_empty() {
         0
     } else {

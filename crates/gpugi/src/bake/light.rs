@@ -7,15 +7,31 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::{Leaks, Quantity};
-use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, Dilation, LeakTest};
-use crate::capture::{Target, View};
+use super::Leaks;
+use crate::capture::atlas::{
+    self, AtlasCapture, AtlasCaptureOptions, Dilation, LeakTest, TexelLobes,
+};
+use crate::capture::{Output, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::renderer::{RenderError, Renderer};
+use crate::lighting::{Lighting, LightingError, Readiness};
+use crate::scene::GpuScene;
+use crate::techniques::Registry;
 
 /// Bytes that a texel takes on the GPU while it is lit: point (48), coverage (16), hit (4), state (4), sum of light (16), levels of dilation (22), and the sums
 /// once more while they are read back (16).
 pub(super) const TEXEL_BYTES: u64 = 126;
+
+/// What texels hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Quantity {
+    /// Radiance that leaves the diffuse lobes, alike in all directions, and that surfaces emit.
+    #[default]
+    Diffuse,
+    /// Irradiance over pi, whatever surfaces are made of: the radiance of a white Lambert surface.
+    Irradiance,
+    /// Radiance that leaves all lobes, seen from straight above.
+    All,
+}
 
 /// What a bake of light is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,7 +110,8 @@ pub struct LightBake<'a> {
     scene: &'a Scene,
     atlas: &'a Atlas,
     options: LightOptions,
-    renderer: Renderer,
+    on_gpu: GpuScene,
+    lighting: Lighting,
     view: View,
     /// How far maps are; none once they are as fine as they get.
     refining: Option<f32>,
@@ -106,7 +123,7 @@ pub struct LightBake<'a> {
 
 /// Texels that are lit at a time.
 #[derive(Debug)]
-pub(crate) struct Tile {
+struct Tile {
     pub capture: AtlasCapture,
     pub leaks: LeakTest,
     /// Sums of light, one for each of the capture's pieces.
@@ -132,20 +149,22 @@ impl<'a> LightBake<'a> {
     /// A bake of `scene` into `atlas`, which is one of it, by the named techniques.
     ///
     /// # Errors
-    /// [`RenderError`].
+    /// [`LightingError`].
     pub fn new(
         gpu: &Gpu,
         scene: &'a Scene,
         atlas: &'a Atlas,
         names: &[String],
         options: &LightOptions,
-    ) -> Result<Self, RenderError> {
-        let mut renderer = Renderer::with_texels(gpu, scene, names)?;
-        renderer.set_seed(options.seed);
+    ) -> Result<Self, LightingError> {
+        let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
+        let mut lighting = Lighting::new(gpu, &mut on_gpu, names, &Registry::default())?;
+        lighting.light_elsewhere();
+        gpu.check()?;
         let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
         let tiles = atlas::tiles(gpu, atlas, most_texels)?;
         // Maps that follow a camera follow one that sees all there is.
-        let diagonal = renderer.scene().diagonal();
+        let diagonal = on_gpu.diagonal();
         let center = scene.bounds().center();
         let all = Camera {
             projection: Projection::Orthographic { height: diagonal },
@@ -157,7 +176,8 @@ impl<'a> LightBake<'a> {
             scene,
             atlas,
             options: *options,
-            renderer,
+            on_gpu,
+            lighting,
             refining: Some(-1.0),
             tiles,
             tile: None,
@@ -166,9 +186,22 @@ impl<'a> LightBake<'a> {
         })
     }
 
-    /// The renderer whose techniques light the texels: for their settings, and to say what is left out.
-    pub fn renderer(&mut self) -> &mut Renderer {
-        &mut self.renderer
+    /// The lighting of the texels: to say what it leaves out.
+    pub fn lighting(&self) -> &Lighting {
+        &self.lighting
+    }
+
+    /// The scene on the GPU.
+    pub fn scene(&self) -> &GpuScene {
+        &self.on_gpu
+    }
+
+    /// Sets one setting of one technique from text, before the first step.
+    ///
+    /// # Errors
+    /// Those of [`Lighting::set`].
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
+        self.lighting.set(&mut self.on_gpu, technique, name, value)
     }
 
     /// How many tiles are lit one after the other.
@@ -188,15 +221,15 @@ impl<'a> LightBake<'a> {
     /// accepts, while the others light what these see. `None`: there is nothing left to do.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, LightingError> {
         let stage = self.stage();
         if let Some(before) = self.refining {
-            let done = self.renderer.refine(&self.view)?;
+            let (done, is_usable) = self.refine()?;
             self.resumed.maps = self
-                .renderer
-                .resume_maps(std::mem::take(&mut self.resumed.maps))?;
-            let is_final = done >= 1.0 || done <= before;
+                .lighting
+                .resume(std::mem::take(&mut self.resumed.maps))?;
+            let is_final = is_usable && (done >= 1.0 || done <= before);
             self.refining = (!is_final).then_some(done);
             return Ok(Some(Progress { stage, done }));
         }
@@ -208,9 +241,9 @@ impl<'a> LightBake<'a> {
             },
         };
         if tile.samples < self.options.samples {
-            let mut frame = Frame::new(&self.gpu, false);
-            self.renderer
-                .light_tile(&mut frame, &self.view, &mut tile, adds)?;
+            let gpu = self.gpu.clone();
+            let mut frame = Frame::new(&gpu, false);
+            self.light(&mut frame, &mut tile, adds)?;
             frame.submit()?;
         }
         let share = f64::from(tile.samples) / f64::from(self.options.samples.max(1));
@@ -224,6 +257,44 @@ impl<'a> LightBake<'a> {
         Ok(Some(Progress { stage, done }))
     }
 
+    /// Brings the maps one frame further; returns how far they are (0 to 1) and whether they can be gathered.
+    fn refine(&mut self) -> Result<(f32, bool), LightingError> {
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        let readiness = self
+            .lighting
+            .prepare(&mut frame, &mut self.on_gpu, &self.view)?;
+        frame.submit()?;
+        Ok(match readiness {
+            Readiness::Ready => (1.0, true),
+            Readiness::Refining { progress } => (progress, true),
+            Readiness::Pending { progress, .. } => {
+                gpu.wait()?;
+                (progress, false)
+            }
+        })
+    }
+
+    /// Adds a sample of light at the texels of `tile`: emission, and what the techniques add whose names `adds` accepts.
+    fn light(
+        &mut self,
+        frame: &mut Frame<'_>,
+        tile: &mut Tile,
+        adds: impl Fn(&str) -> bool,
+    ) -> Result<(), GpuError> {
+        let (lighting, scene) = (&mut self.lighting, &mut self.on_gpu);
+        tile.capture
+            .look(frame.gpu, tile.samples, self.options.seed);
+        tile.capture.record(frame, scene)?;
+        tile.leaks.record(frame, scene, &tile.capture);
+        lighting.prepare(frame, scene, &self.view)?;
+        for (points, target) in tile.capture.points().zip(&tile.targets) {
+            lighting.gather_some(frame, scene, &Receiver::new(points, target), &adds)?;
+        }
+        tile.samples += 1;
+        Ok(())
+    }
+
     fn tiles_done(&self) -> usize {
         let mut ends = self.tiles.iter().scan(0, |end, tile| {
             *end += tile.rows.len() * self.atlas.size as usize;
@@ -234,17 +305,24 @@ impl<'a> LightBake<'a> {
     }
 
     /// Room for the texels of a tile; none when there is no such tile.
-    fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, RenderError> {
+    fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, LightingError> {
         let Some(tile) = self.tiles.get(index) else {
             return Ok(None);
         };
         let gpu = &self.gpu;
         let options = AtlasCaptureOptions {
-            lobes: self.options.quantity,
+            lobes: match self.options.quantity {
+                Quantity::Diffuse | Quantity::Irradiance => TexelLobes::Diffuse,
+                Quantity::All => TexelLobes::All,
+            },
+            output: match self.options.quantity {
+                Quantity::Irradiance => Output::Irradiance,
+                Quantity::Diffuse | Quantity::All => Output::RadianceToEye,
+            },
             rows: Some(tile.captured.clone()),
             ..AtlasCaptureOptions::default()
         };
-        let on_gpu = self.renderer.scene();
+        let on_gpu = &self.on_gpu;
         let capture = AtlasCapture::new(gpu, self.scene, on_gpu, self.atlas, &options)?;
         let leaks = LeakTest::new(gpu, on_gpu, &capture)?;
         let targets = capture
@@ -271,7 +349,7 @@ impl<'a> LightBake<'a> {
     }
 
     /// Keeps the light of a tile that has all its samples.
-    fn keep(&mut self, tile: &Tile) -> Result<(), RenderError> {
+    fn keep(&mut self, tile: &Tile) -> Result<(), LightingError> {
         let gpu = &self.gpu;
         let mut captured: Vec<Vec3> = Vec::new();
         for (piece, target) in tile.capture.pieces().iter().zip(&tile.targets) {
@@ -281,10 +359,14 @@ impl<'a> LightBake<'a> {
             frame.submit()?;
             let radiance = &target.radiance;
             let texels: Vec<[f32; 4]> = read_buffer(gpu, radiance, radiance.size())?;
+            let unit = match self.options.quantity {
+                Quantity::Irradiance => std::f32::consts::FRAC_1_PI,
+                Quantity::Diffuse | Quantity::All => 1.0,
+            };
             // Sums of a samples, and of texels that were filled one mean.
             let means = texels
                 .into_iter()
-                .map(|[r, g, b, a]| Vec3::new(r, g, b) / a.max(1.0));
+                .map(|[r, g, b, a]| Vec3::new(r, g, b) * unit / a.max(1.0));
             captured.extend(means);
         }
         let size = self.atlas.size;
@@ -302,10 +384,10 @@ impl<'a> LightBake<'a> {
     /// What the bake has come to. Waits for the GPU.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn save(&self) -> Result<LightState, RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn save(&mut self) -> Result<LightState, LightingError> {
         // What another bake saved and this one has not come to yet is still the best there is.
-        let mut maps = self.renderer.save_maps()?;
+        let mut maps = self.lighting.save()?;
         maps.extend(self.resumed.maps.clone());
         let (samples, sums) = match &self.tile {
             None => (self.resumed.samples, self.resumed.sums.clone()),
@@ -333,8 +415,8 @@ impl<'a> LightBake<'a> {
     /// Goes on from what another bake of the same scene, atlas, techniques, settings and options saved, before the first step.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`] when the state is not of such a bake.
-    pub fn resume(&mut self, state: LightState) -> Result<(), RenderError> {
+    /// [`LightingError::Gpu`] when the state is not of such a bake.
+    pub fn resume(&mut self, state: LightState) -> Result<(), LightingError> {
         let texels = |rows: usize| rows * self.atlas.size as usize;
         self.done = state.done.clone();
         let index = self.tiles_done();
@@ -349,7 +431,7 @@ impl<'a> LightBake<'a> {
             state.samples < self.options.samples && state.sums.len() == next
         };
         if !(is_whole && has_sums) {
-            return Err(RenderError::Gpu(GpuError::Pass {
+            return Err(LightingError::Gpu(GpuError::Pass {
                 pass: "bake".into(),
                 reason: "what was saved does not fit this bake".into(),
             }));

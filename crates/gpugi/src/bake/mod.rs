@@ -10,10 +10,8 @@ mod obscurances;
 mod tests;
 
 use crate::capture::atlas::LeakReport;
-pub use crate::capture::atlas::TexelLobes as Quantity;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
-pub(crate) use light::Tile;
-pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Stage};
+pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
 
 /// Texels of an atlas that lie inside other things, where no light can be.

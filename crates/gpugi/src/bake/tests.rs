@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use crate::settings::SettingSet;
 use glam::Vec3;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Atlas, AtlasOptions, Scene};
@@ -43,7 +44,7 @@ fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64
         ("radiosity", "iterations", "8"),
         ("radiosity", "burn-in", "2"),
     ] {
-        bake.renderer().set(technique, name, value).unwrap();
+        bake.set(technique, name, value).unwrap();
     }
     bake
 }
@@ -106,9 +107,7 @@ fn tiles_are_of_one_picture() {
     let lit = |rows| {
         let mut bake = bake(&gpu, &scene, &atlas, rows);
         // Lamps' edges of few samples would be noise.
-        bake.renderer()
-            .set("shadow-map", "area-samples", "16")
-            .unwrap();
+        bake.set("shadow-map", "area-samples", "16").unwrap();
         take(&mut bake, usize::MAX);
         (bake.tiles(), bake.finish())
     };
@@ -153,9 +152,7 @@ fn memory_of_tiles_is_bounded() {
     // Of its own, which no other test allocates from.
     let gpu = crate::gpu::Gpu::open(&crate::gpu::AdapterChoice::Best).unwrap();
     let allocated = || {
-        gpu.device
-            .poll(crate::gpu::PollType::wait_indefinitely())
-            .unwrap();
+        gpu.wait().unwrap();
         let report = gpu.device.generate_allocator_report();
         report.map(|report| report.total_allocated_bytes)
     };

@@ -1,17 +1,18 @@
-//! The second layer of a cube's capture: what its centre would see if what it sees were not there. Depth peeling: Everitt, "Interactive
-//! Order-Independent Transparency", NVIDIA 2001.
+//! The second layer of a cube's capture: what the centre would see if the nearest surfaces were not there. Depth
+//! peeling: Everitt, "Interactive Order-Independent Transparency", NVIDIA 2001.
 
 use super::{Capture, CubeView, Faces, HitKernels, SURFACE_POINT_BYTES, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Keeps};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
-/// Captures what is behind what a cube saw.
+/// Captures what lies behind the surfaces that a cube saw.
 #[derive(Debug)]
 pub struct Behind {
-    /// Where nothing is behind the first point, the first again: what surrounds a thing goes on behind it.
+    /// Points of the second layer. Where nothing lies behind the first, they repeat it: what surrounds an object
+    /// continues behind it.
     points: wgpu::Buffer,
-    /// Their hit records.
+    /// Hit records of the points.
     hits: wgpu::Texture,
     hits_view: wgpu::TextureView,
     kernels: HitKernels,
@@ -21,7 +22,7 @@ pub struct Behind {
 }
 
 impl Behind {
-    /// Room for what is behind the surfaces of `capture`, which is of a cube.
+    /// Allocates the second layer of `capture`, which must be of a cube.
     ///
     /// # Errors
     /// [`GpuError::Pass`]; [`GpuError::TooLarge`] when the adapter cannot hold it.
@@ -80,7 +81,7 @@ impl Behind {
         })
     }
 
-    /// The latest points behind those that a cube saw, all or some.
+    /// The latest points behind those that a cube saw: behind all of them or behind some.
     pub fn points(&self, seen: &SurfacePoints) -> SurfacePoints {
         SurfacePoints {
             points: self.points.clone(),
@@ -89,8 +90,8 @@ impl Behind {
         }
     }
 
-    /// Captures it, after `capture` has recorded the same faces of `view`: passes `capture.hits-behind`
-    /// and `capture.resolve`. `class_of`: how each draw is drawn.
+    /// Captures the second layer, after `capture` has recorded the same faces of `view`: passes `capture.hits-behind`
+    /// and `capture.resolve`. `class_of` gives the class as which each draw is drawn, or `None` to skip it.
     ///
     /// # Errors
     /// [`GpuError::Pass`].

@@ -1,4 +1,5 @@
-//! The pyramid of least and greatest inverse depth over a distance cube, by which `shared/impostor.wesl` skips empty space.
+//! The pyramid of least and greatest inverse depth over a distance cube, with which `shared/impostor.wesl` skips empty
+//! space.
 
 use wgpu::BindingResource::TextureView;
 
@@ -13,16 +14,19 @@ const LAST_SIDE: u32 = 4;
 /// The pyramid of one distance cube.
 #[derive(Debug)]
 pub struct DistancePyramid {
-    /// As many layers, least and greatest inverse depth of each cell (1/m): from half the cube's side to four cells.
+    /// Least and greatest inverse depth of each cell (1/m), with as many layers as the distances. Levels go from half
+    /// the cube's side down to four cells per side.
     pub texture: wgpu::Texture,
     steps: Vec<(Kernel, wgpu::BindGroup, u32)>,
 }
 
 impl DistancePyramid {
-    /// A pyramid over `distances`: six square layers of 32-bit floats (m), faces in the order of `shared/cube.wesl`, or several times six.
+    /// A pyramid over `distances`: six square layers of 32-bit floats (m), faces in the order of `shared/cube.wesl`, or
+    /// several times six.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when the faces' side is no power of two or less than [`LEAST_SIDE`]; [`GpuError::OutOfMemory`].
+    /// [`GpuError::Pass`] when the faces' side is not a power of two or is less than [`LEAST_SIDE`];
+    /// [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, distances: &wgpu::Texture) -> Result<Self, GpuError> {
         let side = distances.width();
         if !side.is_power_of_two() || side < LEAST_SIDE || distances.height() != side {
@@ -82,7 +86,7 @@ impl DistancePyramid {
     }
 }
 
-/// The faces of one level, as layers.
+/// The faces of one level, as an array of layers.
 fn faces(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),

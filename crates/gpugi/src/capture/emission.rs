@@ -1,16 +1,13 @@
 //! Light path LE: the frame's own pass, the first to write a target.
 
-use super::{PerTarget, SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use super::{Gather, Receiver};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// What emitters and the environment send straight to where points are seen from.
+/// Light that emitters and the environment send straight to the viewpoint.
 #[derive(Debug)]
-pub struct Emission {
-    kernel: Kernel,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
-}
+pub struct Emission(Gather);
 
 impl Emission {
     /// Compiles the pass.
@@ -18,14 +15,15 @@ impl Emission {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let shader = shader!("capture.emission");
-        Ok(Self {
-            kernel: Kernel::new(gpu, &shader, "main", Some(&scene.layout))?,
-            bound: PerTarget::default(),
-        })
+        Ok(Self(Gather::new(
+            gpu,
+            scene,
+            &shader!("capture.emission"),
+            &[],
+        )?))
     }
 
-    /// Begins `target` with the first sample of a picture, adds to it with the others: pass `frame.emission`.
+    /// Writes the target with the first sample of an image and adds to it with the others: pass `frame.emission`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -33,17 +31,8 @@ impl Emission {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (gpu, kernel) = (frame.gpu, &self.kernel);
-        let [seen, added] = self.bound.of(points, target, || {
-            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
-        })?;
-        frame.compute("frame.emission", |pass| {
-            let groups = [(0, &scene.bind_group), (1, seen), (3, added)];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        Ok(())
+        self.0.record(frame, "frame.emission", scene, receiver, &[])
     }
 }

@@ -1,12 +1,14 @@
-//! Captures: rasterized "photos" of the scene. A view's triangles become hit records, hit records become surface points; light
-//! views become depth. Texels of an atlas become surface points without anybody's view.
+//! Captures: rasterized "photos" of the scene. A view rasterizes a visibility buffer of hit records, which are resolved
+//! to surface points; light views rasterize depth. Texels of an atlas become surface points without any view.
 
 pub mod atlas;
 mod behind;
 pub mod depth;
 pub mod distance_pyramid;
 mod emission;
-mod per_target;
+mod gather;
+mod per_receiver;
+mod receiver;
 mod view;
 mod visible;
 
@@ -15,7 +17,9 @@ mod tests;
 
 pub use behind::Behind;
 pub use emission::Emission;
-pub use per_target::PerTarget;
+pub use gather::Gather;
+pub use per_receiver::PerReceiver;
+pub use receiver::{Output, Probe, Receiver, Slots};
 pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
@@ -32,7 +36,7 @@ use crate::shader;
 /// Bytes of a packed surface point (capture/surface_point.wesl).
 pub const SURFACE_POINT_BYTES: u64 = 48;
 
-/// Surface points in a buffer, with the view that saw them.
+/// Surface points in a buffer, and the view that saw them.
 #[derive(Debug, Clone)]
 pub struct SurfacePoints {
     /// Packed points, row by row.
@@ -41,12 +45,14 @@ pub struct SurfacePoints {
     pub view: wgpu::Buffer,
     /// Number of points.
     pub count: u32,
-    /// Hit records that they were resolved from: the provoking merged vertex of each one's triangle.
+    /// Hit records from which the points were resolved: the provoking merged vertex of each point's triangle.
     pub hits: wgpu::TextureView,
+    /// What gathers give at them.
+    pub output: Output,
 }
 
 impl SurfacePoints {
-    /// Bind group 1 of a pass that reads them.
+    /// Bind group 1 of a pass that reads the points.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -59,7 +65,7 @@ impl SurfacePoints {
     }
 }
 
-/// Where gathers add radiance: one vec4f a point, summed over samples.
+/// Where gathers add radiance: one vec4f per point, summed over samples.
 #[derive(Debug, Clone)]
 pub struct Target {
     /// Linear Rec. 709 radiance [W/sr/m^2] in rgb; a counts the samples that hit a surface.
@@ -67,7 +73,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Room for `count` points.
+    /// Allocates a target for `count` points.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold them.
@@ -78,7 +84,7 @@ impl Target {
         })
     }
 
-    /// Bind group 3 of a pass that adds to it and has nothing else there.
+    /// Bind group 3 of a pass that adds to the target and binds nothing else there.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -118,7 +124,8 @@ impl HitKernels {
         })
     }
 
-    /// Draws what the views of `drawn` see. `matrices` and `groups`, bind group 1 for opaque and alpha: of each view of the capture.
+    /// Draws what the faces `drawn` see. `matrices` and `groups` (bind group 1, opaque and alpha) have one entry per
+    /// face of the capture.
     fn draw<'a>(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
@@ -170,7 +177,7 @@ pub struct CaptureKernels {
 }
 
 impl CaptureKernels {
-    /// Compiles them.
+    /// Compiles the pipelines.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -202,18 +209,18 @@ pub struct Capture {
     kernels: CaptureKernels,
     faces: Vec<Face>,
     all: Faces,
-    /// The scene's merged vertices, which are others after a change of the scene, and the bind group with them.
+    /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
     resolve_hits: Option<(wgpu::Buffer, wgpu::BindGroup)>,
 }
 
-/// Faces of a capture that are captured, and lit, without the others.
+/// Faces of a capture that are captured and lit independently of the others.
 #[derive(Debug, Clone)]
 pub struct Faces {
-    /// Their points, in the buffer of all.
+    /// The faces' points, in the buffer of all faces.
     pub points: SurfacePoints,
-    /// Their numbers.
+    /// Indices of the faces.
     range: Range<u32>,
-    /// Width and height of each.
+    /// Width and height of each face (pixels).
     size: [u32; 2],
     resolve_seen: wgpu::BindGroup,
 }
@@ -233,6 +240,7 @@ impl Faces {
             view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
             count: range.len() as u32 * size[0] * size[1],
             hits,
+            output: Output::RadianceToEye,
         };
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
@@ -242,12 +250,12 @@ impl Faces {
         })
     }
 
-    /// How many there are.
+    /// Number of faces.
     pub fn count(&self) -> u32 {
         self.range.len() as u32
     }
 
-    /// Says how their points are seen.
+    /// Writes the view of the faces' points.
     pub(crate) fn look(&self, gpu: &Gpu, view: &ViewUniform) {
         let view = ViewUniform {
             first_row: self.range.start * self.size[1],
@@ -259,7 +267,7 @@ impl Faces {
     }
 }
 
-/// Where the matrix of one face lies: of an image's only one, or of a cube's six.
+/// The matrix of one face: an image's only one, or one of a cube's six.
 #[derive(Debug)]
 struct Face {
     matrix: wgpu::Buffer,
@@ -282,10 +290,10 @@ impl Face {
 }
 
 impl Capture {
-    /// Room for what a camera sees in an image of `size` pixels.
+    /// Allocates a capture of what a camera sees in an image of `size` pixels.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] when the adapter cannot hold them.
+    /// [`GpuError::TooLarge`] when the adapter cannot hold it.
     pub fn of_camera(
         gpu: &Gpu,
         kernels: &CaptureKernels,
@@ -294,10 +302,10 @@ impl Capture {
         Self::new(gpu, kernels, size, 1)
     }
 
-    /// Room for what a cube sees whose faces have `side` texels squared.
+    /// Allocates a capture of what a cube sees, with faces of `side` x `side` texels.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] when the adapter cannot hold them.
+    /// [`GpuError::TooLarge`] when the adapter cannot hold it.
     pub fn of_cube(gpu: &Gpu, kernels: &CaptureKernels, side: u32) -> Result<Self, GpuError> {
         Self::new(gpu, kernels, [side, 6 * side], 6)
     }
@@ -329,7 +337,7 @@ impl Capture {
             wgpu::TextureFormat::R32Uint,
             wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
         )?;
-        // Only behind cubes does anybody look further.
+        // Only a cube's second layer reads this depth.
         let is_read = if faces > 1 {
             wgpu::TextureUsages::TEXTURE_BINDING
         } else {
@@ -365,7 +373,8 @@ impl Capture {
         self.size
     }
 
-    /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`. `class_of` says how each draw is drawn.
+    /// Captures what a camera sees: passes `capture.hits` and `capture.resolve`. `class_of` gives the class as which
+    /// each draw is drawn.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -382,7 +391,8 @@ impl Capture {
         })
     }
 
-    /// Captures what a cube sees: the same passes. `class_of` says how each draw is drawn, or that it is not.
+    /// Captures what a cube sees: the same passes. `class_of` gives the class as which each draw is drawn, or `None` to
+    /// skip it.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -396,7 +406,7 @@ impl Capture {
         self.record_faces(frame, scene, view, &self.all_faces(), class_of)
     }
 
-    /// Captures what some faces of a cube see; the points of the others stay as they are.
+    /// Captures what some faces of a cube see; the points of the other faces are kept.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -417,7 +427,7 @@ impl Capture {
         self.all.clone()
     }
 
-    /// Faces of a cube that are captured together, by their numbers.
+    /// Faces of a cube that are captured together, by their indices.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -430,7 +440,7 @@ impl Capture {
         Faces::new(gpu, &self.kernels, points, hits, range, self.all.size)
     }
 
-    /// The bind group with the hits and what they are hits of.
+    /// The bind group with the hit records and the merged vertices that they refer to.
     fn hits_of(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<wgpu::BindGroup, GpuError> {
         if let Some((vertices, group)) = &self.resolve_hits
             && *vertices == scene.vertices
@@ -465,6 +475,7 @@ impl Capture {
             let mut words = [0.0_f32; 20];
             words[..16].copy_from_slice(&matrix.to_cols_array());
             words[16] = f32::from_bits(seed);
+            words[17] = f32::from_bits(view.top);
             queue.write_buffer(&face.matrix, 0, bytemuck::cast_slice(&words));
         }
         let targets = [&self.hits_view];
@@ -477,7 +488,7 @@ impl Capture {
         Ok(())
     }
 
-    /// Hit records of some faces to the surface points of bind group `seen`.
+    /// Resolves the hit records of some faces to the surface points of bind group `seen`.
     fn resolve(
         &self,
         frame: &mut Frame<'_>,
@@ -495,7 +506,7 @@ impl Capture {
     }
 }
 
-/// The planes of a clip space with depth in [0, 1] whose positive side is inside, world space.
+/// The planes of a clip space with depth in [0, 1], in world space; their positive sides face inward.
 pub(crate) fn frustum_planes(clip_from_world: &Mat4) -> [Vec4; 6] {
     let [x, y, z, w] = [0, 1, 2, 3].map(|row| clip_from_world.row(row));
     [w + x, w - x, w + y, w - y, z, w - z]
@@ -513,7 +524,7 @@ fn is_visible(bounds: &Bounds, planes: &[Vec4; 6]) -> bool {
     })
 }
 
-/// Index ranges of the draws that a frustum may see, neighbours of one kind joined.
+/// Index ranges of the draws that may be visible in a frustum. Adjacent ranges of the same kind are merged.
 fn visible_ranges<K: PartialEq + Copy>(
     draws: &[Draw],
     planes: &[Vec4; 6],

@@ -1,4 +1,4 @@
-//! Captures: which view holds a direction, and which pixel a ray.
+//! Captures: which view contains a direction, and through which pixel a ray passes.
 
 mod cube;
 mod resolve;
@@ -14,8 +14,8 @@ use crate::shader;
 use crate::techniques::shadow_map::gpu::LightSample;
 use crate::testing::{Random, run_kernel, test_gpu};
 
-/// Runs `light_sample::face` for random points around a light and holds the views to what it says. `axes`: the forward axis of
-/// each view; `reach`: largest distance from the middle of a tile, in tile coordinates.
+/// Runs `light_sample::face` for random points around a light and checks the views against its results. `axes`: the
+/// forward axis of each view; `reach`: largest distance from the centre of a tile, in tile coordinates.
 fn check_faces(
     light: LightSample,
     specs: &[DepthViewSpec],
@@ -70,7 +70,7 @@ fn check_faces(
         let (direction, distance) = (Vec4::from(*point).truncate(), point[3]);
         let face = face as usize;
         used[face] += 1;
-        // The face along whose axis the direction reaches furthest.
+        // The face whose axis has the largest component of the direction.
         let along = direction.dot(axes[face]);
         for axis in axes {
             assert!(
@@ -111,7 +111,7 @@ fn a_point_lights_cube_holds_every_direction() {
         Vec3::Z,
         Vec3::NEG_Z,
     ];
-    // The field of view itself ends at the gutter.
+    // The field of view itself ends where the gutter begins.
     let reach = [Vec2::splat(0.5 - 3.0 / 64.0); 6];
     check_faces(
         light,
@@ -161,7 +161,7 @@ fn an_area_lights_hemicubes_hold_every_direction_before_it() {
     }
 }
 
-/// Rays of pixels and the matrix that rasterizes for them are the same view.
+/// The rays of pixels and the matrix that rasterizes for them must describe the same view.
 #[test]
 fn a_pixels_ray_projects_to_its_centre() {
     let mut camera = Camera::look_at(
@@ -200,7 +200,7 @@ fn a_pixels_ray_projects_to_its_centre() {
                     assert!(ndc.z > 0.0 && ndc.z <= 1.0, "depth {}", ndc.z);
                 }
             }
-            // The jittered ray goes through the jittered place of the image without jitter.
+            // The jittered ray passes through the jittered position in the image without jitter.
             let still = View::new(&camera, size, Vec2::ZERO, 0, 1, 10.0);
             let u = view.uniform;
             let clip = still.clip_from_world

@@ -1,4 +1,4 @@
-//! Views: how captures see and how surface points are seen.
+//! Views: from where, and through which pixels, captures see surface points.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
@@ -22,9 +22,15 @@ pub struct ViewUniform {
     pub faces: u32,
     pub direction_dy: [f32; 3],
     pub first_row: u32,
+    pub output: u32,
+    pub top: u32,
+    pub target_first: u32,
+    pub target_skip: u32,
+    pub asymmetry: f32,
+    pub padding: [f32; 3],
 }
 
-/// A camera for an image of a size: the rays of its pixels and the matrix that rasterizes for them.
+/// A camera for an image of a given size: the rays of its pixels, and the matrix that rasterizes the same view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     /// What shaders read.
@@ -35,13 +41,13 @@ pub struct View {
     pub world_from_view: Mat4,
     /// Tangents of half the field of view; half extents (m) where orthographic.
     pub half_extent: Vec2,
-    /// Whether rays start at one point.
+    /// Whether all rays start at one point.
     pub is_perspective: bool,
 }
 
 impl View {
-    /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample in the pixel, each component in [-1/2, 1/2];
-    /// `diagonal` is the scene's (m).
+    /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample within the pixel, each component
+    /// in [-1/2, 1/2]; `diagonal` is the scene's (m).
     pub fn new(
         camera: &Camera,
         size: [u32; 2],
@@ -64,7 +70,7 @@ impl View {
                 (Vec2::new(height * aspect, height) / 2.0, false)
             }
         };
-        // World offset from the image centre to the sample of pixel (0, 0), and from pixel to pixel.
+        // World-space offsets from the image centre to the sample of pixel (0, 0), and from pixel to pixel.
         let across = right * (2.0 * half_extent.x / width);
         let down = up * (-2.0 * half_extent.y / height);
         let first = right * (half_extent.x * ((1.0 + 2.0 * jitter.x) / width - 1.0))
@@ -82,7 +88,7 @@ impl View {
         } else {
             orthographic_reverse(half_extent, 0.0, (eye.length() + diagonal) * 4.0)
         };
-        // The rasterizer samples pixel centres: shift the picture the other way.
+        // The rasterizer samples pixel centres, so shift the image in the opposite direction.
         let shift = Mat4::from_translation(Vec3::new(
             -2.0 * jitter.x / width,
             2.0 * jitter.y / height,
@@ -101,7 +107,7 @@ impl View {
                 direction_dx: direction_dx.to_array(),
                 faces: 1,
                 direction_dy: direction_dy.to_array(),
-                first_row: 0,
+                ..Zeroable::zeroed()
             },
             clip_from_world: shift * clip_from_view * view_from_world,
             world_from_view: camera.world_from_view,
@@ -111,7 +117,30 @@ impl View {
     }
 }
 
-/// The six faces of a cube around a point, as one image of faces below each other.
+impl View {
+    /// The rows `rows` of this view's picture, lit as a picture of their own: the same rays, the same random numbers.
+    pub fn of_rows(&self, rows: &std::ops::Range<u32>) -> Self {
+        let all = self.uniform.height as f32;
+        let (top, bottom) = (rows.start as f32, rows.end as f32);
+        // In normalized device coordinates the rows' centre lies at `middle`, and they reach `half` to either side.
+        let middle = 1.0 - (top + bottom) / all;
+        let half = (bottom - top) / all;
+        let mut stretch = Mat4::IDENTITY;
+        stretch.y_axis.y = 1.0 / half;
+        stretch.w_axis.y = -middle / half;
+        Self {
+            uniform: ViewUniform {
+                height: rows.end - rows.start,
+                top: rows.start,
+                ..self.uniform
+            },
+            clip_from_world: stretch * self.clip_from_world,
+            ..*self
+        }
+    }
+}
+
+/// The six faces of a cube around a point, stacked vertically in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CubeView {
     /// What shaders read.
@@ -121,7 +150,7 @@ pub struct CubeView {
 }
 
 impl CubeView {
-    /// The cube around `eye` with faces of `side` texels squared; nothing nearer than `near` (m) is seen.
+    /// The cube around `eye` with faces of `side` x `side` texels. Surfaces nearer than `near` (m) are not seen.
     pub fn new(eye: Vec3, side: u32, near: f32, sample_index: u32, seed: u32) -> Self {
         let faces = DepthViewSpec::cube(eye, near, side, 0);
         let zero = [0.0; 3];
@@ -138,14 +167,14 @@ impl CubeView {
                 direction_dx: zero,
                 faces: 6,
                 direction_dy: zero,
-                first_row: 0,
+                ..Zeroable::zeroed()
             },
             clip_from_world: faces.map(|face| face.clip_from_world),
         }
     }
 }
 
-/// Perspective with infinite far plane and reverse depth: depth = near / distance.
+/// Perspective projection with an infinite far plane and reverse depth: depth = near / distance.
 pub fn perspective_reverse_infinite(half_tangents: Vec2, near: f32) -> Mat4 {
     Mat4::from_cols(
         Vec4::new(1.0 / half_tangents.x, 0.0, 0.0, 0.0),

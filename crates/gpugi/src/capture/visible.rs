@@ -1,8 +1,8 @@
-//! Surface points on the host: what pictures of them show.
+//! Surface points on the host: what images of them show.
 
 use glam::{Vec2, Vec3};
 
-/// A surface point as capture/surface_point.wesl packs it, unpacked on the host.
+/// A surface point packed by capture/surface_point.wesl, unpacked on the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VisiblePoint {
     /// World space (m).
@@ -11,12 +11,12 @@ pub struct VisiblePoint {
     pub normal: Vec3,
     /// Diffuse albedo plus reflectance at normal incidence.
     pub albedo: Vec3,
-    /// Instance.
+    /// Index of the instance.
     pub instance: u32,
 }
 
 impl VisiblePoint {
-    /// Unpacks the 12 words of a point; none where there is no surface.
+    /// Unpacks the 12 words of a point; `None` where there is no surface.
     pub fn unpack(words: &[u32]) -> Option<Self> {
         let &[x, y, z, normal, _, _, diffuse, f0, _, _, instance, _] = words else {
             return None;
@@ -30,7 +30,7 @@ impl VisiblePoint {
     }
 }
 
-/// The twin of `decode` in shared/octahedral.wesl.
+/// CPU twin of `decode` in shared/octahedral.wesl.
 fn octahedral(word: u32) -> Vec3 {
     let snorm = |half: u32| (f32::from(half as u16 as i16) / 32767.0).max(-1.0);
     let p = Vec2::new(snorm(word & 0xffff), snorm(word >> 16));
@@ -44,7 +44,7 @@ fn octahedral(word: u32) -> Vec3 {
     xy.extend(z).normalize()
 }
 
-/// The twin of `unpack_rgb9e5` in shared/color.wesl.
+/// CPU twin of `unpack_rgb9e5` in shared/color.wesl.
 fn rgb9e5(word: u32) -> Vec3 {
     let scale = ((word >> 27) as i32 - 24) as f32;
     Vec3::from_array([0, 9, 18].map(|shift| ((word >> shift) & 511) as f32)) * scale.exp2()

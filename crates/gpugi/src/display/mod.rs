@@ -1,26 +1,32 @@
-//! The last step of a frame: summed radiance, exposed, tone-mapped and encoded as sRGB, 8 bits a channel.
+//! The last step of a frame: converts summed radiance to 8-bit sRGB by exposure, tone mapping and encoding.
 //!
-//! Exposure multiplies: a pixel shows `2^EV` times its radiance, so EV 0 maps radiance 1 to 1 and a higher EV is
-//! brighter. Automatic exposure takes the log-average luminance of a histogram, its darkest and brightest tenth left
-//! out, to middle grey. `docs/techniques/display.md` has the equations and the operators' curves.
+//! Exposure multiplies: a pixel shows `2^EV` times its radiance. EV 0 maps radiance 1 to 1, and a higher EV is
+//! brighter. Automatic exposure maps the log-average luminance to middle grey. The average comes from a histogram and
+//! leaves out its darkest and brightest tenth. `docs/techniques/display.md` has the equations and the operators'
+//! curves.
 
+mod present;
 mod settings;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod twin;
 
+pub use present::Present;
 pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack, begin_read_buffer, read_buffer};
 use crate::shader;
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes of the histogram: pixels of each of 256 bins, and sums of their places within the bin.
+/// Size of the histogram (bytes): the pixel counts of 256 bins, and the sums of the pixels' positions within each bin.
 const HISTOGRAM_BYTES: u64 = 256 * 2 * 4;
 
-/// Pixels that [`Display::picture`] handles at once: 64 MiB of radiance.
+/// Pixels that [`Display::picture`] processes at once; their radiance takes 64 MiB.
 const PART_PIXELS: u32 = 1 << 22;
+
+/// Parts whose bind groups are kept.
+const MOST_PARTS: usize = 64;
 
 /// Pixels that one invocation of the histogram reads.
 const PIXELS_PER_INVOCATION: u32 = 16;
@@ -35,124 +41,114 @@ struct Parameters {
     white_point: f32,
     seed: u32,
     dither: u32,
+    first_pixel: u32,
 }
 
-/// Turns radiance into pixels. One instance serves pictures of one size, once a frame.
+/// A part of an image: summed radiance of consecutive pixels, a `vec4f` each (linear Rec. 709; the fourth component is ignored).
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// The sums.
+    pub radiance: wgpu::Buffer,
+    /// Number of pixels.
+    pub pixels: u32,
+}
+
+/// Turns radiance into pixels. One instance serves images of one size, once per frame.
 #[derive(Debug)]
 pub struct Display {
     pixel_count: u32,
     histogram: Kernel,
     average: Kernel,
     encode: Kernel,
-    parameters: wgpu::Buffer,
     histogram_bins: wgpu::Buffer,
     exposure: wgpu::Buffer,
     pixels: wgpu::Buffer,
-    exposure_group: wgpu::BindGroup,
-    encode_group: wgpu::BindGroup,
-    radiance: Mutex<Option<Radiance>>,
+    parts: Mutex<Vec<BoundPart>>,
 }
 
-/// The buffer that was displayed last, bound for both passes.
+/// A part that was displayed, with its parameters and the bind groups 1 and 3 of both passes.
 #[derive(Debug, Clone)]
-struct Radiance {
-    buffer: wgpu::Buffer,
-    exposure_group: wgpu::BindGroup,
-    encode_group: wgpu::BindGroup,
+struct BoundPart {
+    radiance: wgpu::Buffer,
+    parameters: wgpu::Buffer,
+    exposure_groups: [wgpu::BindGroup; 2],
+    encode_groups: [wgpu::BindGroup; 2],
 }
 
 impl Display {
-    /// A display for pictures of `size` pixels: width, height.
+    /// A display for images of `size` pixels: width, height.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
-        let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
-        let pixels = gpu.buffer("display.pixels", bytes, wgpu::BufferUsages::STORAGE)?;
-        let pixel_count = size[0] * size[1];
-
-        let exposure_shader = shader!("display.exposure");
-        let histogram = Kernel::new(gpu, &exposure_shader, "histogram", None)?;
-        let average = Kernel::new(gpu, &exposure_shader, "average", None)?;
-        let encode = Kernel::new(gpu, &shader!("display.encode"), "encode", None)?;
-
         let storage = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
-        let parameters = gpu.buffer(
-            "display.parameters",
-            size_of::<Parameters>() as u64,
-            wgpu::BufferUsages::UNIFORM,
-        )?;
-        let histogram_bins = storage("display.histogram", HISTOGRAM_BYTES)?;
-        let exposure = storage("display.exposure", size_of::<f32>() as u64)?;
-
-        let exposure_group = histogram.bind(
-            gpu,
-            3,
-            &[
-                ("parameters", parameters.as_entire_binding()),
-                ("histogram_bins", histogram_bins.as_entire_binding()),
-                ("exposure", exposure.as_entire_binding()),
-            ],
-        )?;
-        let encode_group = encode.bind(
-            gpu,
-            3,
-            &[
-                ("parameters", parameters.as_entire_binding()),
-                ("exposure", exposure.as_entire_binding()),
-                ("pixels", pixels.as_entire_binding()),
-            ],
-        )?;
+        let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
+        let exposure_shader = shader!("display.exposure");
         Ok(Self {
-            pixel_count,
-            histogram,
-            average,
-            encode,
-            parameters,
-            histogram_bins,
-            exposure,
-            pixels,
-            exposure_group,
-            encode_group,
-            radiance: Mutex::new(None),
+            pixel_count: size[0] * size[1],
+            pixels: storage("display.pixels", bytes)?,
+            histogram: Kernel::new(gpu, &exposure_shader, "histogram", None)?,
+            average: Kernel::new(gpu, &exposure_shader, "average", None)?,
+            encode: Kernel::new(gpu, &shader!("display.encode"), "encode", None)?,
+            histogram_bins: storage("display.histogram", HISTOGRAM_BYTES)?,
+            exposure: storage("display.exposure", size_of::<f32>() as u64)?,
+            parts: Mutex::default(),
         })
     }
 
     /// Records the passes `display.exposure` (automatic exposure only) and `display.encode`.
     ///
-    /// `radiance` holds a `vec4f` a pixel, row by row from the top: linear Rec. 709 radiance summed over `samples`
-    /// samples; the fourth component is ignored. Negative radiance shows as 0, infinite as white, not-a-number as black.
-    /// At most one recording a frame, because the settings reach the GPU when the frame is submitted.
+    /// `parts` follow each other in the image, row by row from the top; their radiance is summed over `samples` samples. Negative radiance shows as 0,
+    /// infinite as white, not-a-number as black. At most one recording per frame, because the settings reach the GPU when the frame is submitted.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when `radiance` is smaller than the picture or is no storage buffer.
+    /// [`GpuError::Pass`] when the parts have fewer pixels than the image, or a buffer is too small or no storage buffer.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
-        radiance: &wgpu::Buffer,
+        parts: &[Part],
         samples: u32,
         settings: &DisplaySettings,
     ) -> Result<(), GpuError> {
-        let radiance = self.bound(frame.gpu, radiance)?;
-        self.set_parameters(frame.gpu, self.pixel_count, samples, settings);
+        let all: u32 = parts.iter().map(|part| part.pixels).sum();
+        if all != self.pixel_count {
+            return Err(mismatch(format!(
+                "the parts have {all} pixels, the image has {}",
+                self.pixel_count
+            )));
+        }
+        let mut first_pixel = 0;
+        let mut bound = Vec::new();
+        for part in parts {
+            let one = self.bound(frame.gpu, part)?;
+            one.set_parameters(frame.gpu, first_pixel, part.pixels, samples, settings);
+            first_pixel += part.pixels;
+            bound.push((one, part.pixels));
+        }
         match settings.exposure {
             Exposure::Manual(value) => self.set_exposure(frame.gpu, value),
             Exposure::Auto => {
                 frame.clear(&self.histogram_bins);
                 frame.compute("display.exposure", |pass| {
-                    self.count(pass, &radiance, self.pixel_count);
-                    self.average(pass, &radiance);
+                    for (part, pixels) in &bound {
+                        self.count(pass, part, *pixels);
+                    }
+                    if let Some((part, _)) = bound.first() {
+                        self.average(pass, part);
+                    }
                 });
             }
         }
         frame.compute("display.encode", |pass| {
-            self.encode(pass, &radiance, self.pixel_count);
+            for (part, pixels) in &bound {
+                self.encode(pass, part, *pixels);
+            }
         });
         Ok(())
     }
 
-    /// Pixels, as [`Display::pixels`] gives them, of a picture of any size that lies on the host: three floats of mean radiance a pixel.
-    /// What is too large for one buffer passes through the GPU in parts.
+    /// Converts an image of any size on the host, given as three floats of mean radiance per pixel. The pixels have the
+    /// format of [`Display::pixels`]. An image too large for one buffer passes through the GPU in parts.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`], [`GpuError::Lost`].
@@ -178,7 +174,13 @@ impl Display {
             u64::from(largest) * 16,
             wgpu::BufferUsages::STORAGE,
         )?;
-        let bound = display.bound(gpu, &buffer)?;
+        let bound = display.bound(
+            gpu,
+            &Part {
+                radiance: buffer.clone(),
+                pixels: largest,
+            },
+        )?;
         let upload = |part: &[f32], seed: u32| {
             let padded: Vec<[f32; 4]> = part
                 .chunks_exact(3)
@@ -188,7 +190,7 @@ impl Display {
                 .write_buffer(&buffer, 0, bytemuck::cast_slice(&padded));
             let part_settings = DisplaySettings { seed, ..*settings };
             let count = padded.len() as u32;
-            display.set_parameters(gpu, count, 1, &part_settings);
+            bound.set_parameters(gpu, 0, count, 1, &part_settings);
             count
         };
         match settings.exposure {
@@ -222,19 +224,6 @@ impl Display {
         Ok(pixels)
     }
 
-    fn set_parameters(&self, gpu: &Gpu, count: u32, samples: u32, settings: &DisplaySettings) {
-        let parameters = Parameters {
-            pixel_count: count,
-            scale: 1.0 / samples.max(1) as f32,
-            tone_map: settings.tone_map as u32,
-            white_point: settings.white_point.max(1e-3),
-            seed: settings.seed,
-            dither: settings.dither.into(),
-        };
-        gpu.queue
-            .write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
-    }
-
     fn set_exposure(&self, gpu: &Gpu, value: f32) {
         let finite = if value.is_nan() {
             0.0
@@ -246,62 +235,124 @@ impl Display {
     }
 
     /// Adds pixels to the histogram.
-    fn count(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance, count: u32) {
-        let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
+    fn count(&self, pass: &mut wgpu::ComputePass<'_>, part: &BoundPart, count: u32) {
+        let [radiance, own] = &part.exposure_groups;
         let invocations = count.div_ceil(PIXELS_PER_INVOCATION);
-        self.histogram.dispatch(pass, &groups, [invocations, 1, 1]);
+        self.histogram
+            .dispatch(pass, &[(1, radiance), (3, own)], [invocations, 1, 1]);
     }
 
     /// Turns the histogram into the exposure.
-    fn average(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance) {
-        let groups = [(1, &radiance.exposure_group), (3, &self.exposure_group)];
-        self.average.dispatch(pass, &groups, [1, 1, 1]);
+    fn average(&self, pass: &mut wgpu::ComputePass<'_>, part: &BoundPart) {
+        let [radiance, own] = &part.exposure_groups;
+        self.average
+            .dispatch(pass, &[(1, radiance), (3, own)], [1, 1, 1]);
     }
 
-    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, radiance: &Radiance, count: u32) {
-        let groups = [(1, &radiance.encode_group), (3, &self.encode_group)];
-        self.encode.dispatch(pass, &groups, [count, 1, 1]);
+    fn encode(&self, pass: &mut wgpu::ComputePass<'_>, part: &BoundPart, count: u32) {
+        let [radiance, own] = &part.encode_groups;
+        self.encode
+            .dispatch(pass, &[(1, radiance), (3, own)], [count, 1, 1]);
     }
 
-    /// The pixels of the last submitted frame: RGBA, 8 bits a channel, sRGB-encoded, alpha 255, row by row from the top.
+    /// The pixels of the last submitted frame: RGBA, 8 bits per channel, sRGB-encoded, alpha 255, in rows from top to
+    /// bottom.
     ///
     /// # Errors
-    /// As [`read_buffer`].
+    /// The errors of [`read_buffer`].
     pub fn pixels(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
-        read_buffer(gpu, &self.pixels, u64::from(self.pixel_count) * 4)
+        self.begin_pixels(gpu)?.wait()
     }
 
-    /// The exposure value (EV) of the last submitted frame: what was asked for, or what automatic exposure found.
+    /// The future of [`Display::pixels`].
     ///
     /// # Errors
-    /// As [`read_buffer`].
+    /// [`GpuError`].
+    pub fn begin_pixels(&self, gpu: &Gpu) -> Result<ReadBack<Vec<u8>>, GpuError> {
+        begin_read_buffer(gpu, &self.pixels, u64::from(self.pixel_count) * 4)
+    }
+
+    /// The exposure value (EV) of the last submitted frame: the manual value, or the result of automatic exposure.
+    ///
+    /// # Errors
+    /// The errors of [`read_buffer`].
     pub fn exposure_value(&self, gpu: &Gpu) -> Result<f32, GpuError> {
         let value: Vec<f32> = read_buffer(gpu, &self.exposure, size_of::<f32>() as u64)?;
         Ok(value[0])
     }
 
-    /// The bind groups of `buffer`: those of the last frame when it is the same.
-    fn bound(&self, gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Radiance, GpuError> {
-        let mut last = self.radiance.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bound) = last.as_ref().filter(|bound| bound.buffer == *buffer) {
+    /// What was bound for the part when it was displayed last, or is bound now.
+    fn bound(&self, gpu: &Gpu, part: &Part) -> Result<BoundPart, GpuError> {
+        let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bound) = parts.iter().find(|bound| bound.radiance == part.radiance) {
             return Ok(bound.clone());
         }
-        let needed = u64::from(self.pixel_count) * 16;
-        if buffer.size() < needed {
-            return Err(GpuError::Pass {
-                pass: "display.encode".into(),
-                reason: format!(
-                    "the radiance has {} bytes, {needed} are needed",
-                    buffer.size()
-                ),
-            });
+        let needed = u64::from(part.pixels) * 16;
+        if part.radiance.size() < needed {
+            let has = part.radiance.size();
+            return Err(mismatch(format!(
+                "the radiance has {has} bytes, {needed} are needed"
+            )));
         }
-        let resources = [("radiance", buffer.as_entire_binding())];
-        let bound = Radiance {
-            buffer: buffer.clone(),
-            exposure_group: self.histogram.bind(gpu, 1, &resources)?,
-            encode_group: self.encode.bind(gpu, 1, &resources)?,
+        let bytes = size_of::<Parameters>() as u64;
+        let parameters = gpu.buffer("display.parameters", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let radiance = [("radiance", part.radiance.as_entire_binding())];
+        let of_exposure = [
+            ("parameters", parameters.as_entire_binding()),
+            ("histogram_bins", self.histogram_bins.as_entire_binding()),
+            ("exposure", self.exposure.as_entire_binding()),
+        ];
+        let of_encode = [
+            ("parameters", parameters.as_entire_binding()),
+            ("exposure", self.exposure.as_entire_binding()),
+            ("pixels", self.pixels.as_entire_binding()),
+        ];
+        let bound = BoundPart {
+            exposure_groups: [
+                self.histogram.bind(gpu, 1, &radiance)?,
+                self.histogram.bind(gpu, 3, &of_exposure)?,
+            ],
+            encode_groups: [
+                self.encode.bind(gpu, 1, &radiance)?,
+                self.encode.bind(gpu, 3, &of_encode)?,
+            ],
+            radiance: part.radiance.clone(),
+            parameters,
         };
-        Ok(last.insert(bound).clone())
+        if parts.len() >= MOST_PARTS {
+            parts.remove(0);
+        }
+        parts.push(bound.clone());
+        Ok(bound)
+    }
+}
+
+impl BoundPart {
+    fn set_parameters(
+        &self,
+        gpu: &Gpu,
+        first_pixel: u32,
+        count: u32,
+        samples: u32,
+        settings: &DisplaySettings,
+    ) {
+        let parameters = Parameters {
+            pixel_count: count,
+            scale: 1.0 / samples.max(1) as f32,
+            tone_map: settings.tone_map as u32,
+            white_point: settings.white_point.max(1e-3),
+            seed: settings.seed,
+            dither: settings.dither.into(),
+            first_pixel,
+        };
+        gpu.queue
+            .write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+    }
+}
+
+fn mismatch(reason: String) -> GpuError {
+    GpuError::Pass {
+        pass: "display".into(),
+        reason,
     }
 }

@@ -1,28 +1,28 @@
-//! What a user may choose about the display.
+//! User settings of the display.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Operator that takes exposed radiance from 0 up to display values from 0 to 1.
+/// Operator that maps exposed radiance (0 and up) to display values from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[repr(u32)]
 pub enum ToneMap {
-    /// None: values above 1 are cut off.
+    /// No operator: values above 1 are clipped.
     None,
     /// Reinhard 2002 on luminance, with a white point.
     Reinhard,
-    /// The film industry's ACES, as fitted by Stephen Hill: contrast, strong highlights.
+    /// The film industry's ACES, as fitted by Stephen Hill: high contrast, strong highlights.
     Aces,
-    /// AgX by Troy Sobotka: soft, colours fade towards white as they grow bright.
+    /// AgX by Troy Sobotka: soft; bright colours fade towards white.
     AgX,
-    /// Khronos PBR Neutral. The default, because base colours come out as the scene's author chose them and as other
-    /// glTF viewers show them; only highlights are compressed.
+    /// Khronos PBR Neutral. This is the default because base colours appear as the scene's author chose them and as
+    /// other glTF viewers show them; only highlights are compressed.
     #[default]
     Neutral,
 }
 
 impl ToneMap {
-    /// Every operator.
+    /// All operators.
     pub const ALL: [Self; 5] = [
         Self::None,
         Self::Reinhard,
@@ -31,7 +31,7 @@ impl ToneMap {
         Self::Neutral,
     ];
 
-    /// Its name on the command line.
+    /// The operator's name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -60,12 +60,12 @@ impl FromStr for ToneMap {
     }
 }
 
-/// How bright a picture is shown: `2^EV` times its radiance.
+/// How bright an image is shown: at `2^EV` times its radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Exposure {
-    /// This exposure value: 0 maps radiance 1 to 1, each step up doubles. Limited to -100..100.
+    /// This exposure value (EV). 0 maps radiance 1 to 1, and each step up doubles the brightness. Limited to -100..100.
     Manual(f32),
-    /// The value that maps the picture's trimmed log-average luminance to middle grey, 0.18.
+    /// The value that maps the image's trimmed log-average luminance to middle grey, 0.18.
     #[default]
     Auto,
 }
@@ -94,10 +94,10 @@ impl FromStr for Exposure {
     }
 }
 
-/// A setting of the display that says nothing.
+/// An invalid display setting.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ParseError {
-    /// No such operator.
+    /// No tone map has this name.
     #[error("no tone map is named {0:?}; there are none, reinhard, aces, agx and neutral")]
     ToneMap(String),
     /// Neither a number nor `auto`.
@@ -105,18 +105,18 @@ pub enum ParseError {
     Exposure(String),
 }
 
-/// What a user may choose about the display.
+/// User settings of the display.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DisplaySettings {
-    /// How bright. Default: automatic.
+    /// Exposure. Default: automatic.
     pub exposure: Exposure,
-    /// Operator. Default: neutral.
+    /// Tone map. Default: neutral.
     pub tone_map: ToneMap,
     /// Exposed luminance that [`ToneMap::Reinhard`] maps to 1; the other operators ignore it. Default: 4.
     pub white_point: f32,
-    /// Whether noise of at most one step hides the steps between 8-bit values. Default: yes.
+    /// Whether to hide the steps between 8-bit values with noise of at most one step. Default: yes.
     pub dither: bool,
-    /// Seed of the dither: the same seed, the same noise.
+    /// Seed of the dither. The same seed produces the same noise.
     pub seed: u32,
 }
 

@@ -1,9 +1,17 @@
-//! The display on the GPU against formulas in double precision, and against what a picture must never show.
+//! Compares the display on the GPU with formulas in double precision, and checks what an image must never show.
 
 use super::*;
 use crate::gpu::AdapterChoice;
 
-/// The best adapter; none only where GPUGI_SKIP_GPU=1 allows it.
+/// An image in one part.
+fn part(radiance: &wgpu::Buffer, pixels: usize) -> Part {
+    Part {
+        radiance: radiance.clone(),
+        pixels: pixels as u32,
+    }
+}
+
+/// The best adapter. `None` only if GPUGI_SKIP_GPU=1 allows it.
 fn open() -> Option<Gpu> {
     match Gpu::open(&AdapterChoice::Best) {
         Ok(gpu) => Some(gpu),
@@ -12,7 +20,7 @@ fn open() -> Option<Gpu> {
     }
 }
 
-/// Opens the GPU, or leaves the test.
+/// Opens the GPU, or returns from the test.
 macro_rules! gpu {
     () => {
         match open() {
@@ -24,7 +32,7 @@ macro_rules! gpu {
 
 mod color;
 
-/// Pixels and exposure value of radiance summed over `samples` samples.
+/// Pixels and exposure value for radiance summed over `samples` samples.
 fn show_samples(
     gpu: &Gpu,
     radiance: &[[f32; 3]],
@@ -39,7 +47,12 @@ fn show_samples(
     let display = Display::new(gpu, [radiance.len() as u32, 1]).expect("it fits");
     let mut frame = Frame::new(gpu, false);
     display
-        .record(&mut frame, &buffer, samples, settings)
+        .record(
+            &mut frame,
+            &[part(&buffer, radiance.len())],
+            samples,
+            settings,
+        )
         .expect("the buffer fits");
     frame.submit().expect("the passes are valid");
     let pixels = display.pixels(gpu).expect("pixels can be read");
@@ -69,7 +82,7 @@ fn plain() -> DisplaySettings {
     }
 }
 
-/// What automatic exposure finds for an image.
+/// The result of automatic exposure for an image.
 fn automatic(gpu: &Gpu, radiance: &[[f32; 3]]) -> f32 {
     let settings = DisplaySettings {
         exposure: Exposure::Auto,
@@ -80,7 +93,7 @@ fn automatic(gpu: &Gpu, radiance: &[[f32; 3]]) -> f32 {
     exposure
 }
 
-/// The exposure value that takes this luminance to middle grey.
+/// The exposure value that maps this luminance to middle grey.
 fn to_middle_grey(luminance: f32) -> f32 {
     (0.18 / luminance).log2()
 }
@@ -92,7 +105,7 @@ fn assert_near(value: f64, expected: f64, tolerance: f64, what: impl std::fmt::D
     );
 }
 
-/// Black, greys, primaries and mixtures, from far below to far above what a display shows.
+/// Black, greys, primaries and mixtures, from far below to far above the display range.
 fn ramp() -> Vec<[f32; 3]> {
     let hues = [
         [1.0, 1.0, 1.0],
@@ -137,41 +150,7 @@ fn names_are_read_as_they_are_written() {
     }
 }
 
-#[test]
-fn parameters_are_laid_out_as_in_the_shaders() {
-    let expected = [
-        ("pixel_count", std::mem::offset_of!(Parameters, pixel_count)),
-        ("scale", std::mem::offset_of!(Parameters, scale)),
-        ("tone_map", std::mem::offset_of!(Parameters, tone_map)),
-        ("white_point", std::mem::offset_of!(Parameters, white_point)),
-        ("seed", std::mem::offset_of!(Parameters, seed)),
-        ("dither", std::mem::offset_of!(Parameters, dither)),
-    ];
-    for shader in [shader!("display.exposure"), shader!("display.encode")] {
-        let module = shader.parse().expect("the shader is valid");
-        let (_, variable) = module
-            .global_variables
-            .iter()
-            .find(|(_, variable)| variable.name.as_deref() == Some("parameters"))
-            .expect("the shader has parameters");
-        let naga::TypeInner::Struct { members, span } = &module.types[variable.ty].inner else {
-            panic!("parameters are no struct");
-        };
-        let found: Vec<_> = members
-            .iter()
-            .map(|member| {
-                (
-                    member.name.as_deref().unwrap_or_default(),
-                    member.offset as usize,
-                )
-            })
-            .collect();
-        assert_eq!(found, expected, "{}", shader.name);
-        assert_eq!(*span as usize, size_of::<Parameters>(), "{}", shader.name);
-    }
-}
-
-/// Averaged dither gives far finer values than one pixel's 8 bits.
+/// Averaging dithered pixels resolves far finer values than the 8 bits of one pixel.
 #[test]
 fn operators_match_their_twins() {
     const COPIES: usize = 4096;
@@ -338,7 +317,8 @@ fn background_and_outliers_do_not_rule_the_exposure() {
     );
 }
 
-/// A gradient, so that a pixel left out or counted twice shows; uneven, so that what is trimmed matters.
+/// The image is a gradient, so that an omitted or double-counted pixel shows. It is uneven, so that the trimmed part
+/// matters.
 #[test]
 fn automatic_exposure_is_the_trimmed_log_average() {
     let gpu = gpu!();
@@ -370,7 +350,7 @@ fn automatic_exposure_is_the_trimmed_log_average() {
 fn dither_is_unbiased_and_repeatable() {
     const COPIES: usize = 65_536;
     let gpu = gpu!();
-    // Encoded values, in steps of 8 bits; those near the ends are where noise could be clipped.
+    // Encoded values, in 8-bit steps. Noise could be clipped at those near the ends.
     let targets = [
         0.02_f64, 0.3, 0.5, 0.7, 1.0, 1.4, 2.5, 90.1, 127.5, 200.0, 201.3, 253.6, 254.2, 254.5,
         254.9,
@@ -479,7 +459,7 @@ fn wrong_radiance_never_spreads() {
     );
 }
 
-/// More workgroups than one axis of a dispatch holds.
+/// The image needs more workgroups than one axis of a dispatch holds.
 #[test]
 fn a_large_picture_is_shown_to_its_last_pixel() {
     let gpu = gpu!();
@@ -491,7 +471,7 @@ fn a_large_picture_is_shown_to_its_last_pixel() {
 #[test]
 fn a_picture_in_parts_is_the_picture() {
     let gpu = gpu!();
-    // Parts of different brightness, which share one exposure, and a last one that is not full.
+    // Parts of different brightness share one exposure; the last part is not full.
     let radiance = ramp();
     let floats: Vec<f32> = radiance.iter().flatten().copied().collect();
     let settings = DisplaySettings {
@@ -516,7 +496,7 @@ fn a_display_follows_its_input() {
         let radiance = gpu.storage("radiance", &[[value; 4]; 4]).expect("it fits");
         let mut frame = Frame::new(&gpu, false);
         display
-            .record(&mut frame, &radiance, 1, &plain())
+            .record(&mut frame, &[part(&radiance, 4)], 1, &plain())
             .expect("the buffer fits");
         frame.submit().expect("the passes are valid");
         assert_eq!(display.pixels(&gpu).expect("pixels can be read")[0], shown);
@@ -524,6 +504,11 @@ fn a_display_follows_its_input() {
     let short = gpu
         .storage("radiance", &[[0.0_f32; 4]; 3])
         .expect("it fits");
-    let error = display.record(&mut Frame::new(&gpu, false), &short, 1, &plain());
+    let error = display.record(
+        &mut Frame::new(&gpu, false),
+        &[part(&short, 4)],
+        1,
+        &plain(),
+    );
     assert!(error.is_err_and(|error| error.to_string().contains("48 bytes, 64 are needed")));
 }

@@ -1,8 +1,8 @@
-//! The display's formulas in double precision, written from their sources apart from the shaders.
+//! The display's formulas in double precision, written from their sources independently of the shaders.
 
 use super::ToneMap;
 
-/// Display value from 0 to 1, sRGB-encoded, of exposed linear radiance.
+/// sRGB-encoded display value, from 0 to 1, of exposed linear radiance.
 pub(super) fn encoded(operator: ToneMap, exposed: [f64; 3], white_point: f64) -> [f64; 3] {
     let display = match operator {
         ToneMap::None => exposed,
@@ -102,7 +102,7 @@ fn neutral([r, g, b]: [f64; 3]) -> [f64; 3] {
     base.map(|channel| channel * compressed / peak * hue_share + compressed * (1.0 - hue_share))
 }
 
-/// Product of a matrix, given by rows, with a column.
+/// Multiplies a matrix, given by rows, by a column vector.
 fn transform(rows: [[f64; 3]; 3], column: [f64; 3]) -> [f64; 3] {
     rows.map(|row| row[0] * column[0] + row[1] * column[1] + row[2] * column[2])
 }

@@ -47,6 +47,12 @@ pub enum GpuError {
         /// Adapter name.
         adapter: String,
     },
+    /// The scene holds something that no light can be computed from.
+    #[error("{what}")]
+    Input {
+        /// What, and where.
+        what: String,
+    },
     /// The GPU API refused a pass: a defect of gpugi.
     #[error("{pass}: {reason}")]
     Pass {
@@ -58,6 +64,11 @@ pub enum GpuError {
 }
 
 impl GpuError {
+    /// The API's `error`, whose text names the labels of what it is about.
+    pub(super) fn uncaptured(error: &wgpu::Error) -> Self {
+        Self::in_pass("the GPU refused a command", error)
+    }
+
     /// The API's `error`, seen in `pass`.
     pub(super) fn in_pass(pass: &str, error: &wgpu::Error) -> Self {
         match error {

@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use super::{Gpu, GpuError, read_buffer};
+use super::read_back::{ReadBack, record_buffer};
+use super::{Gpu, GpuError, Quad};
 
 /// Time that one pass took on the GPU.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -167,6 +168,17 @@ impl<'a> Frame<'a> {
         record(&mut pass)
     }
 
+    /// Records a pass that fills `target` by one triangle; it is not timed.
+    pub(crate) fn draw_quad(
+        &mut self,
+        name: &str,
+        quad: &Quad,
+        group: &wgpu::BindGroup,
+        target: &wgpu::TextureView,
+    ) {
+        quad.draw(&mut self.encoder, name, group, target);
+    }
+
     /// Fills a buffer with zeros.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
         self.encoder.clear_buffer(buffer, 0, None);
@@ -212,51 +224,96 @@ impl<'a> Frame<'a> {
             .copy_texture_to_texture(at(from), at(to), extent);
     }
 
-    /// Hands what is recorded so far to the GPU, so that it can be read back, and goes on.
+    /// Copies a buffer's first `size` bytes to the host as they are at this point of the frame; the data arrives some time after the frame is submitted.
     ///
     /// # Errors
-    /// As [`Frame::submit`].
-    pub fn flush(&mut self) -> Result<(), GpuError> {
-        let gpu = self.gpu;
-        gpu.scoped("frame", || {
-            let done = std::mem::replace(&mut self.encoder, encoder(gpu));
-            gpu.queue.submit([done.finish()]);
-            Ok(())
-        })
+    /// [`GpuError::OutOfMemory`].
+    pub fn read_back<T: bytemuck::Pod>(
+        &mut self,
+        buffer: &wgpu::Buffer,
+        size: u64,
+    ) -> Result<ReadBack<Vec<T>>, GpuError> {
+        record_buffer(self.gpu, &mut self.encoder, buffer, size)
     }
 
-    /// Hands the frame to the GPU. Returns the passes' times when the frame was timed (and then waits for them).
+    /// Hands the frame to the GPU without waiting for it. Returns the times that its passes will have taken, if the frame is timed.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when a pass is invalid (the message names its pipeline), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
-    pub fn submit(mut self) -> Result<Vec<Timing>, GpuError> {
+    pub fn submit(mut self) -> Result<Timings, GpuError> {
         let gpu = self.gpu;
         let count = self.passes.len() as u32;
-        let Some(queries) = self.queries.filter(|_| count > 0) else {
-            gpu.scoped("frame", || {
-                gpu.queue.submit([self.encoder.finish()]);
-                Ok(())
-            })?;
-            return Ok(Vec::new());
-        };
-        let size = u64::from(count) * 16;
-        let resolved = gpu.buffer("pass timings", size, wgpu::BufferUsages::QUERY_RESOLVE)?;
-        self.encoder
-            .resolve_query_set(&queries, 0..count * 2, &resolved, 0);
-        gpu.scoped("frame", || {
-            gpu.queue.submit([self.encoder.finish()]);
-            Ok(())
-        })?;
-        let ticks: Vec<u64> = read_buffer(gpu, &resolved, size)?;
-        let period = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
-        Ok(self
-            .passes
-            .into_iter()
-            .zip(ticks.chunks(2))
-            .map(|(pass, ticks)| Timing {
-                pass,
-                milliseconds: ticks[1].saturating_sub(ticks[0]) as f64 * period,
-            })
-            .collect())
+        let mut timings = Timings::default();
+        if let Some(queries) = self.queries.filter(|_| count > 0) {
+            let size = u64::from(count) * 16;
+            let resolved = gpu.buffer("pass timings", size, wgpu::BufferUsages::QUERY_RESOLVE)?;
+            self.encoder
+                .resolve_query_set(&queries, 0..count * 2, &resolved, 0);
+            timings.frames.push(TimedFrame {
+                ticks: record_buffer(gpu, &mut self.encoder, &resolved, size)?,
+                period: f64::from(gpu.queue.get_timestamp_period()) * 1e-6,
+                passes: self.passes,
+            });
+        }
+        gpu.queue.submit([self.encoder.finish()]);
+        gpu.check()?;
+        Ok(timings)
+    }
+}
+
+/// Times that the passes of frames take on the GPU, on their way to the host. Empty for frames that are not timed.
+#[derive(Debug, Default)]
+pub struct Timings {
+    frames: Vec<TimedFrame>,
+}
+
+#[derive(Debug)]
+struct TimedFrame {
+    ticks: ReadBack<Vec<u64>>,
+    /// Milliseconds per tick.
+    period: f64,
+    passes: Vec<String>,
+}
+
+impl TimedFrame {
+    fn times(self, ticks: &[u64]) -> impl Iterator<Item = Timing> {
+        let milliseconds = ticks
+            .chunks(2)
+            .map(|ticks| ticks[1].saturating_sub(ticks[0]) as f64 * self.period);
+        let milliseconds: Vec<f64> = milliseconds.collect();
+        let passes = self.passes.into_iter().zip(milliseconds);
+        passes.map(|(pass, milliseconds)| Timing { pass, milliseconds })
+    }
+}
+
+impl Timings {
+    /// These, then those of a later frame.
+    pub fn then(mut self, later: Self) -> Self {
+        self.frames.extend(later.frames);
+        self
+    }
+
+    /// The times, when they have arrived.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`].
+    pub async fn arrival(self) -> Result<Vec<Timing>, GpuError> {
+        let mut all = Vec::new();
+        for mut frame in self.frames {
+            let ticks = (&mut frame.ticks).await?;
+            all.extend(frame.times(&ticks));
+        }
+        Ok(all)
+    }
+
+    /// Blocks until the times have arrived.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`].
+    pub fn wait(self) -> Result<Vec<Timing>, GpuError> {
+        if let Some(frame) = self.frames.first() {
+            frame.ticks.gpu().wait()?;
+        }
+        pollster::block_on(self.arrival())
     }
 }

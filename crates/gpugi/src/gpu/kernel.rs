@@ -1,5 +1,9 @@
 //! Pipelines whose bind-group layouts come from shader reflection, so that a pass is a few lines of host code.
 
+#[cfg(not(target_arch = "wasm32"))]
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, OnceLock};
+
 use super::shader::{BindingKind, Declared, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
@@ -11,7 +15,6 @@ pub(super) struct Interface {
     /// Layout of each group; group 0 is the scene's when the pipeline has one.
     layouts: Vec<Option<wgpu::BindGroupLayout>>,
     pub(super) pipeline_layout: wgpu::PipelineLayout,
-    pub(super) module: wgpu::ShaderModule,
 }
 
 impl Interface {
@@ -20,7 +23,6 @@ impl Interface {
         shader: &Shader,
         visibility: wgpu::ShaderStages,
         scene: Option<&wgpu::BindGroupLayout>,
-        unchecked: bool,
     ) -> Result<(Self, naga::Module), GpuError> {
         let source = gpu.source_of(shader);
         let reflection = shader.parse_as(&source)?;
@@ -64,26 +66,11 @@ impl Interface {
                 bind_group_layouts: &references,
                 immediate_size: 0,
             });
-        let descriptor = wgpu::ShaderModuleDescriptor {
-            label: Some(shader.name),
-            source: wgpu::ShaderSource::Wgsl(source),
-        };
-        let module = if unchecked {
-            // SAFETY: see `KernelOptions::unchecked`, which obliges whoever sets it.
-            #[allow(unsafe_code)]
-            unsafe {
-                let checks = wgpu::ShaderRuntimeChecks::unchecked();
-                gpu.device.create_shader_module_trusted(descriptor, checks)
-            }
-        } else {
-            gpu.device.create_shader_module(descriptor)
-        };
         let interface = Self {
             name: shader.name.to_owned(),
             declared,
             layouts,
             pipeline_layout,
-            module,
         };
         Ok((interface, reflection))
     }
@@ -125,13 +112,59 @@ impl Interface {
                 entries.len()
             )));
         }
-        gpu.scoped(&self.name, || {
-            Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(&self.name),
-                layout,
-                entries: &entries,
-            }))
-        })
+        Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(&self.name),
+            layout,
+            entries: &entries,
+        }))
+    }
+}
+
+/// A shader's module as this adapter gets it.
+pub(super) fn shader_module(gpu: &Gpu, shader: &Shader, unchecked: bool) -> wgpu::ShaderModule {
+    let descriptor = wgpu::ShaderModuleDescriptor {
+        label: Some(shader.name),
+        source: wgpu::ShaderSource::Wgsl(gpu.source_of(shader)),
+    };
+    if unchecked {
+        // SAFETY: see `KernelOptions::unchecked`, which obliges whoever sets it.
+        #[allow(unsafe_code)]
+        unsafe {
+            let checks = wgpu::ShaderRuntimeChecks::unchecked();
+            gpu.device.create_shader_module_trusted(descriptor, checks)
+        }
+    } else {
+        gpu.device.create_shader_module(descriptor)
+    }
+}
+
+/// A pipeline that compiles beside whatever else happens: on a thread of its own, or in the browser's own process. The first use waits for it.
+#[derive(Debug, Clone)]
+struct Lazy<P>(Arc<OnceLock<P>>);
+
+impl<P: Send + Sync + 'static> Lazy<P> {
+    fn compile(gpu: &Gpu, create: impl FnOnce() -> P + Send + 'static) -> Self {
+        let cell = Arc::new(OnceLock::new());
+        #[cfg(target_arch = "wasm32")]
+        let _ = (gpu, cell.set(create()));
+        #[cfg(not(target_arch = "wasm32"))]
+        {
+            let (job, compiling) = (cell.clone(), gpu.compiling.clone());
+            compiling.fetch_add(1, Ordering::Relaxed);
+            rayon::spawn(move || {
+                // A panic in the driver's compiler must not leave waiters behind: rayon aborts the process then.
+                let _ = job.set(create());
+                compiling.fetch_sub(1, Ordering::Relaxed);
+            });
+        }
+        Self(cell)
+    }
+
+    fn get(&self) -> &P {
+        #[cfg(target_arch = "wasm32")]
+        return self.0.get().expect("set when it was made");
+        #[cfg(not(target_arch = "wasm32"))]
+        self.0.wait()
     }
 }
 
@@ -149,7 +182,7 @@ pub struct KernelOptions<'a> {
 #[derive(Debug, Clone)]
 pub struct Kernel {
     interface: Interface,
-    pipeline: wgpu::ComputePipeline,
+    pipeline: Lazy<wgpu::ComputePipeline>,
     workgroup_size: [u32; 3],
 }
 
@@ -179,51 +212,46 @@ impl Kernel {
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
         let label = format!("{}.{entry}", shader.name);
-        gpu.scoped(&label, || {
-            let (interface, reflection) = Interface::new(
-                gpu,
-                shader,
-                wgpu::ShaderStages::COMPUTE,
-                scene,
-                options.unchecked,
-            )?;
-            let workgroup_size = reflection
-                .entry_points
-                .iter()
-                .find(|point| point.name == entry)
-                .ok_or_else(|| GpuError::Pass {
-                    pass: label.clone(),
-                    reason: "there is no such entry point".into(),
-                })?
-                .workgroup_size;
-            let constants = linked_constants(&reflection, options.constants).map_err(|reason| {
-                GpuError::Pass {
-                    pass: label.clone(),
-                    reason,
-                }
-            })?;
-            let constants: Vec<_> = constants
-                .iter()
-                .map(|(name, value)| (name.as_str(), *value))
-                .collect();
-            let pipeline = gpu
-                .device
-                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                    label: Some(&label),
-                    layout: Some(&interface.pipeline_layout),
-                    module: &interface.module,
-                    entry_point: Some(entry),
-                    compilation_options: wgpu::PipelineCompilationOptions {
-                        constants: &constants,
-                        ..Default::default()
-                    },
-                    cache: None,
-                });
-            Ok(Self {
-                interface,
-                pipeline,
-                workgroup_size,
-            })
+        let stages = wgpu::ShaderStages::COMPUTE;
+        let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
+        let fail = |reason: String| GpuError::Pass {
+            pass: label.clone(),
+            reason,
+        };
+        let point = reflection
+            .entry_points
+            .iter()
+            .find(|point| point.name == entry);
+        let workgroup_size = point
+            .ok_or_else(|| fail("there is no such entry point".into()))?
+            .workgroup_size;
+        let constants = linked_constants(&reflection, options.constants).map_err(fail)?;
+        let pipeline = Lazy::compile(gpu, {
+            let (gpu, shader, unchecked) = (gpu.clone(), shader.clone(), options.unchecked);
+            let (layout, entry) = (interface.pipeline_layout.clone(), entry.to_owned());
+            move || {
+                let constants: Vec<_> = constants
+                    .iter()
+                    .map(|(name, value)| (name.as_str(), *value))
+                    .collect();
+                gpu.device
+                    .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                        label: Some(&label),
+                        layout: Some(&layout),
+                        module: &shader_module(&gpu, &shader, unchecked),
+                        entry_point: Some(&entry),
+                        compilation_options: wgpu::PipelineCompilationOptions {
+                            constants: &constants,
+                            ..Default::default()
+                        },
+                        cache: None,
+                    })
+            }
+        });
+        Ok(Self {
+            interface,
+            pipeline,
+            workgroup_size,
         })
     }
 
@@ -272,7 +300,7 @@ impl Kernel {
     }
 
     fn set(&self, pass: &mut wgpu::ComputePass<'_>, groups: &[(u32, &wgpu::BindGroup)]) {
-        pass.set_pipeline(&self.pipeline);
+        pass.set_pipeline(self.pipeline.get());
         for (index, group) in groups {
             pass.set_bind_group(*index, *group, &[]);
         }
@@ -319,7 +347,7 @@ pub struct RasterState<'a> {
 #[derive(Debug, Clone)]
 pub struct RasterKernel {
     interface: Interface,
-    pipeline: wgpu::RenderPipeline,
+    pipeline: Lazy<wgpu::RenderPipeline>,
 }
 
 impl RasterKernel {
@@ -336,69 +364,76 @@ impl RasterKernel {
         scene: Option<&wgpu::BindGroupLayout>,
         state: &RasterState<'_>,
     ) -> Result<Self, GpuError> {
-        gpu.scoped(shader.name, || {
-            let (interface, _) = Interface::new(
-                gpu,
-                shader,
-                wgpu::ShaderStages::VERTEX_FRAGMENT,
-                scene,
-                false,
-            )?;
-            let targets: Vec<_> = state
-                .colors
-                .iter()
-                .map(|&format| Some(format.into()))
-                .collect();
-            let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
-            let vertices = [Some(wgpu::VertexBufferLayout {
-                array_stride: Self::VERTEX_STRIDE,
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes: &attributes,
-            })];
-            let pipeline = gpu
-                .device
-                .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                    label: Some(shader.name),
-                    layout: Some(&interface.pipeline_layout),
-                    vertex: wgpu::VertexState {
-                        module: &interface.module,
-                        entry_point: Some("vertex"),
-                        compilation_options: Default::default(),
-                        buffers: if state.has_vertices { &vertices } else { &[] },
-                    },
-                    primitive: wgpu::PrimitiveState {
-                        cull_mode: state.cull,
-                        ..Default::default()
-                    },
-                    depth_stencil: Some(wgpu::DepthStencilState {
-                        format: wgpu::TextureFormat::Depth32Float,
-                        depth_write_enabled: Some(state.has_depth),
-                        depth_compare: Some(if state.has_depth {
-                            wgpu::CompareFunction::Greater
-                        } else {
-                            wgpu::CompareFunction::Always
-                        }),
-                        stencil: Default::default(),
-                        bias: wgpu::DepthBiasState {
-                            constant: 0,
-                            slope_scale: -state.slope_bias,
-                            clamp: 0.0,
+        let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
+        let (interface, _) = Interface::new(gpu, shader, stages, scene)?;
+        let pipeline = Lazy::compile(gpu, {
+            let (gpu, shader, layout) = (
+                gpu.clone(),
+                shader.clone(),
+                interface.pipeline_layout.clone(),
+            );
+            let (state, colors) = (*state, state.colors.to_vec());
+            let RasterState {
+                cull,
+                slope_bias,
+                has_vertices,
+                has_fragment,
+                has_depth,
+                ..
+            } = state;
+            move || {
+                let module = shader_module(&gpu, &shader, false);
+                let targets: Vec<_> = colors.iter().map(|&format| Some(format.into())).collect();
+                let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
+                let vertices = [Some(wgpu::VertexBufferLayout {
+                    array_stride: Self::VERTEX_STRIDE,
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &attributes,
+                })];
+                gpu.device
+                    .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                        label: Some(shader.name),
+                        layout: Some(&layout),
+                        vertex: wgpu::VertexState {
+                            module: &module,
+                            entry_point: Some("vertex"),
+                            compilation_options: Default::default(),
+                            buffers: if has_vertices { &vertices } else { &[] },
                         },
-                    }),
-                    multisample: Default::default(),
-                    fragment: state.has_fragment.then(|| wgpu::FragmentState {
-                        module: &interface.module,
-                        entry_point: Some("fragment"),
-                        compilation_options: Default::default(),
-                        targets: &targets,
-                    }),
-                    multiview_mask: None,
-                    cache: None,
-                });
-            Ok(Self {
-                interface,
-                pipeline,
-            })
+                        primitive: wgpu::PrimitiveState {
+                            cull_mode: cull,
+                            ..Default::default()
+                        },
+                        depth_stencil: Some(wgpu::DepthStencilState {
+                            format: wgpu::TextureFormat::Depth32Float,
+                            depth_write_enabled: Some(has_depth),
+                            depth_compare: Some(if has_depth {
+                                wgpu::CompareFunction::Greater
+                            } else {
+                                wgpu::CompareFunction::Always
+                            }),
+                            stencil: Default::default(),
+                            bias: wgpu::DepthBiasState {
+                                constant: 0,
+                                slope_scale: -slope_bias,
+                                clamp: 0.0,
+                            },
+                        }),
+                        multisample: Default::default(),
+                        fragment: has_fragment.then(|| wgpu::FragmentState {
+                            module: &module,
+                            entry_point: Some("fragment"),
+                            compilation_options: Default::default(),
+                            targets: &targets,
+                        }),
+                        multiview_mask: None,
+                        cache: None,
+                    })
+            }
+        });
+        Ok(Self {
+            interface,
+            pipeline,
         })
     }
 
@@ -417,7 +452,7 @@ impl RasterKernel {
 
     /// Makes this the pipeline of `pass`.
     pub fn set(&self, pass: &mut wgpu::RenderPass<'_>) {
-        pass.set_pipeline(&self.pipeline);
+        pass.set_pipeline(self.pipeline.get());
     }
 }
 
@@ -434,12 +469,10 @@ pub(crate) fn scene_layout(gpu: &Gpu, shader: &Shader) -> Result<wgpu::BindGroup
             count: None,
         })
         .collect();
-    gpu.scoped(shader.name, || {
-        Ok(gpu
-            .device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some("scene"),
-                entries: &entries,
-            }))
-    })
+    Ok(gpu
+        .device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("scene"),
+            entries: &entries,
+        }))
 }

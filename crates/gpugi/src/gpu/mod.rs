@@ -2,27 +2,30 @@
 
 mod adapter;
 mod blit;
-mod buffer;
 mod error;
 mod frame;
 mod kernel;
+mod quad;
+mod read_back;
 mod shader;
 #[cfg(test)]
 mod tests;
 
 pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
-pub use buffer::{read_buffer, read_texture};
 pub use error::GpuError;
-pub use frame::{Frame, Keeps, Timing};
+pub use frame::{Frame, Keeps, Timing, Timings};
 pub(crate) use kernel::scene_layout;
 pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
+pub(crate) use quad::Quad;
+pub(crate) use read_back::begin_read_part;
+pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
 pub use shader::{BindingKind, Shader, all_shaders};
-pub use wgpu::{PollType, TextureAspect};
+pub use wgpu::TextureAspect;
 
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Mesa's software adapter compiles a copy of a shader for the values in its uniform buffers that decide branches, whenever these change, and forgets
 /// to free it: 100 MB a second. Storage buffers are left alone.
@@ -41,8 +44,21 @@ pub struct Gpu {
     pub has_timestamps: bool,
     /// Whether shaders read uniform buffers as storage.
     uniforms_are_storage: bool,
+    limits: wgpu::Limits,
+    faults: Arc<Mutex<Faults>>,
+    /// Pipelines that are being compiled.
+    compiling: Arc<AtomicUsize>,
+    /// Bytes.
     uploaded: Arc<AtomicU64>,
-    lost: Arc<Mutex<Option<String>>>,
+}
+
+/// What the GPU API reported outside of any call that could return it.
+#[derive(Debug, Default)]
+struct Faults {
+    /// Why the device was lost: for good.
+    lost: Option<String>,
+    /// The first error since [`Gpu::check`] was last asked; later ones mostly follow from it.
+    error: Option<GpuError>,
 }
 
 impl Gpu {
@@ -61,21 +77,7 @@ impl Gpu {
     pub async fn open_async(choice: &AdapterChoice) -> Result<Self, GpuError> {
         let adapter = adapter::choose(choice).await?;
         let summary = AdapterSummary::of(&adapter);
-        let available = adapter.limits();
-        // WebGPU's defaults, but let buffers be as large as the adapter allows: scenes decide what they need.
-        let defaults = wgpu::Limits::default();
         let uniforms_are_storage = summary.name.starts_with(UNIFORM_INLINER);
-        let required_limits = wgpu::Limits {
-            max_storage_buffers_per_shader_stage: if uniforms_are_storage {
-                defaults.max_storage_buffers_per_shader_stage
-                    + defaults.max_uniform_buffers_per_shader_stage
-            } else {
-                defaults.max_storage_buffers_per_shader_stage
-            },
-            max_buffer_size: available.max_buffer_size,
-            max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
-            ..defaults
-        };
         let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
@@ -85,7 +87,7 @@ impl Gpu {
                 } else {
                     wgpu::Features::empty()
                 },
-                required_limits,
+                required_limits: Self::required_limits(&adapter),
                 ..Default::default()
             })
             .await
@@ -93,55 +95,122 @@ impl Gpu {
                 adapter: summary.name.clone(),
                 reason: error.to_string(),
             })?;
-        let lost = Arc::new(Mutex::new(None));
-        let record = lost.clone();
-        device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed
-                && let Ok(mut lost) = record.lock()
-            {
-                *lost = Some(format!("{reason:?}: {message}"));
-            }
-        });
-        Ok(Self {
+        Ok(Self::of(
             device,
             queue,
-            adapter: summary,
+            summary,
             has_timestamps,
             uniforms_are_storage,
+        ))
+    }
+
+    /// Shares the device and queue of an engine. The device needs WebGPU's default limits, on Mesa's software adapter also 12 more storage buffers per
+    /// shader stage ([`Gpu::required_limits`]); with [`wgpu::Features::TIMESTAMP_QUERY`] passes can be timed. gpugi takes over the device's
+    /// handlers of uncaptured errors and of loss; an engine that wants its own sets them afterwards and gets gpugi's errors, too.
+    pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let summary = AdapterSummary::of(adapter);
+        let has_timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let uniforms_are_storage = summary.name.starts_with(UNIFORM_INLINER);
+        Self::of(device, queue, summary, has_timestamps, uniforms_are_storage)
+    }
+
+    /// The limits that [`Gpu::from_device`] expects of a device of `adapter`.
+    pub fn required_limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
+        let available = adapter.limits();
+        // WebGPU's defaults, but let buffers be as large as the adapter allows: scenes decide what they need.
+        let defaults = wgpu::Limits::default();
+        let extra = if adapter.get_info().name.starts_with(UNIFORM_INLINER) {
+            defaults.max_uniform_buffers_per_shader_stage
+        } else {
+            0
+        };
+        wgpu::Limits {
+            max_storage_buffers_per_shader_stage: defaults.max_storage_buffers_per_shader_stage
+                + extra,
+            max_buffer_size: available.max_buffer_size,
+            max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
+            ..defaults
+        }
+    }
+
+    fn of(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        adapter: AdapterSummary,
+        has_timestamps: bool,
+        uniforms_are_storage: bool,
+    ) -> Self {
+        let faults = Arc::new(Mutex::new(Faults::default()));
+        let record = faults.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+                faults.lost = Some(format!("{reason:?}: {message}"));
+            }
+        });
+        let record = faults.clone();
+        device.on_uncaptured_error(Arc::new(move |error| {
+            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+            faults.error.get_or_insert(GpuError::uncaptured(&error));
+        }));
+        Self {
+            limits: device.limits(),
+            device,
+            queue,
+            adapter,
+            has_timestamps,
+            uniforms_are_storage,
+            faults,
+            compiling: Arc::default(),
             uploaded: Arc::default(),
-            lost,
-        })
+        }
     }
 
     /// A shader as this adapter gets it.
-    fn source_of(&self, shader: &Shader) -> Cow<'static, str> {
+    fn source_of<'a>(&self, shader: &'a Shader) -> Cow<'a, str> {
         if self.uniforms_are_storage {
             Cow::Owned(shader.source.replace("var<uniform>", "var<storage, read>"))
         } else {
-            Cow::Borrowed(shader.source)
+            Cow::Borrowed(&shader.source)
         }
     }
 
-    /// Runs `work` inside error scopes; an error that the GPU API reports for it becomes one that names `pass`.
+    /// Runs `create`, which allocates memory on the GPU, and returns its own error: out of memory belongs to the call that asked for it. In a browser,
+    /// which never blocks, such an error arrives at the next [`Gpu::check`].
     ///
     /// # Errors
-    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`], or what `work` returns.
-    pub fn scoped<T>(
+    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`] that names `what`.
+    pub(crate) fn allocate<T>(
         &self,
-        pass: &str,
-        work: impl FnOnce() -> Result<T, GpuError>,
+        what: &str,
+        create: impl FnOnce() -> T,
     ) -> Result<T, GpuError> {
         self.check_lost()?;
+        if cfg!(target_arch = "wasm32") {
+            return Ok(create());
+        }
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
-        let result = work();
+        let created = create();
+        // Natively these are ready: nothing waits for the GPU.
         let errors = [internal.pop(), memory.pop(), validation.pop()].map(pollster::block_on);
         self.check_lost()?;
         match errors.into_iter().flatten().next() {
-            Some(error) => Err(GpuError::in_pass(pass, &error)),
-            None => result,
+            Some(error) => Err(GpuError::in_pass(what, &error)),
+            None => Ok(created),
         }
+    }
+
+    /// Reports, once, the first error since it was last asked that no call could return: invalid pipelines, bind groups and passes, by their labels.
+    /// [`Frame::submit`] asks; whoever submits commands without a frame asks afterwards.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
+    pub fn check(&self) -> Result<(), GpuError> {
+        self.check_lost()?;
+        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        faults.error.take().map_or(Ok(()), Err)
     }
 
     /// Whether the device still works.
@@ -149,10 +218,35 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::Lost`] when it does not.
     pub fn check_lost(&self) -> Result<(), GpuError> {
-        match self.lost.lock().ok().and_then(|lost| lost.clone()) {
-            Some(reason) => Err(GpuError::Lost { reason }),
+        let faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        match &faults.lost {
+            Some(reason) => Err(GpuError::Lost {
+                reason: reason.clone(),
+            }),
             None => Ok(()),
         }
+    }
+
+    /// Blocks until the GPU has run everything that was submitted. Not for browsers, which never block.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn wait(&self) -> Result<(), GpuError> {
+        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        waited.map(|_| ()).map_err(|error| GpuError::Lost {
+            reason: error.to_string(),
+        })
+    }
+
+    /// Whether pipelines are still being compiled. Passes that use one wait for it.
+    pub fn is_compiling(&self) -> bool {
+        self.compiling.load(Ordering::Relaxed) > 0
+    }
+
+    /// Limits of the device.
+    pub fn limits(&self) -> &wgpu::Limits {
+        &self.limits
     }
 
     /// A buffer of `size` bytes (at least 16), zero-filled. `usage` is completed with COPY_DST and COPY_SRC.
@@ -170,7 +264,7 @@ impl Gpu {
         } else {
             usage
         };
-        let limits = self.device.limits();
+        let limits = &self.limits;
         let limit = if usage.contains(wgpu::BufferUsages::STORAGE) {
             limits
                 .max_buffer_size
@@ -187,13 +281,13 @@ impl Gpu {
                 adapter: self.adapter.name.clone(),
             });
         }
-        self.scoped(label, || {
-            Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+        self.allocate(label, || {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size,
                 usage: usage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
                 mapped_at_creation: false,
-            }))
+            })
         })
     }
 
@@ -290,7 +384,7 @@ impl Gpu {
         &self,
         descriptor: &wgpu::TextureDescriptor<'_>,
     ) -> Result<wgpu::Texture, GpuError> {
-        let limits = self.device.limits();
+        let limits = &self.limits;
         let side = descriptor.size.width.max(descriptor.size.height);
         let layers = descriptor.size.depth_or_array_layers;
         let label = descriptor.label.unwrap_or("texture");
@@ -307,6 +401,6 @@ impl Gpu {
                 });
             }
         }
-        self.scoped(label, || Ok(self.device.create_texture(descriptor)))
+        self.allocate(label, || self.device.create_texture(descriptor))
     }
 }

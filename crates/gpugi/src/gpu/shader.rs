@@ -1,14 +1,16 @@
 //! Linked shaders and what naga's reflection says of them.
 
+use std::borrow::Cow;
+
 use super::GpuError;
 
 /// A linked WGSL module. Made by [`shader!`](crate::shader).
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Shader {
     /// Dotted module path below `src`, such as `techniques.shadow_map.gather`.
     pub name: &'static str,
     /// Linked WGSL.
-    pub source: &'static str,
+    pub source: Cow<'static, str>,
 }
 
 /// The linked shader of a module: `shader!("techniques.shadow_map.gather")`.
@@ -17,7 +19,12 @@ macro_rules! shader {
     ($name:literal) => {
         $crate::gpu::Shader {
             name: $name,
-            source: include_str!(concat!(env!("OUT_DIR"), "/", $name, ".wgsl")),
+            source: std::borrow::Cow::Borrowed(include_str!(concat!(
+                env!("OUT_DIR"),
+                "/",
+                $name,
+                ".wgsl"
+            ))),
         }
     };
 }
@@ -69,12 +76,21 @@ pub enum BindingKind {
 }
 
 impl Shader {
+    /// The shader of a gather of another crate: `body`, which has the entry point `main`, behind gpugi's library (techniques/library.wesl).
+    pub fn gather(name: &'static str, body: &str) -> Self {
+        let library = include_str!(concat!(env!("OUT_DIR"), "/techniques.library.wgsl"));
+        Self {
+            name,
+            source: Cow::Owned(format!("{library}\n{body}")),
+        }
+    }
+
     /// Parses and validates.
     ///
     /// # Errors
     /// [`GpuError::Pass`] with the compiler's message.
     pub fn parse(&self) -> Result<naga::Module, GpuError> {
-        self.parse_as(self.source)
+        self.parse_as(&self.source)
     }
 
     /// As [`Shader::parse`], of the source as an adapter gets it.

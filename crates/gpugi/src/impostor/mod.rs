@@ -1,7 +1,8 @@
-//! The maps around objects that distance impostors and caustics follow rays in: how far an object's surroundings are in every direction
-//! from a reference point, and, where light passes through the object, its own shape seen from its middle (tutorial sections 5.1 and 5.3).
+//! The maps around objects in which distance impostors and caustics trace rays: how far an object's surroundings are in
+//! every direction from a reference point, and, where light passes through the object, its own shape seen from its
+//! centre (tutorial sections 5.1 and 5.3).
 //!
-//! Techniques that ask for the same maps get the same; each adds what it needs for itself, such as their radiance.
+//! Techniques that request the same maps share them; each adds what only it needs, such as the maps' radiance.
 
 pub(crate) mod gpu;
 mod renewal;
@@ -24,23 +25,23 @@ use crate::shader;
 use renewal::{Begun, Due, Made};
 use shape::Shaped;
 
-/// The nearest that a cube sees, as a part of the scene's diagonal.
+/// Near distance of cubes, as a fraction of the scene's diagonal.
 const NEAR: f32 = 1e-4;
 
-/// Which maps are wanted.
+/// Which maps a technique requests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
-    /// Number of the instance.
+    /// Index of the instance.
     pub instance: u32,
     /// Side of the faces of the surroundings' cube (texels), a power of two.
     pub side: u32,
-    /// The same of its own shape's, if light passes through it.
+    /// The same for the cube of the object's own shape, if light passes through the object.
     pub shape_side: Option<u32>,
-    /// Where the cube is captured from (m): the object's middle if not said.
+    /// Where the cube is captured from (m); `None`: from the object's centre.
     pub reference: Option<Vec3>,
-    /// 1, or 2: also what the reference point would see if what is nearest were not there.
+    /// Layers: 1, or 2 to also capture what the reference point would see if the nearest surfaces were not there.
     pub layers: u32,
-    /// When they are renewed.
+    /// When the maps are renewed.
     pub renewal: Renewal,
 }
 
@@ -49,28 +50,28 @@ pub struct Wanted {
 pub struct Maps {
     /// Where the surroundings were captured from (m).
     pub reference: Vec3,
-    /// The object's middle (m).
+    /// The object's centre (m).
     pub center: Vec3,
-    /// How the object turned since its shape was captured.
+    /// Rotation of the object since its shape was captured.
     pub world_from_shape: Quat,
-    /// What the reference point sees: six faces below each other.
+    /// What the reference point sees: six faces, stacked vertically.
     pub points: SurfacePoints,
-    /// The same, as many faces as are renewed in one turn.
+    /// The same points by turn: each entry has the faces that are renewed together.
     pub turns: Vec<SurfacePoints>,
-    /// What is to be lit anew in this frame: all faces, those of one turn, or none.
+    /// The points to relight in this frame: all faces, those of one turn, or none.
     pub renewed: Option<SurfacePoints>,
-    /// What is behind it; where nothing is, the same again.
+    /// The second layer behind `points`; where nothing lies behind them, it repeats them.
     pub behind: Option<Arc<Behind>>,
-    /// How far they are (m), layer after layer.
+    /// Distances of the points (m), layer after layer.
     pub distances: wgpu::Texture,
-    /// Of a refractor: its outward normals.
+    /// Outward normals, if the object is a refractor.
     pub normals: Option<wgpu::Texture>,
     surroundings: DistanceCube,
     shape: DistanceCube,
     shape_normals: wgpu::Texture,
 }
 
-/// Distances, and the pyramid by which they are searched.
+/// Distances, and the pyramid with which they are searched.
 #[derive(Debug, Clone)]
 struct DistanceCube {
     distances: wgpu::Texture,
@@ -78,7 +79,7 @@ struct DistanceCube {
 }
 
 impl Maps {
-    /// Bindings of maps.wesl and refractor.wesl, and `more`, as bind group 2 of a pass.
+    /// Bind group 2 of a pass: the bindings of maps.wesl and refractor.wesl, and `more`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -108,19 +109,19 @@ impl Maps {
         kernel.bind(gpu, 2, &resources)
     }
 
-    /// What is to be lit for some of [`Maps::points`]: they, and what is behind them.
+    /// The points to light for some of [`Maps::points`]: those points, and the second layer behind them.
     pub fn layers(&self, points: &SurfacePoints) -> Vec<SurfacePoints> {
         let behind = self.behind.iter().map(|behind| behind.points(points));
         [points.clone()].into_iter().chain(behind).collect()
     }
 
-    /// Whether `other` are the same textures.
+    /// Whether `other` has the same textures.
     pub fn is_same(&self, other: &Self) -> bool {
         self.distances == other.distances
     }
 }
 
-/// A texture of six layers for each of `cubes` cube maps.
+/// A texture of `cubes` cube maps, with six layers per cube map.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -168,7 +169,7 @@ pub fn layers_of_level(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView
     })
 }
 
-/// The six layers of the finest level of cube map number `cube`.
+/// The six layers of cube map `cube`, at the finest level.
 pub fn layers_of_cube(texture: &wgpu::Texture, cube: u32) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),
@@ -195,7 +196,7 @@ pub fn cubes(texture: &wgpu::Texture) -> wgpu::TextureView {
     })
 }
 
-/// The maps of all objects that somebody asks for.
+/// The maps of all objects for which techniques request them.
 #[derive(Debug)]
 pub struct Impostors {
     capture: CaptureKernels,
@@ -212,12 +213,12 @@ struct Kept {
     capture: Capture,
     pyramid: DistancePyramid,
     shape_pyramid: DistancePyramid,
-    /// Of each layer.
+    /// Bind group of each layer's `impostor.store` pass.
     stored: Vec<wgpu::BindGroup>,
     begun: Option<Begun>,
     turns: Vec<Turn>,
     shaped: Option<Shaped>,
-    /// The frame in which somebody asked last.
+    /// The frame of the latest request.
     asked: Option<u64>,
 }
 
@@ -229,7 +230,8 @@ struct Turn {
 }
 
 impl Impostors {
-    /// Maps that nobody asks for in as many frames are forgotten: who drags a setting leaves others behind in every frame.
+    /// Maps unrequested for this many frames are dropped: otherwise dragging a setting would leave old maps behind in
+    /// every frame.
     const PATIENCE: u64 = 2;
 
     /// Compiles the passes.
@@ -253,7 +255,7 @@ impl Impostors {
         &self.capture
     }
 
-    /// Counts frames.
+    /// Begins a frame, and drops maps that are no longer requested.
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let now = self.frame;
@@ -261,8 +263,8 @@ impl Impostors {
         self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
     }
 
-    /// The maps wanted, brought up to date as far as [`Wanted::renewal`] says, once a frame: `settings_version` as in [`crate::techniques::Lit`]; `seed`
-    /// decides what chance decides in cubes.
+    /// The maps `wanted`, updated as [`Wanted::renewal`] says, at most once per frame. `settings_version` as in
+    /// [`crate::techniques::Lit`]; `seed` seeds everything stochastic in cubes.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -317,7 +319,7 @@ impl Impostors {
             let format = wgpu::TextureFormat::Rgba16Float;
             cube_texture(gpu, "impostor.normals", format, side, 1, 1)
         };
-        // A shader wants its textures, also those that it does not read.
+        // A shader needs all of its textures bound, even those that it does not read.
         let least = crate::capture::distance_pyramid::LEAST_SIDE;
         let shape_side = wanted.shape_side.unwrap_or(least);
         let [surroundings, shape] = [
@@ -388,7 +390,7 @@ impl Impostors {
 }
 
 impl Kept {
-    /// Captures the surroundings again as far as that is due.
+    /// Captures the surroundings again, as far as that is due.
     fn renew(
         &mut self,
         frame: &mut Frame<'_>,
@@ -450,7 +452,7 @@ impl Kept {
     ) -> Result<(), GpuError> {
         let (gpu, own, side) = (frame.gpu, self.wanted.instance, self.wanted.side);
         let view = CubeView::new(self.maps.reference, side, near(scene), 0, seed);
-        // From now on turns look from here, too, also those that only light what was captured.
+        // From now on all turns look from here, including those that only relight what was captured before.
         for turn in &self.turns {
             turn.faces.look(gpu, &view.uniform);
         }
@@ -475,12 +477,12 @@ impl Kept {
     }
 }
 
-/// The nearest that a cube sees (m).
+/// Near distance of cubes (m).
 fn near(scene: &GpuScene) -> f32 {
     scene.diagonal() * NEAR
 }
 
-/// How a cube sees a thing: other glass from outside alone, because the reference point may lie in it.
+/// How a cube draws an object: other glass only from outside, because the reference point may lie inside it.
 fn seen_from_outside(draw: &Draw) -> DrawClass {
     if draw.seen != draw.class && draw.seen == DrawClass::DoubleSided {
         DrawClass::Open
@@ -489,7 +491,8 @@ fn seen_from_outside(draw: &Draw) -> DrawClass {
     }
 }
 
-/// How a cube sees what is behind what it sees: a closed thing's own back is not that.
+/// How the second layer draws an object. A closed object's own back does not count as behind it, unless the reference
+/// point lies within its bounds.
 fn seen_behind(draw: &Draw, reference: Vec3) -> DrawClass {
     let bounds = &draw.bounds;
     let is_inside = reference.cmpge(bounds.min).all() && reference.cmple(bounds.max).all();

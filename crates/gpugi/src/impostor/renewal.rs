@@ -1,4 +1,5 @@
-//! When an object's surroundings are captured and lit anew (tutorial section 5: "re-generated only if the object moves far").
+//! When an object's surroundings are captured and lit again (tutorial section 5: "re-generated only if the object moves
+//! far").
 
 use glam::Vec3;
 
@@ -9,20 +10,21 @@ use crate::scene::{Placement, Versions};
 pub enum Renew {
     /// In every frame, whether anything changed or not.
     EveryFrame,
-    /// When something changed, and at most every so many frames.
+    /// When something changed, at most once per this many frames.
     Changed(u32),
 }
 
-/// When and how surroundings are renewed for what moves or is lit otherwise. Where meshes or materials of instances are others, or settings of
-/// techniques, all is renewed at once.
+/// When and how surroundings are renewed after motion or changes of lighting. If meshes or materials of instances, or
+/// settings of techniques, change, everything is renewed at once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Renewal {
     /// How often.
     pub renew: Renew,
-    /// The object's own way since its surroundings were renewed that leaves them as they are, and the point that they are seen from, when it is
-    /// less (m).
+    /// While the object has moved by less than this since its surroundings were renewed (m), its motion renews neither
+    /// them nor the point from which they are seen.
     pub threshold: f32,
-    /// Faces of the cube that are renewed in a frame, the others in the next ones; from another reference point always all: 1 to 6.
+    /// Faces of the cube that are renewed per frame, 1 to 6; the others follow in the next frames. From a new reference
+    /// point, all faces are renewed at once.
     pub faces: u32,
 }
 
@@ -36,17 +38,17 @@ impl Default for Renewal {
     }
 }
 
-/// What surroundings are made of.
+/// The state of which surroundings were captured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Made {
     pub versions: Versions,
-    /// Of the settings of techniques, which decide what cameras see whole.
+    /// Version of the techniques' settings, which decide what cameras see whole.
     pub settings: u64,
     pub seed: u32,
 }
 
 impl Made {
-    /// Whether what is there is the same, wherever it is and however it is lit.
+    /// Whether the objects are the same, wherever they are and however they are lit.
     fn has_same_things(&self, other: &Self) -> bool {
         let of = |one: &Self| {
             let versions = one.versions;
@@ -63,7 +65,7 @@ impl Made {
         of(self) == of(other)
     }
 
-    /// Whether a capture of the surroundings of the instance `own` shows what one of `now` would.
+    /// Whether a capture at this state of the surroundings of instance `own` shows what one at `now` would.
     pub fn shows(&self, now: &Self, own: usize, placements: &[Placement]) -> bool {
         let since = self.versions.geometry;
         let mut others = placements.iter().enumerate();
@@ -79,23 +81,23 @@ impl Made {
 pub(super) enum Due {
     /// Everything, from where the object is now.
     All,
-    /// The faces of one turn, from where they were captured before.
+    /// The faces of one turn, from the same reference point as before.
     Turn(usize),
 }
 
-/// The latest renewal: done, or under way.
+/// The latest renewal, finished or in progress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Begun {
     frame: u64,
-    /// As it was when it began.
+    /// The state when it began.
     of: Made,
-    /// Where the object's middle was (m).
+    /// Where the object's centre was (m).
     center: Vec3,
     next_turn: usize,
 }
 
 impl Renewal {
-    /// Number of turns in which all faces are renewed.
+    /// Number of turns that renew all faces.
     pub(super) fn turns(&self) -> usize {
         6_u32.div_ceil(self.at_once()) as usize
     }
@@ -110,14 +112,14 @@ impl Renewal {
         self.faces.clamp(1, 6)
     }
 
-    /// Whether nothing is due as long as nothing changes.
+    /// Whether nothing is due until something changes.
     pub(super) fn is_settled(&self, begun: Option<&Begun>, now: &Made) -> bool {
         let is_done = |begun: &Begun| begun.of == *now && begun.next_turn >= self.turns();
         self.renew != Renew::EveryFrame && begun.is_some_and(is_done)
     }
 
-    /// What is to be renewed in `frame` of the surroundings of the instance `own`, whose middle is at `center` (m), and what to remember of that.
-    /// `has_reference`: the cube is captured from a given point, wherever the object is.
+    /// What to renew in `frame` of the surroundings of instance `own`, whose centre is at `center` (m), and the renewal
+    /// to remember. `has_reference`: the cube is captured from a given point, wherever the object is.
     pub(super) fn due(
         &self,
         begun: Option<&Begun>,

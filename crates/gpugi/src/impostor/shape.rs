@@ -1,4 +1,4 @@
-//! The shape of a refractor, which it keeps as long as it only moves and turns.
+//! The shape of a refractor, which stays valid while the object only moves and rotates.
 
 use glam::{DMat3, DQuat, Mat4, Quat};
 use wgpu::BindingResource::TextureView;
@@ -8,10 +8,11 @@ use crate::capture::{Capture, CaptureKernels, CubeView};
 use crate::gpu::{Frame, GpuError, Kernel};
 use crate::scene::{Draw, GpuScene};
 
-/// What a shape was captured of.
+/// The state of which a shape was captured.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shaped {
-    /// The version of the geometry since which its mesh is this, and those of instances and of materials: normal maps and alpha shape it, too.
+    /// Version of the geometry since which the object has this mesh, and the versions of instances and of materials:
+    /// normal maps and alpha affect the shape, too.
     versions: [u64; 3],
     world_from_mesh: Mat4,
 }
@@ -26,7 +27,7 @@ impl Shaped {
         }
     }
 
-    /// How the object turned since, if that is all that changed.
+    /// Rotation of the object since then, if it only moved and rotated.
     fn turned_to(&self, now: &Self) -> Option<Quat> {
         (self.versions == now.versions)
             .then(|| rotation(&self.world_from_mesh, &now.world_from_mesh))
@@ -34,9 +35,9 @@ impl Shaped {
     }
 }
 
-/// The rotation that leads from one placement to another, if nothing else but a translation does.
+/// The rotation from one placement to another, if they differ only by a rotation and a translation.
 fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
-    /// What a rotation's axes may differ from orthonormal ones: less than shows in a shape's texels.
+    /// How much a rotation's axes may differ from orthonormal ones: too little to show in a shape's texels.
     const TOLERANCE: f64 = 1e-4;
     let [from, to] = [from, to].map(|one| DMat3::from_mat4(one.as_dmat4()));
     if from == to {
@@ -49,7 +50,7 @@ fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
 }
 
 impl Kept {
-    /// Brings the object's shape up to date, by turning it if that is enough.
+    /// Updates the object's shape: only by its rotation, if that is enough.
     pub(super) fn follow_shape(
         &mut self,
         frame: &mut Frame<'_>,

@@ -1,4 +1,4 @@
-//! When maps are captured, and which.
+//! When maps are captured, and which ones.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ const ROOM: usize = 0;
 const PILLAR: usize = 1;
 const GLASS: usize = 2;
 
-/// A pillar and a glass ball, off its middle, in a room.
+/// A pillar and an off-centre glass ball in a room.
 fn scene() -> Scene {
     let mut scene = Scene::new("room");
     let glass = Material {
@@ -53,7 +53,7 @@ fn scene() -> Scene {
     scene
 }
 
-/// A scene that changes from frame to frame, and the maps around its glass.
+/// A scene that changes from frame to frame, and the maps around its glass ball.
 struct Watched<'a> {
     gpu: &'a Gpu,
     scene: Scene,
@@ -65,9 +65,9 @@ struct Watched<'a> {
 /// What one frame did.
 struct Done {
     maps: Maps,
-    /// How many faces are to be lit.
+    /// Number of faces to relight.
     renewed: u32,
-    /// How many captures there were; none if the adapter does not say.
+    /// Number of captures; `None` if the adapter cannot tell.
     captures: Option<usize>,
 }
 
@@ -99,7 +99,7 @@ impl<'a> Watched<'a> {
         let (scene, wanted) = (&self.on_gpu, self.wanted);
         let maps = self.impostors.of(&mut frame, scene, wanted, 0, 0).unwrap();
         let maps = maps.clone();
-        let timings = frame.submit().unwrap();
+        let timings = frame.submit().unwrap().wait().unwrap();
         let captures = timings.iter().filter(|one| one.pass == "capture.hits");
         let count = maps.renewed.as_ref().map_or(0, |points| points.count);
         Done {
@@ -115,7 +115,7 @@ impl<'a> Watched<'a> {
         self.frame()
     }
 
-    /// One frame after an instance moved by `way`.
+    /// One frame, after an instance moved by `way`.
     fn after_step(&mut self, instance: usize, way: Vec3) -> Done {
         self.after(|scene| {
             let matrix = &mut scene.instances[instance].world_from_mesh;
@@ -222,7 +222,7 @@ fn short_ways_leave_the_surroundings_as_they_are() {
     let far = world.after_step(GLASS, step);
     far.expect("a long way", 6, 1);
     assert_eq!(far.maps.reference, far.maps.center);
-    // Measured from a given reference point it is the object's way all the same; what is seen from there stays.
+    // With a given reference point, the object's own motion counts all the same; what is seen from the point stays.
     world.wanted.reference = Some(Vec3::ZERO);
     world.frame().expect("another point", 6, 2);
     for faces in [0, 0, 6, 0] {
@@ -247,12 +247,12 @@ fn renewals_wait_for_their_frame() {
     for _ in 0..6 {
         world.frame().expect("nothing", 0, 0);
     }
-    // Things that are others are renewed at once.
+    // Changed objects are renewed at once.
     let darker = |scene: &mut Scene| scene.materials[ROOM].base_color.x = 0.1;
     world.after(darker).expect("a material", 6, 2);
     let leave = |scene: &mut Scene| scene.instances[PILLAR].mesh = 2;
     world.after(leave).expect("another mesh", 6, 2);
-    // In every frame is what it says.
+    // `EveryFrame` renews in every frame.
     world.wanted.renewal.renew = Renew::EveryFrame;
     for captures in [2, 0, 0] {
         world.frame().expect("every frame", 6, captures);
@@ -287,7 +287,7 @@ fn faces_in_turn_end_as_all_at_once() {
             }
         }
         world.frame().expect("after all turns", 0, 0);
-        // From another point all faces are others.
+        // From another point, all faces change.
         let moved = world.after_step(GLASS, step);
         moved.expect("the glass moved", 6, 1);
         let brighter = |scene: &mut Scene| {

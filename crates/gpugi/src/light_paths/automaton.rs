@@ -1,14 +1,14 @@
-//! A pattern as a deterministic automaton: Thompson's construction, subset construction, and minimization by Moore's partition
-//! refinement, all of bounded size.
+//! Compiles a pattern to a deterministic automaton by Thompson's construction, subset construction, and minimization by
+//! Moore's partition refinement. Every stage is bounded in size.
 
 use std::collections::{HashMap, VecDeque};
 
 use super::pattern::{Node, PatternError, SYMBOLS, parse};
 
-/// Most states of a compiled automaton, before minimization.
+/// Maximum number of states of a deterministic automaton before minimization.
 pub(super) const MAX_STATES: usize = 256;
 
-/// Most steps of building the nondeterministic automaton, which bound its states too.
+/// Maximum number of steps in building the nondeterministic automaton. This also bounds its states.
 const MAX_STEPS: usize = 4096;
 
 const LIGHT: usize = 0;
@@ -16,26 +16,26 @@ const LIGHT: usize = 0;
 const LOBES: [usize; 3] = [1, 2, 3];
 const EYE: usize = 4;
 
-/// The paths of a pattern, read from the eye to the light as a path tracer walks: the smallest deterministic automaton of the
-/// reversed language. State 0 is the start.
+/// The paths of a pattern, read from the eye to the light, which is the order in which a path tracer visits them. This
+/// is the smallest deterministic automaton of the reversed language. State 0 is the start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PathAutomaton {
-    /// Next state of each state and symbol, in the order L, D, G, S, E.
+    /// The next state per state and symbol; symbols are in the order L, D, G, S, E.
     pub transitions: Vec<[u32; 5]>,
     /// Whether a path may end in each state.
     pub accepting: Vec<bool>,
-    /// The state that nothing leads out of and no path may end in; `None` where every beginning can be completed.
+    /// The state that no transition leaves and in which no path may end. `None` if every prefix can be completed.
     pub dead: Option<u32>,
 }
 
 impl PathAutomaton {
-    /// Words of a state in [`words`](Self::words).
+    /// Words per state in [`words`](Self::words).
     pub const WORDS_PER_STATE: usize = 6;
 
     /// Compiles a pattern.
     ///
     /// # Errors
-    /// [`PatternError`], in bounded time and memory whatever the pattern.
+    /// [`PatternError`]. Time and memory are bounded, whatever the pattern.
     pub fn compile(pattern: &str) -> Result<Self, PatternError> {
         let mut choices = Choices {
             states: vec![Choice::End],
@@ -45,7 +45,7 @@ impl PathAutomaton {
         Ok(minimized(&determinized(&choices.states, start)?))
     }
 
-    /// Whether the pattern describes the whole of `path`, which is written from the light to the eye, such as `LDE`.
+    /// Whether the pattern matches all of `path`, which is written from the light to the eye, such as `LDE`.
     pub fn accepts(&self, path: &str) -> bool {
         let mut state = 0;
         for symbol in path.chars().rev() {
@@ -57,11 +57,12 @@ impl PathAutomaton {
         self.accepting[state]
     }
 
-    /// Most vertices between light and eye that a path `L[DGS]*E` of the pattern has; `None` where there is no most. 0 where there is no such
-    /// path at all.
+    /// Maximum number of vertices between light and eye over the pattern's paths of the form `L[DGS]*E`. `None` if
+    /// there is no maximum; 0 if there is no such path.
     pub fn most_vertices(&self) -> Option<u32> {
-        // A path that visits a state twice can be lengthened without end, if the light can be reached from there: so those that cannot are left
-        // out first. What remains without a cycle is walked in as many steps as there are states.
+        // A path that visits a state twice can be lengthened indefinitely if the light can be reached from that state.
+        // So first remove the states from which it cannot be reached. If the rest has no cycle, walking it takes at
+        // most as many steps as there are states.
         let ends = |state: usize| self.accepting[self.transitions[state][LIGHT] as usize];
         let lobes = |state: usize| LOBES.map(|symbol| self.transitions[state][symbol] as usize);
         let count = self.transitions.len();
@@ -88,9 +89,9 @@ impl PathAutomaton {
         None
     }
 
-    /// The automaton for a shader, [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words a state: the next state after L, D, G, S and E,
-    /// then flags. Flag bit 0: accepting, which matters after the light's symbol; bit 1: dead, no continuation is accepted. State 0
-    /// is the start.
+    /// The automaton for a shader, with [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words per state: the next state
+    /// after L, D, G, S and E, then flags. Flag bit 0 means accepting, which matters after the light's symbol. Bit 1
+    /// means dead: no continuation is accepted. State 0 is the start.
     pub fn words(&self) -> Vec<u32> {
         let mut words = Vec::with_capacity(self.transitions.len() * Self::WORDS_PER_STATE);
         for (state, (next, &accepting)) in
@@ -103,8 +104,8 @@ impl PathAutomaton {
     }
 }
 
-/// A shortest path L[DGS]*E, written from the light to the eye, of which `is_wanted` holds; its argument says which automata accept
-/// the path.
+/// A shortest path L[DGS]*E, written from the light to the eye, for which `is_wanted` returns true. The argument of
+/// `is_wanted` tells which automata accept the path.
 pub(super) fn shortest_path(
     automata: &[PathAutomaton],
     is_wanted: impl Fn(&[bool]) -> bool,
@@ -113,7 +114,8 @@ pub(super) fn shortest_path(
         let next = |(one, &state): (&PathAutomaton, &u32)| one.transitions[state as usize][symbol];
         automata.iter().zip(states).map(next).collect()
     };
-    // Breadth first over the states of all; each remembers the lobes that lead to it, the light's end first.
+    // Breadth-first search over the joint states of all automata. Each joint state remembers the lobes that lead to it,
+    // starting at the light's end.
     let start = step(&vec![0; automata.len()], EYE);
     let mut found = HashMap::from([(start.clone(), String::new())]);
     let mut queue = VecDeque::from([start]);
@@ -144,9 +146,9 @@ pub(super) fn shortest_path(
 /// A state of the nondeterministic automaton.
 #[derive(Clone, Copy)]
 enum Choice {
-    /// Reads one symbol of a set and goes on.
+    /// Reads one symbol of a set, then continues in the given state.
     Read(u8, usize),
-    /// Goes on in either state.
+    /// Continues in either state.
     Either(usize, usize),
     End,
 }
@@ -162,9 +164,9 @@ impl Choices {
         self.states.len() - 1
     }
 
-    /// The state that reads `node` backward and then goes on in `after`.
+    /// The state that reads `node` backward and then continues in `after`.
     fn reversed(&mut self, node: &Node, mut after: usize) -> Result<usize, PatternError> {
-        // Counts each visit, because nested repetitions of nothing make no states.
+        // Count each visit, because nested repetitions of nothing create no states.
         self.steps += 1;
         if self.steps > MAX_STEPS {
             return Err(PatternError::TooComplex);
@@ -172,7 +174,7 @@ impl Choices {
         match node {
             Node::Symbols(set) => Ok(self.add(Choice::Read(*set, after))),
             Node::Sequence(nodes) => {
-                // What stands first is read last.
+                // The first node is read last.
                 for node in nodes {
                     after = self.reversed(node, after)?;
                 }
@@ -213,7 +215,7 @@ impl Choices {
 
 /// Subset construction: each state is the set of states that the nondeterministic automaton may be in.
 fn determinized(states: &[Choice], start: usize) -> Result<PathAutomaton, PatternError> {
-    // The sorted reading and ending states that `from` lead to without reading.
+    // The sorted `Read` and `End` states that can be reached from `from` without reading a symbol.
     let closure = |mut from: Vec<usize>| {
         let mut is_seen = vec![false; states.len()];
         let mut subset = Vec::new();
@@ -266,8 +268,9 @@ fn determinized(states: &[Choice], start: usize) -> Result<PathAutomaton, Patter
     Ok(automaton)
 }
 
-/// Merges the states that no continuation tells apart: begins with two classes, accepting or not, and splits a class while its
-/// states lead to different ones. Classes are numbered as they appear, so that the start stays 0.
+/// Merges the states that no continuation distinguishes. Starts with two classes, accepting or not, and splits a class
+/// while its states lead to different classes. Classes are numbered in order of appearance, so that the start remains
+/// state 0.
 fn minimized(automaton: &PathAutomaton) -> PathAutomaton {
     let mut class_of: Vec<u32> = automaton.accepting.iter().map(|&one| one.into()).collect();
     let mut count = 0;

@@ -1,9 +1,9 @@
-//! Which light a technique adds: a class of lights and a pattern over Heckbert's path symbols ("Adaptive radiosity textures for
-//! bidirectional ray tracing", 1990).
+//! The light that a technique adds: a light class and a pattern over Heckbert's path symbols ("Adaptive radiosity
+//! textures for bidirectional ray tracing", 1990).
 //!
-//! L light, D diffuse lobe, G glossy lobe, S ideal lobe, E eye. A pattern is a regular expression over them, such as `LS+[DG]E`,
-//! with `.`, classes (`[DG]`, `[^S]`), groups, `|`, `*`, `+`, `?` and counts up to 32 (`{2}`, `{2,}`, `{2,4}`); it describes whole
-//! paths.
+//! The symbols are L light, D diffuse lobe, G glossy lobe, S ideal lobe, E eye. A pattern is a regular expression over
+//! them, such as `LS+[DG]E`, with `.`, classes (`[DG]`, `[^S]`), groups, `|`, `*`, `+`, `?` and counts up to 32 (`{2}`,
+//! `{2,}`, `{2,4}`). It must match the whole path.
 
 mod automaton;
 mod pattern;
@@ -16,10 +16,10 @@ pub use pattern::PatternError;
 use automaton::shortest_path;
 use std::borrow::Cow;
 
-/// What emitters and the sky send straight to the eye: belongs to the frame, whatever the techniques.
+/// Emitters and the sky seen directly by the eye. This light belongs to the frame, whatever the techniques.
 pub const SEEN_DIRECTLY: &str = "LE";
 
-/// A class of lights.
+/// A light class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LightClass {
@@ -32,7 +32,7 @@ pub enum LightClass {
 }
 
 impl LightClass {
-    /// All classes.
+    /// All light classes.
     pub const ALL: [Self; 3] = [Self::Punctual, Self::Area, Self::Environment];
 }
 
@@ -46,17 +46,17 @@ impl std::fmt::Display for LightClass {
     }
 }
 
-/// Paths of light that a technique adds.
+/// Light paths that a technique adds.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct LightPaths {
-    /// Where they begin.
+    /// The class of the lights where the paths begin.
     pub class: LightClass,
-    /// Which they are, such as `L[DG]E`.
+    /// The pattern of the paths, such as `L[DG]E`.
     pub pattern: Cow<'static, str>,
 }
 
 impl LightPaths {
-    /// The paths of a pattern that is known when the program is made.
+    /// The paths of a pattern that is known at compile time.
     pub const fn new(class: LightClass, pattern: &'static str) -> Self {
         Self {
             class,
@@ -64,7 +64,7 @@ impl LightPaths {
         }
     }
 
-    /// These paths on their way over `bounces` more before they come to the eye, such as `S{1,2}`.
+    /// These paths, continued over further `bounces` such as `S{1,2}` before they reach the eye.
     pub fn continued(&self, bounces: &str) -> Self {
         let before = self.pattern.strip_suffix('E').unwrap_or(&self.pattern);
         Self {
@@ -74,7 +74,7 @@ impl LightPaths {
     }
 }
 
-/// The paths that a path tracer keeps: all from a light to the eye, unless another pattern is given.
+/// The paths that a path tracer keeps. The default is all paths from a light to the eye.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PathFilter {
     pattern: String,
@@ -82,7 +82,7 @@ pub struct PathFilter {
 }
 
 impl PathFilter {
-    /// The filter of a pattern.
+    /// Compiles a pattern into a filter.
     ///
     /// # Errors
     /// [`PatternError`].
@@ -93,12 +93,12 @@ impl PathFilter {
         })
     }
 
-    /// The pattern as it was given.
+    /// The original pattern.
     pub fn pattern(&self) -> &str {
         &self.pattern
     }
 
-    /// The pattern compiled.
+    /// The compiled pattern.
     pub fn automaton(&self) -> &PathAutomaton {
         &self.automaton
     }
@@ -118,10 +118,10 @@ impl std::str::FromStr for PathFilter {
     }
 }
 
-/// A shortest path that both sets contain.
+/// A shortest path that both sets contain, with its light class.
 ///
 /// # Panics
-/// When a pattern is none: techniques declare theirs as constants, which a test compiles.
+/// If a pattern is invalid. Techniques declare their patterns as constants, which a test compiles.
 pub fn overlap(a: &[LightPaths], b: &[LightPaths]) -> Option<(LightClass, String)> {
     LightClass::ALL
         .into_iter()
@@ -137,19 +137,21 @@ pub fn overlap(a: &[LightPaths], b: &[LightPaths]) -> Option<(LightClass, String
         .min_by_key(|(_, path)| path.len())
 }
 
-/// The shortest path in a set that no path from the eye finds: from light without extent to a mirror or glass, which sends a ray past it.
+/// The shortest path in a set that a path tracer cannot find from the eye. On such a path, light from a source without
+/// extent meets a mirror or glass first; a ray from the eye leaves the mirror or glass past the light.
 ///
 /// # Panics
-/// As [`overlap`].
+/// See [`overlap`].
 pub fn never_found(covered: &[LightPaths]) -> Option<String> {
     let punctual = LightPaths::new(LightClass::Punctual, "LS[DGS]*E");
     overlap(covered, &[punctual]).map(|(_, path)| path)
 }
 
-/// What a set of techniques leaves out, for the classes of light that a scene has: a few words each, for people.
+/// Describes the light that a set of techniques leaves out, for the light classes that a scene has. Each entry is a few
+/// words for human readers.
 ///
 /// # Panics
-/// As [`overlap`].
+/// See [`overlap`].
 pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
     let mut missing = Vec::new();
     for &class in present {
@@ -175,19 +177,20 @@ pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
     missing
 }
 
-/// A part of a picture's light: classes of lights whose paths match one pattern.
+/// A part of an image's light: light classes whose paths match one pattern.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Part {
-    /// Where the paths begin.
+    /// The classes of the lights where the paths begin.
     pub classes: Vec<LightClass>,
-    /// Which they are: for each class the same.
+    /// The pattern of the paths, the same for each class.
     pub pattern: String,
 }
 
-/// The fewest parts that make up a picture with the paths in `covered` and what is seen directly, of the classes of light that a scene has.
+/// The smallest set of parts that makes up an image of the `covered` paths and directly seen light, for the light
+/// classes that a scene has.
 ///
 /// # Panics
-/// As [`overlap`].
+/// See [`overlap`].
 pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
     let mut parts: Vec<(PathAutomaton, Part)> = Vec::new();
     for &class in present {
@@ -214,7 +217,7 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
     parts.into_iter().map(|(_, part)| part).collect()
 }
 
-/// The patterns of one class in a set, compiled.
+/// The compiled patterns of one light class in a set.
 fn automata(set: &[LightPaths], class: LightClass) -> Vec<PathAutomaton> {
     set.iter()
         .filter(|one| one.class == class)

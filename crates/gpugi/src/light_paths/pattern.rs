@@ -1,4 +1,4 @@
-//! Regular expressions over the symbols of light paths: their grammar, and their errors.
+//! Regular expressions over the symbols of light paths: grammar and errors.
 //!
 //! ```text
 //! pattern  = sequence ('|' sequence)*
@@ -9,35 +9,35 @@
 
 use super::automaton::MAX_STATES;
 
-/// What a path is made of, in the order of the automaton's columns.
+/// The symbols of a path, in the order of the automaton's columns.
 pub(super) const SYMBOLS: [char; 5] = ['L', 'D', 'G', 'S', 'E'];
 
-/// Longest pattern (characters); bounds the parser's recursion.
+/// Maximum length of a pattern (characters). It bounds the parser's recursion.
 const MAX_LENGTH: usize = 256;
 
-/// Largest count in a repetition.
+/// Maximum count in a repetition.
 const MAX_COUNT: u32 = 32;
 
-/// Why a pattern is none. Positions count characters from 1.
+/// The reason why a pattern is invalid. Positions count characters from 1.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PatternError {
-    /// Something that the grammar does not have.
+    /// The pattern contains something outside the grammar.
     #[error("light path pattern, character {position}: {reason}")]
     Syntax {
-        /// Where (character, from 1).
+        /// Position (character, from 1).
         position: usize,
-        /// What is wrong there and what would be right.
+        /// The problem at this position, and what is expected.
         reason: String,
     },
-    /// More text than a pattern may have.
+    /// The pattern is too long.
     #[error(
         "a light path pattern of {length} characters: at most {MAX_LENGTH}; shorten it with classes and repetitions"
     )]
     TooLong {
-        /// Its length (characters).
+        /// Length of the pattern (characters).
         length: usize,
     },
-    /// An automaton that would outgrow its limit.
+    /// The automaton would exceed its size limit.
     #[error(
         "the light path pattern needs more than {MAX_STATES} states: use smaller or fewer counted repetitions"
     )]
@@ -47,11 +47,11 @@ pub enum PatternError {
 /// The syntax tree of a pattern.
 #[derive(Debug)]
 pub(super) enum Node {
-    /// One symbol of a set; bit i stands for `SYMBOLS[i]`.
+    /// Any one symbol of a set; bit i stands for `SYMBOLS[i]`.
     Symbols(u8),
     Sequence(Vec<Node>),
     Choice(Vec<Node>),
-    /// `least` times or more, up to `most`.
+    /// At least `least` repetitions, and at most `most` if it is set.
     Repeat {
         node: Box<Node>,
         least: u32,
@@ -70,7 +70,7 @@ pub(super) fn parse(pattern: &str) -> Result<Node, PatternError> {
     let node = parser.choice()?;
     match parser.peek() {
         None => Ok(node),
-        // A choice ends at the end or at a parenthesis.
+        // A choice ends at the end of the pattern or at a closing parenthesis.
         Some(_) => Err(parser.error("')' without '('".into())),
     }
 }
@@ -99,7 +99,7 @@ impl Parser {
         }
     }
 
-    /// An error that says what stands at the next character and what was wanted there.
+    /// An error that names the next character and what was expected instead.
     fn unexpected(&self, wanted: &str) -> PatternError {
         self.error(match self.peek() {
             Some(found) => format!("found {found:?}, wanted {wanted}"),
@@ -153,7 +153,7 @@ impl Parser {
         Some(1 << index)
     }
 
-    /// What follows `[`.
+    /// Parses what follows `[`.
     fn class(&mut self) -> Result<Node, PatternError> {
         let is_negated = self.take('^');
         let mut set = 0;

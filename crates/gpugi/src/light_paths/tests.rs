@@ -1,7 +1,7 @@
-//! Patterns against expected paths and against the `regex` crate; overlap and gaps; hostile patterns.
+//! Tests patterns against expected paths and against the `regex` crate; overlap and gaps; hostile patterns.
 
 use super::*;
-use crate::techniques::REGISTRY;
+use crate::techniques::Registry;
 
 #[test]
 fn patterns_describe_whole_paths() {
@@ -39,7 +39,7 @@ fn patterns_describe_whole_paths() {
     }
 }
 
-/// Every word over the five symbols up to `length`.
+/// All words over the five symbols up to `length`.
 fn words(length: usize) -> Vec<String> {
     let mut all = vec![String::new()];
     let mut from = 0;
@@ -103,7 +103,7 @@ fn automata_are_the_smallest() {
     }
 }
 
-/// Walks the words as a shader does: from the eye to the light.
+/// Traverses the words as a shader does, from the eye to the light.
 #[test]
 fn shader_words_hold_the_automaton() {
     let automaton = PathAutomaton::compile("LS+[DG]E").unwrap();
@@ -215,7 +215,7 @@ fn hostile_patterns_end_in_errors_soon() {
         nested("D", "{32}", 40),
         nested("", "{32}", 40),
         nested("D?", "{0,32}", 3),
-        // Read backward, the last nine symbols must be remembered: 2^9 states.
+        // Reading backward must remember the last nine symbols: 2^9 states.
         ".{8}D.*".to_owned(),
         "(.{2}D|.{7}G).*".to_owned(),
     ] {
@@ -244,7 +244,7 @@ fn overlapping_sets_are_found_by_class() {
     );
     assert_eq!(overlap(&direct, &set(LightClass::Area, "L.E")), None);
     assert_eq!(overlap(&direct, &set(LightClass::Punctual, "LDD+E")), None);
-    // However long, and only paths that exist: one light, one eye.
+    // Overlaps are found at any length, but only for paths that exist: one light, one eye.
     assert_eq!(
         overlap(
             &set(LightClass::Area, "LD{5,}GE"),
@@ -309,7 +309,7 @@ fn the_longest_path_is_known_where_there_is_one() {
         ("L.*E", None),
         ("LS+[DG]E", None),
         ("LE|LDD*E", None),
-        // Nothing but paths counts: these are none, or none that end.
+        // Only complete paths count. These patterns contain strings that are not paths, or paths without an end.
         ("LD*", Some(0)),
         ("", Some(0)),
         ("LDE|LE*E|L.L*DE", Some(2)),
@@ -351,7 +351,7 @@ fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
 
 #[test]
 fn every_technique_declares_patterns() {
-    for (info, _) in REGISTRY {
+    for info in Registry::default().all().iter().map(|one| one.info) {
         for paths in info.paths {
             let compiled = PathAutomaton::compile(&paths.pattern);
             assert!(compiled.is_ok(), "{}: {compiled:?}", info.name);

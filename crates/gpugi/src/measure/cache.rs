@@ -1,5 +1,6 @@
-//! Pictures of the path tracer, kept in a folder from one measurement to the next. A file is named by the hash of all that decides its
-//! picture, appears complete or not at all, and is believed only when its checksum is right. Files may be deleted at any time.
+//! Cache of path-traced references, kept in a folder between measurements. A file is named by the hash of everything
+//! that determines its image. It appears complete or not at all, and is trusted only if its checksum is correct. Files
+//! may be deleted at any time.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -10,27 +11,27 @@ use serde::{Deserialize, Serialize};
 use crate::reference::Settings;
 use crate::shader;
 
-/// First bytes of a file; the digit is the format's version.
+/// The first bytes of a file; the digit is the format version.
 const MAGIC: &[u8; 16] = b"gpugi reference1";
-/// Bytes of the checksum: BLAKE3 of all that follows it.
+/// Size of the checksum (bytes): BLAKE3 of everything after it.
 const CHECKSUM: usize = 32;
-/// Most bytes of a header.
+/// Maximum size of a header (bytes).
 const MOST_HEADER: u64 = 1 << 16;
 
-/// Raise it when the path tracer's host code comes to show something else: which lights there are, how they shine, what geometry is. Its
-/// shaders count by themselves.
+/// Increase this number when a change to the path tracer's host code changes its output: which lights there are, how
+/// they emit, what the geometry is. Changes to its shaders are detected automatically.
 const ALGORITHM: u32 = 1;
 
-/// All that decides a picture.
+/// Everything that determines an image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Key {
     size: [u32; 2],
-    /// Everything, as JSON.
+    /// The whole key as JSON.
     text: String,
 }
 
 impl Key {
-    /// The key of what the path tracer shows with these settings. `digests`: of the scene and of the camera.
+    /// The key of the path tracer's image with these settings. `digests` are those of the scene and of the camera.
     pub fn new(
         digests: [[u8; 32]; 2],
         size: [u32; 2],
@@ -73,25 +74,25 @@ impl Key {
     }
 }
 
-/// A picture and how it came about.
+/// An image, and how it was rendered.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// Linear radiance, three floats a pixel.
+    /// Linear radiance, three floats per pixel.
     pub radiance: Vec<f32>,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
     /// Estimated relative mean squared error.
     pub rel_mse: f64,
-    /// Time to render it (s).
+    /// Render time (s).
     pub seconds: f64,
-    /// What it was rendered on.
+    /// The adapter that rendered it.
     pub adapter: String,
 }
 
-/// What stands before the picture, as JSON.
+/// The header before the image, as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
-    /// All that decides the picture.
+    /// Everything that determines the image.
     key: String,
     samples: u32,
     rel_mse: f64,
@@ -106,14 +107,14 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// References in `folder`, which is made when there is something to keep.
+    /// A cache in `folder`, which is created when the first reference is stored.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
         }
     }
 
-    /// The picture of `key`, if there is one. The error says which file is damaged and how.
+    /// The image of `key`, if it is cached. The error says which file is damaged and how.
     pub fn read(&self, key: &Key) -> Result<Option<Entry>, String> {
         let path = self.folder.join(key.file_name());
         let damaged = |how: &str| format!("{}: {how}", path.display());
@@ -123,7 +124,7 @@ impl Cache {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(cannot(error)),
         };
-        // No more is read than a whole file has.
+        // Read no more than a complete file contains, and one byte to detect excess.
         let prefix = (MAGIC.len() + CHECKSUM + 4) as u64;
         let most = prefix + MOST_HEADER + key.values() * 4;
         let mut bytes = Vec::new();
@@ -144,7 +145,7 @@ impl Cache {
             .ok_or_else(|| damaged("does not hold what its name says"))
     }
 
-    /// Keeps a picture.
+    /// Stores an image.
     pub fn write(&self, key: &Key, entry: &Entry) -> io::Result<()> {
         let is_finite = |value: &f32| value.is_finite();
         if !(entry.rel_mse.is_finite() && entry.radiance.iter().all(is_finite)) {
@@ -169,7 +170,7 @@ impl Cache {
     }
 }
 
-/// What follows the checksum; none where it is not the picture of `key`.
+/// Parses what follows the checksum. `None` if it is not the image of `key`.
 fn parse(key: &Key, content: &[u8]) -> Option<Entry> {
     let (length, rest) = content.split_first_chunk::<4>()?;
     let (header, texels) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
@@ -211,7 +212,7 @@ mod tests {
         }
     }
 
-    /// An empty cache of this test's own.
+    /// An empty cache used by one test only.
     fn cache(name: &str) -> Cache {
         let name = format!("gpugi-cache-{name}-{}", std::process::id());
         let folder = std::env::temp_dir().join(name);
@@ -266,7 +267,7 @@ mod tests {
         refused("a longer file", &[&whole[..], &[0; 4]].concat());
         refused("a much longer file", &[&whole[..], &[0; 1 << 20]].concat());
 
-        // Whole by its checksum, but not what its name says.
+        // The checksum is correct, but the content does not match the file name.
         let with_checksum = |content: &[u8]| {
             let checksum = blake3::hash(content);
             [MAGIC, &checksum.as_bytes()[..], content].concat()
@@ -291,7 +292,7 @@ mod tests {
         let others = std::fs::read(cache.folder.join(other.file_name())).expect("the file");
         refused("another reference", &others);
 
-        // What is not finite would be refused when read: it is not kept.
+        // Non-finite values would be rejected on reading, so they are not stored.
         for spoil in [
             |entry: &mut Entry| entry.radiance[3] = f32::NAN,
             |entry: &mut Entry| entry.rel_mse = f64::INFINITY,

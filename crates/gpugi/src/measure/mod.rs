@@ -1,5 +1,5 @@
-//! How far a set of techniques is from the truth: their picture against the path tracer's on the same light paths, and what it cost.
-//! docs/measuring.md.
+//! Measures the error of a set of techniques by comparing their image with the path tracer's on the same light paths,
+//! and measures their cost. See docs/measuring.md.
 
 mod cache;
 mod truth;
@@ -12,32 +12,33 @@ use std::ops::ControlFlow;
 use gpugi_scene::image::metrics::{Comparison, Metric, MetricError, Picture, compare};
 use gpugi_scene::{Camera, Scene};
 
-use crate::gpu::{Gpu, PollType, Timing};
+use crate::gpu::{Gpu, Timing};
 use crate::light_paths::{LightClass, never_found, parts};
-use crate::renderer::{RenderError, Renderer};
+use crate::lighting::LightingError;
+use crate::renderer::Renderer;
 use crate::techniques::Map;
 
-/// The reference counts as exact where its own error is below this part of the technique's.
+/// The reference counts as exact if its own error is below this fraction of the technique's.
 const WELL_BELOW: f64 = 0.1;
 
-/// Samples between looks at the clock and at whoever may break off.
+/// Samples between progress reports, where the caller may break off.
 const REPORT_EVERY: u32 = 8;
 
-/// A measurement that cannot be made.
+/// The reason why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// A picture could not be rendered.
+    /// An image could not be rendered.
     #[error(transparent)]
-    Render(#[from] RenderError),
-    /// A picture holds what cannot be compared.
+    Render(#[from] LightingError),
+    /// An image contains values that cannot be compared.
     #[error("the picture of {of}: {reason}")]
     Picture {
-        /// Whose picture.
+        /// Whose image it is.
         of: &'static str,
-        /// What is wrong with it.
+        /// What is wrong with the image.
         reason: String,
     },
-    /// Whoever watched the progress broke off.
+    /// The progress callback broke off.
     #[error("interrupted: nothing is measured")]
     Interrupted,
 }
@@ -48,30 +49,30 @@ impl From<crate::gpu::GpuError> for MeasureError {
     }
 }
 
-/// How far a measurement is.
+/// Progress of a measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// What is rendered.
+    /// What is being rendered.
     pub stage: String,
-    /// Part of the stage that is done, 0 to 1.
+    /// Fraction of the stage that is done, 0 to 1.
     pub fraction: f64,
-    /// How far, in words.
+    /// Progress in words.
     pub state: String,
 }
 
-/// Hears of progress, and may break off.
+/// A callback that receives progress and may break off.
 pub type Report<'a> = &'a mut dyn FnMut(&Progress) -> ControlFlow<()>;
 
-/// How to measure.
+/// Options of a measurement.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Samples a pixel of the techniques.
+    /// Samples per pixel for the techniques.
     pub samples: u32,
-    /// How good the reference has to be.
+    /// Required quality of the reference.
     pub reference: Quality,
-    /// Seed of all that is stochastic.
+    /// Seed of all random numbers.
     pub seed: u32,
-    /// Where references are kept from one measurement to the next.
+    /// Where references are kept between measurements.
     pub cache: Option<Cache>,
 }
 
@@ -91,41 +92,42 @@ impl Default for Options {
 pub struct PassTime {
     /// The pass, such as `shadow-map.gather`.
     pub pass: String,
-    /// Samples it ran in: maps are made in the first, and again only when something changed.
+    /// Number of samples in which the pass ran. Maps are built in the first sample, and again only when something
+    /// changed.
     pub ran: u32,
     /// Median over these samples (GPU milliseconds).
     pub milliseconds: f64,
 }
 
-/// GPU memory of the techniques' picture (bytes).
+/// GPU memory for the techniques' image (bytes).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 pub struct Memory {
     /// Geometry, tables and images.
     pub scene: u64,
-    /// What techniques look up.
+    /// Maps that the techniques look up.
     pub maps: u64,
-    /// What techniques hold to make their maps.
+    /// Working memory in which the techniques build their maps.
     pub work: u64,
     /// Surface points and radiance.
     pub picture: u64,
 }
 
-/// What was found.
+/// The result of a measurement.
 #[derive(Debug, Clone)]
 pub struct Measured {
     /// Width and height (pixels).
     pub size: [u32; 2],
-    /// Linear radiance of the techniques, three floats a pixel, row by row from the top.
+    /// Linear radiance of the techniques' image, three floats per pixel, in rows from top to bottom.
     pub radiance: Vec<f32>,
-    /// The path tracer's.
+    /// The path tracer's reference.
     pub truth: Truth,
-    /// The difference of the two, by every metric that can tell.
+    /// The difference of the two images by every metric that applies.
     pub metrics: Vec<(Metric, Comparison)>,
-    /// What each pass took; empty where the adapter cannot time passes.
+    /// GPU time of each pass; empty if the adapter cannot time passes.
     pub passes: Vec<PassTime>,
-    /// What the picture took.
+    /// GPU memory for the techniques' image.
     pub memory: Memory,
-    /// What a reader of the numbers should know.
+    /// Caveats for interpreting the numbers.
     pub notes: Vec<String>,
 }
 
@@ -139,7 +141,7 @@ impl Measured {
     }
 }
 
-/// Measures the techniques of `renderer`, which renders `scene`, in what `camera` sees.
+/// Measures the techniques of `renderer`, which renders `scene`, as seen by `camera`.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -216,7 +218,7 @@ pub fn measure(
     Ok(measured)
 }
 
-/// Renders the techniques' picture; returns what its passes took.
+/// Renders the techniques' image and returns the times of its passes.
 fn render(
     gpu: &Gpu,
     renderer: &mut Renderer,
@@ -233,16 +235,14 @@ fn render(
     let stage = names.join(", ");
     let mut times = Vec::new();
     for sample in 1..=options.samples {
-        let frame = renderer.render_sample(camera, options.samples, None, true)?;
+        let frame = renderer
+            .render_sample(camera, options.samples, None, true)?
+            .wait()?;
         collect(&mut times, frame);
         if sample % REPORT_EVERY != 0 {
             continue;
         }
-        gpu.device
-            .poll(PollType::wait_indefinitely())
-            .map_err(|error| crate::gpu::GpuError::Lost {
-                reason: error.to_string(),
-            })?;
+        gpu.wait()?;
         let progress = Progress {
             stage: stage.clone(),
             fraction: f64::from(sample) / f64::from(options.samples),
@@ -265,7 +265,8 @@ fn render(
         .collect())
 }
 
-/// Adds a frame's times to those of earlier frames, a pass that ran twice as one.
+/// Adds a frame's times to those of earlier frames. A pass that ran several times in a frame counts once, with the sum
+/// of its times.
 fn collect(times: &mut Vec<(String, Vec<f64>)>, frame: Vec<Timing>) {
     let mut of_frame: Vec<Timing> = Vec::new();
     for timing in frame {

@@ -1,4 +1,4 @@
-//! What the path tracer shows of some parts of a scene's light, rendered or read from the cache.
+//! The path tracer's reference for some parts of a scene's light, rendered or read from the cache.
 
 use std::time::Instant;
 
@@ -8,16 +8,17 @@ use super::cache::{Entry, Key};
 use super::{MeasureError, Options, Progress, Report};
 use crate::gpu::Gpu;
 use crate::light_paths::{Part, PatternError};
+use crate::lighting::LightingError;
 use crate::reference::{self, PathTracer, Settings};
-use crate::renderer::RenderError;
-use crate::techniques::SettingError;
+use crate::settings::SettingError;
 
-/// How good a reference has to be.
+/// Required quality of a reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
-    /// Most samples a pixel, at least 16: fewer cannot tell how noisy they are.
+    /// Maximum number of samples per pixel. At least 16, because fewer cannot estimate their own noise.
     pub samples: u32,
-    /// Enough when the whole reference's estimated rel-mse falls to this; 0: at the number of samples only.
+    /// Stop when the estimated rel-mse of the whole reference falls to this value; 0 stops at the number of samples
+    /// only.
     pub noise: f64,
 }
 
@@ -33,64 +34,64 @@ impl Default for Quality {
 /// One run of the path tracer.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct TracedPart {
-    /// Classes of lights and light paths.
+    /// Light classes and light paths.
     #[serde(flatten)]
     pub part: Part,
-    /// Longest paths followed (vertices between light and eye).
+    /// Length of the longest paths followed (vertices between light and eye).
     pub max_bounces: u32,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
-    /// Its own error: estimated relative mean squared error.
+    /// The part's own error: estimated relative mean squared error.
     pub estimated_rel_mse: f64,
-    /// Time to render it (s), when it was rendered.
+    /// Render time (s); for a cached reference, that of the original rendering.
     pub seconds: f64,
-    /// What it was rendered on.
+    /// The adapter that rendered it.
     pub adapter: String,
     /// Whether it was read from the cache.
     pub cached: bool,
 }
 
-/// What is looked at.
+/// The scene, camera and image size to render.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
-    /// What exists.
+    /// The scene.
     pub scene: &'a Scene,
-    /// From where.
+    /// The camera.
     pub camera: &'a Camera,
-    /// Width and height of the picture (pixels).
+    /// Width and height of the image (pixels).
     pub size: [u32; 2],
 }
 
-/// The path tracer's picture of some parts of a scene's light.
+/// The path tracer's image of some parts of a scene's light.
 #[derive(Debug, Clone)]
 pub struct Truth {
-    /// Linear radiance, three floats a pixel, row by row from the top: the sum of the parts.
+    /// Linear radiance, three floats per pixel, in rows from top to bottom: the sum of the parts.
     pub radiance: Vec<f32>,
-    /// What it is the sum of.
+    /// The parts that are summed.
     pub parts: Vec<TracedPart>,
-    /// What is wrong with the cache, and where too much noise remains.
+    /// Problems with the cache, and parts that are too noisy.
     pub notes: Vec<String>,
 }
 
 impl Truth {
-    /// Its own error: estimated relative mean squared error. An upper estimate, because it adds those of the parts, of which each is relative to
-    /// a darker picture than the whole.
+    /// The reference's own error: estimated relative mean squared error. This is an upper estimate, because it adds the
+    /// errors of the parts, each of which is relative to a darker image than the whole.
     pub fn rel_mse(&self) -> f64 {
         self.parts.iter().map(|part| part.estimated_rel_mse).sum()
     }
 
-    /// Time to render it (s), when it was rendered.
+    /// Render time (s); for a cached reference, that of the original rendering.
     pub fn seconds(&self) -> f64 {
         self.parts.iter().map(|part| part.seconds).sum()
     }
 
-    /// Whether nothing had to be rendered.
+    /// Whether all parts came from the cache.
     pub fn is_cached(&self) -> bool {
         self.parts.iter().all(|part| part.cached)
     }
 }
 
-/// Renders what the camera sees of `parts`, or reads what is in the cache.
+/// Renders the camera's view of `parts`, or reads it from the cache.
 ///
 /// # Errors
 /// [`MeasureError::Render`], [`MeasureError::Interrupted`].
@@ -163,8 +164,8 @@ pub fn trace(
     Ok(truth)
 }
 
-fn no_pattern(part: &Part, error: &PatternError) -> RenderError {
-    RenderError::Setting {
+fn no_pattern(part: &Part, error: &PatternError) -> LightingError {
+    LightingError::Setting {
         technique: reference::INFO.name.to_owned(),
         source: SettingError::Value {
             name: "paths".to_owned(),

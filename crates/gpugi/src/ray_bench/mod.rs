@@ -1,4 +1,4 @@
-//! Rays a second: what `gpugi bench --technique bvh` measures.
+//! Measures rays per second for `gpugi bench --technique bvh`.
 
 use std::time::Instant;
 
@@ -9,36 +9,36 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// How the rays of one kind did.
+/// Results for rays of one kind.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct RayRate {
     /// `primary`, `diffuse` or `shadow`.
     pub kind: &'static str,
-    /// Whether the shader's accesses are checked against the bounds of buffers and arrays.
+    /// Whether the shader checks its accesses against the bounds of buffers and arrays.
     pub checked: bool,
-    /// Rays of a launch.
+    /// Rays per launch.
     pub rays: u64,
-    /// Fraction of them that hit something.
+    /// Fraction of the rays that hit something.
     pub hit_fraction: f64,
-    /// Milliseconds of the fastest launch.
+    /// Duration of the fastest launch (ms).
     pub best_ms: f64,
-    /// Milliseconds of the median launch.
+    /// Duration of the median launch (ms).
     pub median_ms: f64,
-    /// Millions of rays a second, fastest launch.
+    /// Million rays per second in the fastest launch.
     pub best_mrays: f64,
-    /// Millions of rays a second, median launch.
+    /// Million rays per second in the median launch.
     pub median_mrays: f64,
-    /// Nodes that a ray is tested against, on average.
+    /// Average number of nodes that a ray is tested against.
     pub nodes: f64,
-    /// Triangles that a ray is tested against, on average.
+    /// Average number of triangles that a ray is tested against.
     pub triangles: f64,
-    /// Instances that a ray enters, on average.
+    /// Average number of instances that a ray enters.
     pub instances: f64,
-    /// Bytes of the hierarchy that a ray reads, on average.
+    /// Average number of bytes of the hierarchy that a ray reads.
     pub bytes: f64,
 }
 
-/// Launches of each kind that are timed.
+/// Timed launches per kind.
 const LAUNCHES: usize = 20;
 
 /// `Settings` of ray_bench/rays.wesl.
@@ -58,7 +58,8 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// Looks at the middle of the scene from (0.25, 0.2, 1) x 1.1 diagonals beside it, 35 degrees high; the light is above.
+    /// The camera looks at the middle of the scene from a point that is offset by (0.25, 0.2, 1) * 1.1 scene diagonals;
+    /// its vertical field of view is 35 degrees. The light is above the scene.
     fn new(scene: &Scene, [width, height]: [u32; 2]) -> Self {
         let bounds = scene.bounds();
         let diagonal = bounds.diagonal();
@@ -85,7 +86,7 @@ impl Settings {
     }
 }
 
-/// `Hit` of scene/bvh.wesl; of a counting launch nodes, triangles and instances.
+/// `Hit` of scene/bvh.wesl. Counting launches write nodes, triangles and instances instead.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Record {
@@ -99,8 +100,8 @@ struct Record {
 
 const RAY_BYTES: u64 = 32;
 
-/// Measures closest hits of primary rays and of one diffuse bounce, and shadow rays (any hit toward a point light above the scene),
-/// with the shader's bounds checks and without.
+/// Measures closest hits of primary rays, closest hits of one diffuse bounce, and shadow rays (any hit toward a point
+/// light above the scene). Each is measured with and without the shader's bounds checks.
 ///
 /// # Errors
 /// [`GpuError`].
@@ -140,7 +141,7 @@ struct Bench<'a> {
     settings: wgpu::Buffer,
     /// Written by the launches that are measured.
     hits: wgpu::Buffer,
-    /// Hits of the primary rays, from which the others start.
+    /// Hits of the primary rays, where the other rays start.
     primary: wgpu::Buffer,
     rays: wgpu::Buffer,
     count: wgpu::Buffer,
@@ -210,7 +211,7 @@ impl Bench<'_> {
         )
     }
 
-    /// Runs the entry point `times` times; milliseconds of each.
+    /// Runs the entry point `times` times and returns the milliseconds of each launch.
     fn launch(
         &self,
         entry: &str,
@@ -257,18 +258,18 @@ impl Bench<'_> {
                     let mut frame = Frame::new(self.gpu, false);
                     record(&mut frame);
                     frame.submit()?;
-                    // Waits for the launch.
+                    // Wait for the launch.
                     let _: Vec<u32> = read_buffer(self.gpu, &self.count, 4)?;
                     Ok(started.elapsed().as_secs_f64() * 1e3)
                 })
                 .collect();
         }
-        // A frame each: a slow adapter's watchdog must not meet all of them at once.
+        // Use one frame per launch, so that a slow adapter's watchdog does not see all launches at once.
         (0..times)
             .map(|_| {
                 let mut frame = Frame::new(self.gpu, true);
                 record(&mut frame);
-                Ok(frame.submit()?[0].milliseconds)
+                Ok(frame.submit()?.wait()?[0].milliseconds)
             })
             .collect()
     }
@@ -296,7 +297,7 @@ mod tests {
             let hits = primary.hit_fraction * primary.rays as f64;
             assert!(hits > 100.0 && hits < 1100.0, "{hits}");
             assert_eq!([diffuse.rays, shadow.rays], [hits.round() as u64; 2]);
-            // The box is open toward the eye alone, and the light is outside.
+            // The box is open only toward the eye, and the light is outside.
             assert!(diffuse.hit_fraction > 0.5 && diffuse.hit_fraction < 1.0);
             assert!(shadow.hit_fraction > 0.5, "{}", shadow.hit_fraction);
             for rate in rates {

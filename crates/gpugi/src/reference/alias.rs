@@ -1,16 +1,16 @@
-//! Alias tables: a choice among n weighted entries in constant time (Vose, "A Linear Algorithm for Generating Random Numbers with a Given
-//! Distribution", 1991).
+//! Alias tables, which choose among n weighted entries in constant time (Vose, "A Linear Algorithm for Generating
+//! Random Numbers with a Given Distribution", 1991).
 
-/// One entry: chosen where the second random number lies below `threshold`, else `alias` is.
+/// An entry is chosen if the second random number is below `threshold`; otherwise `alias` is chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Entry {
     pub threshold: f32,
     pub alias: u32,
-    /// Chance of this entry to be chosen, both ways counted.
+    /// Total probability of choosing this entry, directly or as an alias.
     pub probability: f32,
 }
 
-/// The table of `weights`, not negative; empty when none is positive and finite in sum.
+/// The table of non-negative `weights`. Empty if no weight is positive or their sum is not finite.
 pub fn table(weights: &[f64]) -> Vec<Entry> {
     let total: f64 = weights.iter().sum();
     if !(total > 0.0 && total.is_finite()) {
@@ -42,7 +42,8 @@ pub fn table(weights: &[f64]) -> Vec<Entry> {
             small.push(rich);
         }
     }
-    // What is left holds its own share but for rounding. An entry of no weight must not be: it borrows from one that has some.
+    // The remaining entries keep their own share, apart from rounding. An entry of weight 0 must never be chosen: it
+    // aliases the heaviest entry.
     if let Some(heaviest) = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b])) {
         for index in small {
             if weights[index] == 0.0 {
@@ -58,7 +59,7 @@ pub fn table(weights: &[f64]) -> Vec<Entry> {
 mod tests {
     use super::*;
 
-    /// The chance that a table gives each entry.
+    /// The probability that a table gives each entry.
     fn chances(entries: &[Entry]) -> Vec<f64> {
         let mut chances = vec![0.0; entries.len()];
         for (index, entry) in entries.iter().enumerate() {

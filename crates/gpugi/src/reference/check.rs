@@ -1,13 +1,13 @@
-//! What no picture can be made of.
+//! Checks for input that cannot be rendered.
 
 use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
 
-use crate::renderer::RenderError;
+use crate::gpu::GpuError;
 use crate::scene::check_environment;
 
-/// Refuses what would make the whole picture infinite or black without a word, and a picture without pixels.
-pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), RenderError> {
-    let refuse = |what: String| Err(RenderError::Scene { what });
+/// Rejects images without pixels, and scenes that would silently make the whole image infinite or black.
+pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
+    let refuse = |what: String| Err(GpuError::Input { what });
     if size.contains(&0) {
         return refuse(format!(
             "a picture of {} x {} pixels shows nothing",

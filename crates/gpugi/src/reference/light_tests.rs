@@ -1,4 +1,4 @@
-//! Lights are drawn as their densities say.
+//! Lights are sampled according to their densities.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use crate::shader;
 use crate::testing::chi_square::{Bins, assert_follows};
 use crate::testing::{Random, test_gpu};
 
-/// Few enough that the edges of lights, which cut through bins, do not show.
+/// Few enough samples that the edges of lights, which cut through bins, have no visible effect.
 const SAMPLES: usize = 1 << 15;
 const TESTS: usize = 6;
 
@@ -31,7 +31,7 @@ struct Question {
     padding: [u32; 2],
 }
 
-/// Runs `entry` of testing/lights.wesl: direction and density of each.
+/// Runs `entry` of testing/lights.wesl. Returns a direction and a density per invocation.
 fn ask(
     gpu: &Gpu,
     scene: &Scene,
@@ -78,7 +78,8 @@ fn ask(
     read_buffer(gpu, &output, output.size()).unwrap()
 }
 
-/// Draws, and compares with the density: in distribution, and one by one with the density that came with each sample.
+/// Draws samples and compares them with the density: their distribution, and each sample against the density returned
+/// with it.
 fn assert_drawn_as_said(gpu: &Gpu, what: &str, scene: &Scene, position: Vec3) {
     let drawn = ask(gpu, scene, position, "draw", &[[0.0; 4]; SAMPLES]);
     let direction = |row: &[f32; 4]| DVec3::new(row[0].into(), row[1].into(), row[2].into());
@@ -97,7 +98,8 @@ fn assert_drawn_as_said(gpu: &Gpu, what: &str, scene: &Scene, position: Vec3) {
             densities.iter().map(|row| row[3].into()).collect()
         },
     );
-    // A sample comes with the density of its light alone, which where a lamp hangs before the sky is less than all.
+    // A sample's density covers its own light only. It is less than the full density if a lamp hangs in front of the
+    // sky.
     if scene.environment.is_some() && !scene.instances.is_empty() {
         return;
     }
@@ -108,14 +110,14 @@ fn assert_drawn_as_said(gpu: &Gpu, what: &str, scene: &Scene, position: Vec3) {
         .filter(|(drawn, again)| drawn[3] > 0.0 && (again[3] / drawn[3] - 1.0).abs() < 1e-3)
         .count();
     let real = drawn.iter().filter(|row| row[3] > 0.0).count();
-    // At the edges of triangles and texels rounding may find the neighbour.
+    // At the edges of triangles and texels, rounding may select the neighbour.
     assert!(
         agreeing * 1000 > real * 995 && real > SAMPLES / 4,
         "{what}: {agreeing} of {real} samples come with the density of their direction"
     );
 }
 
-/// A map of random texels, one of them a sun, some black, turned.
+/// A rotated map of random texels: one of them is a sun, and some are black.
 fn sky() -> Environment {
     let mut random = Random(3);
     let mut texels = Vec::new();
@@ -139,7 +141,7 @@ fn sky() -> Environment {
     }
 }
 
-/// The scene with one light and nothing else.
+/// A scene with one light and nothing else.
 fn lit_by(light: Light) -> Scene {
     Scene {
         lights: vec![light],
@@ -147,7 +149,7 @@ fn lit_by(light: Light) -> Scene {
     }
 }
 
-/// Draws from a light that rays cannot hit, and compares with a density.
+/// Draws samples from a light that rays cannot hit, and compares them with a density.
 fn assert_spread(gpu: &Gpu, what: &str, scene: &Scene, density: impl Fn(DVec3) -> f64) {
     let drawn = ask(gpu, scene, Vec3::ZERO, "draw", &[[0.0; 4]; SAMPLES]);
     let samples: Vec<DVec3> = drawn
@@ -166,13 +168,13 @@ fn assert_spread(gpu: &Gpu, what: &str, scene: &Scene, density: impl Fn(DVec3) -
 #[test]
 fn soft_points_and_directions_are_spread_evenly() {
     let Some(gpu) = test_gpu() else { return };
-    // Seen from its own centre, a soft point lies in every direction alike.
+    // From its own centre, a soft point light is equally likely in every direction.
     let point = Light {
         radius: 2.0,
         ..Light::new("", LightKind::Point, Vec3::ONE)
     };
     assert_spread(&gpu, "soft point", &lit_by(point), |_| 0.25 / PI);
-    // Shines along -Z, so that its cap lies around +Z.
+    // The light shines along -Z, so its cap lies around +Z.
     let radius = 1.1_f64;
     let direction = Light {
         radius: radius as f32,
@@ -203,7 +205,8 @@ fn triangles_and_sky_together_are_drawn_as_their_densities_say() {
         double_sided: true,
         ..Material::emitter("", vec3(1.0, 2.0, 0.5))
     });
-    // A lamp above that shines down, one to the side that shines both ways, seen from its back; one that shines away gives nothing.
+    // A lamp above shines down. A two-sided lamp to the side is seen from its back. A third lamp faces away and
+    // contributes nothing.
     for (material, origin, u, v) in [
         (
             bright,

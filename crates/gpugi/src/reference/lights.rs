@@ -1,4 +1,4 @@
-//! The table of lights that next-event estimation chooses from.
+//! The light table that next-event estimation samples.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -44,21 +44,21 @@ const TEXTURED: u32 = 2;
 /// The lights of a scene, ready for upload.
 #[derive(Debug)]
 pub struct LightTable {
-    /// The rows; none where nothing that may be chosen gives light.
+    /// The rows; empty if no selectable light emits.
     pub rows: Vec<Light>,
     /// `emitter_rows` of reference/lights.wesl.
     pub emitter_rows: Vec<u32>,
-    /// Chance of the sky.
+    /// Probability of choosing the sky.
     pub sky_probability: f32,
     /// The sky's grid.
     pub sky: Sky,
 }
 
 impl LightTable {
-    /// The lights of the given classes.
+    /// Builds the table from the lights of the given classes.
     pub fn new(scene: &Scene, on_gpu: &GpuScene, classes: &[LightClass]) -> Self {
         let mut rows = Vec::new();
-        // Powers of what is near (W), and irradiances of what is infinitely far: the two have no common measure.
+        // Powers of nearby lights (W), and irradiances of infinitely distant lights. The two have no common measure.
         let mut powers = Vec::new();
         if classes.contains(&LightClass::Punctual) {
             for light in &scene.lights {
@@ -70,7 +70,8 @@ impl LightTable {
         if classes.contains(&LightClass::Area) {
             for emitter in &on_gpu.emitters {
                 let instance = emitter.instance as usize;
-                // How much of a lamp with alpha exists, rays find out: it is left to those that hit it.
+                // Only rays find out how much of an emitter with alpha exists, so rays must hit it; next-event
+                // estimation skips it.
                 let material = &scene.materials[scene.instances[instance].material];
                 if material.alpha_mode != AlphaMode::Opaque {
                     continue;
@@ -108,7 +109,8 @@ impl LightTable {
         table
     }
 
-    /// Fills in the alias table. What is near and what is far share the choice equally where both exist.
+    /// Fills in the alias table. If both nearby and infinitely distant lights exist, each group gets half of the
+    /// probability.
     fn choose(&mut self, powers: &[f64]) {
         let is_far = |row: &Light| row.kind == DIRECTIONAL || row.kind == SKY;
         let total = |far: bool| -> f64 {
@@ -172,7 +174,7 @@ fn punctual_row(light: &gpugi_scene::Light) -> Light {
     }
 }
 
-/// Power of a point or spot (W), irradiance of a direction (W/m^2).
+/// Power of a point or spot light (W), or irradiance of a directional light (W/m^2).
 fn punctual_power(light: &gpugi_scene::Light) -> f64 {
     let solid_angle = match light.kind {
         LightKind::Point => 4.0 * std::f64::consts::PI,

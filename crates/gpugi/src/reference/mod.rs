@@ -1,7 +1,9 @@
-//! The path tracer: the ground truth. It shares the scene, the materials and the reflection models with every technique, and takes the same light
-//! paths, so that each technique can be compared with just the light that it claims.
+//! The path tracer, which provides the ground truth. It uses the same scene, materials and reflection models as every
+//! technique, and can be restricted to the same light paths, so that each technique is compared with exactly the light
+//! that it claims to compute.
 //!
-//! Unidirectional, with next-event estimation and multiple importance sampling. `docs/techniques/path-tracer.md` says what it samples and how.
+//! Unidirectional path tracing with next-event estimation and multiple importance sampling.
+//! `docs/techniques/path-tracer.md` describes what is sampled and how.
 
 mod alias;
 mod check;
@@ -15,7 +17,7 @@ mod surroundings;
 mod tests;
 mod wavefront;
 
-pub use settings::{FIELDS, Settings};
+pub use settings::Settings;
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -27,14 +29,15 @@ use gpugi_scene::{Camera, Scene};
 use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::renderer::RenderError;
+use crate::lighting::LightingError;
 use crate::scene::GpuScene;
+use crate::settings::SettingError;
 use crate::shader;
-use crate::techniques::{Info, SettingError};
+use crate::techniques::Info;
 use lights::LightTable;
 use wavefront::Wavefront;
 
-/// What the path tracer says of itself.
+/// The path tracer's description.
 pub const INFO: Info = Info {
     name: "path-tracer",
     summary: "the reference: every light path, by unidirectional path tracing",
@@ -46,15 +49,18 @@ pub const INFO: Info = Info {
     ],
     suits: |_| true,
     keeps_texels: false,
+    lights_points: false,
 };
 
-/// Largest side of a tile (pixels): its film then fits into the smallest storage binding that WebGPU promises, 128 MiB.
+/// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU
+/// guarantees.
 const TILE_SIDE: u32 = 2048;
-/// Bytes of `Pixel` of reference/film.wesl.
+/// Size of `Pixel` in reference/film.wesl (bytes).
 const PIXEL_BYTES: u64 = 32;
-/// What a batch should take (s): long enough to fill a GPU; each of its many dispatches is short enough for any driver's watchdog.
+/// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
+/// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
-/// Pixels of a workgroup, and pixels that one workgroup of reference/noise.wesl sums.
+/// Pixels per workgroup, and pixels that one workgroup of reference/noise.wesl sums.
 const BLOCK_SIDE: u32 = 8;
 const BLOCK_PIXELS: u32 = BLOCK_SIDE * BLOCK_SIDE;
 const NOISE_PIXELS: u32 = 1024;
@@ -78,7 +84,7 @@ struct Parameters {
     solids: [u32; 4],
 }
 
-/// A part of the picture with its own film.
+/// A rectangle of the image with its own film.
 #[derive(Debug)]
 struct Tile {
     origin: [u32; 2],
@@ -99,30 +105,30 @@ impl Tile {
     }
 }
 
-/// A pass over the picture, and how far it is.
+/// A pass over the image, and its progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pass {
-    /// Samples that it adds to each pixel; 0: none has begun.
+    /// Samples that the pass adds to each pixel; 0 if no pass has begun.
     samples: u32,
-    /// Next tile, and block in it.
+    /// The next tile, and the next block within it.
     tile: usize,
     block: u32,
 }
 
-/// How far a picture is.
+/// Progress of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
-    /// Samples that every pixel has.
+    /// Samples that every pixel has so far.
     pub samples: u32,
-    /// Samples asked for.
+    /// Samples requested.
     pub of: u32,
-    /// Part of the work that is done, 0 to 1.
+    /// Fraction of the work done, 0 to 1.
     pub fraction: f64,
-    /// Estimated relative mean squared error, where it was last measured.
+    /// Estimated relative mean squared error when it was last measured.
     pub noise: Option<f64>,
 }
 
-/// Renders one scene at one size.
+/// Renders one scene at one image size.
 #[derive(Debug)]
 pub struct PathTracer {
     gpu: Gpu,
@@ -136,42 +142,43 @@ pub struct PathTracer {
     tiles: Vec<Tile>,
     light_count: u32,
     sky_probability: f32,
-    /// Which emission a path may end in: bit 0 of surfaces, bit 1 of the sky.
+    /// Which emission may end a path: bit 0 for surfaces, bit 1 for the sky.
     emission_classes: u32,
     solids: Vec<surroundings::Solid>,
-    /// Materials of the solids around the eye.
+    /// Materials of the solids that contain the eye, innermost first.
     around_eye: [u32; 4],
     samples: u32,
     pass: Pass,
     seed: u32,
-    /// Pixel samples a second that the last batches reached; 0 before the first.
+    /// Pixel samples per second that the latest batches reached; 0 before the first batch.
     rate: f64,
 }
 
 impl PathTracer {
-    /// A path tracer of `scene` for pictures of `size` pixels.
+    /// A path tracer of `scene` for images of `size` pixels.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`] when scene or picture do not fit the adapter, with the numbers; [`RenderError::Setting`];
-    /// [`RenderError::Scene`] when something in the scene is not finite or the picture has no pixels.
+    /// [`LightingError::Gpu`] when the scene or the image does not fit the adapter (the message gives the sizes);
+    /// [`LightingError::Setting`] when a setting is invalid; [`LightingError::Scene`] when something in the scene is not
+    /// finite or the image has no pixels.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         settings: &Settings,
-    ) -> Result<Self, RenderError> {
+    ) -> Result<Self, LightingError> {
         Self::with_tiles(gpu, scene, size, settings, TILE_SIDE)
     }
 
-    /// [`PathTracer::new`] with tiles of another side (pixels).
+    /// [`PathTracer::new`] with a different tile side (pixels).
     fn with_tiles(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         settings: &Settings,
         tile_side: u32,
-    ) -> Result<Self, RenderError> {
-        let refused = |source: SettingError| RenderError::Setting {
+    ) -> Result<Self, LightingError> {
+        let refused = |source: SettingError| LightingError::Setting {
             technique: INFO.name.to_owned(),
             source,
         };
@@ -215,7 +222,7 @@ impl PathTracer {
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
-        // A binding must hold one element, wanted or not.
+        // A binding must hold at least one element, even if it is unused.
         let unlit = [bytemuck::Zeroable::zeroed()];
         let rows: &[lights::Light] = if table.rows.is_empty() {
             &unlit
@@ -263,7 +270,7 @@ impl PathTracer {
         })
     }
 
-    /// The settings it was made with.
+    /// The settings that the path tracer was created with.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
@@ -273,11 +280,11 @@ impl PathTracer {
         &self.scene
     }
 
-    /// Seeds everything stochastic and begins anew. The same seed gives the same picture on the same adapter.
+    /// Restarts with a new seed for all random numbers. The same seed produces the same image on the same adapter.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn restart(&mut self, seed: u32) -> Result<(), RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn restart(&mut self, seed: u32) -> Result<(), LightingError> {
         self.seed = seed;
         self.samples = 0;
         self.pass = Pass::default();
@@ -289,23 +296,24 @@ impl PathTracer {
         Ok(())
     }
 
-    /// Samples that every pixel has.
+    /// Samples that every pixel has so far.
     pub fn samples(&self) -> u32 {
         self.samples
     }
 
-    /// Adds samples of what `camera` sees until every pixel has `samples`, the noise setting is reached, or `report` breaks off; then pixels may
-    /// differ by the samples of one pass, which the next call finishes first. `report` hears of progress after every batch.
-    /// Another camera needs [`PathTracer::restart`] first: samples are added to what is there.
+    /// Adds samples of the view of `camera` until every pixel has `samples`, the `noise` setting is reached, or
+    /// `report` breaks off. If `report` breaks off, the sample counts of pixels may differ by the samples of one pass;
+    /// the next call finishes that pass first. `report` is called after every batch. Call [`PathTracer::restart`]
+    /// before rendering another camera, because samples are added to the existing ones.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
+    /// [`LightingError::Gpu`].
     pub fn render(
         &mut self,
         camera: &Camera,
         samples: u32,
         report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
-    ) -> Result<Progress, RenderError> {
+    ) -> Result<Progress, LightingError> {
         let view = View::new(
             camera,
             self.size,
@@ -328,7 +336,8 @@ impl PathTracer {
         };
         while self.samples < samples {
             if self.pass.samples == 0 {
-                // At most a quarter more samples, so that the picture grows evenly and the noise is looked at in time.
+                // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
+                // often enough.
                 let affordable = (self.rate * BATCH_SECONDS / pixels) as u32;
                 self.pass.samples = affordable
                     .clamp(1, self.samples / 4 + 1)
@@ -341,7 +350,7 @@ impl PathTracer {
                 let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
                 let done = (whole + f64::from(self.pass.block * BLOCK_PIXELS)) / pixels;
                 let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
-                // Noise falls at least as 1 / samples.
+                // Noise falls at least as fast as 1 / samples.
                 let enough = progress.noise.map_or(f64::INFINITY, |noise| {
                     f64::from(self.samples) * noise / self.settings.noise
                 });
@@ -353,7 +362,7 @@ impl PathTracer {
             self.samples += self.pass.samples;
             self.pass = Pass::default();
             progress.samples = self.samples;
-            // Too few samples cannot tell their own variance.
+            // Too few samples cannot estimate their own variance.
             if self.settings.noise > 0.0 && self.samples >= 16 {
                 let noise = self.noise()?;
                 progress.noise = Some(noise);
@@ -367,7 +376,7 @@ impl PathTracer {
         Ok(progress)
     }
 
-    /// Goes on with the pass by as many blocks as should take [`BATCH_SECONDS`].
+    /// Continues the pass by as many blocks as should take [`BATCH_SECONDS`].
     fn batch(&mut self) -> Result<(), GpuError> {
         let Pass {
             samples,
@@ -402,7 +411,7 @@ impl PathTracer {
             .run(&self.gpu, &self.scene, &tile.film_group, blocks, samples)?;
         let seconds = started.elapsed().as_secs_f64().max(1e-5);
         let work = f64::from(blocks * BLOCK_PIXELS) * f64::from(samples);
-        // Small batches do not fill the GPU: approach its rate from below.
+        // Small batches do not fill the GPU, so approach its rate from below.
         self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
         self.pass.block += blocks;
         if self.pass.block == tile.blocks() {
@@ -412,26 +421,27 @@ impl PathTracer {
         Ok(())
     }
 
-    /// Estimated relative mean squared error of the picture so far, as docs/measuring.md defines it, from the variance of its samples. An upper
-    /// estimate: the samples are spread more evenly than independent ones.
+    /// Estimated relative mean squared error of the image so far, computed from the variance of its samples as
+    /// docs/measuring.md defines it. This is an upper estimate, because the samples are spread more evenly than
+    /// independent ones.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn noise(&self) -> Result<f64, RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn noise(&self) -> Result<f64, LightingError> {
         let sums = self.sums()?;
         let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
         Ok(sums.iter().map(|sum| f64::from(sum.0)).sum::<f64>() / pixels)
     }
 
-    /// Path segments (closest-hit rays) followed so far; each pixel counts up to 2^32.
+    /// Path segments (closest-hit rays) followed so far. Each pixel counts up to 2^32.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn segments(&self) -> Result<u64, RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn segments(&self) -> Result<u64, LightingError> {
         Ok(self.sums()?.iter().map(|sum| sum.1).sum())
     }
 
-    /// Sums of relative variances and of segments, part by part.
+    /// Sums of relative variances and of segments, one per workgroup of reference/noise.wesl.
     fn sums(&self) -> Result<Vec<(f32, u64)>, GpuError> {
         let mut all = Vec::new();
         for tile in &self.tiles {
@@ -452,11 +462,11 @@ impl PathTracer {
         Ok(all)
     }
 
-    /// Mean linear radiance, three floats a pixel, row by row from the top; black where a pixel has no sample yet.
+    /// Mean linear radiance, three floats per pixel, in rows from top to bottom. Pixels without a sample are black.
     ///
     /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn radiance(&self) -> Result<Vec<f32>, RenderError> {
+    /// [`LightingError::Gpu`].
+    pub fn radiance(&self) -> Result<Vec<f32>, LightingError> {
         let mut picture = vec![0.0; self.size[0] as usize * self.size[1] as usize * 3];
         for tile in &self.tiles {
             let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
@@ -477,7 +487,7 @@ fn sums_bytes(pixels: u32) -> u64 {
     u64::from(pixels.div_ceil(NOISE_PIXELS)) * 12
 }
 
-/// Films for the whole picture.
+/// Creates the films that cover the whole image.
 fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
@@ -494,7 +504,8 @@ fn tiles(
             size[0], size[1]
         ),
     };
-    // A software adapter's memory is the machine's, which it may promise without having it: ask first. Of the picture on the host, too.
+    // A software adapter uses the host's memory, and the host may promise memory that it does not have. Check first
+    // that the memory can be reserved, including that for the image on the host.
     let on_host = match gpu.adapter.device_type {
         wgpu::DeviceType::Cpu => needed,
         _ => pixels.saturating_mul(12),

@@ -1,4 +1,4 @@
-//! The grid from which directions of the environment are drawn.
+//! The grid from which environment directions are sampled.
 
 use gpugi_scene::{Environment, Pixels};
 
@@ -6,20 +6,20 @@ use super::alias;
 
 /// Rec. 709.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
-/// Most cells along each axis: 100 MiB, and finer than most maps.
+/// Maximum number of cells along each axis. A grid of this size takes 96 MiB and is finer than most maps.
 const MOST_CELLS: [usize; 2] = [4096, 2048];
 
-/// `Sky` of reference/sky.wesl, and how much light there is.
+/// `Sky` of reference/sky.wesl, and the amount of light in it.
 #[derive(Debug)]
 pub struct Sky {
-    /// Width, height, padding; then a threshold, an alias and a probability for each cell.
+    /// Width and height; then a threshold, an alias and a probability per cell.
     pub words: Vec<u32>,
     /// Integral of the luminance over the sphere [W/sr/m^2 sr].
     pub luminance: f64,
 }
 
 impl Sky {
-    /// A grid that gives no direction any chance.
+    /// A grid that gives every direction probability 0.
     pub fn none() -> Self {
         Self {
             words: vec![1, 1, 0, 0, 0],
@@ -27,15 +27,16 @@ impl Sky {
         }
     }
 
-    /// The grid of an environment. A cell's weight is what the map, interpolated between texels, sends from its solid angle, so that no
-    /// direction that gives light is without a chance.
+    /// The grid of an environment. A cell's weight is the light that the map, interpolated between texels, emits from
+    /// the cell's solid angle. No direction that emits light has probability 0.
     pub fn new(environment: &Environment) -> Self {
         let image = &environment.image;
         let (width, height) = (image.width as usize, image.height as usize);
         let luminance: Vec<f64> = (0..width * height)
             .map(|texel| texel_luminance(&image.pixels, texel))
             .collect();
-        // The integral of linear interpolation over a texel: 1/8, 3/4 and 1/8 of the three texels around along each axis.
+        // The integral of linear interpolation over a texel weights the texel and its two neighbours along each axis by
+        // 1/8, 3/4 and 1/8.
         let at = |x: usize, y: usize| luminance[y * width + x];
         let across: Vec<f64> = (0..width * height)
             .map(|texel| {
@@ -58,7 +59,7 @@ impl Sky {
                     + 6.0 * across[y * width + x]
                     + across[below * width + x])
                     / 8.0;
-                // A texel that lies in two cells counts in both, so that neither is without a chance.
+                // A texel that overlaps several cells counts in each, so that none of them has probability 0.
                 let last_column = ((x + 1) * cells[0] - 1) / width;
                 let last_row = ((y + 1) * cells[1] - 1) / height;
                 for row in y * cells[1] / height..=last_row {
@@ -91,7 +92,7 @@ fn row_angle(row: usize, height: usize) -> f64 {
     std::f64::consts::PI * row as f64 / height as f64
 }
 
-/// Luminance of a texel as the GPU holds it, in half floats.
+/// Luminance of a texel as the GPU stores it, in half floats.
 fn texel_luminance(pixels: &Pixels, texel: usize) -> f64 {
     let rgb: [f64; 3] = match pixels {
         Pixels::Rgba32Float(values) => {

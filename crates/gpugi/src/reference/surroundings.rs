@@ -1,13 +1,13 @@
-//! Which solids the eye is inside of: where the paths' stack of media begins.
+//! Finds the solids that contain the eye. They are the initial media stack of every path.
 
 use glam::{DVec3, Vec3};
 use gpugi_scene::{Bounds, Scene};
 
-/// Solids that a stack of reference/medium.wesl holds, and its mark of an empty place.
+/// Number of solids that a stack of reference/medium.wesl holds, and its marker for an empty entry.
 const DEPTH: usize = 4;
 const NONE: u32 = u32::MAX;
 
-/// A closed mesh that light enters and that has an inside (KHR_materials_volume), in world space.
+/// A closed, transmissive mesh with an interior (KHR_materials_volume), in world space.
 #[derive(Debug)]
 pub struct Solid {
     material: u32,
@@ -39,7 +39,7 @@ pub fn solids(scene: &Scene) -> Vec<Solid> {
     solids
 }
 
-/// Materials of the solids around `eye` (world space (m)), the innermost first, as a stack of reference/medium.wesl.
+/// Materials of the solids that contain `eye` (world space (m)), innermost first, as a stack of reference/medium.wesl.
 pub fn around(solids: &[Solid], eye: Vec3) -> [u32; DEPTH] {
     let mut found: Vec<(f64, u32)> = solids
         .iter()
@@ -54,14 +54,14 @@ pub fn around(solids: &[Solid], eye: Vec3) -> [u32; DEPTH] {
 }
 
 impl Solid {
-    /// The distance to where a ray from `eye` first leaves the solid (m); none when it is not inside, where it crosses the surface an even number
-    /// of times.
+    /// Distance from `eye` to the nearest crossing of a ray with the solid's surface (m). `None` if `eye` is outside,
+    /// where the ray crosses the surface an even number of times.
     fn way_out(&self, eye: Vec3) -> Option<f64> {
         let Bounds { min, max } = self.bounds;
         if !(eye.cmpge(min).all() && eye.cmple(max).all()) {
             return None;
         }
-        // Along no axis and no diagonal, where edges of models often lie.
+        // Avoid the axes and diagonals, because model edges often lie along them.
         let direction = DVec3::new(0.267_309_1, 0.801_783_7, 0.534_522_5).normalize();
         let (mut count, mut nearest) = (0, f64::INFINITY);
         for triangle in &self.triangles {
@@ -74,7 +74,8 @@ impl Solid {
     }
 }
 
-/// Where a ray crosses a triangle (Moeller and Trumbore, "Fast, Minimum Storage Ray-Triangle Intersection", 1997).
+/// Distance along a ray to its intersection with a triangle (Moeller and Trumbore, "Fast, Minimum Storage Ray-Triangle
+/// Intersection", 1997).
 fn crossing(triangle: &[Vec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
     let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
     let (e1, e2) = (b - a, c - a);
@@ -85,7 +86,7 @@ fn crossing(triangle: &[Vec3; 3], origin: DVec3, direction: DVec3) -> Option<f64
     let q = s.cross(e1);
     let v = direction.dot(q) / determinant;
     let t = e2.dot(q) / determinant;
-    // Not a number where the determinant is 0.
+    // These are NaN if the determinant is 0, which fails every comparison.
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
 }
 
@@ -118,7 +119,7 @@ mod tests {
             let material = scene.add_material(glass.clone());
             scene.add_instance("", mesh, material, Mat4::from_translation(Vec3::X));
         }
-        // A block that is not transmissive, and one without an inside.
+        // A block that is not transmissive, and one without an interior.
         for material in [
             Material::default(),
             Material {

@@ -1,4 +1,4 @@
-//! What needs to see inside: albedos against the quadratures of shared/cpu.rs, and tiles of other sizes.
+//! Tests that need access to internals: albedos against the quadratures of shared/cpu.rs, and different tile sizes.
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ fn picture(tracer: &mut PathTracer, camera: &Camera, samples: u32, seed: u32) ->
     tracer.radiance().unwrap()
 }
 
-/// A material and what it sends to the eye at `degrees` of white light from everywhere.
+/// A name, a material, and the radiance that it sends to an eye at the given angle (degrees) under uniform white light.
 type Sample = (String, Material, Box<dyn Fn(f64) -> [f64; 3]>);
 
 fn reflecting(name: &str, material: Material, case: Case) -> Sample {
@@ -88,7 +88,8 @@ fn samples() -> Vec<Sample> {
         samples.push((
             format!("glass {roughness}"),
             transmissive(roughness, Some(clear)),
-            // White light behind the surface is as bright as before it, and loses n^2 on its way out.
+            // White light behind the surface is as bright as in front of it; its radiance is divided by n^2 on its way
+            // out.
             Box::new(move |degrees| {
                 let seen = glass.seen_at(degrees);
                 [0, 1, 2].map(|c| seen.glossy_albedo(c) + seen.transmitted_albedo() / 2.25)
@@ -132,7 +133,8 @@ fn samples() -> Vec<Sample> {
     samples
 }
 
-/// Strips of materials side by side in one plane, where none sees another: their albedos for an eye at an angle.
+/// Strips of materials lie side by side in one plane, where none sees another. Compares their albedos for an eye at an
+/// angle.
 #[test]
 fn albedos_are_their_quadratures() {
     let Some(gpu) = test_gpu() else { return };
@@ -151,7 +153,7 @@ fn albedos_are_their_quadratures() {
     let size = [count as u32 * 2, HEIGHT as u32];
     let mut tracer = PathTracer::new(&gpu, &scene, size, &Settings::default()).unwrap();
     for degrees in [10.0_f64, 45.0, 75.0] {
-        // Two pixels a strip, whatever the angle.
+        // Two pixels per strip, whatever the angle.
         let middle = Vec3::X * (count as f32 / 2.0);
         let angle = degrees.to_radians() as f32;
         let eye = middle + vec3(0.0, angle.cos(), angle.sin()) * 10.0;
@@ -180,7 +182,7 @@ fn albedos_are_their_quadratures() {
                 let error = (squares / f64::from(SEEDS * (SEEDS - 1))).sqrt();
                 println!("{name} at {degrees}: {mean} of {expected}, error {error}");
                 assert!(error < 0.01, "{name}: an error of {error}");
-                // The quadratures are good to about 0.001.
+                // The quadratures are accurate to about 0.001.
                 let tolerance = 0.0015 + 5.0 * error;
                 assert!(
                     (mean - expected).abs() < tolerance,
@@ -191,7 +193,7 @@ fn albedos_are_their_quadratures() {
     }
 }
 
-/// Tiles change nothing, in no bit: neither along one axis nor along both.
+/// Tiling does not change a single bit, whether along one axis or along both.
 #[test]
 fn tiles_are_invisible() {
     let Some(gpu) = test_gpu() else { return };

@@ -1,4 +1,4 @@
-//! Atlases are laid out once.
+//! Atlases are laid out only once.
 
 use std::sync::Arc;
 
@@ -48,7 +48,7 @@ fn atlas(gpu: &Gpu, renderer: &Renderer) -> Arc<Atlas> {
     atlas.unwrap()
 }
 
-/// Techniques that keep the atlas.
+/// Number of techniques that keep the atlas.
 fn techniques(gpu: &Gpu, renderer: &Renderer) -> usize {
     Arc::strong_count(&atlas(gpu, renderer)) - 1
 }
@@ -107,7 +107,7 @@ fn an_atlas_of_too_many_pages_is_refused_whoever_laid_it_out() {
     let of = |bytes| scene.atlas(&gpu, "test", SIZE, 16.0, bytes);
     let many = of(16).unwrap();
     assert!(many.pages > 2);
-    let limits = gpu.device.limits();
+    let limits = gpu.limits();
     let limit = limits
         .max_buffer_size
         .min(limits.max_storage_buffer_binding_size);

@@ -1,4 +1,5 @@
-//! Atlases that techniques keep light in: laid out when one first asks, which may take minutes, and the same for all that ask for the same.
+//! Atlases in which techniques keep light. An atlas is laid out at the first request, which may take minutes, and
+//! shared by all techniques that request the same.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -7,10 +8,10 @@ use gpugi_scene::{Atlas, AtlasOptions, TexelDensity};
 use super::GpuScene;
 use crate::gpu::{Gpu, GpuError};
 
-/// Of more triangles than this, unwrapping takes longer than anybody expects.
+/// With more triangles than this, unwrapping takes longer than anybody expects.
 const MOST_TRIANGLES: usize = 500_000;
 
-/// The atlases of a scene's meshes that somebody keeps.
+/// The atlases of a scene's meshes that techniques keep.
 #[derive(Debug, Default)]
 pub(super) struct Atlases(Mutex<Vec<Kept>>);
 
@@ -22,12 +23,13 @@ struct Kept {
 }
 
 impl GpuScene {
-    /// The atlas for a technique that keeps `texel_bytes` a texel in one buffer, in pages of `size` texels a side, with so many texels per metre, or, if
-    /// that is 0, as many as one page holds. It stays the same until meshes change, however instances move or are stretched and whatever they are made of,
-    /// as long as anybody keeps it.
+    /// The atlas for a technique that keeps `texel_bytes` bytes per texel in one buffer. Its pages have `size` texels
+    /// per side; `density` is in texels per metre, or 0 for as many as one page holds. As long as anybody keeps it, the
+    /// atlas stays the same until meshes change, however instances move or stretch and whatever they are made of.
     ///
     /// # Errors
-    /// [`GpuError::Pass`], [`GpuError::TooLarge`]: what would take too long or too much memory, what has no atlas.
+    /// [`GpuError::Pass`], [`GpuError::TooLarge`]: if it would take too long or too much memory, or if there is no
+    /// atlas for the scene.
     pub(crate) fn atlas(
         &self,
         gpu: &Gpu,
@@ -43,7 +45,7 @@ impl GpuScene {
         let scene = self.host().ok_or_else(|| {
             refused("the scene was uploaded without what an atlas is laid out of".into())
         })?;
-        let limits = gpu.device.limits();
+        let limits = gpu.limits();
         let bytes = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
@@ -67,7 +69,7 @@ impl GpuScene {
         let is_asked_for = |kept: &&Kept| (kept.size, kept.density) == (size, density);
         let kept = all.iter().find(is_asked_for);
         if let Some(atlas) = kept.and_then(|kept| kept.atlas.upgrade()) {
-            // Who asked for it may keep less in a texel.
+            // The technique that requested it first may keep fewer bytes per texel.
             if atlas.pages > most_pages {
                 return Err(GpuError::TooLarge {
                     what: format!("pages of {technique} (lower the density)"),

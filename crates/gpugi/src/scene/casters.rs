@@ -1,24 +1,24 @@
-//! What depth maps draw: the scene's triangles, or fewer.
+//! What depth maps draw: all of the scene's triangles, or fewer.
 
 use glam::Vec3;
 use gpugi_scene::simplify::simplified;
 
 use super::{Draw, DrawClass, GpuScene};
-use crate::gpu::{Frame, GpuError, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, ReadBack};
 
-/// Triangles between a scene's merged vertices.
+/// Triangles over a scene's merged vertices.
 #[derive(Debug, Clone, Copy)]
 pub struct Casters<'a> {
     /// The scene.
     pub scene: &'a GpuScene,
     /// Indices of merged vertices.
     pub indices: &'a wgpu::Buffer,
-    /// Ranges of them, in order of class.
+    /// Ranges of the indices, sorted by class.
     pub draws: &'a [Draw],
 }
 
 impl GpuScene {
-    /// Every triangle.
+    /// All triangles.
     pub fn casters(&self) -> Casters<'_> {
         Casters {
             scene: self,
@@ -28,7 +28,34 @@ impl GpuScene {
     }
 }
 
-/// Casters of fewer triangles, kept while the scene's meshes are the same, wherever their instances move.
+/// Merged vertices and indices on their way to the host, to be simplified there.
+#[derive(Debug)]
+pub struct CasterGeometry {
+    topology: u64,
+    vertices: ReadBack<Vec<[f32; 4]>>,
+    indices: ReadBack<Vec<u32>>,
+}
+
+impl CasterGeometry {
+    /// Reads back the geometry of a scene whose vertices are merged.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub fn read_back(frame: &mut Frame<'_>, scene: &GpuScene) -> Result<Self, GpuError> {
+        Ok(Self {
+            topology: scene.versions.topology,
+            vertices: frame.read_back(&scene.vertices, scene.vertices.size())?,
+            indices: frame.read_back(&scene.indices, scene.indices.size())?,
+        })
+    }
+
+    /// Whether it is that of the scene as it is now.
+    pub fn is_of(&self, scene: &GpuScene) -> bool {
+        self.topology == scene.versions.topology
+    }
+}
+
+/// Casters with fewer triangles, kept while the scene's meshes are the same, however their instances move.
 #[derive(Debug)]
 pub struct SimplifiedCasters {
     detail: f32,
@@ -38,32 +65,21 @@ pub struct SimplifiedCasters {
 }
 
 impl SimplifiedCasters {
-    /// Casters of about `detail` times as many triangles, for which merged vertices are waited for; `kept` where it will do. Surfaces
-    /// with alpha keep their triangles, since these decide where they exist.
+    /// Casters with about `detail` times as many triangles; `None` until their geometry has arrived. Surfaces with alpha keep their triangles, since
+    /// these decide where they exist.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn new(
-        frame: &mut Frame<'_>,
+        gpu: &Gpu,
         scene: &GpuScene,
         detail: f32,
-        kept: Option<Self>,
-    ) -> Result<Self, GpuError> {
-        let mut casters = match kept {
-            Some(kept) if kept.topology == scene.versions.topology && kept.detail == detail => kept,
-            _ => Self::simplify(frame, scene, detail)?,
+        geometry: &CasterGeometry,
+    ) -> Result<Option<Self>, GpuError> {
+        let (Some(vertices), Some(all)) = (geometry.vertices.get(), geometry.indices.get()) else {
+            return Ok(None);
         };
-        for (draw, at) in casters.draws.iter_mut().zip(&scene.draws) {
-            draw.bounds = at.bounds;
-        }
-        Ok(casters)
-    }
-
-    fn simplify(frame: &mut Frame<'_>, scene: &GpuScene, detail: f32) -> Result<Self, GpuError> {
-        frame.flush()?;
-        let gpu = frame.gpu;
-        let vertices: Vec<[f32; 4]> = read_buffer(gpu, &scene.vertices, scene.vertices.size())?;
-        let all: Vec<u32> = read_buffer(gpu, &scene.indices, scene.indices.size())?;
+        let (vertices, all) = (vertices?, all?);
         let mut indices: Vec<u32> = Vec::new();
         let mut draws = Vec::with_capacity(scene.draws.len());
         for draw in &scene.draws {
@@ -72,7 +88,7 @@ impl SimplifiedCasters {
             if draw.class >= DrawClass::Alpha {
                 indices.extend(own);
             } else if let (Some(&first), Some(&last)) = (own.iter().min(), own.iter().max()) {
-                // The vertices of an instance lie together.
+                // The vertices of an instance are contiguous.
                 let positions: Vec<Vec3> = vertices[first as usize..=last as usize]
                     .iter()
                     .map(|&[x, y, z, _]| Vec3::new(x, y, z))
@@ -86,7 +102,7 @@ impl SimplifiedCasters {
                 ..draw.clone()
             });
         }
-        Ok(Self {
+        Ok(Some(Self {
             detail,
             topology: scene.versions.topology,
             indices: gpu.buffer_with(
@@ -95,7 +111,19 @@ impl SimplifiedCasters {
                 wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDEX,
             )?,
             draws,
-        })
+        }))
+    }
+
+    /// Whether they serve the scene as it is now, with this detail.
+    pub fn serve(&self, scene: &GpuScene, detail: f32) -> bool {
+        self.topology == scene.versions.topology && self.detail == detail
+    }
+
+    /// Follows instances that moved.
+    pub fn follow(&mut self, scene: &GpuScene) {
+        for (draw, at) in self.draws.iter_mut().zip(&scene.draws) {
+            draw.bounds = at.bounds;
+        }
     }
 
     /// The casters.

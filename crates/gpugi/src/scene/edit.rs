@@ -12,7 +12,6 @@ use super::rows::{is_mirrored, set_place, texture_slots};
 use super::upload::{are_same, is_same_image, is_see_through};
 use super::{Atlases, GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
-use crate::renderer::RenderError;
 
 /// One change of a scene: what had a place in it before has another value. Indices count what the scene on the GPU has.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,9 +69,9 @@ impl GpuScene {
     /// Applies edits in their order and counts what changed. All are refused if one is.
     ///
     /// # Errors
-    /// [`RenderError::Scene`] for what the scene does not have and for what nothing can be computed from; [`RenderError::Gpu`] as
-    /// [`GpuScene::new`].
-    pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), RenderError> {
+    /// [`GpuError::Input`] for an index that the scene does not have and for values that no light can be computed from,
+    /// with nothing done; else as [`GpuScene::new`].
+    pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
         for edit in edits {
             self.check(edit)?;
         }
@@ -99,6 +98,7 @@ impl GpuScene {
     /// # Errors
     /// As [`GpuScene::new`].
     pub fn update(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
+        check_environment(after.environment.as_ref())?;
         match self.edits_to(after) {
             Some(edits) if edits.iter().all(|edit| self.can_apply(edit)) => {
                 self.apply(gpu, &edits)?;
@@ -152,8 +152,8 @@ impl GpuScene {
         Some(edits.collect())
     }
 
-    fn check(&self, edit: &Edit) -> Result<(), RenderError> {
-        let refused = |what: String| Err(RenderError::Scene { what });
+    fn check(&self, edit: &Edit) -> Result<(), GpuError> {
+        let refused = |what: String| Err(GpuError::Input { what });
         let (thing, index, count) = match edit {
             Edit::Instance { index, .. } => ("instance", *index, self.host.instances.len()),
             Edit::Material { index, .. } => ("material", *index, self.host.materials.len()),
@@ -361,9 +361,7 @@ impl GpuScene {
                 &self.hierarchy,
             ];
             let environment = &self.environment_view;
-            self.bind_group = self
-                .bindings
-                .bind(gpu, buffers, environment, &self.images)?;
+            self.bind_group = self.bindings.bind(gpu, buffers, environment, &self.images);
             self.versions.environment += 1;
         }
         let header = self.header_values.with_environment(after);

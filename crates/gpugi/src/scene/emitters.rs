@@ -1,27 +1,27 @@
-//! Emissive triangles: the area lights.
+//! Emissive triangles: area lights.
 
 use glam::Vec3;
 use gpugi_scene::{Material, Pixels, Scene};
 
 use super::rows::is_mirrored;
 
-/// A triangle that emits, world space.
+/// A triangle that emits light, in world space.
 #[derive(Debug, Clone, Copy)]
 pub struct Emitter {
     /// Index of its instance.
     pub instance: u32,
-    /// Number of the triangle in its mesh.
+    /// Index of the triangle in its mesh.
     pub primitive: u32,
     /// Corners (m), counterclockwise seen from the front.
     pub corners: [Vec3; 3],
     /// Mean emitted radiance [W/sr/m^2].
     pub radiance: Vec3,
-    /// Emits from its back, too.
+    /// Whether the back emits, too.
     pub two_sided: bool,
 }
 
 impl Emitter {
-    /// Luminous power: pi L A, of both sides where both emit.
+    /// Luminous power: pi L A, for both sides if both emit.
     pub fn power(&self) -> f64 {
         let [a, b, c] = self.corners;
         let area = f64::from((b - a).cross(c - a).length()) / 2.0;
@@ -74,7 +74,7 @@ pub(super) fn emitters_of(scene: &Scene, index: usize) -> Vec<Emitter> {
     emitters.collect()
 }
 
-/// Mean of the emissive texture over a triangle from a fixed pattern of 36 points.
+/// Mean of the emissive texture over a triangle, at a fixed pattern of 36 points.
 fn mean_emission(
     scene: &Scene,
     material: &Material,

@@ -1,12 +1,11 @@
-//! The environment's texture, and what no environment may be.
+//! The environment's texture, and checks of the environment's values.
 
 use gpugi_scene::{Environment, Image, Pixels};
 
 use crate::gpu::{Gpu, GpuError};
-use crate::renderer::RenderError;
 
-/// Refuses numbers that would make the whole picture infinite, or take light away.
-pub fn check_environment(environment: Option<&Environment>) -> Result<(), RenderError> {
+/// Rejects values that would make the whole image infinite or subtract light.
+pub(crate) fn check_environment(environment: Option<&Environment>) -> Result<(), GpuError> {
     let Some(environment) = environment else {
         return Ok(());
     };
@@ -14,15 +13,15 @@ pub fn check_environment(environment: Option<&Environment>) -> Result<(), Render
     if intensity.is_finite() && intensity >= 0.0 && rotation.is_finite() {
         return Ok(());
     }
-    Err(RenderError::Scene {
+    Err(GpuError::Input {
         what: format!(
             "the environment's intensity {intensity} must be a finite number of at least 0, its rotation {rotation} a finite angle"
         ),
     })
 }
 
-/// The environment as a half-float texture; one black texel without one. Values above 65,504, infinite ones too, are cut; what is negative
-/// or no number is no light.
+/// The environment as a half-float texture; one black texel if there is none. Values above 65,504, including infinity,
+/// are clamped; negative values and NaN become 0.
 pub(super) fn environment_texture(
     gpu: &Gpu,
     environment: Option<&Environment>,

@@ -82,7 +82,7 @@ pub struct TextureReference {
     pub padding_1: u32,
 }
 
-/// A vertex in the geometry buffer: 12 words, `Vertex` of scene/tables.wesl with one word unused.
+/// A vertex in the geometry buffer: 12 words, which are `Vertex` of scene/tables.wesl and one unused word.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Vertex {
@@ -95,13 +95,13 @@ pub struct Vertex {
     pub padding: u32,
 }
 
-/// Octahedral encoding, two 16-bit normalized integers: the twin of shared/octahedral.wesl.
+/// Octahedral encoding as two 16-bit normalized integers: CPU twin of shared/octahedral.wesl.
 pub fn octahedral(direction: glam::Vec3) -> u32 {
     let d = direction / (direction.x.abs() + direction.y.abs() + direction.z.abs()).max(1e-20);
     let (x, y) = if d.z >= 0.0 {
         (d.x, d.y)
     } else {
-        // Of -0, too, the sign is taken as positive: the shader compares.
+        // -0 counts as positive, as in the shader, which compares.
         let sign = |value: f32| if value >= 0.0 { 1.0 } else { -1.0 };
         ((1.0 - d.y.abs()) * sign(d.x), (1.0 - d.x.abs()) * sign(d.y))
     };

@@ -8,26 +8,26 @@ use crate::gpu::{Blit, Gpu, GpuError};
 /// Size classes for each colour space.
 const CLASSES: usize = 4;
 
-/// Where an image lies: class 0-3 sRGB, 4-7 linear, and its layer.
+/// Where an image is stored: class 0-3 sRGB, 4-7 linear, and its layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImagePlace {
     pub class: u32,
     pub layer: u32,
 }
 
-/// Texture arrays and the places of every image in them.
+/// Texture arrays, and the place of every image in them.
 #[derive(Debug, Clone)]
 pub struct ImageArrays {
     /// Views of the eight arrays in binding order.
     pub views: Vec<wgpu::TextureView>,
-    /// By image: its place among the sRGB and among the linear arrays, where it is used so.
+    /// Per image: its places in the sRGB and in the linear arrays, where it is used as such.
     pub places: Vec<[Option<ImagePlace>; 2]>,
     /// Bytes on the GPU.
     pub bytes: u64,
 }
 
 impl ImageArrays {
-    /// Uploads every image that a material uses, scaled up to the next power-of-two square of its class, with mip levels.
+    /// Uploads every image that a material uses, scaled up to the power-of-two square of its class, with mip levels.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when a class has more images than a texture has layers; [`GpuError::OutOfMemory`].
@@ -86,9 +86,9 @@ fn side(image: &Image) -> u32 {
     image.width.max(image.height).next_power_of_two()
 }
 
-/// The largest sizes that occur, at most four; smaller images are scaled up to the smallest of them.
+/// The largest sizes that occur, at most four; smaller images are scaled up to the smallest of these.
 fn class_sizes(gpu: &Gpu, scene: &Scene, used: &[usize]) -> [u32; CLASSES] {
-    let limit = gpu.device.limits().max_texture_dimension_2d;
+    let limit = gpu.limits().max_texture_dimension_2d;
     let mut sizes: Vec<u32> = used
         .iter()
         .map(|&image| side(&scene.images[image]).min(limit))
@@ -139,39 +139,36 @@ fn upload(
             ..Default::default()
         })
     };
-    gpu.scoped("material images", || {
-        let blit = Blit::new(gpu, format)?;
-        for (layer, image) in images.iter().enumerate() {
-            let layer = layer as u32;
-            write_image(
+    let blit = Blit::new(gpu, format)?;
+    for (layer, image) in images.iter().enumerate() {
+        let layer = layer as u32;
+        write_image(
+            gpu,
+            &texture,
+            image,
+            size,
+            layer,
+            &blit,
+            &level_view(layer, 0),
+        )?;
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for level in 1..levels {
+            blit.copy(
                 gpu,
-                &texture,
-                image,
-                size,
-                layer,
-                &blit,
-                &level_view(layer, 0),
+                &mut encoder,
+                &level_view(layer, level - 1),
+                &level_view(layer, level),
             )?;
-            let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            for level in 1..levels {
-                blit.copy(
-                    gpu,
-                    &mut encoder,
-                    &level_view(layer, level - 1),
-                    &level_view(layer, level),
-                )?;
-            }
-            gpu.queue.submit([encoder.finish()]);
         }
-        Ok(())
-    })?;
+        gpu.queue.submit([encoder.finish()]);
+    }
     Ok(texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),
         ..Default::default()
     }))
 }
 
-/// Puts an image into the finest level, through a scaling blit unless it fills it exactly.
+/// Writes an image to the finest level, through a scaling blit unless the sizes match.
 fn write_image(
     gpu: &Gpu,
     texture: &wgpu::Texture,
@@ -182,7 +179,7 @@ fn write_image(
     target: &wgpu::TextureView,
 ) -> Result<(), GpuError> {
     let Pixels::Rgba8(texels) = &image.pixels else {
-        // Importers refuse float images for materials.
+        // Importers reject float images for materials.
         return Ok(());
     };
     let write = |texture: &wgpu::Texture, layer: u32| {

@@ -31,7 +31,7 @@ use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Scene};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use atlases::Atlases;
 use bounds_tree::BoundsTree;
-pub use casters::{Casters, SimplifiedCasters};
+pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
 pub use edit::Edit;
 pub use emitters::Emitter;
 pub(crate) use environment::check_environment;
@@ -44,12 +44,12 @@ use rays::Rays;
 use tables::Tables;
 use upload::Bindings;
 
-/// How captures draw an instance; the order in which merged triangles lie.
+/// How captures draw an instance. Merged triangles are sorted in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DrawClass {
-    /// Opaque, single-sided, a closed mesh: shadow maps may hold its back faces.
+    /// Opaque, single-sided, closed mesh: shadow maps may hold its back faces.
     Closed,
-    /// Opaque, single-sided, open.
+    /// Opaque, single-sided, open mesh.
     Open,
     /// Opaque, double-sided.
     DoubleSided,
@@ -60,7 +60,7 @@ pub enum DrawClass {
 }
 
 impl DrawClass {
-    /// The class that draws the same from both sides.
+    /// The corresponding class that is drawn from both sides.
     pub fn from_both_sides(self) -> Self {
         match self {
             Self::Closed | Self::Open | Self::DoubleSided => Self::DoubleSided,
@@ -69,29 +69,29 @@ impl DrawClass {
     }
 }
 
-/// One instance's share of the merged triangles.
+/// One instance's part of the merged triangles.
 #[derive(Debug, Clone)]
 pub struct Draw {
-    /// How depth maps draw it.
+    /// How depth maps draw the instance.
     pub class: DrawClass,
-    /// How cameras draw it.
+    /// How cameras draw the instance.
     pub seen: DrawClass,
-    /// Number of the instance.
+    /// Index of the instance.
     pub instance: u32,
-    /// Whether its mesh is closed: the back of its surface bounds its inside.
+    /// Whether the mesh is closed: the back of its surface bounds its inside.
     pub is_closed: bool,
-    /// Its indices in the merged index buffer.
+    /// The instance's indices in the merged index buffer.
     pub indices: std::ops::Range<u32>,
-    /// World-space box.
+    /// World-space bounding box.
     pub bounds: Bounds,
-    /// Box of the mesh in its own space.
+    /// Bounding box of the mesh in mesh space.
     pub mesh_bounds: Bounds,
 }
 
-/// Counters that grow when something changes: a map made at other counts is out of date.
+/// Counters that increase when something changes: a map made at other counts is stale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub struct Versions {
-    /// Meshes and their places.
+    /// Meshes and the instances' placements.
     pub geometry: u64,
     /// Materials.
     pub materials: u64,
@@ -99,13 +99,13 @@ pub struct Versions {
     pub lights: u64,
     /// How the environment is turned, and its intensity.
     pub sky: u64,
-    /// The environment's texels alone.
+    /// Only the environment's texels.
     pub environment: u64,
-    /// Which triangles there are and how they are drawn, wherever they move.
+    /// Which triangles there are and how they are drawn, however they move.
     pub topology: u64,
-    /// Which triangles each instance has, wherever it moves and whatever it is made of.
+    /// Which triangles each instance has, however it moves and whatever it is made of.
     pub meshes: u64,
-    /// Which instances there are, of which mesh and material, wherever they move and however they bend.
+    /// Which instances there are, of which mesh and material, however they move and deform.
     pub instances: u64,
     /// [`GpuScene::objects`]: what techniques know of instances before they claim them.
     pub objects: u64,
@@ -122,9 +122,9 @@ pub struct GpuScene {
     pub vertices: wgpu::Buffer,
     /// Merged indices.
     pub indices: wgpu::Buffer,
-    /// What captures draw, in order of class.
+    /// What captures draw, sorted by class.
     pub draws: Vec<Draw>,
-    /// World-space box around everything.
+    /// World-space bounding box of the scene.
     pub bounds: Bounds,
     /// Punctual lights.
     pub lights: Vec<Light>,
@@ -134,9 +134,9 @@ pub struct GpuScene {
     pub environment: Option<Environment>,
     /// Whether any instance has a material with alpha.
     pub has_alpha: bool,
-    /// What has changed how often.
+    /// Counts of changes.
     pub versions: Versions,
-    /// Every instance, as techniques see it that light some and not others.
+    /// Every instance as an object, for techniques that light only some of them.
     pub objects: Vec<Object>,
     /// Where every instance is.
     pub placements: Vec<Placement>,
@@ -165,19 +165,19 @@ pub struct GpuScene {
     atlases: Atlases,
 }
 
-/// What a scene on the GPU is for: nothing else is uploaded.
+/// What a scene on the GPU is used for: nothing else is uploaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Use {
     /// Captures draw merged triangles.
     Captures,
     /// Shaders trace rays.
     Rays,
-    /// Both, and the host keeps meshes and instances, to lay out atlases of them.
+    /// Both. The host also keeps meshes and instances, to lay out atlases of them.
     Texels,
 }
 
 impl GpuScene {
-    /// Uploads a scene to be rasterized.
+    /// Uploads a scene for rasterization.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] with the numbers when the adapter cannot hold it; [`GpuError::OutOfMemory`].
@@ -185,8 +185,8 @@ impl GpuScene {
         Self::upload(gpu, scene, Use::Captures, None)
     }
 
-    /// Uploads a scene in which rays are traced: shaders may use scene/bvh.wesl. Captures see nothing of it: merged triangles would take memory for
-    /// every instance, hierarchies only for every mesh.
+    /// Uploads a scene for ray tracing: shaders may use scene/bvh.wesl. Captures cannot draw it, because merged
+    /// triangles would take memory per instance; hierarchies take memory only per mesh.
     ///
     /// # Errors
     /// As [`GpuScene::new`].
@@ -194,7 +194,8 @@ impl GpuScene {
         Self::upload(gpu, scene, Use::Rays, None)
     }
 
-    /// Uploads a scene whose light is kept in texels: captures draw it, rays are traced in it, and [`GpuScene::host`] has what atlases are laid out of.
+    /// Uploads a scene whose light is kept in texels: captures draw it, shaders trace rays in it, and
+    /// [`GpuScene::host`] holds what atlases are laid out from.
     ///
     /// # Errors
     /// As [`GpuScene::new`].
@@ -202,17 +203,17 @@ impl GpuScene {
         Self::upload(gpu, scene, Use::Texels, None)
     }
 
-    /// Meshes, instances and what they are made of as they are now, where light is kept in texels.
+    /// The current meshes, instances and materials, if light is kept in texels.
     pub fn host(&self) -> Option<&Scene> {
         (self.use_of == Use::Texels).then_some(&self.host)
     }
 
-    /// Whether shaders may trace rays in it.
+    /// Whether shaders may trace rays in the scene.
     pub fn has_rays(&self) -> bool {
         self.rays.is_some()
     }
 
-    /// Whether captures see it.
+    /// Whether captures can draw the scene.
     pub fn has_captures(&self) -> bool {
         self.use_of != Use::Rays
     }
@@ -239,14 +240,15 @@ impl GpuScene {
         Kernel::with_options(gpu, shader, "main", Some(&self.layout), &options)
     }
 
-    /// Whether light passes through any surface: past what alpha cuts out, through what it is made of. Shaders that trace rays are compiled for it.
+    /// Whether light passes through any surface: where alpha cuts it out, and by transmission. Shaders that trace rays
+    /// are compiled accordingly.
     pub fn passages(&self) -> [bool; 2] {
         let mut objects = self.objects.iter();
         let transmits = objects.any(|object| object.is_transmissive);
         [self.has_alpha, transmits]
     }
 
-    /// Brings the merged world-space vertices up to date.
+    /// Updates the merged world-space vertices.
     pub fn merge(&mut self, frame: &mut Frame<'_>) {
         if self.merged_version == self.versions.geometry || self.vertex_count == 0 {
             return;
@@ -261,7 +263,7 @@ impl GpuScene {
         });
     }
 
-    /// How a draw's surface is drawn by whoever follows the light that passes through it: whole, from both sides.
+    /// How a technique that follows the light passing through a draw's surface draws it: whole, from both sides.
     pub fn whole_class(&self, draw: &Draw) -> DrawClass {
         let index = draw.instance as usize;
         let is_transmissive = self.objects[index].is_transmissive;
@@ -278,14 +280,14 @@ impl GpuScene {
         Claims(self.tables.instances[instance].claims)
     }
 
-    /// Hands each instance to the techniques that claim it: `claims` has one entry an object.
+    /// Assigns each instance to the techniques that claim it: `claims` has one entry per object.
     pub fn assign(&mut self, gpu: &Gpu, claims: &[Claims]) {
         let mut changed = Vec::new();
         for (index, (row, of_object)) in self.tables.instances.iter_mut().zip(claims).enumerate() {
             if row.claims != of_object.0 {
                 row.claims = of_object.0;
                 changed.push(index);
-                // Shadow maps and cubes hold what was seen through other surfaces.
+                // Shadow maps and cubes hold what was seen through other surfaces: they become stale.
                 self.versions.materials += 1;
             }
         }
@@ -301,7 +303,7 @@ impl GpuScene {
         }
     }
 
-    /// Makes every map out of date, as if everything had changed but the triangles of meshes: atlases stay.
+    /// Makes every map stale, as if everything but the triangles of meshes had changed: atlases stay.
     pub fn invalidate(&mut self) {
         self.invalidate_geometry();
         self.versions.materials += 1;
@@ -312,7 +314,7 @@ impl GpuScene {
         self.versions.instances += 1;
     }
 
-    /// As if every instance had moved.
+    /// Makes maps stale as if every instance had moved.
     pub fn invalidate_geometry(&mut self) {
         self.versions.geometry += 1;
         for placement in &mut self.placements {

@@ -1,4 +1,4 @@
-//! Where instances are, and since when.
+//! Places of instances, and the versions since which they are there.
 
 use std::sync::Arc;
 
@@ -8,20 +8,21 @@ use gpugi_scene::{Mesh, Scene};
 /// Where an instance is, and since when.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    /// World space from the mesh's own.
+    /// World space from mesh space.
     pub world_from_mesh: Mat4,
-    /// [`super::Versions::geometry`] since which it is there, with the same mesh.
+    /// [`super::Versions::geometry`] since which the instance is there, with the same mesh.
     pub moved: u64,
-    /// [`super::Versions::geometry`] since which it has the same mesh.
+    /// [`super::Versions::geometry`] since which the instance has the same mesh.
     pub bent: u64,
 }
 
-/// Where instances are when a scene begins.
+/// Placements of the instances of a new scene.
 pub(super) fn placements(scene: &Scene) -> Vec<Placement> {
     moved(Vec::new(), scene, &[], 1)
 }
 
-/// Where instances are in `scene`, at `version` of its geometry: `before` has what they were, `same_meshes` says which meshes are as before.
+/// Placements of the instances of `scene` at `version` of its geometry. `before`: their previous placements;
+/// `same_meshes`: which meshes are unchanged.
 pub(super) fn moved(
     before: Vec<Placement>,
     scene: &Scene,
@@ -42,7 +43,7 @@ pub(super) fn moved(
     placements.collect()
 }
 
-/// Which meshes of `after` are as in `before`.
+/// Which meshes of `after` are the same as in `before`.
 pub(super) fn same_meshes(before: &Scene, after: &Scene) -> Vec<bool> {
     let meshes = after.meshes.iter().enumerate();
     let is_same = |(index, mesh): (usize, &Arc<Mesh>)| {

@@ -1,7 +1,7 @@
-//! Objects: which of an instance's light is one technique's own affair.
+//! Objects: which parts of an instance's light only one technique handles.
 //!
-//! Techniques that light some objects and not others claim them. A claim is a bit in the instance's row, so that every gather can tell
-//! whose affair a surface point is.
+//! Techniques that light only some objects claim those objects. A claim is a bit in the instance's row, so that every
+//! gather can tell which technique handles a surface point.
 
 use std::ops::BitOr;
 
@@ -9,16 +9,17 @@ use gpugi_scene::{AlphaMode, Material, MaterialModel, names};
 
 use super::DrawClass;
 
-/// What techniques may want to know of an instance before they claim it.
+/// What techniques may need to know about an instance before they claim it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
     /// The instance's name.
     pub name: String,
-    /// Light passes through its surface.
+    /// Whether light passes through its surface.
     pub is_transmissive: bool,
-    /// Its surface bounds a solid (KHR_materials_volume); else it is a thin wall.
+    /// Whether its surface bounds a solid (KHR_materials_volume); otherwise it is a thin wall.
     pub is_solid: bool,
-    /// Its surface reflects and refracts ideally, as far as the material's factors say: `is_delta` of shared/brdf.wesl.
+    /// Whether its surface reflects and refracts ideally, as far as the material's factors tell: `is_delta` of
+    /// shared/brdf.wesl.
     pub is_smooth: bool,
 }
 
@@ -33,7 +34,7 @@ impl Object {
         }
     }
 
-    /// Whether `list` names it: names separated by commas, in which `*` stands for any characters.
+    /// Whether `list` names the object: names separated by commas, in which `*` stands for any characters.
     pub fn is_named_by(&self, list: &str) -> bool {
         names::is_named_by(&self.name, list)
     }
@@ -47,20 +48,20 @@ const DELTA_ROUGHNESS: f32 = 0.01;
 pub struct Claims(pub(super) u32);
 
 impl Claims {
-    /// None.
+    /// No claims.
     pub const NONE: Self = Self(0);
-    /// environment-map adds all of the environment's light on it, without occlusion, and nobody else any.
+    /// Only environment-map adds the environment's light on the object, all of it and without occlusion.
     pub const ENVIRONMENT: Self = Self(1);
-    /// Somebody adds what passes through its surface: cameras see it whole, from both sides.
+    /// A technique adds what passes through the object's surface, so cameras see the object whole, from both sides.
     pub const TRANSMISSION: Self = Self(2);
-    /// distance-impostor adds what it mirrors, and nobody else any.
+    /// Only distance-impostor adds what the object mirrors.
     pub const SPECULAR: Self = Self(4);
-    /// distance-impostor adds what passes through its surface, and nobody else any.
+    /// Only distance-impostor adds what passes through the object's surface.
     pub const REFRACTION: Self = Self(8);
-    /// caustics adds the light that passes through it and arrives elsewhere: its shadow is whole.
+    /// caustics adds the light that passes through the object and arrives elsewhere, so the object's shadow is whole.
     pub const SHADOW: Self = Self(16);
 
-    /// Whether all of `other` is in this.
+    /// Whether these claims contain all of `other`.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -74,7 +75,7 @@ impl BitOr for Claims {
     }
 }
 
-/// How cameras see an instance that shadow maps draw as `class`.
+/// How cameras draw an instance that shadow maps draw as `class`.
 pub(super) fn seen_class(
     class: DrawClass,
     alpha_mode: AlphaMode,

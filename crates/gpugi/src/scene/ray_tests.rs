@@ -1,4 +1,4 @@
-//! Rays in the shader against the CPU twin and against every triangle of the scene.
+//! Rays traced by the shader, compared with the CPU twin and with every triangle of the scene.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::shader;
 use crate::testing::{Random, constant, test_gpu};
 
-/// What testing/rays.wesl writes for a ray.
+/// What testing/rays.wesl writes per ray.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 pub(super) struct Found {
@@ -66,8 +66,8 @@ pub(super) fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
     read_buffer(gpu, &output, size).unwrap()
 }
 
-/// How a ray meets a triangle of the scene, in 64-bit floats: t, weights of the second and third corner, and the cosine of the angle
-/// to its normal.
+/// How a ray meets a triangle of the scene, in 64-bit floats: t, the weights of the second and third corners, and the
+/// cosine of the angle to the normal.
 fn meet(
     scene: &Scene,
     ray: &Ray,
@@ -89,7 +89,7 @@ fn meet(
     (cosine > 1e-9).then(|| (e2.dot(q), DVec2::new(s.dot(p), d.dot(q)), cosine))
 }
 
-/// The least t over all triangles grown by `margin` of their size.
+/// The least t over all triangles, enlarged by `margin` of their size.
 fn brute_force(scene: &Scene, ray: &Ray, margin: f64) -> f64 {
     let mut best = f64::INFINITY;
     for (number, instance) in scene.instances.iter().enumerate() {
@@ -108,8 +108,8 @@ fn brute_force(scene: &Scene, ray: &Ray, margin: f64) -> f64 {
     best
 }
 
-/// Holds what the shader and its twin find to what trying every triangle finds. Near a triangle's border and where several lie at one
-/// distance either answer is right. Returns the number of hits.
+/// Compares the results of the shader and of its CPU twin with those of trying every triangle. Near a triangle's
+/// border, and where several triangles lie at the same distance, either result is correct. Returns the number of hits.
 fn check(gpu: &Gpu, scene: &Scene, rays: &[Ray]) -> usize {
     let uploaded = GpuScene::with_rays(gpu, scene).unwrap();
     let found = trace(gpu, &uploaded, rays);
@@ -139,7 +139,7 @@ fn check(gpu: &Gpu, scene: &Scene, rays: &[Ray]) -> usize {
             continue;
         }
         hits += 1;
-        // The renderer turns triangles so that their first corner names them.
+        // The renderer rotates triangles so that their first corner identifies them.
         let mesh = &scene.meshes[scene.instances[found.instance as usize].mesh];
         let order = provoking_order(&mesh.indices, mesh.positions.len());
         let corners = order.indices.as_chunks().0[found.primitive as usize];
@@ -201,7 +201,8 @@ fn rays_hit_what_trying_every_triangle_hits() {
         let mut scene = Scene::new("soup");
         let material = scene.add_material(Material::default());
         let mut mesh = soup(&mut random, 60);
-        // Degenerate, coplanar and shared: of the last triangles some corners coincide, some lie in one plane, some are others'.
+        // Of the last triangles, some are degenerate (corners coincide), some are coplanar, and some share corners with
+        // others.
         for vertex in 120..150 {
             mesh.positions[vertex].y = 0.1;
         }
@@ -211,7 +212,7 @@ fn rays_hit_what_trying_every_triangle_hits() {
         for index in 165..180 {
             mesh.indices[index] = index as u32 - 60;
         }
-        // Tiny meshes in large instances, too.
+        // Include tiny meshes in large instances.
         for position in &mut mesh.positions {
             *position *= 1e-7;
         }
@@ -226,7 +227,7 @@ fn rays_hit_what_trying_every_triangle_hits() {
         }
         let mut rays = rays(&mut random, 400, 5.0 * scale, 3.0 * scale);
         for (index, ray) in rays.iter_mut().enumerate().take(60) {
-            // Along axes, and between bounds.
+            // Include rays along axes and rays with bounds.
             match index % 3 {
                 0 => ray.direction = Vec3::AXES[index / 3 % 3] * -ray.origin,
                 1 => ray.t_max = 0.7,
@@ -251,7 +252,7 @@ fn thousands_of_instances_are_hit() {
         let sides = Vec3::splat(0.5) * (1.0 + random.next() as f32);
         let at = random.direction() * 5.0 * random.next().cbrt() as f32;
         let place = Mat4::from_scale_rotation_translation(sides, turn, at);
-        // One in a hundred has nothing to hit or nowhere to be.
+        // One in a hundred has an empty mesh or a zero transform.
         let (mesh, place) = match index % 200 {
             0 => (3, place),
             100 => (meshes[0], Mat4::ZERO),
@@ -264,7 +265,7 @@ fn thousands_of_instances_are_hit() {
     assert!(hits > 40, "{hits}");
 }
 
-/// A closed mesh around the origin with corners on whole numbers.
+/// A closed mesh around the origin with integer corners.
 fn lattice_cube(n: i32) -> Mesh {
     let mut positions = Vec::new();
     for axis in 0..3 {
@@ -297,7 +298,7 @@ fn no_ray_slips_through_an_edge_or_a_corner() {
     let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7);
     let (sides, at) = (Vec3::new(0.3, 2.0, -1.0), Vec3::new(40.0, -3.0, 7.0));
     let turned = Mat4::from_scale_rotation_translation(sides, turn, at);
-    // Whole numbers, where rays meet edges and corners exactly; a ball, where nothing is exact.
+    // Integers, where rays meet edges and corners exactly; and a sphere, where nothing is exact.
     for (place, is_ball) in [
         (Mat4::IDENTITY, false),
         (turned, false),
@@ -365,7 +366,7 @@ fn square() -> Mesh {
     }
 }
 
-/// Rays down -Z through the square, at the centres of a grid of 8 x 8.
+/// Rays along -Z through the square, at the centres of an 8 x 8 grid.
 fn rays_through_square() -> Vec<Ray> {
     (0..64)
         .map(|index| Ray {
@@ -381,7 +382,7 @@ fn rays_through_square() -> Vec<Ray> {
 fn alpha_decides_what_rays_hit() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = Scene::new("alpha");
-    // Alpha: left half 0.25, right half 0.75.
+    // Alpha: 0.25 in the left half, 0.75 in the right half.
     scene.images.push(Arc::new(Image {
         name: String::new(),
         width: 2,
@@ -425,14 +426,14 @@ fn alpha_decides_what_rays_hit() {
             .filter(|(index, _)| left(*index) == side);
         on_side.filter(|(_, found)| found.instance == 0).count()
     };
-    // Each ray has its own seed: of 32, about 8 and 24 exist.
+    // Each ray has its own seed: of 32 rays, about 8 and 24 hit.
     assert!((2..=14).contains(&sheets(true)), "{}", sheets(true));
     assert!((18..=30).contains(&sheets(false)), "{}", sheets(false));
-    // Transmission is no alpha, and opaque materials ignore theirs.
+    // Transmission is not alpha, and opaque materials ignore alpha.
     scene.materials[sheet].alpha_mode = AlphaMode::Opaque;
     scene.materials[sheet].transmission = 1.0;
     assert!(trace_scene(&scene).iter().all(|found| found.instance == 0));
-    // Without the wall, what does not exist is passed by shadow rays.
+    // Without the wall, shadow rays pass where the surface does not exist.
     scene.materials[sheet].alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
     scene.instances.truncate(1);
     for (index, found) in trace_scene(&scene).iter().enumerate() {
@@ -461,7 +462,7 @@ fn instances_move_come_and_go_under_the_same_meshes() {
             .all(|found| found.t == 0.5)
     );
 
-    // More instances than there was room for.
+    // More instances than the buffer had room for.
     for index in 0..40 {
         let place = Mat4::from_translation(Vec3::new(0.0, 0.0, 0.75 - index as f32));
         scene.add_instance("", mesh, material, place);
@@ -482,7 +483,7 @@ fn instances_move_come_and_go_under_the_same_meshes() {
             .all(|found| found.instance == u32::MAX)
     );
 
-    // Another mesh: everything is built again.
+    // A changed mesh: everything is rebuilt.
     scene.add_instance("", mesh, material, Mat4::IDENTITY);
     for position in &mut Arc::make_mut(&mut scene.meshes[mesh]).positions {
         position.z = -1.0;
@@ -494,7 +495,7 @@ fn instances_move_come_and_go_under_the_same_meshes() {
             .all(|found| found.t == 2.0)
     );
 
-    // Nobody asked for rays: there are none to hit anything.
+    // Uploaded without rays: there is nothing that rays could hit.
     let plain = GpuScene::new(&gpu, &scene).unwrap();
     assert!(plain.rays.is_none());
     assert!(

@@ -1,4 +1,4 @@
-//! The scene's bounding volume hierarchies on the GPU, for scenes in which somebody traces rays.
+//! The scene's bounding volume hierarchies on the GPU, for scenes in which shaders trace rays.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::geometry::Geometry;
 use super::tables::joined;
 use crate::gpu::{Gpu, GpuError};
 
-/// Hierarchies of all meshes, and a top level over the instances behind them.
+/// Hierarchies of all meshes, followed by a top level over the instances.
 #[derive(Debug)]
 pub(super) struct Rays {
     bottom: Arc<BottomLevel>,
@@ -31,7 +31,7 @@ impl Rays {
         Self::over(gpu, scene, Arc::new(bottom), buffer)
     }
 
-    /// The same meshes under other instances.
+    /// The hierarchies of the same meshes under a top level over other instances.
     pub fn with_instances(&self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
         Self::over(gpu, scene, self.bottom.clone(), self.buffer.clone())
     }
@@ -99,7 +99,7 @@ impl Rays {
     }
 }
 
-/// Rows that a top level over the scene's instances seldom exceeds: nodes have two children or more.
+/// Rows that a top level over the scene's instances seldom exceeds, because nodes have at least two children.
 fn usual_rows(scene: &Scene) -> usize {
     scene.instances.len().max(1) * (NODE_ROWS + INSTANCE_ROWS) as usize
 }
@@ -108,7 +108,7 @@ fn bytes(rows: usize) -> u64 {
     (rows * std::mem::size_of::<Row>()) as u64
 }
 
-/// A buffer for `rows` rows; zeros, which are an empty node.
+/// A buffer for `rows` rows, filled with zeros, which are an empty node.
 pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, GpuError> {
     gpu.buffer(
         "ray hierarchy [bytes]",

@@ -1,4 +1,4 @@
-//! Rows of the scene's tables from the scene's instances, materials and textures.
+//! Builds the rows of the scene's tables from its instances, materials and textures.
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, TextureRef, Wrap};
@@ -74,7 +74,7 @@ pub(super) fn material_row(
         MaterialModel::Phong { kd, ks, shininess } => (1, kd, ks, shininess),
         MaterialModel::Conductor { n, k } => (2, n, k, 0.0),
     };
-    // KHR_materials_ior: an index of 0 stands for a normal reflectance of 1.
+    // KHR_materials_ior: an index of 0 stands for a reflectance of 1 at normal incidence.
     let dielectric_f0 = if material.ior == 0.0 {
         1.0
     } else {

@@ -1,29 +1,17 @@
-//! Rust structs and WGSL structs are the same: sizes, names and offsets by reflection, table rows word by word.
+//! Strides, constants and table rows that host and shaders share; testing/layouts.rs compares whole structs.
 
 use super::Claims;
 use super::gpu::{Instance, Material, SceneHeader, TextureReference, Vertex, octahedral};
-use crate::capture::atlas::PieceUniform;
-use crate::capture::atlas::blocks::AtlasTriangle;
-use crate::capture::atlas::dilate::LevelsUniform;
-use crate::capture::atlas::gather::OwnUniform;
-use crate::capture::atlas::leaks::LeakSettings;
-use crate::capture::atlas::seams::{BesideRow, SampleRow, TermRow};
+use crate::capture::SURFACE_POINT_BYTES;
 use crate::capture::depth::DepthViewUniform;
-use crate::capture::depth::compute::{self, ParallelView};
-use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
 use crate::gpu::Shader;
-use crate::impostor::gpu::Impostor;
-use crate::ray_bench;
 use crate::shader;
-use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
-use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
-use crate::techniques::image_based_lighting::gpu as domains;
+use crate::techniques::caustics::gpu::{LIT_TEXEL_BYTES, PHOTON_BYTES};
 use crate::techniques::obscurances::gpu as obscurances;
-use crate::techniques::radiosity::gpu::{CHILDREN, Chosen, Level, MOST_CHOSEN, TEXEL_BYTES, Work};
-use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
+use crate::techniques::radiosity::gpu::{CHILDREN, MOST_CHOSEN, TEXEL_BYTES};
 use crate::testing::{constant, run_kernel, test_gpu};
 
-/// Size and members (name, offset) of the struct whose linked name ends in `name`; structs inside it are taken apart.
+/// Size and members (name, offset) of the struct whose linked name ends in `name`; nested structs are flattened.
 fn reflected(shader: &Shader, name: &str) -> (u32, Vec<(String, u32)>) {
     let module = shader.parse().unwrap();
     let (_, ty) = module
@@ -69,197 +57,48 @@ macro_rules! layout {
     };
 }
 
+/// Buffers whose elements only shaders write have as many bytes per element as the host allocates.
 #[test]
-fn uniforms_and_storage_structs_have_one_layout() {
-    let gather = shader!("techniques.shadow_map.gather");
-    let header = layout!(SceneHeader: instance_row material_row texture_row instance_count environment_rotation
-        environment_intensity diagonal bvh_start padding_0 padding_1);
-    assert_eq!(reflected(&shader!("scene.bindings"), "SceneHeader"), header);
-    let view = layout!(ViewUniform: origin width origin_dx height origin_dy sample_index direction seed direction_dx
-        faces direction_dy first_row);
-    for shader in [
-        shader!("capture.resolve"),
-        shader!("capture.emission"),
-        gather,
-    ] {
-        assert_eq!(reflected(&shader, "View"), view, "{}", shader.name);
-    }
-    let depth_view = layout!(DepthViewUniform: clip_from_world tile texel near range atlas_texel);
-    for shader in [
-        shader!("capture.depth"),
-        shader!("capture.depth_alpha"),
-        gather,
+fn strides_of_buffers_are_those_of_their_structs() {
+    for (shader, name, bytes) in [
+        (
+            shader!("capture.resolve"),
+            "PackedSurfacePoint",
+            SURFACE_POINT_BYTES,
+        ),
+        (shader!("techniques.caustics.splat"), "Photon", PHOTON_BYTES),
+        (
+            shader!("techniques.caustics.gather"),
+            "LitTexel",
+            LIT_TEXEL_BYTES,
+        ),
+        (shader!("techniques.radiosity.rays"), "Texel", TEXEL_BYTES),
+        (
+            shader!("techniques.obscurances.prepare"),
+            "Texel",
+            obscurances::TEXEL_BYTES,
+        ),
+        (
+            shader!("techniques.obscurances.transfer"),
+            "AtomicTexel",
+            obscurances::TEXEL_BYTES,
+        ),
     ] {
         assert_eq!(
-            reflected(&shader, "DepthView"),
-            depth_view,
-            "{}",
+            u64::from(reflected(&shader, name).0),
+            bytes,
+            "{name} of {}",
             shader.name
         );
     }
-    let parallel = layout!(ParallelView: x y depth corner width height padding);
-    let drawn = layout!(compute::Range: first_view view_count first_triangle end_triangle first_row side padding_0 padding_1);
-    for shader in [
-        shader!("capture.depth.small"),
-        shader!("capture.depth.large"),
-    ] {
-        assert_eq!(reflected(&shader, "ParallelView"), parallel);
-        assert_eq!(reflected(&shader, "Range"), drawn);
-    }
-    assert_eq!(reflected(&shader!("capture.depth.resolve"), "Range"), drawn);
-    let sample = layout!(LightSample: position kind direction first_view intensity view_count tangent radius
-        cone_scale cone_offset inverse_range_squared area);
-    assert_eq!(reflected(&gather, "LightSample"), sample);
-    let range = layout!(GatherRange: first_light end_light first_point end_point);
-    assert_eq!(reflected(&gather, "GatherRange"), range);
-    let piece =
-        layout!(PieceUniform: size first_row end_row phase block_count lobes area_unit padding);
-    let triangle = layout!(AtlasTriangle: instance primitive a b c);
-    for shader in [
-        shader!("capture.atlas.cover"),
-        shader!("capture.atlas.resolve"),
-    ] {
-        assert_eq!(reflected(&shader, "Piece"), piece);
-        assert_eq!(reflected(&shader, "AtlasTriangle"), triangle);
-    }
-    let leaks = layout!(LeakSettings: share reach offset first end);
-    assert_eq!(
-        reflected(&shader!("capture.atlas.leaks"), "Settings"),
-        leaks
-    );
-    let levels = layout!(LevelsUniform: fine coarse fine_size coarse_size padding);
-    assert_eq!(
-        reflected(&shader!("capture.atlas.dilate"), "Levels"),
-        levels
-    );
-    let seams = shader!("capture.atlas.seams");
-    assert_eq!(
-        reflected(&seams, "Sample"),
-        layout!(SampleRow: texels weights)
-    );
-    let beside = layout!(BesideRow: texel first end weight);
-    assert_eq!(reflected(&seams, "Beside"), beside);
-    assert_eq!(reflected(&seams, "Term"), layout!(TermRow: index weight));
-    let bench = layout!(ray_bench::Settings: eye width direction height direction_dx offset direction_dy seed light padding);
-    assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
-    let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);
-    assert_eq!(reflected(&gather, "GatherSettings"), settings);
-    let reduce = shader!("techniques.image_based_lighting.reduce");
-    let grid = layout!(domains::Grid: width height stride padding);
-    assert_eq!(reflected(&reduce, "Grid"), grid);
-    let decompose = shader!("techniques.image_based_lighting.domains");
-    let settings =
-        layout!(domains::Settings: width height stride side count squared warm tolerance);
-    assert_eq!(reflected(&decompose, "Settings"), settings);
-    let state = layout!(domains::State: most share moving movement);
-    assert_eq!(reflected(&decompose, "State"), state);
-    let domain = layout!(domains::Domain: direction solid_angle flux_density lit_solid_angle);
-    assert_eq!(reflected(&decompose, "Domain"), domain);
-    let gather = shader!("techniques.image_based_lighting.gather");
-    let direction = layout!(domains::Direction: toward solid_angle flux_density texel);
-    assert_eq!(reflected(&gather, "Direction"), direction);
-    let map = layout!(domains::DirectionMap: u v depth);
-    assert_eq!(reflected(&gather, "DirectionMap"), map);
-    let range = layout!(domains::Range: first end radius normal_offset);
-    assert_eq!(reflected(&gather, "Range"), range);
-    let sums = layout!(domains::LobeSums: lit_diffuse all_glossy_r all_diffuse all_glossy_g lit_glossy all_glossy_b);
-    let prefiltered = shader!("techniques.image_based_lighting.prefiltered");
-    assert_eq!(reflected(&prefiltered, "LobeSums"), sums);
-    let lobe = layout!(Lobe: kind width samples padding);
-    let prefilter = shader!("techniques.environment_map.prefilter");
-    assert_eq!(reflected(&prefilter, "Lobe"), lobe);
-    let lookup = layout!(LookupSettings: irradiance phong_cosine last_level approximate_metals);
-    let gather = shader!("techniques.environment_map.gather");
-    assert_eq!(reflected(&gather, "LookupSettings"), lookup);
-    let impostor = layout!(Impostor: reference instance center search iterations bounces is_refracting is_classical
-        world_from_shape);
-    let gather = shader!("techniques.distance_impostor.gather");
-    assert_eq!(reflected(&gather, "Impostor"), impostor);
-    let (size, own) = layout!(CausticMap: reference cube_side side first end is_perspective pixel_area unit counts seed lanes);
-    let (_, light) = sample;
-    let map = (size, [light, own].concat());
-    for shader in [
-        shader!("techniques.caustics.trace"),
-        shader!("techniques.caustics.splat"),
-    ] {
-        assert_eq!(reflected(&shader, "CausticMap"), map, "{}", shader.name);
-    }
-    let photon = reflected(&shader!("techniques.caustics.splat"), "Photon");
-    assert_eq!(u64::from(photon.0), PHOTON_BYTES);
-    let gather = shader!("techniques.caustics.gather");
-    let cube = layout!(LitCube: reference side instance);
-    assert_eq!(reflected(&gather, "LitCube"), cube);
-    let texel = reflected(&gather, "LitTexel");
-    assert_eq!(u64::from(texel.0), LIT_TEXEL_BYTES);
-    let work =
-        layout!(Work: first_texel count rays burn_in seed with_environment texels chosen aimed);
-    for shader in [
-        shader!("techniques.radiosity.rays"),
-        shader!("techniques.radiosity.choose"),
-        shader!("techniques.radiosity.receive"),
-    ] {
-        assert_eq!(reflected(&shader, "Work"), work, "{}", shader.name);
-        let texel = reflected(&shader, "Texel");
-        assert_eq!(u64::from(texel.0), TEXEL_BYTES);
-    }
     let sum = shader!("techniques.radiosity.sum");
-    let level = layout!(Level: fine fine_count coarse padding);
-    assert_eq!(reflected(&sum, "Level"), level);
-    let children = constant(&sum, "radiosity_pyramid", "CHILDREN");
-    assert_eq!(children, CHILDREN);
-    let chosen = layout!(Chosen: position area normal turn outgoing power);
-    for shader in [
-        shader!("techniques.radiosity.rays"),
-        shader!("techniques.radiosity.choose"),
-        shader!("techniques.radiosity.hemicubes"),
-    ] {
-        assert_eq!(reflected(&shader, "Chosen"), chosen, "{}", shader.name);
-    }
+    assert_eq!(constant(&sum, "radiosity_pyramid", "CHILDREN"), CHILDREN);
     let most = constant(
-        &shader!("techniques.radiosity.rays"),
+        &shader!("techniques.radiosity.choose"),
         "radiosity_chosen",
         "MOST_CHOSEN",
     );
     assert_eq!(most, MOST_CHOSEN);
-}
-
-#[test]
-fn structs_of_obscurances_have_one_layout() {
-    let prepare = shader!("techniques.obscurances.prepare");
-    let rays = shader!("techniques.obscurances.rays");
-    let transfer = shader!("techniques.obscurances.transfer");
-    let settings = layout!(obscurances::SettingsUniform: distance falloff seed first_texel first_point end_point
-        first_sample end_sample);
-    let texel = reflected(&prepare, "Texel");
-    assert_eq!(u64::from(texel.0), obscurances::TEXEL_BYTES);
-    assert_eq!(reflected(&transfer, "AtomicTexel"), texel);
-    for shader in [prepare, rays, transfer] {
-        assert_eq!(reflected(&shader, "Settings"), settings, "{}", shader.name);
-    }
-    let row = layout!(obscurances::BoxRow: low padding_0 high padding_1);
-    assert_eq!(reflected(&prepare, "Box"), row);
-    let renewal = layout!(obscurances::Renewal: all box_count finished padding);
-    assert_eq!(reflected(&prepare, "Renewal"), renewal);
-    let page = layout!(obscurances::PageUniform: first count side padding);
-    assert_eq!(
-        reflected(&shader!("techniques.obscurances.resolve"), "Page"),
-        page
-    );
-    let own = layout!(OwnUniform: first_texel is_own padding);
-    for shader in [
-        shader!("techniques.obscurances.gather"),
-        shader!("techniques.radiosity.gather"),
-    ] {
-        assert_eq!(reflected(&shader, "Own"), own, "{}", shader.name);
-    }
-    let view = layout!(obscurances::PeelView: clip_from_world seed);
-    assert_eq!(
-        reflected(&shader!("techniques.obscurances.peel"), "AlphaView"),
-        view
-    );
-    let bundle = layout!(obscurances::Bundle: origin range origin_dx first_column origin_dy first_row direction end_column
-        end_row side layers padding);
-    assert_eq!(reflected(&transfer, "Bundle"), bundle);
 }
 
 #[test]
@@ -280,7 +119,8 @@ fn claims_are_the_same_bits() {
 
 #[test]
 fn depth_passes_and_buffers_agree_on_strides() {
-    // An array of structs with fewer members than the host writes would find each but the first in the wrong place.
+    // If an array's struct had fewer members than the host writes, every element but the first would be read from the
+    // wrong place.
     let stride = std::mem::size_of::<DepthViewUniform>() as u32;
     for shader in [shader!("capture.depth"), shader!("capture.depth_alpha")] {
         let module = shader.parse().unwrap();
@@ -326,7 +166,7 @@ fn table_structs_have_the_same_members_in_the_same_order() {
     assert_eq!(std::mem::size_of::<Vertex>(), 12 * 4);
 }
 
-/// A row whose words are all different, and different from those of rows with another `first`: small normal floats.
+/// A row whose words all differ from each other and from those of rows with another `first`: small normal floats.
 fn distinct<T: bytemuck::Pod>(first: u32) -> T {
     let words: Vec<u32> = (0..std::mem::size_of::<T>() as u32 / 4)
         .map(|word| 0x3f80_0000 + first + word)

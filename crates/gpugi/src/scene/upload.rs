@@ -1,4 +1,5 @@
-//! A scene's way to the GPU: geometry in provoking-vertex order, merged indices in order of class, tables, images, hierarchies.
+//! Uploads a scene to the GPU: geometry in provoking-vertex order, merged indices sorted by class, tables, images,
+//! hierarchies.
 
 use std::sync::Arc;
 
@@ -8,7 +9,7 @@ use gpugi_scene::{AlphaMode, Bounds, Environment, Instance, Material, Scene};
 use super::atlases::Atlases;
 use super::bounds_tree::BoundsTree;
 use super::emitters::emitters;
-use super::environment::environment_texture;
+use super::environment::{check_environment, environment_texture};
 use super::geometry::{Geometry, PlacedMesh};
 use super::images::{ImageArrays, images_used};
 use super::rays::{Rays, hierarchy_buffer};
@@ -18,7 +19,7 @@ use super::{Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
 use crate::gpu::{Gpu, GpuError, Kernel};
 use crate::shader;
 
-/// Surface points keep a material in 16 bits (capture/surface_point.wesl).
+/// Surface points store a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;
 
 impl GpuScene {
@@ -29,6 +30,7 @@ impl GpuScene {
         use_of: Use,
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
+        check_environment(scene.environment.as_ref())?;
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -50,7 +52,8 @@ impl GpuScene {
         let mut merged_indices: Vec<u32> = Vec::new();
         let mut draws = Vec::new();
         let mut draw_of = vec![0; scene.instances.len()];
-        // Instances keep their numbers; vertices are merged in that order so that a vertex finds its instance by search.
+        // Instances keep their indices. Vertices are merged in that order, so that a vertex finds its instance by
+        // binary search.
         let mut vertex_count: u64 = 0;
         let mut index_count: u64 = 0;
         for (index, instance) in scene.instances.iter().enumerate() {
@@ -69,8 +72,8 @@ impl GpuScene {
                 adapter: gpu.adapter.name.clone(),
             });
         }
-        // Shaders read them, too.
-        let limits = gpu.device.limits();
+        // Shaders also read the indices, so the limit of storage bindings applies.
+        let limits = gpu.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
@@ -91,7 +94,7 @@ impl GpuScene {
             let row: &gpu::Instance = &instances[index];
             let first = merged_indices.len() as u32;
             for triangle in mesh.order.indices.chunks_exact(3) {
-                // A mirroring transform turns the winding; the provoking vertex stays first.
+                // A mirroring transform flips the winding; the provoking vertex stays first.
                 let [a, b, c] = if row.mirrored == 1 {
                     [triangle[0], triangle[2], triangle[1]]
                 } else {
@@ -155,7 +158,7 @@ impl GpuScene {
             None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
         };
         let buffers = [&header, &geometry.buffer, &tables.buffer, &hierarchy];
-        let bind_group = bindings.bind(gpu, buffers, &environment_view, &images)?;
+        let bind_group = bindings.bind(gpu, buffers, &environment_view, &images);
         let merge_group =
             bindings
                 .merge
@@ -245,7 +248,7 @@ pub(super) struct Bindings {
 impl Bindings {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
-        // Mesa's software rasterizer ignores explicit gradients where a sampler is anisotropic (seen in 22.3).
+        // Mesa's software rasterizer ignores explicit gradients if the sampler is anisotropic (seen in 22.3).
         let anisotropy_clamp = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => 1,
             _ => 8,
@@ -282,7 +285,7 @@ impl Bindings {
         buffers: [&wgpu::Buffer; 4],
         environment: &wgpu::TextureView,
         images: &ImageArrays,
-    ) -> Result<wgpu::BindGroup, GpuError> {
+    ) -> wgpu::BindGroup {
         let [header, geometry, tables, hierarchy] = buffers;
         let mut resources = vec![
             header.as_entire_binding(),
@@ -298,12 +301,10 @@ impl Bindings {
             .zip(resources)
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
-        gpu.scoped("scene", || {
-            Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("scene"),
-                layout: &self.layout,
-                entries: &entries,
-            }))
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("scene"),
+            layout: &self.layout,
+            entries: &entries,
         })
     }
 }

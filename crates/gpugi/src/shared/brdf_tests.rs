@@ -1,4 +1,4 @@
-//! Values of the scattering models: reciprocity, albedos against quadrature, energy, Fresnel, delta materials.
+//! Tests values of the scattering models: reciprocity, albedos against quadrature, energy, Fresnel, delta materials.
 
 use glam::{DVec3, Vec3};
 
@@ -30,7 +30,8 @@ pub fn run(
     run_kernel(gpu, shader, entry, &inputs, count, invocations as u32).unwrap()
 }
 
-/// Value and density at `directions` of one case, or each of its own: the diffuse lobe, the glossy reflection, the transmission.
+/// Value and density of the diffuse lobe, the glossy reflection and the transmission at `directions`. Evaluates one
+/// case for all directions, or one case per direction.
 pub fn evaluate(gpu: &Gpu, cases: &[Case], directions: &[DVec3]) -> Vec<[[f32; 4]; 3]> {
     let count = directions.len();
     let size = [count * 3, count];
@@ -38,7 +39,7 @@ pub fn evaluate(gpu: &Gpu, cases: &[Case], directions: &[DVec3]) -> Vec<[[f32; 4
     rows.as_chunks::<3>().0.to_vec()
 }
 
-/// What each case reflects and what it lets pass by importance sampling, all channels.
+/// Reflected and transmitted light of each case by importance sampling, in all channels.
 fn sampled_albedos(gpu: &Gpu, shader: &Shader, cases: &[Case]) -> Vec<[Vec3; 2]> {
     let rows = run(
         gpu,
@@ -94,7 +95,7 @@ fn reflection_is_reciprocal() {
         for _ in 0..4 {
             let a = upper();
             for index in 0..32 {
-                // Directions near the mirror direction, where narrow lobes are, and anywhere.
+                // Directions anywhere, and directions near the mirror direction, where narrow lobes are.
                 let mirror = 2.0 * a.dot(n) * n - a;
                 let b = if index < 16 {
                     upper()
@@ -156,8 +157,8 @@ fn furnace_cases() -> Vec<Case> {
     cases
 }
 
-/// White furnace: a surface in a uniform white environment sends on its albedo, never more than all, and the estimator
-/// value x cosine / density finds just that.
+/// White furnace: in a uniform white environment a surface scatters its albedo, never more than all the light, and the
+/// estimator value x cosine / density finds exactly that.
 #[test]
 fn albedos_are_those_of_quadrature() {
     let Some(gpu) = test_gpu() else { return };
@@ -179,7 +180,7 @@ fn albedos_are_those_of_quadrature() {
             (f64::from(passed.x) - expected).abs() <= 0.01 * expected + 1e-3,
             "passed {passed}, quadrature {expected}: {case:?}"
         );
-        // Little is lost where few facets hide each other.
+        // Little light is lost if few facets occlude each other.
         let whole = reflected.x + passed.x;
         if case.transmission > 0.0 && case.roughness < 0.2 {
             assert!((whole - 1.0).abs() < 0.01, "{whole} of the light: {case:?}");
@@ -187,7 +188,7 @@ fn albedos_are_those_of_quadrature() {
     }
 }
 
-/// White surfaces of every kind, from all sides: nothing sends on more light than it gets.
+/// White surfaces of every kind, from all sides: none scatters more light than it receives.
 #[test]
 fn energy_is_never_above_one() {
     let Some(gpu) = test_gpu() else { return };
@@ -249,7 +250,7 @@ fn energy_is_never_above_one() {
     }
 }
 
-/// f(wo, wi) / n_o^2 is the same both ways, from above the surface and from below.
+/// f(wo, wi) / n_o^2 is the same in both directions, from above the surface and from below.
 #[test]
 fn refraction_is_reciprocal_but_for_the_square_of_the_index() {
     let Some(gpu) = test_gpu() else { return };
@@ -333,7 +334,7 @@ fn smooth_glass_bends_light_by_snell_and_reflects_it_whole_beyond_the_critical_a
                 "{case:?}"
             );
         }
-        // Glass has two lobes; they are chosen as they share the light.
+        // Glass has two lobes, chosen with probabilities equal to their shares of the light.
         assert!(
             (weights[1] - reflectance).abs() < 1e-4,
             "{weights:?}: {case:?}"
@@ -470,7 +471,7 @@ fn glass_has_exact_fresnel_reflectance() {
             );
         }
     }
-    // Half the specular weight: half of it at all angles, but light that cannot leave is reflected whole.
+    // Half the specular weight halves the reflectance at all angles, except for total internal reflection.
     let half = Case {
         f0: [0.02; 3],
         f90: 0.5,
@@ -534,7 +535,7 @@ fn nothing_reflects_below_the_surface() {
     }
 }
 
-/// The switch in brdf.wesl gives a rough white metal back what single scattering loses.
+/// The switch in brdf.wesl restores the energy that a rough white metal loses by single scattering.
 #[test]
 fn energy_compensation_makes_white_metals_white() {
     let Some(gpu) = test_gpu() else { return };
@@ -546,7 +547,7 @@ fn energy_compensation_makes_white_metals_white() {
     let switched = plain.source[at..].replacen("= false", "= true", 1);
     let compensated = Shader {
         name: "testing.brdf with energy compensation",
-        source: Box::leak(format!("{}{switched}", &plain.source[..at]).into_boxed_str()),
+        source: format!("{}{switched}", &plain.source[..at]).into(),
     };
     let mut cases: Vec<Case> = [0.3, 0.5, 0.7, 0.85, 1.0]
         .iter()
@@ -567,7 +568,7 @@ fn energy_compensation_makes_white_metals_white() {
             "albedo {after} instead of {before}: {case:?}"
         );
     }
-    // What there is to compensate: seen from straight above, alpha 1 reflects 1 - ln 2.
+    // The loss to compensate: seen from straight above, alpha 1 reflects 1 - ln 2.
     let case = Case {
         samples: 1 << 13,
         ..Case::metal(1.0)

@@ -1,6 +1,6 @@
-//! The reflection models in double precision and their integrals by quadrature: what the shaders are compared with.
+//! The reflection models in double precision, and their integrals by quadrature. Tests compare the shaders with them.
 //!
-//! The formulas are written anew from the papers, not translated from brdf.wesl, and nothing here draws random numbers.
+//! The formulas are written from the papers, not translated from brdf.wesl, and nothing here uses random numbers.
 
 use std::f64::consts::TAU;
 
@@ -38,7 +38,7 @@ impl Case {
     const PHONG: u32 = 1;
     const CONDUCTOR: u32 = 2;
 
-    /// A white dielectric of index 1.5 under +Z, the eye straight above.
+    /// A white dielectric of index 1.5 with normal +Z, seen from straight above.
     pub fn dielectric(roughness: f32) -> Self {
         Self {
             diffuse: [1.0; 3],
@@ -61,7 +61,7 @@ impl Case {
         }
     }
 
-    /// A solid of clear glass, its index `eta` behind the surface relative to before.
+    /// A solid of clear glass; `eta` is the index behind the surface divided by that in front.
     pub fn glass(roughness: f32, eta: f32) -> Self {
         Self {
             diffuse: [0.0; 3],
@@ -101,7 +101,7 @@ impl Case {
         }
     }
 
-    /// Diffuse + Phong that together reflect everything.
+    /// Diffuse and Phong lobes that together reflect everything.
     pub fn phong(shininess: f32) -> Self {
         Self {
             diffuse: [0.3, 0.0, 1.0],
@@ -112,7 +112,7 @@ impl Case {
         }
     }
 
-    /// The same, seen at `degrees` from the normal, both turned so that no axis is special.
+    /// The same case, seen at `degrees` from the normal. Both directions are rotated so that no axis is special.
     pub fn seen_at(mut self, degrees: f64) -> Self {
         let (sine, cosine) = degrees.to_radians().sin_cos();
         let turn = glam::DQuat::from_axis_angle(DVec3::new(0.3, -0.7, 0.2).normalize(), 2.1);
@@ -139,7 +139,7 @@ impl Case {
         f64::from(self.roughness).powi(2)
     }
 
-    /// Around which direction the glossy lobe lies, and the tangent of half its half-width.
+    /// The central direction of the glossy lobe, and the tangent of half its half-width.
     pub fn glossy_lobe(&self) -> (DVec3, f64) {
         let (n, wo) = (self.normal(), self.wo());
         let width = if self.is_phong() {
@@ -150,7 +150,8 @@ impl Case {
         (2.0 * n.dot(wo) * n - wo, width)
     }
 
-    /// The same of the transmission: around the refracted direction, or along the surface where there is none.
+    /// The same for the transmission lobe. Its centre is the refracted direction, or a direction near the surface if
+    /// there is none.
     pub fn transmitted_lobe(&self) -> (DVec3, f64) {
         let (n, wo, eta) = (self.normal(), self.wo(), f64::from(self.eta));
         if self.thin == 1 {
@@ -176,8 +177,8 @@ impl Case {
         f0 + (f64::from(self.f90) - f0) * (1.0 - cosine).powi(5)
     }
 
-    /// Albedo of the diffuse lobe for this eye: what the glossy lobe leaves, by the blurred Schlick curve of brdf.wesl; checked
-    /// against the model by the bound on the whole albedo.
+    /// Albedo of the diffuse lobe for this eye: what the glossy lobe leaves, by the blurred Schlick curve of brdf.wesl.
+    /// The bound on the whole albedo checks it against the model.
     pub fn diffuse_albedo(&self, channel: usize) -> f64 {
         let albedo = f64::from(self.diffuse[channel]);
         if self.model != Self::GGX {
@@ -215,7 +216,7 @@ impl Case {
         })
     }
 
-    /// The share of light that passes, tint aside; in one channel, which all are.
+    /// The fraction of light that passes, without the tint. One channel only, because all are equal.
     pub fn transmitted_albedo(&self) -> f64 {
         let (n, wo, eta) = (self.normal(), self.wo(), f64::from(self.eta));
         let n_dot_v = n.dot(wo);
@@ -231,7 +232,7 @@ impl Case {
                 let g2 = 1.0 / (1.0 + self.lambda(n_dot_v) + self.lambda(n.dot(up)));
                 (below, g2)
             } else {
-                // Snell: the tangential part shrinks by eta.
+                // Snell: the tangential component shrinks by eta.
                 let wi = -(wo - v_dot_h * h) / eta - squared.sqrt() * h;
                 let g1 = |cosine: f64| 1.0 / (1.0 + self.lambda(cosine));
                 (wi, g1(n_dot_v) * g1(n.dot(wi)))
@@ -250,8 +251,8 @@ impl Case {
         ((1.0 + self.alpha() * self.alpha() * tan2).sqrt() - 1.0) / 2.0
     }
 
-    /// Integral of value D over half vectors: D (n.h) dh = dt dphi / (2 pi) with tan^2(theta_h) = alpha^2 t / (1 - t), and
-    /// t = 1 - w^3 with w evenly spaced, which is denser in the distribution's long tail.
+    /// Integral of value D over half vectors: D (n.h) dh = dt dphi / (2 pi) with tan^2(theta_h) = alpha^2 t / (1 - t),
+    /// and t = 1 - w^3 with evenly spaced w, which is denser in the distribution's long tail.
     fn over_facets(&self, value: impl Fn(DVec3) -> f64) -> f64 {
         const STEPS: usize = 400;
         let (frame, alpha) = (frame(self.normal()), self.alpha());
@@ -270,7 +271,7 @@ impl Case {
         sum / (STEPS * STEPS) as f64
     }
 
-    /// Integral around the mirror direction, evenly spaced in cos^(n+1).
+    /// Integral around the mirror direction, with evenly spaced cos^(n+1).
     fn phong_albedo(&self, channel: usize) -> f64 {
         const STEPS: usize = 400;
         let (mirror, _) = self.glossy_lobe();
@@ -293,7 +294,7 @@ impl Case {
     }
 }
 
-/// Reflectance of a metal in air by complex arithmetic: Snell and Fresnel, no real-valued rearrangement.
+/// Reflectance of a metal in air by complex arithmetic: Snell and Fresnel, without a real-valued rearrangement.
 pub fn conductor(n: f64, k: f64, cosine: f64) -> f64 {
     type Complex = (f64, f64);
     let mul = |a: Complex, b: Complex| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
@@ -310,7 +311,7 @@ pub fn conductor(n: f64, k: f64, cosine: f64) -> f64 {
     };
     let index = (n, k);
     let squared = mul(index, index);
-    // Refracted cosine times the index: sqrt(index^2 - sin^2).
+    // Cosine of the refracted ray times the index: sqrt(index^2 - sin^2).
     let refracted = sqrt((squared.0 - (1.0 - cosine * cosine), squared.1));
     let norm = |a: Complex| a.0 * a.0 + a.1 * a.1;
     let rs = norm(div(
@@ -325,7 +326,8 @@ pub fn conductor(n: f64, k: f64, cosine: f64) -> f64 {
     (rs + rp) / 2.0
 }
 
-/// Reflectance of a dielectric by the angles of Snell's law: Rs = (sin(i - t) / sin(i + t))^2, Rp = (tan(i - t) / tan(i + t))^2.
+/// Reflectance of a dielectric from the angles of Snell's law: Rs = (sin(i - t) / sin(i + t))^2, Rp = (tan(i - t) /
+/// tan(i + t))^2.
 pub fn dielectric(eta: f64, cosine: f64) -> f64 {
     let sine = (1.0 - cosine * cosine).sqrt() / eta;
     if sine >= 1.0 {

@@ -1,4 +1,4 @@
-//! Cube texels: directions there and back, and solid angles.
+//! Tests cube texels: direction round trips and solid angles.
 
 use std::f64::consts::PI;
 

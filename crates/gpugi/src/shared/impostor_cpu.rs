@@ -1,25 +1,26 @@
-//! Analytic rooms around a reference point at the origin, distance cubes of them, and impostor.wesl's searches in double precision. The
-//! robust one walks every half texel that the ray's image crosses, without a pyramid: what the shader skips must not matter.
+//! Analytic rooms around a reference point at the origin, their distance cubes, and the searches of impostor.wesl in
+//! double precision. The robust search visits every half texel that the ray's image crosses, without a pyramid: the
+//! cells that the shader skips must not matter.
 
 use glam::{DMat3, DVec2, DVec3};
 
-/// What a distance cube holds where nothing is (m).
+/// The value in a distance cube where there is no surface (m).
 pub const NOTHING: f32 = 1e30;
-/// As far as a ray goes (m).
+/// Maximum distance along a ray (m).
 const FAR: f64 = 1e18;
 
-/// What surrounds the reference point.
+/// The surroundings of the reference point.
 #[derive(Debug, Clone, Copy)]
 pub enum Room {
-    /// A sphere by centre and radius.
+    /// A sphere, by its centre and radius.
     Sphere(DVec3, f64),
-    /// A box, perhaps another in it, by opposite corners.
+    /// A box, optionally with another box inside, each by opposite corners.
     Box([DVec3; 2], Option<[DVec3; 2]>),
-    /// A box with nothing around it.
+    /// A box seen from outside, with nothing around it.
     Open([DVec3; 2]),
 }
 
-/// The reference point is off the centre, so that nothing is symmetric.
+/// The reference point is off-centre, so that nothing is symmetric.
 pub const SPHERE: Room = Room::Sphere(DVec3::new(0.7, -0.4, 0.9), 3.0);
 const WALLS: [DVec3; 2] = [DVec3::new(-2.1, -1.3, -2.6), DVec3::new(3.2, 1.7, 2.3)];
 const INNER: [DVec3; 2] = [DVec3::new(0.8, -1.3, -0.5), DVec3::new(1.5, -0.2, 0.6)];
@@ -28,16 +29,16 @@ const POLE: [DVec3; 2] = [DVec3::new(0.9, -1.3, 0.4), DVec3::new(0.96, 1.7, 0.46
 pub const BOX: Room = Room::Box(WALLS, None);
 /// The tutorial's figure 34.
 pub const BOX_IN_BOX: Room = Room::Box(WALLS, Some(INNER));
-/// A thing about two texels wide at 64 a side.
+/// The pole is about two texels wide in a cube of 64 texels per side.
 pub const POLE_IN_BOX: Room = Room::Box(WALLS, Some(POLE));
-/// Rays leave.
+/// A room that rays can leave.
 pub const OPEN: Room = Room::Open(INNER);
 
-/// A box's wall is 6 or more.
+/// Walls of a box seen from outside have this index or higher.
 pub const FIRST_INNER_WALL: usize = 6;
 
 impl Room {
-    /// Distance along a unit ray (m), and which wall; `None` where it leaves.
+    /// Distance along a unit ray (m), and the index of the wall that it hits; `None` if the ray leaves.
     pub fn cast(&self, x: DVec3, r: DVec3) -> Option<(f64, usize)> {
         let slabs = |[low, high]: [DVec3; 2]| {
             let (a, b) = ((low - x) / r, (high - x) / r);
@@ -71,7 +72,8 @@ impl Room {
         }
     }
 
-    /// The same of the front of what is behind what the reference point sees; where nothing is, what it sees.
+    /// The same for the second layer, from the reference point: the front of what is behind the visible surface, or the
+    /// visible surface itself if there is nothing behind it.
     pub fn cast_second(&self, r: DVec3) -> Option<(f64, usize)> {
         match *self {
             Self::Box(walls, _) => Self::Box(walls, None).cast(DVec3::ZERO, r),
@@ -85,7 +87,7 @@ impl Room {
             .is_some_and(|(distance, _)| distance > q.length() * (1.0 - 1e-6))
     }
 
-    /// Whether a point is in free space, 5 cm from walls.
+    /// Whether a point is in free space, at least 5 cm from the walls.
     pub fn is_free(&self, p: DVec3) -> bool {
         let within = |[low, high]: [DVec3; 2], margin: f64| {
             p.cmpgt(low + margin).all() && p.cmplt(high - margin).all()
@@ -100,7 +102,7 @@ impl Room {
     }
 }
 
-/// Axes of a cube's face as columns: u, v, and out of it.
+/// Axes of a cube face as columns: u, v, and outward.
 fn frame(face: usize) -> DMat3 {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let [u, v, axis] = match face {
@@ -114,13 +116,13 @@ fn frame(face: usize) -> DMat3 {
     DMat3::from_cols(u, v, axis)
 }
 
-/// The face that a direction passes.
+/// The face that a direction points to.
 fn face(d: DVec3) -> usize {
     let axis = d.abs().max_position();
     2 * axis + usize::from(d[axis] < 0.0)
 }
 
-/// What a search found, as `Hit` of impostor.wesl.
+/// The result of a search, as in `Hit` of impostor.wesl.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
     pub distance: Option<f64>,
@@ -133,26 +135,26 @@ pub const PASSED_BEHIND: u32 = 1;
 pub const UNSEEN: u32 = 2;
 pub const SECOND: u32 = 3;
 
-/// A surface between four texel centres.
+/// The surface between four texel centres.
 struct Patch {
     corners: [f64; 4],
     has_silhouette: bool,
     texel: DVec2,
 }
 
-/// Distances (m) from the origin, layer after layer, face after face, row after row.
+/// Distances (m) from the origin, ordered by layer, face and row.
 pub struct Cube {
     pub side: usize,
     pub distances: Vec<f32>,
 }
 
 impl Cube {
-    /// What the reference point sees.
+    /// The cube that the reference point sees.
     pub fn new(side: usize, room: &Room) -> Self {
         Self::cast(side, |toward| room.cast(DVec3::ZERO, toward))
     }
 
-    /// Two layers.
+    /// A cube with two layers.
     pub fn with_second(side: usize, room: &Room) -> Self {
         let mut both = Self::new(side, room);
         let second = Self::cast(side, |toward| room.cast_second(toward));
@@ -173,7 +175,7 @@ impl Cube {
         }
     }
 
-    /// Width of a texel in the middle of a face at a distance of 1.
+    /// Width of a texel in the middle of a face at distance 1.
     pub fn texel(&self) -> f64 {
         2.0 / self.side as f64
     }
@@ -214,7 +216,7 @@ impl Cube {
         }
     }
 
-    /// |p| / |p'|, with the surface of `patch` where the direction of `within` is.
+    /// |p| / |p'|, with the surface that `patch` has in the direction of `within`.
     fn patch_ratio(&self, patch: &Patch, p: DVec3, within: DVec3) -> f64 {
         let axes = frame(face(within)).transpose();
         let (q, middle) = (axes * p, axes * within);
@@ -235,7 +237,7 @@ impl Cube {
         self.patch_ratio(&self.patch(0, p), p, p)
     }
 
-    /// The tutorial's searches: the first version, or the second.
+    /// The tutorial's searches: the first version if `is_first`, otherwise the second.
     pub fn tutorial(&self, is_first: bool, x: DVec3, r: DVec3, iterations: u32) -> Found {
         let r_distance = 1.0 / self.ratio(r).max(1.0 / FAR);
         let start = if is_first {
@@ -254,7 +256,7 @@ impl Cube {
             }
             let other = if ratio < 1.0 { behind } else { front };
             *(if ratio < 1.0 { &mut front } else { &mut behind }) = Some((d, ratio));
-            // The secant through both points, or through this one and r.
+            // The secant through both points, or through this point and r.
             let slope = other.map_or(1.0 / r_distance, |(other_d, other_ratio)| {
                 (ratio - other_ratio) / (d - other_d)
             });
@@ -269,7 +271,8 @@ impl Cube {
         }
     }
 
-    /// Where a ray's image leaves one cell of half a texel for another: all planes through the origin and a grid line.
+    /// Distances at which a ray's image passes from one half-texel cell to another: the ray's intersections with all
+    /// planes through the origin and a grid line.
     fn crossings(&self, x: DVec3, r: DVec3) -> Vec<f64> {
         let lines: Vec<f64> = (1..2 * self.side - 2)
             .map(|line| (line + 1) as f64 * 0.5 * self.texel() - 1.0)
@@ -288,7 +291,7 @@ impl Cube {
         all
     }
 
-    /// The robust search, in all layers that there are.
+    /// The robust search, in all layers of the cube.
     pub fn search(&self, x: DVec3, r: DVec3) -> Found {
         let first = self.search_layer(0, x, r);
         if first.certainty == SEEN || self.distances.len() < 12 * self.side * self.side {
@@ -312,7 +315,7 @@ impl Cube {
         let mut certainty = SEEN;
         for ends in crossings.windows(2) {
             let (d, end) = (ends[0], ends[1]);
-            // Between the ends, and far beyond the beginning of the last cell.
+            // A point between the ends; in the last cell, far beyond its beginning.
             let middle = x + r * (0.5 * d + 0.5 * end.min(1e3 * (d + 1.0)));
             let patch = self.patch(layer, middle);
             let excess = |d: f64| self.patch_ratio(&patch, x + r * d, middle) - 1.0;

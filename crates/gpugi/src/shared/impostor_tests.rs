@@ -1,4 +1,5 @@
-//! The searches of impostor.wesl: against rays through analytic rooms, against their twins, and where there is nothing sensible to find.
+//! Tests the searches of impostor.wesl against rays through analytic rooms, against their CPU twins, and on input with
+//! no sensible answer.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
@@ -13,13 +14,13 @@ use crate::gpu::{Frame, Gpu};
 use crate::shader;
 use crate::testing::{Random, run_kernel_on, test_gpu};
 
-/// Which search of testing/impostor.wesl.
+/// A search of testing/impostor.wesl.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Version {
     Robust,
-    /// The tutorial's first, with iterations.
+    /// The tutorial's first version, with its number of iterations.
     Secant(u32),
-    /// The tutorial's second, with iterations.
+    /// The tutorial's second version, with its number of iterations.
     FalsePosition(u32),
 }
 
@@ -168,16 +169,17 @@ fn twin(cube: &Cube, version: Version, ray: &Ray) -> Found {
     }
 }
 
-/// How well a search did, over rays whose hit the reference point sees; shares are of them, errors in widths of the texel at the hit.
+/// Quality of a search. Errors are over rays whose hit the reference point sees, in widths of the texel at the hit;
+/// shares are fractions of the hits named.
 #[derive(Debug, Default)]
 struct Score {
     mean: f64,
     worst: f64,
-    /// Lookups that show another wall, of hits that are seen and of those that are not.
+    /// Share of lookups that show a different wall: for seen hits, and for unseen hits.
     wrong_wall: [f64; 2],
-    /// Seen hits called unseen.
+    /// Share of seen hits reported as unseen.
     called_unseen: f64,
-    /// Unseen hits called seen.
+    /// Share of unseen hits reported as seen.
     called_seen: f64,
     mean_steps: f64,
     most_steps: u32,
@@ -209,7 +211,7 @@ fn score(room: &Room, cube: &Cube, rays: &[Ray], outputs: &[Output]) -> Score {
             score.called_seen += f64::from(u8::from(output.certainty == SEEN));
         } else {
             score.called_unseen += f64::from(u8::from(output.certainty == UNSEEN));
-            // Lost for good: it lies anywhere.
+            // The search lost the hit, which may be anywhere.
             if output.distance > 1e17 {
                 unknown += 1.0;
                 continue;
@@ -256,7 +258,7 @@ fn searches_are_what_their_twins_are() {
                     || found.certainty != output.certainty
                     || direction.distance(found.direction) > 1e-2
             });
-            // Rays along a border of cells fall to either side of it.
+            // Rays along a cell border may fall on either side of it.
             let (differ, first) = (differ.clone().count(), differ.clone().next());
             assert!(
                 differ < 20,
@@ -276,7 +278,7 @@ fn the_robust_search_is_exact_in_empty_rooms() {
             let rays = random_rays(&room, 4000);
             let outputs = Impostor::new(&gpu, &cube).search(Version::Robust, &rays);
             let score = score(&room, &cube, &rays, &outputs);
-            // Coarse texels see less of curvature and of corners.
+            // Coarse texels resolve curvature and corners less well.
             let coarse = (64.0 / side as f64).max(1.0);
             assert!(
                 score.mean < mean * coarse && score.worst < worst * coarse,
@@ -329,7 +331,7 @@ fn a_second_layer_shows_what_is_hidden() {
         };
         let (one, _) = of(Cube::new(128, &room));
         let (two, outputs) = of(Cube::with_second(128, &room));
-        // What is left are backs of the inner box.
+        // The remaining errors are backs of the inner box.
         assert!(
             one.wrong_wall[1] > 0.45 && two.wrong_wall[1] < 0.25,
             "{room:?}: {one:?}, {two:?}"
@@ -398,7 +400,7 @@ fn rays_within_a_refractor_reach_its_other_side() {
         .map(|_| {
             let normal = random.direction();
             let mut r = random.direction();
-            // Total reflection and refraction enter steeper than this.
+            // Refracted and totally reflected rays enter more steeply than this.
             if r.dot(normal) > -0.1 {
                 r = (r - normal * (r.dot(normal) + 0.1 + random.next() as f32)).normalize();
             }
@@ -434,7 +436,8 @@ fn hopeless_rays_end_well() {
     ];
     let mut rays = Vec::new();
     for r in axes {
-        // At the reference point, through it, away from it, along the cube's edges, behind the walls, far away.
+        // Origins at the reference point, with rays through it, away from it, along the cube's edges, behind the walls,
+        // and far away.
         for x in [
             Vec3::ZERO,
             -1.1 * r,
@@ -474,7 +477,7 @@ fn hopeless_rays_end_well() {
             }
         }
     }
-    // From the reference point everything is where the cube says; around it, too.
+    // From the reference point, and from close to it, everything is where the cube says.
     let impostor = Impostor::new(&gpu, &Cube::new(16, &BOX));
     for version in versions {
         for x in [Vec3::ZERO, Vec3::splat(1e-6)] {
@@ -488,7 +491,7 @@ fn hopeless_rays_end_well() {
             }
         }
     }
-    // Nothing around: every ray leaves.
+    // With nothing around, every ray leaves.
     let impostor = Impostor::new(&gpu, &filled(NOTHING));
     for version in versions {
         let outputs = impostor.search(version, &rays);
@@ -497,7 +500,7 @@ fn hopeless_rays_end_well() {
             "{version:?}"
         );
     }
-    // Behind a wall: a ray that comes out has not been seen all along, one that does not is unseen.
+    // Rays start behind a wall. One that emerges has not been visible all along; one that does not is unseen.
     let impostor = Impostor::new(&gpu, &Cube::new(16, &BOX));
     let outputs = impostor.search(
         Version::Robust,
@@ -536,7 +539,7 @@ fn cubes_of_odd_sizes_are_refused() {
     }
 }
 
-/// The table of docs/techniques/distance-impostor.md.
+/// Prints the table of docs/techniques/distance-impostor.md.
 #[test]
 #[ignore = "prints a table"]
 fn print_errors() {

@@ -1,4 +1,4 @@
-//! Tests of the WESL functions of this folder, run by the kernels of `testing/`.
+//! Tests of the WESL functions in this folder, run by the kernels of `testing/`.
 
 mod brdf_tests;
 pub(crate) mod cpu;

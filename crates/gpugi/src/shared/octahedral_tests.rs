@@ -1,4 +1,4 @@
-//! Unit vectors in 32 bits.
+//! Tests the 32-bit encoding of unit vectors.
 
 use crate::scene::gpu::octahedral;
 use crate::shader;
@@ -47,7 +47,7 @@ fn codes_keep_directions_and_host_and_shader_agree() {
         );
         let (a, b): (DVec3, DVec3) = (direction.as_dvec3(), decoded.as_dvec3());
         worst = worst.max(a.cross(b).length().atan2(a.dot(b)));
-        // Rounding of the division may fall on either side of a tie: one step of either number at most.
+        // Rounding of the division may resolve a tie either way, so each number may differ by one step.
         let twin = octahedral(*direction);
         let step = |shift: u32| {
             (i32::from((code >> shift) as i16) - i32::from((twin >> shift) as i16)).abs()

@@ -1,4 +1,4 @@
-//! Sampled directions are distributed as their densities say, and their weights are what they may be.
+//! Tests that sampled directions follow their densities and that their weights stay within their limits.
 
 use glam::DVec3;
 
@@ -10,7 +10,7 @@ use crate::testing::test_gpu;
 
 const SAMPLES: usize = 1 << 17;
 
-/// Tests in this file, about.
+/// Approximate number of tests in this file.
 const TESTS: usize = 64;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,8 +20,8 @@ enum Lobe {
     Transmission,
 }
 
-/// Compares samples of a lobe with its density over the whole sphere; returns the share of samples that are directions, and the
-/// largest weight f |cos| / density.
+/// Compares samples of a lobe with its density over the whole sphere. Returns the density's integral over the sphere,
+/// and the largest weight f |cos| / density.
 fn check(gpu: &Gpu, case: &Case, lobe: Lobe) -> (f64, f32) {
     let (axis, width) = match lobe {
         Lobe::Diffuse => (case.normal(), 0.5),
@@ -71,13 +71,13 @@ fn ggx_samples_follow_their_density() {
     let Some(gpu) = test_gpu() else { return };
     for roughness in [0.02, 0.1, 0.5, 1.0] {
         for degrees in [0.0, 50.0, 85.0, 89.0] {
-            // Narrow lobes seen flatly are too flat themselves for round bins.
+            // Narrow lobes at grazing angles are too flat for round bins.
             if degrees > 80.0 && roughness < 0.1 || degrees > 88.0 && roughness < 0.5 {
                 continue;
             }
             let case = Case::metal(roughness).seen_at(degrees);
             let (_, largest) = check(&gpu, &case, Lobe::Glossy);
-            // F G2 / G1.
+            // The weight is F G2 / G1.
             assert!(largest < 1.002, "a weight of {largest}: {case:?}");
         }
     }
@@ -102,12 +102,12 @@ fn refracted_samples_follow_their_density() {
         for degrees in [0.0, 35.0, 60.0, 85.0] {
             for eta in [1.5, 1.0 / 1.5] {
                 if roughness < 0.1 && eta < 1.0 && degrees > 42.0 {
-                    // Total internal reflection: next to no facet lets light pass.
+                    // Total internal reflection: almost no facet transmits light.
                     continue;
                 }
                 let case = Case::glass(roughness, eta).seen_at(degrees);
                 let (_, largest) = check(&gpu, &case, Lobe::Transmission);
-                // (1 - F) G1 and the factor of radiance.
+                // The weight is (1 - F) G1 times the factor of radiance.
                 assert!(
                     largest * eta * eta < 1.002,
                     "a weight of {largest}: {case:?}"
@@ -115,7 +115,7 @@ fn refracted_samples_follow_their_density() {
             }
         }
     }
-    // Hardly any bending.
+    // Almost no refraction.
     check(
         &gpu,
         &Case::glass(0.5, 1.02).seen_at(30.0),

@@ -1,4 +1,4 @@
-//! Sobol-Owen points: the sequence itself, its nets, the independence of pixels and dimensions, and what it is good for.
+//! Tests Sobol-Owen points: the sequence itself, its nets, the independence of pixels and dimensions, and convergence.
 
 use std::f64::consts::TAU;
 
@@ -26,7 +26,7 @@ fn run(gpu: &Gpu, entry: &str, sequences: &[Sequence], count: usize) -> Vec<[u32
     .unwrap()
 }
 
-/// `count` points of each sequence.
+/// The first `count` points of each sequence.
 fn points(gpu: &Gpu, sequences: &[Sequence], count: usize) -> Vec<Vec<[f64; 2]>> {
     run(gpu, "points", sequences, count)
         .chunks(count)
@@ -37,7 +37,7 @@ fn points(gpu: &Gpu, sequences: &[Sequence], count: usize) -> Vec<Vec<[f64; 2]>>
         .collect()
 }
 
-/// Against direction numbers: van der Corput's, and v(k+1) = v(k) ^ v(k) >> 1 of the primitive polynomial x + 1.
+/// Compares with direction numbers: van der Corput's, and v(k+1) = v(k) ^ v(k) >> 1 of the primitive polynomial x + 1.
 #[test]
 fn the_sequence_is_sobols() {
     let Some(gpu) = test_gpu() else { return };
@@ -60,7 +60,7 @@ fn the_sequence_is_sobols() {
 #[test]
 fn scrambled_points_fill_every_elementary_interval_once() {
     let Some(gpu) = test_gpu() else { return };
-    // The second starts in the middle of the sequence, at a multiple of its length.
+    // The second sequence starts in the middle, at a multiple of its length.
     let sequences = [
         Sequence(7, 0, 0),
         Sequence(7, 3, 5 << 12),
@@ -83,8 +83,8 @@ fn scrambled_points_fill_every_elementary_interval_once() {
     }
 }
 
-/// Points of different pixels or dimension pairs are independent: over all of them, each of 16 x 16 cells of one coordinate against
-/// the other's is equally likely.
+/// Points of different pixels or dimension pairs are independent. Plotting one coordinate against the other over all
+/// points, each of 16 x 16 cells is equally likely.
 #[test]
 fn pixels_and_dimension_pairs_are_independent() {
     let Some(gpu) = test_gpu() else { return };
@@ -111,7 +111,8 @@ fn pixels_and_dimension_pairs_are_independent() {
                 .iter()
                 .map(|cell| (cell - expected) * (cell - expected) / expected)
                 .sum();
-            // 255 degrees of freedom; each 16th of a coordinate holds just so many points, so the spread is less than chance.
+            // 255 degrees of freedom. Each 16th of a coordinate holds exactly the expected number of points, so the
+            // spread is smaller than by chance.
             assert!(
                 (100.0..255.0 + 6.0 * 22.6).contains(&statistic),
                 "chi-square {statistic}, coordinates {a} and {b}, first {:?}",
@@ -121,13 +122,13 @@ fn pixels_and_dimension_pairs_are_independent() {
     }
 }
 
-/// For a smooth integrand the error of Owen's scrambling falls as n^(-3/2), that of random points as n^(-1/2).
+/// For a smooth integrand, the error of Owen scrambling falls as n^(-3/2), that of random points as n^(-1/2).
 #[test]
 fn a_smooth_integral_converges_faster_than_by_chance() {
     let Some(gpu) = test_gpu() else { return };
     const SEEDS: u32 = 64;
     let sequences: Vec<_> = (0..SEEDS).map(|seed| Sequence(seed, seed % 5, 0)).collect();
-    // Mean 1, variance 5/4: random points are off by sqrt(5/4 / n).
+    // Mean 1, variance 5/4: the error of random points is sqrt(5/4 / n).
     let f = |[x, y]: [f64; 2]| (1.0 + (TAU * x).sin()) * (1.0 + (TAU * y).cos());
     for (count, bound) in [(16, 0.6), (256, 0.05), (1024, 0.0125)] {
         let errors = points(&gpu, &sequences, count).into_iter().map(|points| {

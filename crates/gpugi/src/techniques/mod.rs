@@ -1,4 +1,7 @@
 //! The techniques: each generates illumination into maps and gathers it at surface points.
+//!
+//! [`Technique`] is the trait that [`crate::lighting::Lighting`] loops over; [`Registry`] lists the techniques there are, in the order of the frame.
+//! docs/adding-a-technique.md walks through a new one.
 
 pub mod caustics;
 pub mod distance_impostor;
@@ -6,16 +9,19 @@ pub mod environment_map;
 pub mod image_based_lighting;
 pub mod obscurances;
 pub mod radiosity;
-pub mod settings;
+mod registry;
 pub mod shadow_map;
 
-pub use settings::{Field, SettingError};
+pub use registry::{Registration, Registry};
 
-use crate::capture::{Emission, SurfacePoints, Target, View};
+use std::any::Any;
+
+use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
 use crate::scene::{Claims, GpuScene, Object};
+use crate::settings::SettingSet;
 
 /// What a technique says of itself.
 #[derive(Debug, Clone, Copy)]
@@ -26,15 +32,71 @@ pub struct Info {
     pub summary: &'static str,
     /// Where it comes from: the tutorial's section and papers.
     pub source: &'static str,
-    /// The light that it adds.
+    /// The light that it can add.
     pub paths: &'static [LightPaths],
-    /// Whether a scene with such light has anything else that it needs: then it is in the best set for the scene.
+    /// Whether a scene that has such light has everything else that the technique needs: then it belongs to the scene's default set.
     pub suits: fn(&GpuScene) -> bool,
     /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
+    /// Whether it lights points of its own, which the camera need not see: cubes around objects, texels.
+    pub lights_points: bool,
 }
 
-/// What a technique keeps for its gather, for dumps and tests.
+/// What a technique does in a scene, with its settings and beside the techniques before it in the frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The light that it adds.
+    pub paths: Vec<LightPaths>,
+    /// What it claims of each object: one entry per object of the scene.
+    pub claims: Vec<Claims>,
+    /// The list of object names in its settings, separated by commas; empty without one. [`crate::lighting::Lighting::set`] refuses names that no
+    /// object has.
+    pub object_names: String,
+}
+
+impl Plan {
+    /// Adds light of `paths` at every object and claims none.
+    pub fn adding(paths: impl Into<Vec<LightPaths>>, scene: &GpuScene) -> Self {
+        Self {
+            paths: paths.into(),
+            claims: vec![Claims::NONE; scene.objects.len()],
+            object_names: String::new(),
+        }
+    }
+}
+
+/// The state of a technique's maps after [`Technique::generate`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Generated {
+    /// Counts how often the maps became better although nothing had changed: dependents recapture when it grows.
+    pub revision: u64,
+    /// Share of the work on a still scene that is done (0 to 1); at 1 the maps are final.
+    pub progress: f32,
+    /// What the maps still wait for before they show the scene as it is; `None` when they can be gathered.
+    pub pending: Option<&'static str>,
+}
+
+impl Generated {
+    /// Maps that are final at once.
+    pub const FINAL: Self = Self {
+        revision: 0,
+        progress: 1.0,
+        pending: None,
+    };
+}
+
+/// What exists of a technique on the GPU, for dumps, measurements and messages.
+#[derive(Debug, Clone, Default)]
+pub struct Inspection {
+    /// The maps that exist now.
+    pub maps: Vec<Map>,
+    /// Bytes on the GPU that it holds besides its maps, to make them.
+    pub work_bytes: u64,
+    /// What to know of the picture beyond its light paths: one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// A map that a technique keeps for its gather.
 #[derive(Debug, Clone)]
 pub struct Map {
     /// Such as `shadow-map.atlas`.
@@ -56,7 +118,7 @@ pub enum Texels {
         size: [u32; 2],
         /// From texel to texel (bytes).
         stride: u64,
-        /// Whether a texel begins with one whole number of 32 bits, instead of three floats.
+        /// Whether a texel begins with one unsigned 32-bit integer, instead of three floats.
         is_number: bool,
     },
 }
@@ -81,67 +143,22 @@ impl Map {
     }
 }
 
-/// What every technique can do. The renderer calls `generate` and `gather` once a frame, in the registry's order.
-pub trait Technique: std::fmt::Debug {
+/// What every technique can do. In each frame [`crate::lighting::Lighting`] calls `generate` of all techniques in the registry's order, then `gather` of all
+/// for each receiver.
+pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// Name, source and light paths.
     fn info(&self) -> &'static Info;
 
-    /// The light that it adds: [`Info::paths`], or what is left of them beside other techniques and for the objects that it claims.
-    fn paths(&self) -> &[LightPaths] {
-        self.info().paths
-    }
+    /// Its settings.
+    fn settings(&self) -> &dyn SettingSet;
 
-    /// Which of the scene's objects it claims, one answer each: asked whenever settings or the scene change. `covered`: the light that earlier
-    /// techniques in use add.
-    fn claim(&mut self, scene: &GpuScene, _covered: &[LightPaths]) -> Vec<Claims> {
-        vec![Claims::NONE; scene.objects.len()]
-    }
+    /// Its settings, to be changed; a new plan follows.
+    fn settings_mut(&mut self) -> &mut dyn SettingSet;
 
-    /// The names of objects, separated by commas, that its settings hold.
-    fn names(&self) -> &str {
-        ""
-    }
+    /// Decides what it does in `scene`: asked whenever settings or the scene change. `covered`: the light that the techniques before it add.
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan;
 
-    /// How often its maps became finer though nothing had changed: who captured its light does so again.
-    fn refinements(&self) -> u64 {
-        0
-    }
-
-    /// How far its maps of a still scene are, 0 to 1: at 1 they stay as they are.
-    fn progress(&self) -> f32 {
-        1.0
-    }
-
-    /// What its maps have come to, where that takes long, to go on from another time. May wait for the GPU.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    fn save(&self, _gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        Ok(None)
-    }
-
-    /// Goes on from what was saved for the same scene and settings; asked after each `generate` until it has. False: not yet, the light that its maps are
-    /// made of is not what it was then.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`] when that was saved for others.
-    fn resume(&mut self, _gpu: &Gpu, _saved: &[u8]) -> Result<bool, GpuError> {
-        Ok(true)
-    }
-
-    /// Settings and their present values, as JSON.
-    fn settings(&self) -> serde_json::Value;
-
-    /// What can be set.
-    fn fields(&self) -> &'static [Field];
-
-    /// Sets one setting from text.
-    ///
-    /// # Errors
-    /// [`SettingError`] when there is no such setting or the value is out of range.
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError>;
-
-    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are. `lit`: the light that it may capture.
+    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are. Never waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -150,10 +167,10 @@ pub trait Technique: std::fmt::Debug {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        lit: &mut Lit<'_>,
-    ) -> Result<(), GpuError>;
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError>;
 
-    /// Adds the technique's light at `points` to `target`.
+    /// Adds the technique's light at the receiver's points to its target.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -161,62 +178,72 @@ pub trait Technique: std::fmt::Debug {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError>;
 
-    /// The maps that exist now.
-    fn maps(&self) -> Vec<Map>;
-
-    /// Bytes on the GPU that it holds besides its maps, to make them.
-    fn work_bytes(&self) -> u64 {
-        0
+    /// What exists of it on the GPU.
+    fn inspect(&self) -> Inspection {
+        Inspection::default()
     }
 
-    /// What to know of the picture beyond its light paths, in words: what the scene, once generated, does to it. May wait for the GPU.
+    /// Saving and resuming, where its maps take long.
+    fn resumable(&mut self) -> Option<&mut dyn Resume> {
+        None
+    }
+}
+
+/// A technique whose maps take long enough that they are saved in checkpoints.
+pub trait Resume {
+    /// Saved progress, for resuming; `None` when there is none yet. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
-    fn warnings(&self, _gpu: &Gpu) -> Result<Vec<String>, GpuError> {
-        Ok(Vec::new())
-    }
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError>;
+
+    /// Continues from progress that was saved for the same scene and settings. Asked after each `generate` until it returns true; false means that the
+    /// light that its maps are made of is not yet what it was then.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the progress was saved for another scene or other settings.
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError>;
 }
 
-/// The light of the frame and of the techniques earlier in the registry, whose maps are up to date: for techniques that capture their lit
-/// surroundings.
+/// The light of emitters and of the techniques earlier in the frame, whose maps are up to date: for techniques that light points of their own.
 #[derive(Debug)]
-pub struct Lit<'a> {
+pub struct Earlier<'a> {
     emission: &'a mut Emission,
-    earlier: &'a mut [Box<dyn Technique>],
+    techniques: &'a mut [Box<dyn Technique>],
     /// The maps around objects.
     pub impostors: &'a mut Impostors,
-    /// Grows when a setting of any technique changes: what was captured before is out of date.
-    pub version: u64,
+    /// Grows when a setting of any technique changes: what was captured before is stale.
+    pub settings_version: u64,
+    /// Grows when the light of these techniques became better although nothing had changed.
+    pub revision: u64,
+    /// Whether points are lit that the camera need not see: maps that follow the camera do not cover them.
+    pub lights_elsewhere: bool,
 }
 
-impl<'a> Lit<'a> {
-    /// Light of emitters and of `earlier` techniques, at a `version` of settings.
-    pub fn new(
+impl<'a> Earlier<'a> {
+    /// Light of emitters and of `techniques`.
+    pub(crate) fn new(
         emission: &'a mut Emission,
-        earlier: &'a mut [Box<dyn Technique>],
+        techniques: &'a mut [Box<dyn Technique>],
         impostors: &'a mut Impostors,
-        version: u64,
+        settings_version: u64,
+        revision: u64,
+        lights_elsewhere: bool,
     ) -> Self {
         Self {
             emission,
-            earlier,
+            techniques,
             impostors,
-            version,
+            settings_version,
+            revision,
+            lights_elsewhere,
         }
     }
 
-    /// Grows when the light that is gathered became finer though nothing had changed.
-    pub fn refinements(&self) -> u64 {
-        let earlier = self.earlier.iter();
-        earlier.map(|technique| technique.refinements()).sum()
-    }
-
-    /// Writes the light at `points` to `target`; `with_emission`: also what comes straight from emitters and the environment.
+    /// Writes the light at the receiver's points to its target; `with_emission`: also what comes straight from emitters and the environment.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -224,31 +251,30 @@ impl<'a> Lit<'a> {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
         with_emission: bool,
     ) -> Result<(), GpuError> {
         if with_emission {
-            self.emission.record(frame, scene, points, target)?;
+            self.emission.record(frame, scene, receiver)?;
         } else {
-            frame.clear(&target.radiance);
+            frame.clear(&receiver.target.radiance);
         }
-        for technique in &mut *self.earlier {
-            technique.gather(frame, scene, points, target)?;
+        for technique in &mut *self.techniques {
+            technique.gather(frame, scene, receiver)?;
         }
         Ok(())
     }
 }
 
-/// What a technique's maps of the objects that it claims were made for: other settings, and objects of another kind, want other maps.
+/// What per-object maps were made for: other settings, and objects of another kind, need other maps.
 #[derive(Debug)]
-pub(crate) struct MadeFor<S> {
+pub(crate) struct ObjectMapsKey<S> {
     settings: S,
     claimed: Vec<u32>,
     objects: Vec<Object>,
 }
 
-impl<S: PartialEq + Clone> MadeFor<S> {
+impl<S: PartialEq + Clone> ObjectMapsKey<S> {
     /// For the objects with the numbers `claimed`.
     pub fn new(settings: &S, claimed: &[u32], scene: &GpuScene) -> Self {
         let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
@@ -259,8 +285,8 @@ impl<S: PartialEq + Clone> MadeFor<S> {
         }
     }
 
-    /// Whether that is what is wanted now.
-    pub fn is(&self, settings: &S, claimed: &[u32], scene: &GpuScene) -> bool {
+    /// Whether the maps serve these settings and objects, too.
+    pub fn serves(&self, settings: &S, claimed: &[u32], scene: &GpuScene) -> bool {
         let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
         self.settings == *settings && self.claimed == claimed && self.objects.iter().eq(objects)
     }
@@ -270,35 +296,3 @@ impl<S: PartialEq + Clone> MadeFor<S> {
         self.claimed.iter().copied().zip(&self.objects)
     }
 }
-
-/// How the registry makes a technique.
-type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
-
-/// Every technique in the order of the frame.
-pub const REGISTRY: &[(&Info, Make)] = &[
-    (&shadow_map::INFO, |gpu, scene| {
-        Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?))
-    }),
-    (&image_based_lighting::INFO, |gpu, scene| {
-        Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
-            gpu, scene,
-        )?))
-    }),
-    (&environment_map::INFO, |gpu, scene| {
-        Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?))
-    }),
-    (&radiosity::INFO, |_, _| {
-        Ok(Box::new(radiosity::Radiosity::default()))
-    }),
-    (&obscurances::INFO, |_, _| {
-        Ok(Box::new(obscurances::Obscurances::default()))
-    }),
-    (&caustics::INFO, |gpu, scene| {
-        Ok(Box::new(caustics::Caustics::new(gpu, scene)?))
-    }),
-    (&distance_impostor::INFO, |gpu, scene| {
-        Ok(Box::new(distance_impostor::DistanceImpostor::new(
-            gpu, scene,
-        )?))
-    }),
-];

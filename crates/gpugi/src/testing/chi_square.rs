@@ -1,11 +1,12 @@
-//! Whether sampled directions are distributed as their density says: Pearson's chi-square test over bins of the sphere, with few
-//! expected samples pooled and Sidak's correction for many tests, as in pbrt's (Pharr, Jakob, Humphreys) and Mitsuba's tests.
+//! Tests whether sampled directions follow their density: Pearson's chi-square test over bins of the sphere, with
+//! pooling of bins that expect few samples and Sidak's correction for multiple tests, as in the tests of pbrt (Pharr,
+//! Jakob, Humphreys) and Mitsuba.
 
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
 
-/// Bins of the sphere: rings around an axis, sectors around each.
+/// Bins of the sphere: rings around an axis, divided into sectors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bins {
     frame: DMat3,
@@ -16,23 +17,24 @@ pub(crate) struct Bins {
 
 const RINGS: usize = 16;
 const SECTORS: usize = 16;
-/// Midpoints along each side of a bin, where nothing else is asked for.
+/// Default number of midpoints along each side of a bin.
 const STEPS: usize = 16;
-/// Fewest samples to expect in a bin of its own.
+/// Minimum number of expected samples per bin; bins with fewer are pooled.
 const FEW: f64 = 5.0;
-/// Chance that any of a family of tests fails although all is right.
+/// Probability that any of a family of tests fails although all samplers are correct.
 const SIGNIFICANCE: f64 = 0.01;
-/// How far quadrature may be off where a density ends abruptly, at a horizon (share of all samples).
+/// Allowed quadrature error where a density ends abruptly, such as at a horizon (fraction of all samples).
 const QUADRATURE: f64 = 0.003;
 
 impl Bins {
-    /// The whole sphere alike, around +Z.
+    /// The whole sphere, uniformly, around +Z.
     pub fn sphere() -> Self {
         Self::around(DVec3::Z, 1.0)
     }
 
-    /// Finer near `axis` (unit), for a lobe about as wide as an angle of 2 atan(`width`): half of the rings lie within. Even in
-    /// q = t / (t + width) with t = tan(psi / 2), psi the angle from the axis; which GGX's long tails need.
+    /// Finer near `axis` (unit), for a lobe with an angular width of about 2 atan(`width`): half of the rings lie
+    /// within it. The rings are evenly spaced in q = t / (t + width) with t = tan(psi / 2), psi the angle from the
+    /// axis, as GGX's long tails require.
     pub fn around(axis: DVec3, width: f64) -> Self {
         let (tangent, bitangent) = axis.any_orthonormal_pair();
         Self {
@@ -42,14 +44,14 @@ impl Bins {
         }
     }
 
-    /// With `steps` midpoints along each side of a bin: more where edges of the density cut through bins.
+    /// Sets the number of midpoints along each side of a bin. More are needed if edges of the density cut through bins.
     pub fn with_steps(self, steps: usize) -> Self {
         Self { steps, ..self }
     }
 
     fn of(&self, direction: DVec3) -> usize {
         let local = self.frame.transpose() * direction;
-        // Without the difference 1 - cos, which for narrow lobes is below the rounding of cos.
+        // Avoid the difference 1 - cos, which for narrow lobes is below the rounding error of cos.
         let t = local.truncate().length() / (1.0 + local.z).max(1e-15);
         let q = t / (t + self.width);
         let turn = (local.y.atan2(local.x) / TAU).rem_euclid(1.0);
@@ -57,12 +59,12 @@ impl Bins {
         ring * SECTORS + ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
     }
 
-    /// Midpoints of all bins, bin after bin, and the solid angle of each.
+    /// Midpoints of all bins, bin by bin, each with its solid angle.
     fn midpoints(&self) -> Vec<(DVec3, f64)> {
         let mut points = Vec::with_capacity(RINGS * SECTORS * self.steps * self.steps);
         for bin in 0..RINGS * SECTORS {
             for i in 0..self.steps {
-                // tan(psi / 2) and 1 - cos psi at a fraction of a step.
+                // tan(psi / 2) and 1 - cos psi at a fractional step.
                 let tangent = |fraction: f64| {
                     let step = ((bin / SECTORS) * self.steps + i) as f64 + fraction;
                     let q = step / (RINGS * self.steps) as f64;
@@ -88,22 +90,22 @@ impl Bins {
 /// How well samples fit a density.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fit {
-    /// Chance of a deviation as large as that seen, were the density right up to a factor.
+    /// Probability of a deviation at least this large if the density is right up to a factor.
     pub p_value: f64,
     /// The density's integral over the sphere.
     pub mass: f64,
-    /// The share of samples that are directions, which the mass should be.
+    /// The fraction of samples that are directions; the mass should equal it.
     pub share: f64,
     /// Bins after pooling.
     pub bins: usize,
 }
 
-/// Compares `samples`, unit vectors or zero where sampling gave none, with a density over solid angle [1/sr], which `densities`
-/// evaluates for many directions at once. The density may integrate to less than 1: the rest are the samples that
-/// are none.
+/// Compares `samples` (unit vectors, or zero where sampling produced none) with a density over solid angle [1/sr],
+/// which `densities` evaluates for many directions at once. The density may integrate to less than 1; the zero samples
+/// make up the rest.
 ///
 /// # Panics
-/// When a sample is neither a unit vector nor zero, or a density is negative, infinite or no number.
+/// If a sample is neither a unit vector nor zero, or a density is negative, infinite or NaN.
 pub(crate) fn chi_square(
     bins: &Bins,
     samples: &[DVec3],
@@ -112,7 +114,7 @@ pub(crate) fn chi_square(
     let midpoints = bins.midpoints();
     let directions: Vec<DVec3> = midpoints.iter().map(|(direction, _)| *direction).collect();
     let densities = densities(&directions);
-    // Expected and observed.
+    // Expected and observed samples per bin.
     let mut cells = vec![(0.0, 0.0); RINGS * SECTORS];
     for (index, ((direction, measure), density)) in midpoints.iter().zip(densities).enumerate() {
         assert!(
@@ -151,11 +153,11 @@ pub(crate) fn chi_square(
     }
 }
 
-/// Fails unless `samples` follow the density: see [`chi_square`]. `tests` is the number of tests in the family, for Sidak's
-/// correction; `what` is named in the message. Returns the fit, whose mass the caller may know more of.
+/// Fails unless `samples` follow the density: see [`chi_square`]. `tests` is the number of tests in the family, for
+/// Sidak's correction; `what` appears in the message. Returns the fit, so that the caller can check its mass.
 ///
 /// # Panics
-/// When they do not.
+/// If the samples do not follow the density.
 pub(crate) fn assert_follows(
     what: &str,
     tests: usize,
@@ -165,7 +167,7 @@ pub(crate) fn assert_follows(
 ) -> Fit {
     let fit = chi_square(bins, samples, densities);
     let least = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / tests as f64);
-    // Three standard deviations of how many samples are directions.
+    // Three standard deviations of the number of samples that are directions.
     let chance = 3.0 * (fit.share * (1.0 - fit.share) / samples.len() as f64).sqrt();
     assert!(
         (fit.mass - fit.share).abs() < QUADRATURE + chance,
@@ -179,8 +181,9 @@ pub(crate) fn assert_follows(
     fit
 }
 
-/// Chance that a chi-square variable exceeds `statistic`: with an even number of degrees of freedom that a Poisson variable of
-/// mean statistic / 2 is less than half of them; with an odd one, one more is taken.
+/// Probability that a chi-square variable exceeds `statistic`. For an even number of degrees of freedom, this is the
+/// probability that a Poisson variable of mean statistic / 2 is less than half of that number. For an odd number, one
+/// more degree is assumed.
 fn upper_tail(statistic: f64, freedom: usize) -> f64 {
     let mean = statistic / 2.0;
     let mut logarithm = -mean;
@@ -214,7 +217,7 @@ mod tests {
         let mut random = Random(9);
         let samples: Vec<DVec3> = (0..200_000)
             .map(|index| match index % 4 {
-                // A quarter of the samples is none.
+                // A quarter of the samples are zero.
                 0 => DVec3::ZERO,
                 _ => random.direction().as_dvec3(),
             })

@@ -1,6 +1,8 @@
-//! What the tests share: the adapter, and tiny kernels (the `.wesl` files of this folder) that run one function on a buffer.
+//! Shared test support: the adapter, and tiny kernels (the `.wesl` files of this folder) that run one function on a
+//! buffer.
 
 pub(crate) mod chi_square;
+mod layouts;
 mod points;
 
 pub(crate) use points::{Point, read_points};
@@ -9,11 +11,11 @@ use std::sync::OnceLock;
 
 use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffer};
 
-/// The adapter that tests run on: named by `GPUGI_TEST_ADAPTER`, else the best. One device serves all tests of the process.
-/// `None`, and the test has nothing to do, only where `GPUGI_SKIP_GPU=1` says so.
+/// The adapter that tests run on: the one named by `GPUGI_TEST_ADAPTER`, otherwise the best. All tests of the process
+/// share one device. `None`, in which case the test should return, only if `GPUGI_SKIP_GPU=1`.
 ///
 /// # Panics
-/// Without an adapter.
+/// If there is no adapter.
 pub(crate) fn test_gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
     GPU.get_or_init(|| {
@@ -35,7 +37,7 @@ pub(crate) fn test_gpu() -> Option<Gpu> {
 /// Runs a kernel whose group 0 holds the buffers `inputs` by name and `output`, and returns the output's `count` items.
 ///
 /// # Errors
-/// Whatever the GPU says.
+/// The error that the GPU reports.
 pub(crate) fn run_kernel<T: bytemuck::Pod>(
     gpu: &Gpu,
     shader: &Shader,
@@ -51,10 +53,10 @@ pub(crate) fn run_kernel<T: bytemuck::Pod>(
     run_kernel_on(gpu, shader, entry, &inputs, count, invocations)
 }
 
-/// As [`run_kernel`], of inputs of any kind.
+/// Like [`run_kernel`], with inputs of any kind.
 ///
 /// # Errors
-/// Whatever the GPU says.
+/// The error that the GPU reports.
 pub(crate) fn run_kernel_on<T: bytemuck::Pod>(
     gpu: &Gpu,
     shader: &Shader,
@@ -77,7 +79,7 @@ pub(crate) fn run_kernel_on<T: bytemuck::Pod>(
     read_buffer(gpu, &output, size)
 }
 
-/// The value of a `u32` constant that a shader has from a module, whose path is written with underscores.
+/// The value of a `u32` constant that a shader imports from a module, whose path is written with underscores.
 pub(crate) fn constant(shader: &Shader, module_path: &str, name: &str) -> u32 {
     let module = shader.parse().unwrap();
     let mut constants = module.constants.iter();
@@ -92,7 +94,8 @@ pub(crate) fn constant(shader: &Shader, module_path: &str, name: &str) -> u32 {
     }
 }
 
-/// The point of the cube of half side 1 at (u, v) of a face: WebGPU's, which shared/cube.wesl has to share.
+/// The point at (u, v) of a face of the cube of half side length 1. This is WebGPU's definition, with which
+/// shared/cube.wesl must agree.
 pub(crate) fn on_face(face: usize, u: f64, v: f64) -> glam::DVec3 {
     let [x, y, z] = [
         [1.0, -v, -u],
@@ -105,7 +108,7 @@ pub(crate) fn on_face(face: usize, u: f64, v: f64) -> glam::DVec3 {
     glam::DVec3::new(x, y, z)
 }
 
-/// Numbers in [0, 1) that are the same on every machine: SplitMix64.
+/// Random numbers in [0, 1) that are the same on every machine: SplitMix64.
 pub(crate) struct Random(pub u64);
 
 impl Random {
@@ -118,7 +121,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// A unit vector, evenly spread over the sphere.
+    /// A unit vector, uniformly distributed over the sphere.
     pub fn direction(&mut self) -> glam::Vec3 {
         let z = 2.0 * self.next() - 1.0;
         let phi = std::f64::consts::TAU * self.next();

@@ -1,4 +1,4 @@
-//! Surface points, read back.
+//! Reads surface points back.
 
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ use crate::shader;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Point {
     pub position: Vec3,
-    /// `u32::MAX`: there is no point.
+    /// `u32::MAX` if there is no point.
     pub instance: u32,
     pub normal: Vec3,
     pub area: f32,
@@ -19,7 +19,7 @@ pub(crate) struct Point {
     pub diffuse: Vec3,
 }
 
-/// Every point, in order.
+/// All points, in order.
 pub(crate) fn read_points(gpu: &Gpu, scene: &GpuScene, points: &SurfacePoints) -> Vec<Point> {
     let kernel = Kernel::new(gpu, &shader!("testing.points"), "main", Some(&scene.layout)).unwrap();
     let size = u64::from(points.count) * 64;

@@ -1,4 +1,4 @@
-//! caustics against the path tracer, and where they can only be sensible.
+//! caustics compared with the path tracer, and in scenes where the result can only be plausible.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -86,7 +86,7 @@ fn measured(gpu: &Gpu, scene: &Scene, renderer: &mut Renderer, samples: u32) -> 
     found.expect("a measurement")
 }
 
-/// Means over squares of 8 pixels a side.
+/// Means over squares of 8 x 8 pixels.
 fn blurred(radiance: &[f32], size: usize) -> Vec<f64> {
     let blocks = size / 8;
     let mut sums = vec![0.0; blocks * blocks * 3];
@@ -99,12 +99,12 @@ fn blurred(radiance: &[f32], size: usize) -> Vec<f64> {
     sums
 }
 
-/// The light of a lamp that comes to the floor by way of a ball: all of it, where it belongs.
+/// The light of a lamp that reaches the floor by way of a ball: all of it, in the right place.
 #[test]
 fn balls_throw_their_light_where_the_path_tracer_finds_it() {
     let Some(gpu) = gpu() else { return };
     const SIZE: usize = 64;
-    // Few paths find the lamp by way of the mirror: it is a large one.
+    // Few of the path tracer's paths find the lamp by way of the mirror, so that lamp is large.
     for (name, material, lamp) in [("glass", glass(1.5), 0.5), ("mirror", mirror(), 2.5)] {
         let scene = ball_under_lamp(material, lamp);
         let mut renderer = renderer(&gpu, &scene, &["caustics"], SIZE as u32);
@@ -130,7 +130,7 @@ fn balls_throw_their_light_where_the_path_tracer_finds_it() {
     }
 }
 
-/// With shadows around them, and seen through the glass and in the mirror.
+/// Caustics with shadows around them, seen through glass and in a mirror.
 #[test]
 fn caustics_are_seen_through_glass() {
     let Some(gpu) = gpu() else { return };
@@ -173,9 +173,12 @@ fn what_glass_shows_of_caustics_is_declared_and_follows_them() {
     let seen = LightPaths::new(LightClass::Area, "LSDSE");
     assert!(overlap(&renderer.light_paths(), &[seen]).is_some());
     let mut made = |pass: &str| {
-        let timings = renderer.render_sample(&camera(), 64, None, true);
+        let timings = renderer
+            .render_sample(&camera(), 64, None, true)
+            .expect("a picture");
         timings
-            .expect("a picture")
+            .wait()
+            .expect("times")
             .iter()
             .any(|one| one.pass == pass)
     };
@@ -189,7 +192,7 @@ fn what_glass_shows_of_caustics_is_declared_and_follows_them() {
     assert_eq!(frames, [2, 4, 8, 16]);
 }
 
-/// Caustics of what moved, of other lights and other materials.
+/// Caustics follow moved objects, other lights and other materials.
 #[test]
 fn changes_of_the_scene_are_followed() {
     let Some(gpu) = gpu() else { return };
@@ -233,7 +236,8 @@ fn changes_of_the_scene_are_followed() {
     }
 }
 
-/// Few photons light as much, beside a light so strong that one of its counts is worth many of theirs.
+/// A weak light's few photons contribute as much beside a light so strong that one of its counts is worth many of
+/// theirs.
 #[test]
 fn weak_lights_are_not_lost_beside_strong_ones() {
     let Some(gpu) = gpu() else { return };
@@ -248,7 +252,7 @@ fn weak_lights_are_not_lost_beside_strong_ones() {
         radiance.iter().sum::<f32>() / radiance.len() as f32
     };
     let alone = mean(&scene);
-    // Below the floor, which keeps its light from the ball.
+    // Below the floor, which keeps its light away from the ball.
     scene.lights.push(light(vec3(0.0, -1.0, 0.0), 3e4));
     let beside = mean(&scene);
     println!("alone {alone}, beside a light 3e4 times as strong {beside}");
@@ -258,13 +262,13 @@ fn weak_lights_are_not_lost_beside_strong_ones() {
     );
 }
 
-/// Places where no caustic can be right: everything stays finite.
+/// Places where no caustic can be correct: everything stays finite.
 #[test]
 fn impossible_places_stay_finite() {
     let Some(gpu) = gpu() else { return };
     let light = |at: Vec3| Light::new("", LightKind::Point, Vec3::ONE).aimed(at, Vec3::ZERO);
     let center = vec3(0.0, 0.6, 0.0);
-    // In the ball, in its surface, far away, and below the floor.
+    // Inside the ball, on its surface, far away, and below the floor.
     for at in [center, center + Vec3::Y * 0.4, Vec3::Y * 1e6, -Vec3::Y] {
         for material in [glass(1.5), mirror()] {
             let mut scene = floor(2.0);
@@ -273,7 +277,7 @@ fn impossible_places_stay_finite() {
             look(&gpu, &scene, 16);
         }
     }
-    // Nothing around it; larger than all there is; touching the floor; flat; open; no triangles.
+    // Nothing around it; larger than everything else; touching the floor; flat; open; no triangles.
     let mut alone = Scene::new("alone");
     add(&mut alone, sphere(0.4, 16), glass(1.5), center);
     let mut large = floor(0.2);

@@ -1,15 +1,14 @@
-//! What the tests that render share.
+//! Helpers shared by the tests that render.
 
-#![allow(dead_code)] // Each test program uses a part.
+#![allow(dead_code)] // Each test program uses only a part.
 
 use glam::{Mat4, Vec3};
 use gpugi::Renderer;
-use gpugi::capture::VisiblePoint;
-use gpugi::gpu::{AdapterChoice, Gpu, read_buffer};
+use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi_scene::builtin::shapes::quad;
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
 
-/// The best adapter. None, and the test passes without testing, only where `GPUGI_SKIP_GPU=1` asks for that.
+/// The best adapter. Returns `None`, so that the test passes without testing, only if `GPUGI_SKIP_GPU=1`.
 pub fn gpu() -> Option<Gpu> {
     if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") {
         eprintln!("skipped: GPUGI_SKIP_GPU=1");
@@ -21,7 +20,7 @@ pub fn gpu() -> Option<Gpu> {
     }
 }
 
-/// Adds one mesh of one material.
+/// Adds an instance of one mesh with one material.
 pub fn place(scene: &mut Scene, mesh: Mesh, material: Material) -> usize {
     let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(material);
@@ -49,7 +48,7 @@ pub fn from_above(side: f32, eye: f32) -> Camera {
     }
 }
 
-/// The scene with one light.
+/// The scene with one more light.
 pub fn lit_by(mut scene: Scene, light: Light) -> Scene {
     scene.lights.push(light);
     scene
@@ -64,7 +63,7 @@ pub struct Lit {
     pub radiance: Vec3,
 }
 
-/// A picture: where there is a surface, its points.
+/// A picture, and its surface points where there is a surface.
 #[derive(Debug)]
 pub struct Picture {
     pub radiance: Vec<f32>,
@@ -90,19 +89,18 @@ pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Rende
 }
 
 /// One sample through pixel centres.
-pub fn picture(gpu: &Gpu, renderer: &mut Renderer, camera: &Camera) -> Picture {
+pub fn picture(renderer: &mut Renderer, camera: &Camera) -> Picture {
     renderer.restart();
     renderer
         .render_sample(camera, 1, None, false)
         .expect("a picture");
     let radiance = renderer.radiance().expect("radiance");
-    let buffer = renderer.surface_points();
-    let words: Vec<u32> = read_buffer(gpu, buffer, buffer.size()).expect("points");
-    let points = words
-        .chunks_exact(12)
+    let points = renderer.surface_points().expect("points");
+    let points = points
+        .into_iter()
         .zip(radiance.chunks_exact(3))
-        .map(|(words, color)| {
-            VisiblePoint::unpack(words).map(|point| Lit {
+        .map(|(point, color)| {
+            point.map(|point| Lit {
                 position: point.position,
                 normal: point.normal,
                 instance: point.instance,
@@ -119,10 +117,10 @@ pub fn picture(gpu: &Gpu, renderer: &mut Renderer, camera: &Camera) -> Picture {
 
 /// Renders a scene once.
 pub fn render(gpu: &Gpu, scene: &Scene, camera: &Camera, size: u32, settings: &[&str]) -> Picture {
-    picture(gpu, &mut renderer(gpu, scene, size, settings), camera)
+    picture(&mut renderer(gpu, scene, size, settings), camera)
 }
 
-/// Whether a segment meets an axis-aligned box.
+/// Whether a segment intersects an axis-aligned box.
 pub fn meets(from: Vec3, to: Vec3, min: Vec3, max: Vec3) -> bool {
     let inverse = (to - from).recip();
     let (a, b) = ((min - from) * inverse, (max - from) * inverse);

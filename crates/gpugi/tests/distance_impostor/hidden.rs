@@ -1,5 +1,6 @@
-//! Objects of which the reference point, or the object's middle, does not see everything: a mirror beside a box, and a teapot of glass. No map of one
-//! layer shows them right; classical environment mapping is at least four times as far from the truth.
+//! Objects whose reference point, or whose centre, does not see everything: a mirror beside a box, and a teapot of
+//! glass. No one-layer map shows them correctly; classical environment mapping is at least four times as far from the
+//! truth.
 
 use std::ops::ControlFlow;
 
@@ -15,7 +16,8 @@ use crate::scenes::{add, glass, rel_mse, set, shining_room};
 
 const SIZE: u32 = 48;
 
-/// rel-mse over an instance's pixels: with the settings as they are, and of classical environment mapping, both against the truth of the first.
+/// rel-mse over an instance's pixels, with the settings as they are and with classical environment mapping, both
+/// against the truth of the former.
 fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
     let techniques = ["shadow-map", "distance-impostor"].map(str::to_owned);
     let mut renderer = Renderer::new(gpu, scene, [SIZE; 2], &techniques).expect("a renderer");
@@ -41,7 +43,7 @@ fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
         rendered.expect("a picture");
     }
     let classical = renderer.radiance().expect("radiance");
-    let seen = picture(gpu, &mut renderer, camera);
+    let seen = picture(&mut renderer, camera);
     let is_own: Vec<bool> = (seen.points.iter())
         .map(|point| point.is_some_and(|one| scene.instances[one.instance as usize].name == name))
         .collect();
@@ -60,7 +62,7 @@ fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
     [&found.radiance, &classical].map(|one| rel_mse(&own(one), &truth))
 }
 
-/// The tutorial's figure 34: the box hides a part of the room from the ball's middle.
+/// The tutorial's figure 34: the box hides part of the room from the ball's centre.
 #[test]
 fn a_mirror_beside_a_box() {
     let Some(gpu) = gpu() else { return };

@@ -1,10 +1,11 @@
-//! Scenes in which nothing right can be shown: pictures stay finite and sensible, settings that cannot work are refused.
+//! Scenes that cannot be shown correctly: pictures stay finite and plausible, and settings that cannot work are
+//! rejected.
 
 use std::sync::Arc;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
-use gpugi::{RenderError, Renderer};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Environment, Image, Mesh, Pixels, Scene};
 
@@ -13,18 +14,13 @@ use crate::scenes::{
     HALF, add, glass, mirror, renderer, room, set, shining_room, toward, with_ball,
 };
 
-/// The picture of a scene, which must be finite, without negative light, and no brighter than what shines in it.
+/// The picture of a scene. It must be finite, without negative light, and no brighter than what emits light in it.
 fn seen(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str)]) -> Picture {
-    seen_by(
-        gpu,
-        &mut renderer(gpu, scene, settings),
-        &scene.name,
-        camera,
-    )
+    seen_by(&mut renderer(gpu, scene, settings), &scene.name, camera)
 }
 
-fn seen_by(gpu: &Gpu, renderer: &mut Renderer, name: &str, camera: &Camera) -> Picture {
-    let found = picture(gpu, renderer, camera);
+fn seen_by(renderer: &mut Renderer, name: &str, camera: &Camera) -> Picture {
+    let found = picture(renderer, camera);
     let brightest = found.radiance.iter().copied().fold(0.0, f32::max);
     let least = found.radiance.iter().copied().fold(f32::MAX, f32::min);
     assert!(
@@ -34,7 +30,7 @@ fn seen_by(gpu: &Gpu, renderer: &mut Renderer, name: &str, camera: &Camera) -> P
     found
 }
 
-/// Mean radiance of an instance, luminance roughly.
+/// Mean radiance of an instance, roughly its luminance.
 fn brightness(picture: &Picture, instance: usize) -> f32 {
     let of_instance = picture
         .lit()
@@ -66,7 +62,7 @@ fn impossible_places_stay_finite() {
         let mut scene = with_ball(room(), material.clone(), Vec3::ZERO);
         scene.name = format!("{} ball", material.name);
         let mut renderer = renderer(&gpu, &scene, &[("resolution", "32")]);
-        // In a wall, on it, far outside, so far that floats end, on the ball and in the light.
+        // In a wall, on it, far outside, so far that floats overflow, on the ball and in the light.
         for reference in [
             "2,0,0",
             "2,1.5,2",
@@ -81,10 +77,10 @@ fn impossible_places_stay_finite() {
                 for setting in [("reference", reference), ("search", search)] {
                     set(&mut renderer, setting);
                 }
-                seen_by(&gpu, &mut renderer, &scene.name, &toward(Vec3::ZERO));
+                seen_by(&mut renderer, &scene.name, &toward(Vec3::ZERO));
             }
         }
-        // Through the walls, as large as the world, on a wall and in a corner, flat, too small to see.
+        // Through the walls, as large as the world, on a wall and in a corner, flat, and too small to see.
         for (scale, at) in [
             (Vec3::splat(6.0), Vec3::ZERO),
             (Vec3::splat(1e6), Vec3::ZERO),
@@ -97,7 +93,7 @@ fn impossible_places_stay_finite() {
             scene.instances.last_mut().expect("a ball").world_from_mesh =
                 Mat4::from_translation(at) * Mat4::from_scale(scale);
             renderer.update(&scene).expect("an update");
-            seen_by(&gpu, &mut renderer, &scene.name, &toward(at));
+            seen_by(&mut renderer, &scene.name, &toward(at));
         }
     }
 }
@@ -113,7 +109,7 @@ fn open_scenes_show_the_environment() {
         let mut renderer = renderer(&gpu, &scene, &[]);
         for search in ["walk", "secant", "false-position", "none"] {
             set(&mut renderer, ("search", search));
-            let lit = seen_by(&gpu, &mut renderer, search, &toward(Vec3::ZERO));
+            let lit = seen_by(&mut renderer, search, &toward(Vec3::ZERO));
             let found = brightness(&lit, 0);
             assert!(
                 (found / expected - 1.0).abs() < 0.03,
@@ -124,7 +120,7 @@ fn open_scenes_show_the_environment() {
     }
 }
 
-/// A ball whose upper half is missing, a mesh of one triangle, one of none that show.
+/// A ball without its upper half, a mesh of one triangle, and one without visible triangles.
 #[test]
 fn refractors_need_not_be_closed() {
     let Some(gpu) = gpu() else { return };
@@ -202,14 +198,14 @@ fn settings_that_cannot_work_are_refused() {
     ] {
         let refused = renderer.set("distance-impostor", name, value);
         assert!(
-            matches!(refused, Err(RenderError::Setting { .. })),
+            matches!(refused, Err(LightingError::Setting { .. })),
             "{name}={value}: {refused:?}"
         );
     }
-    picture(&gpu, &mut renderer, &toward(Vec3::ZERO));
+    picture(&mut renderer, &toward(Vec3::ZERO));
 }
 
-/// What changes in the scene shows as in a renderer that is made anew.
+/// After changes of the scene, pictures match those of a new renderer.
 #[test]
 fn changes_of_the_scene_are_followed() {
     let Some(gpu) = gpu() else { return };
@@ -238,10 +234,10 @@ fn changes_of_the_scene_are_followed() {
     let steps = [first, moved, joined, other_material, removed, darker, none];
     let camera = Camera::look_at("", vec3(0.1, 0.3, 1.7), Vec3::ZERO, 0.9);
     let mut kept = renderer(&gpu, &steps[0], &[]);
-    let mut before = picture(&gpu, &mut kept, &camera);
+    let mut before = picture(&mut kept, &camera);
     for (number, pair) in steps.windows(2).enumerate() {
         kept.update(&pair[1]).expect("an update");
-        let found = picture(&gpu, &mut kept, &camera);
+        let found = picture(&mut kept, &camera);
         let fresh = seen(&gpu, &pair[1], &camera, &[]);
         let worst = |other: &Picture| {
             let pairs = found.radiance.iter().zip(&other.radiance);
@@ -253,7 +249,7 @@ fn changes_of_the_scene_are_followed() {
     }
 }
 
-/// A mesh that is there without a triangle.
+/// A mesh without triangles.
 #[test]
 fn a_mirror_without_triangles_shows_nothing() {
     let Some(gpu) = gpu() else { return };

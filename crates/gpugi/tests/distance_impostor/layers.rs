@@ -1,4 +1,4 @@
-//! What the reference point does not see: known, and found in a second layer.
+//! What the reference point does not see: reported, and found in a second layer.
 
 use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes::cuboid;
@@ -9,15 +9,15 @@ use crate::scenes::{
     add, errors_of, glass, mirror, renderer, room, shining_room, toward, with_ball,
 };
 
-/// Off the reference point, which is the room's middle.
+/// Away from the reference point, which is the centre of the room.
 const BALL: Vec3 = vec3(0.9, -0.4, -0.6);
 const MIDDLE: (&str, &str) = ("reference", "0,0,0");
 
-/// The tutorial's figure 34: a crate hides a part of the room from the reference point that the ball mirrors, 7 % of it.
+/// The tutorial's figure 34: a crate hides from the reference point part of the room that the ball mirrors, 7 % of it.
 fn with_crate(scene: Scene) -> Scene {
     let mut scene = with_ball(scene, mirror(), BALL);
     let mesh = cuboid(vec3(-0.9, -1.5, -0.3), vec3(-0.4, 0.6, 0.3), 1);
-    // As many programs export it: its back is still not what is behind it.
+    // Double-sided, as many programs export it: its own back still does not count as what lies behind it.
     let material = Material {
         double_sided: true,
         ..Material::matt("crate", vec3(0.1, 0.5, 0.2))
@@ -36,14 +36,15 @@ fn a_second_layer_shows_what_a_crate_hides() {
     assert!(two < 0.01 && one > 2.0 * two, "{one}, {two}");
 }
 
-/// Shares of the ball's points whose hits are seen, passed behind, unseen, in the second layer, and of those whose rays leave.
+/// Shares of the ball's points whose hits are seen, passed behind, unseen, or in the second layer, and of those whose
+/// rays leave.
 fn shares(scene: &Scene, settings: &[(&str, &str)]) -> Option<[f64; 5]> {
     let gpu = gpu()?;
     let mut renderer = renderer(&gpu, scene, settings);
     renderer
         .set("distance-impostor", "show", "certainty")
         .expect("a setting");
-    let found = picture(&gpu, &mut renderer, &toward(BALL));
+    let found = picture(&mut renderer, &toward(BALL));
     let ball = scene.instances.iter().position(|one| one.name == "ball")?;
     let colors = [
         vec3(0.1, 0.6, 0.1),
@@ -95,7 +96,7 @@ fn hits_that_are_not_seen_are_reported() {
     assert_eq!(leaving, [0.0, 0.0, 0.0, 0.0, 1.0], "nothing is around");
 }
 
-/// Of glass, it is the ray that leaves on the other side.
+/// For glass, it is the ray leaving on the other side that counts.
 #[test]
 fn hits_through_glass_are_reported() {
     let mut scene = with_ball(shining_room(), glass(1.5), BALL);

@@ -1,4 +1,4 @@
-//! distance-impostor against the path tracer, and where it can only be sensible.
+//! distance-impostor compared with the path tracer, and in scenes where the result can only be plausible.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -17,10 +17,10 @@ use gpugi_scene::builtin::shapes::{sphere, torus};
 use gpugi_scene::{Camera, Material, MaterialModel, Volume};
 use scenes::{add, errors, errors_of, glass, mirror, room, shining_room, toward, with_ball};
 
-/// In the room, off its middle.
+/// In the room, away from its centre.
 const ASIDE: Vec3 = vec3(0.9, -0.4, -0.6);
 
-/// The tutorial's figure 33: a mirror ball at three places of a room, the reference point in the room's middle.
+/// The tutorial's figure 33: a mirror ball at three places in a room, with the reference point at the room's centre.
 #[test]
 fn mirror_balls_show_the_room_from_where_they_are() {
     let Some(gpu) = gpu() else { return };
@@ -49,7 +49,7 @@ fn glass_balls_refract_the_room() {
     let Some(gpu) = gpu() else { return };
     for (ior, at) in [(1.1, Vec3::ZERO), (1.5, ASIDE)] {
         let scene = with_ball(shining_room(), glass(ior), at);
-        // One inner surface is the way out: without what is reflected there.
+        // With `bounces` 1, the only inner surface is the exit: light reflected there is missing.
         let settings: [&[_]; 4] = [
             &[("bounces", "4")],
             &[("bounces", "1")],
@@ -70,7 +70,7 @@ fn glass_balls_refract_the_room() {
     }
 }
 
-/// One surface inside is declared as one, so that it is measured against just that.
+/// The declared paths have as many inner surfaces as are followed, so that the error is measured against exactly those.
 #[test]
 fn declared_paths_are_those_that_are_followed() {
     let Some(gpu) = gpu() else { return };
@@ -83,7 +83,7 @@ fn declared_paths_are_those_that_are_followed() {
     }
 }
 
-/// Absorption along the way through.
+/// Absorption along the path through the glass.
 #[test]
 fn coloured_glass_absorbs() {
     let Some(gpu) = gpu() else { return };
@@ -98,7 +98,8 @@ fn coloured_glass_absorbs() {
     assert!(found < 0.01, "{found}");
 }
 
-/// A surface behind which there is no other: light refracts once, which is exact, whether another is looked for or not.
+/// A surface with no other surface behind it: light refracts once, which is exact, whether or not another surface is
+/// searched for.
 #[test]
 fn an_open_surface_refracts_once() {
     let Some(gpu) = gpu() else { return };
@@ -144,7 +145,7 @@ fn metals_reflect_by_their_lobes() {
     }
 }
 
-/// A mirror in a mirror is seen as from the middle of the latter: roughly right.
+/// A mirror in a mirror is seen as from the centre of the latter: roughly correct.
 #[test]
 fn objects_show_each_other() {
     let Some(gpu) = gpu() else { return };
@@ -169,7 +170,7 @@ fn objects_show_each_other() {
     }
 }
 
-/// Not star-shaped: its middle does not even lie in it.
+/// Not star-shaped: even its centre lies outside it.
 #[test]
 fn a_glass_ring_is_nearer_the_truth_than_classical_mapping() {
     let Some(gpu) = gpu() else { return };

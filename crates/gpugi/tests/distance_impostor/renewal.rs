@@ -1,10 +1,9 @@
-//! Maps that are kept while things move, and renewed face by face: pictures as of a renderer that is made anew.
+//! Maps that are kept while objects move, and maps renewed face by face: pictures match those of a new renderer.
 
 use std::sync::Arc;
 
 use glam::{EulerRot, Mat4, Quat, Vec3, vec3};
 use gpugi::Renderer;
-use gpugi::gpu::Gpu;
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
 use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
@@ -17,7 +16,7 @@ fn camera() -> Camera {
     Camera::look_at("", vec3(0.1, 0.4, 1.7), Vec3::ZERO, 0.9)
 }
 
-/// An environment of one radiance.
+/// An environment of uniform radiance.
 fn sky(radiance: f32) -> Environment {
     Environment {
         image: Arc::new(Image {
@@ -32,9 +31,9 @@ fn sky(radiance: f32) -> Environment {
 }
 
 /// The picture after a change.
-fn after(gpu: &Gpu, renderer: &mut Renderer, scene: &Scene) -> Picture {
+fn after(renderer: &mut Renderer, scene: &Scene) -> Picture {
     renderer.update(scene).expect("an update");
-    picture(gpu, renderer, &camera())
+    picture(renderer, &camera())
 }
 
 #[test]
@@ -45,9 +44,9 @@ fn glass_that_turns_is_as_if_captured_anew() {
     let flat = Mat4::from_scale(vec3(1.0, 0.6, 1.3));
     scene.instances[index].world_from_mesh = flat;
     let mut kept = renderer(&gpu, &scene, &[]);
-    let mut before = picture(&gpu, &mut kept, &camera());
+    let mut before = picture(&mut kept, &camera());
     let quarter = std::f32::consts::FRAC_PI_2;
-    // By quarters the texels of cubes are the same; otherwise others.
+    // Rotated by quarter turns, cubes have the same texels; otherwise they differ.
     for (name, x, y, z, error) in [
         ("moved", 0.0, 0.0, 0.0, 1e-5),
         ("a quarter about x", quarter, 0.0, 0.0, 1e-5),
@@ -58,8 +57,8 @@ fn glass_that_turns_is_as_if_captured_anew() {
         let turn = Quat::from_euler(EulerRot::XYZ, x, y, z);
         scene.instances[index].world_from_mesh =
             Mat4::from_rotation_translation(turn, vec3(0.2, -0.1, 0.1)) * flat;
-        let found = after(&gpu, &mut kept, &scene);
-        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[]), &camera());
+        let found = after(&mut kept, &scene);
+        let fresh = picture(&mut renderer(&gpu, &scene, &[]), &camera());
         let mse = rel_mse(&found.radiance, &fresh.radiance);
         let change = rel_mse(&before.radiance, &fresh.radiance);
         println!("{name}: rel-mse {mse:.1e}, of the picture before {change:.1e}");
@@ -94,16 +93,16 @@ fn faces_in_turn_end_in_the_same_picture() {
         );
         assert_eq!(scene.instances[block].material, matt);
         let mut in_turn = renderer(&gpu, &scene, &[("faces-per-frame", "2"), layers]);
-        let before = picture(&gpu, &mut in_turn, &camera());
+        let before = picture(&mut in_turn, &camera());
         scene.instances[block].world_from_mesh = Mat4::from_translation(vec3(0.6, -0.5, 1.0));
         scene.lights[0].intensity *= 0.7;
-        let fresh = picture(&gpu, &mut renderer(&gpu, &scene, &[layers]), &camera());
+        let fresh = picture(&mut renderer(&gpu, &scene, &[layers]), &camera());
         let off = |one: &Picture| rel_mse(&one.radiance, &fresh.radiance);
-        let mut found = after(&gpu, &mut in_turn, &scene);
+        let mut found = after(&mut in_turn, &scene);
         let [start, first] = [&before, &found].map(off);
-        // Twice, because they show each other.
+        // All turns twice, because the mirrors show each other.
         for _ in 1..6 {
-            found = picture(&gpu, &mut in_turn, &camera());
+            found = picture(&mut in_turn, &camera());
         }
         let end = off(&found);
         println!(
@@ -114,12 +113,12 @@ fn faces_in_turn_end_in_the_same_picture() {
     }
 }
 
-/// Every technique finds the points of some faces, and its sums for them.
+/// Every technique finds the points of a subset of the faces, and its own sums for them.
 #[test]
 fn faces_in_turn_are_lit_by_all_techniques() {
     let Some(gpu) = gpu() else { return };
     let mut scene = with_ball(room(), mirror(), Vec3::ZERO);
-    // Without the ceiling, the third of six walls of two halves.
+    // Without the ceiling, the third of six walls with two halves each.
     scene.instances.drain(4..6);
     let names = [
         "shadow-map",
@@ -141,13 +140,13 @@ fn faces_in_turn_are_lit_by_all_techniques() {
     scene.environment = Some(sky(1.0));
     let [mut in_turn, mut at_once] = ["4", "6"].map(|faces| make(&scene, faces));
     for renderer in [&mut in_turn, &mut at_once] {
-        picture(&gpu, renderer, &camera());
+        picture(renderer, &camera());
     }
     scene.environment = Some(sky(0.3));
-    let expected = after(&gpu, &mut at_once, &scene);
+    let expected = after(&mut at_once, &scene);
     let off = |one: &Picture| rel_mse(&one.radiance, &expected.radiance);
-    let first = off(&after(&gpu, &mut in_turn, &scene));
-    let end = off(&picture(&gpu, &mut in_turn, &camera()));
+    let first = off(&after(&mut in_turn, &scene));
+    let end = off(&picture(&mut in_turn, &camera()));
     println!("after the first turn rel-mse {first:.1e}, at last {end:.1e}");
     assert!(first > 1e-3 && end < 1e-9, "{first}, {end}");
 }

@@ -1,4 +1,4 @@
-//! The rooms that the tests look at, and how far from the truth a picture of them is.
+//! The rooms of the tests, and how far pictures of them are from the truth.
 
 use std::sync::Arc;
 
@@ -12,13 +12,13 @@ use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene, Volume};
 
 pub const SIZE: u32 = 32;
-/// Samples a pixel of the technique.
+/// The technique's samples per pixel.
 const SAMPLES: u32 = 8;
 
-/// Half the extents of the room (m), whose middle is the origin.
+/// Half extents of the room (m), which is centred at the origin.
 pub const HALF: Vec3 = vec3(2.0, 1.5, 2.0);
 
-/// A closed room, each wall of two colours, with a point light under the ceiling.
+/// A closed room whose walls have two colours each, with a point light under the ceiling.
 pub fn room() -> Scene {
     let mut scene = Scene::new("room");
     let walls = [
@@ -69,7 +69,7 @@ pub fn room() -> Scene {
     scene
 }
 
-/// The same room whose walls shine instead, so that no shadow of glass is in the picture.
+/// The same room with emitting walls instead, so that the picture has no shadows of glass.
 pub fn shining_room() -> Scene {
     let mut scene = room();
     scene.lights.clear();
@@ -92,7 +92,7 @@ pub fn add(
     scene.add_instance(name, mesh, material, Mat4::from_translation(at))
 }
 
-/// A room with a ball of radius 0.5 m.
+/// The room with a ball of radius 0.5 m added.
 pub fn with_ball(mut scene: Scene, material: Material, at: Vec3) -> Scene {
     add(&mut scene, "ball", sphere(0.5, 64), material, at);
     scene
@@ -154,7 +154,7 @@ pub fn set(renderer: &mut Renderer, (name, value): (&str, &str)) {
         .expect("a setting");
 }
 
-/// A picture and what the path tracer shows on the light paths that the renderer says it adds.
+/// A picture, and what the path tracer shows on the light paths that the renderer declares.
 pub fn measured(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> Measured {
     let options = Options {
         samples: SAMPLES,
@@ -179,7 +179,7 @@ pub fn rel_mse(test: &[f32], truth: &[f32]) -> f64 {
     sum / truth.len() as f64
 }
 
-/// rel-mse with the technique, and without it against the same truth.
+/// rel-mse with the technique and without it, against the same truth.
 pub fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str)]) -> [f64; 2] {
     let found = measured(gpu, scene, camera, &mut renderer(gpu, scene, settings));
     let mut off = renderer_of(gpu, scene, &["shadow-map"], &[]);
@@ -189,7 +189,7 @@ pub fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str
     [&found.radiance, &off].map(|one| rel_mse(one, &found.truth.radiance))
 }
 
-/// rel-mse of several settings, each on top of those before, against the truth of the first.
+/// rel-mse of several settings, each applied on top of the previous ones, against the truth of the first.
 pub fn errors_of<const N: usize>(
     gpu: &Gpu,
     scene: &Scene,

@@ -1,4 +1,5 @@
-//! Each point gets its light from one of the techniques that could add it, none twice, none left out.
+//! Each point gets its light from exactly one of the techniques that could add it: nothing is added twice, and nothing
+//! is left out.
 
 use std::sync::Arc;
 
@@ -29,7 +30,7 @@ fn white() -> Environment {
     }
 }
 
-/// Something named `thing` in a white furnace.
+/// One object named `thing` in a white furnace.
 fn furnace(mesh: Mesh, material: Material) -> Scene {
     let mut scene = Scene::new("furnace");
     let thing = place(&mut scene, mesh, material);
@@ -38,7 +39,7 @@ fn furnace(mesh: Mesh, material: Material) -> Scene {
     scene
 }
 
-/// Mean radiance of the middle of the picture with techniques and settings in the form `technique.name=value`.
+/// Mean radiance of the middle of the picture, with techniques and settings (technique, name, value).
 fn middle(gpu: &Gpu, scene: &Scene, techniques: &[&str], settings: &[(&str, &str, &str)]) -> f32 {
     let names: Vec<String> = techniques.iter().map(|name| (*name).to_owned()).collect();
     let mut renderer = Renderer::new(gpu, scene, [SIZE, SIZE], &names).expect("a renderer");
@@ -105,7 +106,7 @@ fn rough_glass_keeps_what_passes_through_it() {
     let without = middle(&gpu, &scene, &["environment-map"], &[]);
     let with = middle(&gpu, &scene, &WITH[1..], &named);
     println!("frosted: {with}, without impostors {without}");
-    // What the impostor reflects of it holds no sky, which environment-map adds.
+    // The impostor's reflection holds no sky, which environment-map adds.
     assert!(
         without > 0.9 && (with - without).abs() < 0.08,
         "{with}, {without}"
@@ -143,11 +144,11 @@ fn mirrors_follow_the_settings_of_others() {
     let techniques = ["environment-map", "distance-impostor"].map(str::to_owned);
     let camera = Camera::look_at("", vec3(0.0, 0.0, 4.0), Vec3::ZERO, 0.5);
     let mut renderer = Renderer::new(&gpu, &scene, [SIZE, SIZE], &techniques).expect("a renderer");
-    let before = picture(&gpu, &mut renderer, &camera).radiance;
+    let before = picture(&mut renderer, &camera).radiance;
     renderer
         .set("environment-map", "objects", "thing")
         .expect("a setting");
-    let after = picture(&gpu, &mut renderer, &camera).radiance;
+    let after = picture(&mut renderer, &camera).radiance;
     let change = before
         .iter()
         .zip(&after)

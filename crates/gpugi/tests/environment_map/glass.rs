@@ -1,10 +1,10 @@
-//! Refraction: a single surface is exact, so that the path tracer must see the same.
+//! Refraction at a single surface is exact, so the path tracer must see the same.
 
 use std::sync::Arc;
 
 use glam::{Vec3, vec3};
 use gpugi::gpu::Gpu;
-use gpugi::{RenderError, Renderer};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Material, Scene, Volume};
 
@@ -26,7 +26,7 @@ fn glass(ior: f32, roughness: f32) -> Material {
     }
 }
 
-/// A horizontal surface over everything below.
+/// A horizontal surface above everything.
 fn water(material: Material) -> Scene {
     let mut scene = Scene::new("water");
     let mesh = quad(
@@ -40,7 +40,7 @@ fn water(material: Material) -> Scene {
     scene
 }
 
-/// Looks at the surface from `eye`, the whole picture full of it.
+/// Looks at the surface from `eye`; the surface fills the picture.
 fn at_surface(eye: Vec3) -> Camera {
     Camera::look_at("", eye, Vec3::ZERO, 0.9)
 }
@@ -95,15 +95,15 @@ fn a_surface_refracts_as_the_path_tracer_does() {
 #[test]
 fn a_solid_is_entered_and_left() {
     let Some(gpu) = gpu() else { return };
-    // Behind the second surface light is as bright as before the first.
+    // Behind the second surface, light is as bright as in front of the first.
     let scene = ball(glass(1.5, 0.0), sky());
-    let found = picture(&gpu, &mut alone(&gpu, &scene, &[]), &camera());
+    let found = picture(&mut alone(&gpu, &scene, &[]), &camera());
     assert!(found.lit().count() > 200);
     let mut open = ball(glass(1.5, 0.0), sky());
     let indices = &mut Arc::make_mut(&mut open.meshes[0]).indices;
     indices.truncate(indices.len() - 3);
-    let single = picture(&gpu, &mut alone(&gpu, &open, &[]), &camera());
-    // A point that the lower pole's missing triangle leaves, seen through the middle, where reflection is weak.
+    let single = picture(&mut alone(&gpu, &open, &[]), &camera());
+    // A point unaffected by the missing triangle at the lower pole, seen through the middle, where reflection is weak.
     let middle = found.points.len() / 2 + 16;
     let [closed, single] =
         [&found, &single].map(|one| one.points[middle].expect("the ball").radiance.y);
@@ -147,7 +147,7 @@ fn only_claimed_objects_are_seen_whole() {
     assert_eq!(claims(&renderer), [0_u32; 0]);
     let refused = renderer.set("environment-map", "objects", "*ball, cup");
     assert!(
-        matches!(&refused, Err(RenderError::Setting { source, .. }) if source.to_string().contains("\"cup\"")),
+        matches!(&refused, Err(LightingError::Setting { source, .. }) if source.to_string().contains("\"cup\"")),
         "{refused:?}"
     );
 }

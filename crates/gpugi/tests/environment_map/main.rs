@@ -1,4 +1,4 @@
-//! environment-map on a sphere, which hides nothing of the environment from itself, against the path tracer.
+//! environment-map on a sphere, which hides none of the environment from itself, compared with the path tracer.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -14,7 +14,7 @@ use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::LightClass;
 use gpugi::measure::{Options, Quality, measure};
-use gpugi::{RenderError, Renderer};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Environment, Image, Material, MaterialModel, Pixels, Scene};
@@ -158,7 +158,7 @@ fn spheres_are_near_the_truth_over_roughness() {
         println!("gold, {metals}: rel-mse {error:.1e}, at most {bound:.1e}");
         assert!(error < bound, "gold, {metals}: {error}");
     }
-    // What the tutorial's maps lose.
+    // What the tutorial's maps omit.
     let without = error(&gpu, phong(40.0), &[("phong-cosine", "false")]);
     println!("Phong of shininess 40 without cosine: rel-mse {without:.1e}");
     assert!(without > 0.1, "{without}");
@@ -181,8 +181,8 @@ fn a_white_environment_shows_albedos() {
     ];
     for (material, expected) in cases {
         let scene = ball(material, white.clone());
-        let found = picture(&gpu, &mut alone(&gpu, &scene, &[]), &camera());
-        // Seen from the front, where Schlick's term is nothing.
+        let found = picture(&mut alone(&gpu, &scene, &[]), &camera());
+        // Seen head-on, where Schlick's term vanishes.
         let middle = (SIZE * SIZE / 2 + SIZE / 2) as usize;
         let radiance = found.points[middle].expect("the sphere").radiance.x;
         assert!(
@@ -198,7 +198,7 @@ fn turning_the_environment_is_turning_its_image() {
     for material in [metal(0.0), metal(0.4), plastic(0.6)] {
         let mut turned = sky();
         turned.rotation = FRAC_PI_2;
-        // About +Y from +X to -Z: what stood at u stands a quarter of the width before.
+        // About +Y from +X to -Z: what was at u moves back by a quarter of the width.
         let mut rolled = sky();
         rolled.rotation = 0.0;
         let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut rolled.image).pixels else {
@@ -209,7 +209,7 @@ fn turning_the_environment_is_turning_its_image() {
         }
         let [a, b] = [turned, rolled].map(|environment| {
             let scene = ball(material.clone(), environment);
-            picture(&gpu, &mut alone(&gpu, &scene, &[]), &camera())
+            picture(&mut alone(&gpu, &scene, &[]), &camera())
         });
         let pairs = a.lit().zip(b.lit());
         let worst = pairs
@@ -244,11 +244,11 @@ fn beside_image_based_lighting_only_mirrors_are_added() {
     let mut shadows = Renderer::new(&gpu, &scene, [16, 16], &only).expect("a renderer");
     assert_eq!(
         render(&gpu, &scene, &from_above(1.0, 1.0), 16, &[]).radiance,
-        picture(&gpu, &mut shadows, &from_above(1.0, 1.0)).radiance
+        picture(&mut shadows, &from_above(1.0, 1.0)).radiance
     );
 }
 
-/// What one technique claims the other leaves alone; elsewhere nothing changes.
+/// One technique leaves alone what the other claims; nothing changes elsewhere.
 #[test]
 fn objects_get_their_light_from_one_technique() {
     let Some(gpu) = gpu() else { return };
@@ -278,7 +278,7 @@ fn objects_get_their_light_from_one_technique() {
                     .expect("a setting");
             }
         }
-        picture(&gpu, &mut renderer, &camera())
+        picture(&mut renderer, &camera())
     };
     for reflectivity in ["lobe", "ratio"] {
         let both = ["image-based-lighting", "environment-map"];
@@ -301,5 +301,5 @@ fn a_resolution_that_is_no_power_of_two_is_refused() {
     let Some(gpu) = gpu() else { return };
     let scene = ball(metal(0.5), sky());
     let refused = alone(&gpu, &scene, &[]).set("environment-map", "resolution", "100");
-    assert!(matches!(refused, Err(RenderError::Setting { .. })));
+    assert!(matches!(refused, Err(LightingError::Setting { .. })));
 }

@@ -1,4 +1,4 @@
-//! The same direct light by two ways that share neither visibility nor sampling: shadow maps and paths.
+//! The same direct light computed in two ways that share neither visibility nor sampling: by shadow maps and by paths.
 
 use glam::{Vec3, vec3};
 use gpugi::gpu::Gpu;
@@ -37,7 +37,7 @@ fn eye() -> Camera {
     Camera::look_at("", vec3(0.4, 2.2, 2.4), vec3(0.0, 0.2, 0.0), 0.75)
 }
 
-/// Direct light by shadow maps, and what is without any technique that lights: 16 samples a pixel.
+/// Direct light by shadow maps, and the light that needs no lighting technique: 16 samples per pixel.
 fn rasterized(gpu: &Gpu, scene: &Scene, settings: &[&str]) -> Vec<f32> {
     let mut renderer = renderer(gpu, scene, SIZE, settings);
     for _ in 0..16 {
@@ -62,7 +62,7 @@ fn traced(gpu: &Gpu, scene: &Scene, samples: u32) -> Vec<f32> {
     )
 }
 
-/// Which pixels' neighbourhoods in the reference differ by less than a factor: no edge of a shadow or of an object.
+/// Pixels whose neighbourhoods in the reference differ by less than a factor: no edge of a shadow or of an object.
 fn smooth(reference: &[f32]) -> Vec<bool> {
     let side = SIZE as i32;
     let at = |x: i32, y: i32| {

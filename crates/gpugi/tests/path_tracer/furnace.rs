@@ -1,4 +1,4 @@
-//! Closed rooms and white surroundings: nothing may gain light, and what loses none must not.
+//! Closed rooms and white surroundings: nothing may gain light, and what absorbs nothing must not lose any.
 
 use glam::{DVec3, Mat4, Vec3, Vec4, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
@@ -39,7 +39,7 @@ fn a_closed_emitter_shines_as_the_geometric_series() {
     }
 }
 
-/// One object in the white furnace, alone in sight.
+/// One object alone in a white furnace.
 fn in_white(mesh: Mesh, material: Material) -> Scene {
     let mut scene = Scene::new("white furnace");
     scene.environment = Some(white());
@@ -67,7 +67,7 @@ fn glass(roughness: f32) -> Material {
     }
 }
 
-/// Objects side by side, far enough that they hardly see each other.
+/// Objects side by side, so far apart that they hardly see each other.
 fn row(materials: Vec<Material>, mesh: &Mesh) -> (Scene, Camera, u32) {
     let mut scene = Scene::new("white furnace");
     scene.environment = Some(white());
@@ -82,7 +82,7 @@ fn row(materials: Vec<Material>, mesh: &Mesh) -> (Scene, Camera, u32) {
     (scene, camera, count)
 }
 
-/// What loses no light is invisible in a white furnace, and nothing can be told from nothing.
+/// What loses no light is invisible in a white furnace.
 #[test]
 fn what_loses_nothing_is_white_in_white() {
     let Some(gpu) = gpu() else { return };
@@ -126,7 +126,8 @@ fn what_loses_nothing_is_white_in_white() {
     }
 }
 
-/// Everything that loses light, on flat and on curved surfaces with interpolated normals: never brighter than white.
+/// Everything that loses light, on flat surfaces and on curved ones with interpolated normals, is never brighter than
+/// white.
 #[test]
 fn nothing_is_brighter_than_white_in_white() {
     let Some(gpu) = gpu() else { return };
@@ -177,7 +178,7 @@ fn nothing_is_brighter_than_white_in_white() {
                 "{} {at}: {estimate:?} of {material:?}",
                 mesh.name
             );
-            // Facets of rough surfaces send light to others, where this model loses it: most at roughness 1.
+            // Facets of rough surfaces reflect light to other facets, where this model loses it: most at roughness 1.
             let least = if material.roughness == 1.0 { 0.6 } else { 0.85 };
             assert!(
                 estimate.value.max_element() > least,
@@ -188,7 +189,7 @@ fn nothing_is_brighter_than_white_in_white() {
     }
 }
 
-/// Absorbing glass takes light away, more where the way is longer.
+/// Absorbing glass removes light, more along longer paths.
 #[test]
 fn absorbing_glass_is_darker_than_clear() {
     let Some(gpu) = gpu() else { return };

@@ -7,7 +7,7 @@ use gpugi_scene::{Camera, Light, LightKind, Material, Projection, Scene, Volume}
 use super::{Estimate, bounces, fresnel, parallel, trace, white};
 use crate::common::{gpu, place};
 
-/// Smooth glass of an index that lets `color` pass a metre.
+/// Smooth glass of a given index that transmits `color` per metre.
 fn solid(ior: f32, color: Vec3) -> Material {
     Material {
         transmission: 1.0,
@@ -21,7 +21,7 @@ fn solid(ior: f32, color: Vec3) -> Material {
     }
 }
 
-/// A slab between two heights, wide enough that nothing meets its sides.
+/// A slab between two heights, so wide that no path meets its sides.
 fn slab(scene: &mut Scene, low: f32, high: f32, material: Material) {
     let mesh = cuboid(vec3(-50.0, low, -50.0), vec3(50.0, high, 50.0), 1);
     place(scene, mesh, material);
@@ -33,7 +33,7 @@ fn at_angle(degrees: f64, height: f32) -> Camera {
     parallel(Vec3::ZERO, vec3(angle.sin(), angle.cos(), 0.0), height)
 }
 
-/// Black glass in a white furnace shows its reflectance alone.
+/// Black glass in a white furnace shows only its reflectance.
 #[test]
 fn the_surface_of_glass_reflects_as_fresnel_says() {
     let Some(gpu) = gpu() else { return };
@@ -52,7 +52,8 @@ fn the_surface_of_glass_reflects_as_fresnel_says() {
     }
 }
 
-/// The eye in glass sees a lamp in the glass mirrored by the surface above: a part of it up to the critical angle, all of it beyond.
+/// An eye in glass sees a lamp in the glass mirrored by the surface above: partly up to the critical angle, totally
+/// beyond it.
 #[test]
 fn light_is_reflected_whole_beyond_the_critical_angle() {
     let Some(gpu) = gpu() else { return };
@@ -78,7 +79,8 @@ fn light_is_reflected_whole_beyond_the_critical_angle() {
     }
 }
 
-/// The edge of a lamp at a depth in glass is seen where Snell says, and its light is weaker by 1 / n^2 on its way out.
+/// The edge of a lamp at some depth in glass is seen where Snell's law says, and its light is weaker by 1 / n^2 once
+/// outside.
 #[test]
 fn light_bends_as_snell_says() {
     let Some(gpu) = gpu() else { return };
@@ -86,7 +88,7 @@ fn light_bends_as_snell_says() {
     for (ior, degrees) in [(1.0_f32, 45.0), (1.33, 60.0), (1.5, 45.0), (2.4, 75.0)] {
         let mut scene = Scene::new("a lamp in glass");
         slab(&mut scene, -2.0, 0.0, solid(ior, Vec3::ONE));
-        // Half a plane, x < 0; the lines of sight go toward -x.
+        // A half-plane, x < 0; the lines of sight go toward -x.
         let lamp = quad(
             vec3(-9.0, -DEPTH as f32, 9.0),
             Vec3::X * 9.0,
@@ -98,7 +100,8 @@ fn light_bends_as_snell_says() {
         let batches = trace(&gpu, &scene, &camera, [32, 32], 16, &bounces(1));
         let incidence = degrees.to_radians();
         let refracted = (incidence.sin() / f64::from(ior)).asin();
-        // The picture covers 1 m across the line of sight, 1 / cos of the surface; where x < d tan(refracted) the lamp is hit.
+        // The picture covers 1 m across the line of sight, and 1 / cos of the surface; where x < d tan(refracted), the
+        // lamp is hit.
         let covered = 1.0 / incidence.cos();
         let share = 0.5 + DEPTH * refracted.tan() / covered;
         assert!(share < 1.0);
@@ -117,7 +120,7 @@ fn check(what: &str, estimate: Estimate, expected: DVec3) {
     estimate.check(what, expected, 1e-4);
 }
 
-/// Solids of index 1 do nothing but absorb: T = exp(-sigma d), nested solids each on their own part of the way.
+/// Solids of index 1 only absorb: T = exp(-sigma d), nested solids each along their own part of the path.
 #[test]
 fn glass_absorbs_as_beer_and_lambert_say() {
     let Some(gpu) = gpu() else { return };
@@ -131,7 +134,7 @@ fn glass_absorbs_as_beer_and_lambert_say() {
         let mean = trace(&gpu, &scene, &camera, [8, 8], 4, &bounces(8)).mean();
         check("a slab", mean, attenuated(outer, slope));
 
-        // The eye within: it leaves by the surface below.
+        // The eye inside: its ray leaves through the surface below.
         let mut within = camera.clone();
         within.world_from_view.w_axis = Vec3::ZERO.extend(1.0);
         within.projection = Projection::Perspective { vertical_fov: 1e-3 };
@@ -153,7 +156,8 @@ fn glass_absorbs_as_beer_and_lambert_say() {
     }
 }
 
-/// The eye under water, as it were: what lies in the same solid is seen through it, and so is the light that falls on it.
+/// The eye under water, as it were: what lies in the same solid is seen through it, and the light on it also comes
+/// through the solid.
 #[test]
 fn what_lies_in_the_same_solid_is_seen_through_it() {
     let Some(gpu) = gpu() else { return };
@@ -162,7 +166,7 @@ fn what_lies_in_the_same_solid_is_seen_through_it() {
     slab(&mut scene, -3.0, 1.0, solid(1.33, color));
     let floor = quad(vec3(-9.0, -2.0, 9.0), Vec3::X * 18.0, Vec3::Z * -18.0, 1);
     place(&mut scene, floor, Material::emitter("", Vec3::splat(2.0)));
-    // The back of a single-sided wall, which the eye does not see, hangs between.
+    // Between them hangs the back of a single-sided wall, which the eye does not see.
     let culled = quad(vec3(-9.0, -1.0, -9.0), Vec3::X * 18.0, Vec3::Z * 18.0, 1);
     assert!(culled.normals[0].y < 0.0);
     place(&mut scene, culled, Material::matt("", Vec3::splat(0.5)));
@@ -174,13 +178,13 @@ fn what_lies_in_the_same_solid_is_seen_through_it() {
     check("a lamp in water", mean, 2.0 * attenuated(color, 2.0));
 }
 
-/// What two indices reflect depends on their ratio: the same glass within glass is invisible, and an index that matches its surroundings
-/// reflects nothing.
+/// The reflectance between two indices depends on their ratio: glass within the same glass is invisible, and an index
+/// that matches its surroundings reflects nothing.
 #[test]
 fn nested_glass_reflects_by_the_ratio_of_the_indices() {
     let Some(gpu) = gpu() else { return };
     for (outer, inner) in [(1.5, 1.5), (1.33, 1.5), (1.5, 1.0), (1.0, 1.5)] {
-        // The eye looks into the outer slab from outside, straight down; the inner one is black within.
+        // The eye looks into the outer slab from outside, straight down; the inner slab is black inside.
         let mut scene = Scene::new("nested");
         scene.environment = Some(white());
         slab(&mut scene, -30.0, 0.0, solid(outer, Vec3::ONE));
@@ -201,7 +205,8 @@ fn nested_glass_reflects_by_the_ratio_of_the_indices() {
     }
 }
 
-/// Light that reaches the far side of rough clear glass through the absorbing solid around it: all of the way but what lies in the clear glass.
+/// Light reaches the far side of rough clear glass through the absorbing solid around it: it is absorbed along its
+/// whole path except within the clear glass.
 #[test]
 fn light_on_its_way_to_rough_glass_is_absorbed_too() {
     let Some(gpu) = gpu() else { return };
@@ -228,7 +233,7 @@ fn light_on_its_way_to_rough_glass_is_absorbed_too() {
     };
     let (clear, absorbed) = (brightness(Vec3::ONE), brightness(color));
     assert!(clear.min_element() > 0.0, "{clear}");
-    // The same sample points take the same ways in both.
+    // The same sample points take the same paths in both.
     let (found, expected) = (absorbed / clear, attenuated(color, 1.5));
     assert!(
         (found / expected - 1.0).abs().max_element() < 0.02,

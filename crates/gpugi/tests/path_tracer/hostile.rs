@@ -1,11 +1,12 @@
-//! Whatever the scene and the settings: a picture of finite values or an error that says why.
+//! Whatever the scene and the settings, the result is a picture of finite values, or an error that says why there is
+//! none.
 
 use std::sync::Arc;
 
 use std::time::Instant;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi::RenderError;
+use gpugi::LightingError;
 use gpugi::gpu::{Gpu, GpuError};
 use gpugi::reference::{PathTracer, Settings};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
@@ -22,7 +23,7 @@ fn point(position: Vec3, intensity: f32) -> Light {
     Light::new("lamp", LightKind::Point, Vec3::splat(intensity)).aimed(position, Vec3::ZERO)
 }
 
-/// A small picture, whose values [`picture`] proves finite.
+/// A small picture, whose values [`picture`] checks to be finite.
 fn render(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<f32> {
     picture(
         &mut tracer(gpu, scene, [8, 8], &Settings::default()),
@@ -32,7 +33,7 @@ fn render(gpu: &Gpu, scene: &Scene, camera: &Camera) -> Vec<f32> {
     )
 }
 
-fn refused(gpu: &Gpu, scene: &Scene, size: [u32; 2], settings: &Settings) -> RenderError {
+fn refused(gpu: &Gpu, scene: &Scene, size: [u32; 2], settings: &Settings) -> LightingError {
     match PathTracer::new(gpu, scene, size, settings) {
         Ok(_) => panic!("{size:?} {settings:?} was not refused"),
         Err(error) => error,
@@ -103,7 +104,10 @@ fn what_is_not_finite_is_refused() {
             scene.environment = Some(white());
             sabotage(&mut scene, value);
             let error = refused(&gpu, &scene, [8, 8], &settings);
-            assert!(matches!(error, RenderError::Scene { .. }), "{error:?}");
+            assert!(
+                matches!(error, LightingError::Gpu(GpuError::Input { .. })),
+                "{error:?}"
+            );
             let message = error.to_string();
             assert!(message.contains(part), "{part}: {message}");
         }
@@ -115,7 +119,7 @@ fn what_is_not_finite_is_refused() {
     });
     let error = refused(&gpu, &scene, [8, 8], &settings).to_string();
     assert!(error.contains("intensity -1"), "{error}");
-    // One texel among good ones.
+    // One bad texel among good ones.
     for value in [f32::NAN, f32::INFINITY] {
         let mut scene = floor(1.0);
         scene.environment = Some(super::environment(2, &[Vec3::ONE, vec3(1.0, value, 1.0)]));
@@ -124,7 +128,7 @@ fn what_is_not_finite_is_refused() {
     }
 }
 
-/// Large finite numbers: their squares and sums are not.
+/// Large but finite numbers, whose squares and sums are infinite.
 #[test]
 fn huge_light_stays_finite() {
     let Some(gpu) = gpu() else { return };
@@ -170,7 +174,7 @@ fn degenerate_geometry_stays_finite() {
             scene.add_instance("singular", ball, material, place);
         }
     }
-    // Lights on a surface, at a corner, in the eye; without reach, and large.
+    // Lights on a surface, at a corner, in the eye; without range, and large.
     for position in [Vec3::ZERO, vec3(2.0, 0.0, 2.0), vec3(0.0, 3.0, 3.0)] {
         scene.lights.push(point(position, 1.0));
         scene.lights.push(Light {
@@ -186,7 +190,7 @@ fn degenerate_geometry_stays_finite() {
     let radiance = render(&gpu, &scene, &looking_down());
     assert!(radiance.iter().any(|&value| value > 0.0));
 
-    // Extreme scales of the whole.
+    // Extreme scales of the whole scene.
     for scale in [1e-9, 1e9] {
         let mut scene = floor(scale);
         scene.environment = Some(white());
@@ -215,14 +219,16 @@ fn the_eye_may_be_anywhere() {
         let picture = render(&gpu, scene, &inside);
         picture.iter().sum::<f32>() / picture.len() as f32
     };
-    // Out of a single-sided ball one sees as if it were not there; out of a double-sided one, its inside.
+    // From inside a single-sided ball, one sees as if it were not there; from inside a double-sided one, its inner
+    // side.
     assert_eq!(mean(&mut ball(Material::matt("", Vec3::splat(0.5)))), 1.0);
     let closed = Material {
         double_sided: true,
         ..Material::matt("", Vec3::splat(0.5))
     };
     assert_eq!(mean(&mut ball(closed)), 0.0);
-    // Out of glass one sees the sky, brighter by the square of the index, less what a metre absorbs and what is reflected back.
+    // From inside glass, one sees the sky, brighter by the square of the index, minus what a metre absorbs and what is
+    // reflected back.
     let seen = mean(&mut ball(glass));
     assert!((0.9..1.4).contains(&seen), "{seen}");
     // On a surface, on a corner, on a light.
@@ -267,7 +273,7 @@ fn sizes_are_checked() {
         assert!(
             matches!(
                 error,
-                RenderError::Gpu(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. })
+                LightingError::Gpu(GpuError::TooLarge { .. } | GpuError::OutOfMemory { .. })
             ),
             "{error:?}"
         );
@@ -293,11 +299,11 @@ fn hostile_settings_are_refused() {
             paths: paths.to_owned(),
             ..Settings::default()
         };
-        // An error, or paths that simply are not there; in no time.
+        // An error, or no such paths; both quickly.
         match PathTracer::new(&gpu, &scene, [4, 4], &settings) {
             Ok(mut tracer) => drop(picture(&mut tracer, &looking_down(), 1, 1)),
             Err(error) => {
-                assert!(matches!(error, RenderError::Setting { .. }), "{error:?}");
+                assert!(matches!(error, LightingError::Setting { .. }), "{error:?}");
                 assert!(error.to_string().len() < 100_200 + paths.len(), "{error}");
             }
         }
@@ -360,7 +366,8 @@ fn hostile_settings_are_refused() {
 fn a_million_lights() {
     let Some(gpu) = gpu() else { return };
     let mut scene = floor(2.0);
-    // On a plane: evenly bright, E = sum of I cos / d^2, nearly pi I / A of a closed sky below the middle of a wide one.
+    // On a plane, evenly bright: E = sum of I cos / d^2, nearly pi I / A, that of a closed sky, below the middle of a
+    // wide plane.
     const SIDE: u32 = 1000;
     let light = point(Vec3::Y, 1e-6);
     scene.lights = vec![light; (SIDE * SIDE) as usize];
@@ -421,7 +428,7 @@ fn more_than_a_million_emissive_triangles() {
             );
         }
         Err(error) => {
-            let is_clear = matches!(error, RenderError::Gpu(GpuError::TooLarge { .. }));
+            let is_clear = matches!(error, LightingError::Gpu(GpuError::TooLarge { .. }));
             assert!(is_clear, "{error:?}");
             println!("{error}");
         }

@@ -1,4 +1,5 @@
-//! Direct light on a matt floor against closed forms: squares, points, spots, directions, soft lights and textured lamps.
+//! Direct light on a matt floor compared with closed forms: squares, points, spots, directions, soft lights and
+//! textured lamps.
 
 use std::sync::Arc;
 
@@ -34,7 +35,7 @@ fn parallel_squares_exchange_their_form_factor() {
     for (distance, samples) in [(0.25_f32, 64), (1.0, 64), (3.0, 16)] {
         let mut scene = floor(0.5);
         place(&mut scene, lamp(distance), Material::emitter("", Vec3::ONE));
-        // From above the lamp, whose back the eye does not see.
+        // From above the lamp, whose back is invisible.
         let camera = from_above(1.0, 5.0);
         let batches = trace(&gpu, &scene, &camera, [16, 16], samples, &bounces(1));
         // Radiance of the floor: rho / pi times the irradiance pi F.
@@ -72,7 +73,7 @@ fn of_a_lamp_with_alpha_shines_what_exists() {
     }
 }
 
-/// Irradiance of a horizontal floor [W/m^2], KHR_lights_punctual, on the average over a pixel of the side `pixel` (m).
+/// Irradiance of a horizontal floor [W/m^2], KHR_lights_punctual, averaged over a pixel with sides of `pixel` (m).
 fn punctual_irradiance(light: &Light, at: Vec3, pixel: f64) -> f64 {
     const STEPS: i32 = 4;
     let mut sum = 0.0;
@@ -132,7 +133,7 @@ fn punctual() -> Vec<Light> {
     ]
 }
 
-/// The middle of a pixel of a picture from above.
+/// The centre of a pixel of a picture from above.
 fn on_floor(index: usize, size: u32, side: f32, camera: &Camera) -> Vec3 {
     let along = |k: u32| (k as f32 + 0.5) / size as f32 - 0.5;
     let (x, y) = (along(index as u32 % size), along(index as u32 / size));
@@ -159,7 +160,7 @@ fn punctual_light_falls_by_the_inverse_square_and_the_cosine() {
             .collect();
         let brightest = expected.iter().copied().fold(0.0, f64::max);
         for (at, (&expected, color)) in expected.iter().zip(radiance.chunks(3)).enumerate() {
-            // What is left of the noise is from where in the pixel the samples lie: 64 well spread ones.
+            // The remaining noise is from where in the pixel the samples lie: 64 well-distributed ones.
             let error = (f64::from(color[0]) - expected).abs();
             assert!(
                 error <= 0.004 * expected + 0.001 * brightest,
@@ -169,7 +170,7 @@ fn punctual_light_falls_by_the_inverse_square_and_the_cosine() {
             sum[at] += expected;
         }
     }
-    // All at once: each chosen with its probability, together their sum.
+    // All at once: each light is chosen with its probability, and the result is their sum.
     let mut scene = floor(2.0);
     scene.lights = punctual();
     let batches = trace(&gpu, &scene, &camera, [SIZE; 2], 32, &bounces(1));
@@ -179,8 +180,8 @@ fn punctual_light_falls_by_the_inverse_square_and_the_cosine() {
         .check("all", DVec3::splat(expected), 0.015 * expected);
 }
 
-/// Irradiance is harmonic in the place of the light: a sphere of places has the mean of its centre. A cap of directions has the mean cosine
-/// (1 + cos r) / 2 of its middle's.
+/// Irradiance is harmonic in the light's position: its mean over a sphere of positions is its value at the centre. Over
+/// a cap of directions, the mean cosine is (1 + cos r) / 2 of that at the centre.
 #[test]
 fn soft_lights_keep_the_mean_irradiance() {
     let Some(gpu) = gpu() else { return };
@@ -196,7 +197,7 @@ fn soft_lights_keep_the_mean_irradiance() {
         };
         let scene = lit_by(floor(2.0), soft);
         let batches = trace(&gpu, &scene, &camera, [8, 8], 64, &bounces(1));
-        // Over the whole picture, by 16 x 16 parts of it.
+        // Averaged over the whole picture, in 16 x 16 parts.
         let parts = 0..256;
         let sum: f64 = parts
             .map(|at| at_point(&light, on_floor(at, 16, 0.4, &camera).as_dvec3()))
@@ -210,7 +211,7 @@ fn soft_lights_keep_the_mean_irradiance() {
     }
 }
 
-/// A scene with one lamp, white at its left half (by u) and black at its right.
+/// A scene with one lamp whose left half (by u) is white and whose right half is black.
 fn half_a_lamp() -> Scene {
     let mut scene = floor(2.0);
     scene.images.push(Arc::new(Image {
@@ -226,7 +227,7 @@ fn half_a_lamp() -> Scene {
         has_levels: true,
     });
     let mut mesh = lamp(1.0);
-    // u follows x, whatever the mesh had.
+    // u follows x, whatever the mesh's own coordinates.
     mesh.uvs[0] = mesh
         .positions
         .iter()
@@ -263,7 +264,7 @@ fn a_textured_lamp_shines_where_it_is_bright() {
         let is_bright = (at % 8 < 4) == (right > 0.0);
         assert_eq!(pixel.x, if is_bright { 4.0 } else { 0.0 }, "pixel {at}");
     }
-    // By what the floor receives: the left half of the square alone.
+    // By the light on the floor: that of the square's left half only.
     let camera = from_above(2.4, 5.0);
     let batches = trace(&gpu, &scene, &camera, [16, 16], 96, &bounces(1));
     let irradiance = |at: Vec3| {

@@ -1,6 +1,7 @@
-//! The path tracer against what light must do: closed forms, quadratures, sums over parts, and another way to compute the same light.
+//! The path tracer compared with what light must do: closed forms, quadratures, sums over parts, and another way to
+//! compute the same light.
 //!
-//! A tolerance is believed only where the measured noise is well below it: see [`Estimate::check`].
+//! A tolerance is trusted only where the measured noise is well below it: see [`Estimate::check`].
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -23,16 +24,16 @@ use gpugi::gpu::Gpu;
 use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_scene::{Camera, Environment, Image, Mesh, Pixels, Projection, Scene};
 
-/// Pictures with seeds of their own, whose spread tells the error of their mean.
+/// Pictures with different seeds, whose spread gives the error of their mean.
 const BATCHES: u32 = 8;
 
-/// Independent pictures of one thing.
+/// Independent pictures of the same view.
 struct Batches {
     size: [u32; 2],
     pictures: Vec<Vec<f32>>,
 }
 
-/// A mean and its standard error, by channels.
+/// A mean and its standard error, per channel.
 #[derive(Debug, Clone, Copy)]
 struct Estimate {
     value: DVec3,
@@ -66,7 +67,7 @@ impl Batches {
         }
     }
 
-    /// The mean over the picture.
+    /// The mean over the whole picture.
     fn mean(&self) -> Estimate {
         self.over(|_, _| true)
     }
@@ -82,8 +83,8 @@ impl Batches {
 }
 
 impl Estimate {
-    /// Asserts that the value is `expected` within `tolerance`, and that a quarter of the tolerance is more than the standard error: so the
-    /// check neither passes by luck nor fails by bad luck.
+    /// Asserts that the value is within `tolerance` of `expected`, and that the standard error is at most a quarter of
+    /// the tolerance, so that the check neither passes nor fails by chance.
     fn check(&self, what: &str, expected: DVec3, tolerance: f64) {
         println!("{what}: {self:?}, expected {expected}");
         assert!(
@@ -104,7 +105,7 @@ fn go_on(_: &Progress) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// Settings with a bound on the vertices, and no path ended by chance: less noise.
+/// Settings with a bound on the vertices and without Russian roulette: less noise.
 fn bounces(max_bounces: u32) -> Settings {
     Settings {
         max_bounces,
@@ -117,7 +118,7 @@ fn tracer(gpu: &Gpu, scene: &Scene, size: [u32; 2], settings: &Settings) -> Path
     PathTracer::new(gpu, scene, size, settings).expect("a path tracer")
 }
 
-/// A picture of `seed`, every value of it finite.
+/// A picture with `seed`; checks that every value is finite.
 fn picture(tracer: &mut PathTracer, camera: &Camera, samples: u32, seed: u32) -> Vec<f32> {
     tracer.restart(seed).expect("a restart");
     let progress = tracer
@@ -134,7 +135,7 @@ fn picture(tracer: &mut PathTracer, camera: &Camera, samples: u32, seed: u32) ->
     radiance
 }
 
-/// [`BATCHES`] pictures of `samples` samples a pixel.
+/// [`BATCHES`] pictures of `samples` samples per pixel.
 fn trace(
     gpu: &Gpu,
     scene: &Scene,
@@ -184,12 +185,12 @@ fn environment(width: u32, texels: &[Vec3]) -> Environment {
     }
 }
 
-/// Radiance 1 from everywhere.
+/// Uniform radiance 1.
 fn white() -> Environment {
     environment(1, &[Vec3::ONE])
 }
 
-/// A mesh whose triangles share no vertices and are flat, so that its normals are where its surface faces.
+/// A mesh of flat triangles without shared vertices, so that its normals are those of its surface.
 fn faceted(mesh: &Mesh) -> Mesh {
     let mut flat = mesh.with_vertices(&mesh.indices, (0..mesh.indices.len() as u32).collect());
     for (corners, normals) in flat
@@ -203,7 +204,7 @@ fn faceted(mesh: &Mesh) -> Mesh {
     flat
 }
 
-/// A mesh that shows its inside.
+/// A mesh that faces inward.
 fn inward(mut mesh: Mesh) -> Mesh {
     for triangle in mesh.indices.chunks_exact_mut(3) {
         triangle.swap(1, 2);
@@ -214,7 +215,8 @@ fn inward(mut mesh: Mesh) -> Mesh {
     mesh
 }
 
-/// Exact reflectance of a dielectric, unpolarised, by the angles of Snell's law; `eta` is the index behind over that before.
+/// Exact reflectance of a dielectric for unpolarised light, from the angles of Snell's law; `eta` is the index behind
+/// the surface over that in front.
 fn fresnel(eta: f64, incidence: f64) -> f64 {
     if incidence < 1e-9 {
         return ((eta - 1.0) / (eta + 1.0)).powi(2);

@@ -1,4 +1,4 @@
-//! Light paths and classes of lights: the parts of a partition have the sum of the whole, and each part is where it belongs.
+//! Light paths and classes of lights: the parts of a partition sum to the whole, and each part is where it belongs.
 
 use glam::{DVec3, Vec3, vec3};
 use gpugi::reference::Settings;
@@ -73,7 +73,7 @@ fn keeping(paths: &str) -> Settings {
     }
 }
 
-/// The means of the parts add up to the mean of the whole, within their noise.
+/// Checks that the means of the parts sum to the mean of the whole, within their noise.
 fn check_sum(what: &str, whole: &Batches, parts: &[Batches], tolerance: f64) {
     let mut sum = DVec3::ZERO;
     let mut variance = DVec3::ZERO;
@@ -119,7 +119,7 @@ fn the_parts_of_a_partition_add_up() {
     check_sum("classes of lights", &whole, &by_class, tolerance);
 }
 
-/// Where lobes are not told apart, the same seed walks the same paths: the parts add up in every pixel.
+/// Where lobes are not told apart, the same seed traces the same paths: the parts sum to the whole in every pixel.
 #[test]
 fn the_numbers_of_bounces_add_up_in_every_pixel() {
     let Some(gpu) = gpu() else { return };
@@ -137,7 +137,7 @@ fn the_numbers_of_bounces_add_up_in_every_pixel() {
             "value {at}: {sum}, not {whole}"
         );
     }
-    // Direct light alone is also what one bounce at most gives.
+    // At most one bounce gives exactly the direct light.
     let settings = Settings {
         max_bounces: 1,
         ..Settings::default()
@@ -148,7 +148,8 @@ fn the_numbers_of_bounces_add_up_in_every_pixel() {
     }
 }
 
-/// Pixels of the still life that show one of its objects wholly.
+/// Whether a pixel of the still life lies wholly within one of its objects: whether the rays through its four corners
+/// meet the object's box.
 fn shows(at: usize, low: Vec3, high: Vec3) -> bool {
     let camera = eye();
     let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
@@ -201,12 +202,13 @@ fn each_part_is_where_its_lobe_is() {
     assert!(counts.iter().all(|&count| count >= 6), "{counts:?}");
 }
 
-/// A lamp, a mirror, a floor: the floor has light by way of the mirror, and only where the mirror sends it.
+/// A lamp, a mirror, a floor: the floor is lit by way of the mirror, and only where the mirror reflects the light.
 #[test]
 fn a_mirror_throws_a_caustic() {
     let Some(gpu) = gpu() else { return };
     let mut scene = floor(2.0);
-    // The lamp at x = -1 shines toward +x and the mirror stands at x = 1; by reflection the lamp shines from x = 3.
+    // The lamp at x = -1 shines toward +x, and the mirror stands at x = 1; by reflection, the lamp seems to shine from
+    // x = 3.
     let lamp = quad(vec3(-1.0, 0.3, 0.4), Vec3::NEG_Z * 0.8, Vec3::Y * 0.8, 1);
     assert!(lamp.normals[0].x > 0.9);
     place(
@@ -224,7 +226,7 @@ fn a_mirror_throws_a_caustic() {
     let camera = crate::common::from_above(0.8, 10.0);
     let caustic = trace(&gpu, &scene, &camera, [8, 8], 512, &keeping("LS+[DG]E")).mean();
 
-    // The same by a second lamp behind the wall, four fifths as bright, without the mirror.
+    // The same without the mirror: a second lamp behind the wall, four fifths as bright.
     let mut unfolded = floor(2.0);
     let image = quad(vec3(3.0, 0.3, -0.4), Vec3::Z * 0.8, Vec3::Y * 0.8, 1);
     assert!(image.normals[0].x < -0.9);
@@ -238,7 +240,8 @@ fn a_mirror_throws_a_caustic() {
     caustic.check("the caustic", expected.value, 0.12 * expected.value.x);
 }
 
-/// Half metal, half matt, under a white sky: a path that must tell its lobes apart goes on with one of them, and both get their share.
+/// Half metal, half matt, under a white sky: a path that must tell its lobes apart continues with one of them, and both
+/// get their share.
 #[test]
 fn two_lobes_of_a_surface_share_its_light() {
     let Some(gpu) = gpu() else { return };

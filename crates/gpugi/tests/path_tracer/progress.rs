@@ -1,4 +1,4 @@
-//! How a picture grows: seeds, samples in portions, breaking off, tiles, and when it is good enough.
+//! How a picture progresses: seeds, samples in portions, interruption, tiles, and when it is good enough.
 
 use std::ops::ControlFlow;
 
@@ -54,7 +54,7 @@ fn a_seed_is_a_picture() {
         changed > one.len() / 2,
         "another seed changed {changed} values"
     );
-    // Nothing of what was before is left after a restart.
+    // Nothing is left of the previous picture after a restart.
     first.restart(3).expect("a restart");
     assert_eq!(
         (first.samples(), first.segments().expect("segments")),
@@ -119,13 +119,13 @@ fn breaking_off_keeps_what_is_done() {
     let mean = |picture: &[f32]| picture.iter().sum::<f32>() / picture.len() as f32;
     assert!(part.iter().all(|value| value.is_finite()));
     assert!((mean(&part) / mean(&whole) - 1.0).abs() < 0.1);
-    // It can go on.
+    // The picture can be resumed.
     tracer.render(&camera, 64, &mut go_on).expect("the rest");
     let end = mean(&tracer.radiance().expect("radiance"));
     assert!((end / mean(&whole) - 1.0).abs() < 0.02, "{end}");
 }
 
-/// The picture stops where its own estimate says that it is good enough, and it is.
+/// Rendering stops where its own estimate says that the picture is good enough, and it is.
 #[test]
 fn the_noise_that_is_asked_for_is_reached() {
     let Some(gpu) = gpu() else { return };
@@ -155,7 +155,7 @@ fn the_noise_that_is_asked_for_is_reached() {
         );
         assert!(progress.samples < 2048 && progress.fraction == 1.0);
         assert!(estimate <= target && estimate > 0.5 * target, "{estimate}");
-        // Well spread samples are better than independent ones, for which the estimate is.
+        // Well-distributed samples are better than independent ones, which the estimate assumes.
         assert!(
             error < 1.2 * target && error > 0.05 * target,
             "{error} of {target}"
@@ -163,12 +163,13 @@ fn the_noise_that_is_asked_for_is_reached() {
     }
 }
 
-/// The estimate of the variance against the spread over seeds: with one sample a pixel, that nothing spreads well, they agree.
+/// The estimate of the variance compared with the spread over seeds. With one sample per pixel, which nothing can
+/// distribute well, they agree.
 #[test]
 fn the_estimate_of_the_noise_is_the_spread_over_seeds() {
     let Some(gpu) = gpu() else { return };
     let mut scene = floor(2.0);
-    // Alpha is decided by a hash, which knows nothing of being well spread: radiance 0.5 or 1.
+    // Alpha is decided by a hash, so samples are independent: radiance 0.5 or 1.
     let veil = quad(vec3(-1.0, 0.5, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 1);
     let material = Material {
         alpha_mode: gpugi_scene::AlphaMode::Blend,
@@ -186,7 +187,7 @@ fn the_estimate_of_the_noise_is_the_spread_over_seeds() {
         pictures.push(picture(&mut tracer, &camera, 32, seed));
         estimate += tracer.noise().expect("noise") / f64::from(SEEDS);
     }
-    // 0.5 + 0.5 with the chance 0.3.
+    // 0.5, plus 0.5 with probability 0.3.
     let expected = 0.65_f32;
     let values = pictures.iter().flatten().copied();
     let spread = rel_mse(values.map(|value| (value, expected)));
@@ -199,11 +200,11 @@ fn the_estimate_of_the_noise_is_the_spread_over_seeds() {
     );
 }
 
-/// More than one tile along both axes: each pixel sees what it would alone.
+/// More than one tile along both axes: each pixel sees the same as in a picture without tiles.
 #[test]
 fn a_picture_of_several_tiles_is_whole() {
     let Some(gpu) = gpu() else { return };
-    // The sky's gradient, seen through a picture of 2052 x 2051 pixels: 2 x 2 tiles.
+    // The sky's gradient, in a picture of 2052 x 2051 pixels: 2 x 2 tiles.
     let mut scene = Scene::new("sky");
     let texels: Vec<Vec3> = (0..8 * 4)
         .map(|at| vec3((at % 8) as f32, (at / 8) as f32, 1.0))
@@ -212,7 +213,7 @@ fn a_picture_of_several_tiles_is_whole() {
     let camera = Camera::look_at("", Vec3::ZERO, vec3(0.3, 0.1, -1.0), 1.0);
     let size = [2052, 2051];
     let large = picture(&mut tracer(&gpu, &scene, size, &bounces(0)), &camera, 1, 1);
-    // Differences from pixel to pixel stay as small across the borders of tiles as elsewhere.
+    // Differences between adjacent pixels are as small across the borders of tiles as elsewhere.
     let at = |x: usize, y: usize| Vec3::from_slice(&large[(y * size[0] as usize + x) * 3..][..3]);
     let mut largest = [0.0_f32; 2];
     for y in (1..size[1] as usize).step_by(5).chain(2046..2051) {

@@ -1,4 +1,4 @@
-//! Light of environments on a matt wall against sums over the map.
+//! Light of environments on a matt wall, compared with sums over the map.
 
 use std::f64::consts::{PI, TAU};
 
@@ -9,7 +9,7 @@ use gpugi_scene::{Environment, Light, LightKind, Material, Pixels, Scene};
 use super::{bounces, environment, parallel, trace};
 use crate::common::{gpu, place};
 
-/// A wall of albedo 0.5 whose normal is no axis.
+/// A wall of albedo 0.5 whose normal is not an axis.
 fn wall() -> (Scene, Vec3) {
     let normal = vec3(0.6, 0.4, 0.7).normalize();
     let right = normal.any_orthonormal_vector();
@@ -20,13 +20,13 @@ fn wall() -> (Scene, Vec3) {
     (scene, normal)
 }
 
-/// Radiance of the map along a direction of world space, interpolated between texels, u around and v up to the poles.
+/// Radiance of the map in a world-space direction, interpolated between texels: around in u, up to the poles in v.
 fn radiance(sky: &Environment, d: DVec3) -> DVec3 {
     let Pixels::Rgba32Float(values) = &sky.image.pixels else {
         panic!("floats")
     };
     let (width, height) = (i64::from(sky.image.width), i64::from(sky.image.height));
-    // The map turned by +angle about Y shows at d what it holds at d turned back.
+    // A map rotated by +angle about Y shows at d what it holds at d rotated back.
     let d = glam::DQuat::from_rotation_y(-f64::from(sky.rotation)) * d;
     let u = (d.x.atan2(-d.z) / TAU + 0.5) * width as f64 - 0.5;
     let v = d.y.clamp(-1.0, 1.0).acos() / PI * height as f64 - 0.5;
@@ -40,7 +40,7 @@ fn radiance(sky: &Environment, d: DVec3) -> DVec3 {
     top.lerp(texel(x, y + 1).lerp(texel(x + 1, y + 1), s), t) * f64::from(sky.intensity)
 }
 
-/// Irradiance of a plane, by midpoints over the sphere.
+/// Irradiance of a plane, by the midpoint rule over the sphere.
 fn irradiance(sky: &Environment, normal: DVec3) -> DVec3 {
     const STEPS: u32 = 512;
     let mut sum = DVec3::ZERO;
@@ -59,7 +59,7 @@ fn irradiance(sky: &Environment, normal: DVec3) -> DVec3 {
     sum * (2.0 * TAU / f64::from(STEPS * STEPS))
 }
 
-/// Two colours: what is left of the map's middle and what is right of it.
+/// Two colours: left and right of the map's middle.
 fn two_colors() -> Environment {
     let texels: Vec<Vec3> = (0..32)
         .map(|at| {
@@ -73,7 +73,7 @@ fn two_colors() -> Environment {
     environment(8, &texels)
 }
 
-/// A dim sky with a sun of one texel.
+/// A dim sky with a one-texel sun.
 fn sun() -> Environment {
     let mut texels = vec![Vec3::splat(0.1); 64 * 32];
     texels[9 * 64 + 37] = vec3(500.0, 400.0, 200.0);
@@ -103,7 +103,7 @@ fn environments_light_a_wall_as_the_sum_of_their_texels() {
     }
 }
 
-/// The sky seen itself, through the picture: which way the map lies.
+/// The sky seen directly in the picture checks how the map is oriented.
 #[test]
 fn the_map_is_seen_where_it_lies() {
     let Some(gpu) = gpu() else { return };
@@ -138,7 +138,7 @@ fn a_uniform_sky_and_a_black_one() {
     let seen = trace(&gpu, &scene, &camera, [8, 8], 48, &bounces(1)).mean();
     seen.check("one texel", dvec3(0.25, 0.5, 1.0), 0.01);
 
-    // Black, by its texels and by its intensity: nothing; and the light that there is loses nothing by it.
+    // Black, by its texels or by its intensity, gives nothing and takes nothing from the other light.
     for (texel, intensity) in [(0.0, 1.0), (1.0, 0.0)] {
         let mut black = environment(4, &[Vec3::splat(texel); 8]);
         black.intensity = intensity;
@@ -148,7 +148,7 @@ fn a_uniform_sky_and_a_black_one() {
         assert_eq!(seen.value, DVec3::ZERO);
         let light = Light::new("sun", LightKind::Directional, Vec3::splat(PI as f32));
         scene.lights = vec![light.aimed(normal, Vec3::ZERO)];
-        // Every ray leaves the wall, also where its coordinates are small and its corners' are not.
+        // Every ray leaves the wall, even where the point's coordinates are small and the corners' are not.
         let seen = trace(&gpu, &scene, &camera, [16, 16], 64, &bounces(4)).mean();
         seen.check("a sun in a black sky", DVec3::splat(0.5), 1e-5);
     }

@@ -1,4 +1,4 @@
-//! The original's buffers and images into the one file: a .glb must not depend on its neighbours.
+//! Embeds the original's buffers and images: a .glb must not depend on other files.
 
 use std::collections::HashMap;
 
@@ -11,14 +11,14 @@ use crate::export::ExportError;
 use crate::import::gltf::document::Document;
 use crate::import::gltf::uri;
 
-/// Where the content of a buffer went.
+/// Where the content of a buffer was moved.
 #[derive(Clone, Copy)]
 struct Place {
     buffer: usize,
     offset: usize,
 }
 
-/// Makes all buffers of `document` that have content the first one of `output`.
+/// Merges all buffers of `document` that have content into the first buffer of `output`.
 pub fn buffers(
     document: &Document,
     output: &mut Output,
@@ -26,7 +26,7 @@ pub fn buffers(
 ) -> Result<(), ExportError> {
     let count = document.root.buffers.len();
     let mut merged: Option<Object> = None;
-    // What has no content, as the fallback of compressed views, keeps a place of its own.
+    // Buffers without content, such as the fallback of compressed views, stay separate.
     let mut others = Vec::new();
     let mut places = Vec::with_capacity(count);
     for buffer in 0..count {
@@ -59,7 +59,7 @@ pub fn buffers(
         return Ok(());
     }
     if merged.is_none() && !others.is_empty() {
-        // Number 0 is the file's own.
+        // Buffer 0 is reserved for the BIN chunk.
         merged = Some(Object::new());
     }
     let mut list: Vec<Value> = merged.into_iter().map(Value::Object).collect();
@@ -72,7 +72,7 @@ pub fn buffers(
         let view = output.json.at("bufferViews", view)?;
         relocate(view, &places)?;
         let extensions = view.get_mut("extensions").and_then(Value::as_object_mut);
-        // Compressed views name the buffer of their packed content.
+        // Compressed views refer to the buffer of their packed content.
         for extension in extensions.into_iter().flat_map(Object::values_mut) {
             if let Some(extension) = extension.as_object_mut() {
                 relocate(extension, &places)?;
@@ -82,7 +82,7 @@ pub fn buffers(
     Ok(())
 }
 
-/// Follows a buffer to its new place.
+/// Updates a view after its buffer has moved.
 fn relocate(view: &mut Object, places: &[Place]) -> Result<(), ExportError> {
     let Some(place) = index(view, "buffer").and_then(|buffer| places.get(buffer)) else {
         return Ok(());
@@ -98,7 +98,7 @@ fn relocate(view: &mut Object, places: &[Place]) -> Result<(), ExportError> {
     Ok(())
 }
 
-/// Embeds the images that are files of their own.
+/// Embeds the images that are separate files.
 pub fn images(
     output: &mut Output,
     resolver: &dyn Resolver,
@@ -144,7 +144,7 @@ pub fn images(
     Ok(())
 }
 
-/// The format that an image's first bytes show.
+/// The image format indicated by the first bytes.
 fn kind(bytes: &[u8]) -> Option<&'static str> {
     let riff = |kind: &[u8]| bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(kind);
     Some(match bytes {

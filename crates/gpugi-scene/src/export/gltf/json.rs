@@ -1,4 +1,4 @@
-//! The JSON of a file, as values: what gpugi does not know stays in it, in its place.
+//! The JSON of a file as values, so that content unknown to gpugi stays in place.
 
 use serde_json::{Map, Value, json};
 
@@ -7,13 +7,14 @@ use crate::export::ExportError;
 /// A JSON object.
 pub type Object = Map<String, Value>;
 
-/// Short references to long things multiply in a hostile file: what copies of its objects may take (bytes).
+/// Limit on the total size of copied objects (bytes): in a hostile file, many short references to a long object would
+/// multiply it.
 const MOST_COPIED: usize = 512 << 20;
 
 /// The root of a file.
 pub struct Json {
     root: Object,
-    /// Bytes of all copies so far.
+    /// Total size of all copies so far (bytes).
     copied: usize,
 }
 
@@ -27,24 +28,24 @@ impl Json {
         Self { root, copied: 0 }
     }
 
-    /// The root that `json` holds.
+    /// Parses the root object from `json`.
     pub fn parse(json: &[u8]) -> Result<Self, ExportError> {
         let root = serde_json::from_slice(json);
         root.map(|root| Self { root, copied: 0 })
             .map_err(|error| ExportError::new("JSON", error))
     }
 
-    /// The root itself.
+    /// The root object.
     pub fn root(&mut self) -> &mut Object {
         &mut self.root
     }
 
-    /// As text.
+    /// Serializes the file.
     pub fn text(&self) -> Result<Vec<u8>, ExportError> {
         serde_json::to_vec(&self.root).map_err(|error| ExportError::new("JSON", error))
     }
 
-    /// A list of the root; empty where there is none.
+    /// A list of the root; empty if there is none.
     pub fn list(&self, list: &str) -> &[Value] {
         let list = self.root.get(list).and_then(Value::as_array);
         list.map_or(&[], Vec::as_slice)
@@ -57,7 +58,7 @@ impl Json {
         Ok(values.len() - 1)
     }
 
-    /// The object `index` of a list of the root.
+    /// The object at `index` in a list of the root.
     pub fn at(&mut self, list: &str, index: usize) -> Result<&mut Object, ExportError> {
         let value = self.root.get_mut(list).and_then(|list| list.get_mut(index));
         value
@@ -65,7 +66,7 @@ impl Json {
             .ok_or_else(|| ExportError::new(format!("{list}[{index}]"), "this is no JSON object"))
     }
 
-    /// A copy of the object `index` of a list of the root.
+    /// A copy of the object at `index` in a list of the root.
     pub fn copy(&mut self, list: &str, index: usize) -> Result<Object, ExportError> {
         let object = self.at(list, index)?;
         let length = serde_json::to_vec(object).map_or(usize::MAX, |text| text.len());
@@ -73,7 +74,7 @@ impl Json {
         Ok(self.at(list, index)?.clone())
     }
 
-    /// Takes `length` bytes of text from what copies may take, before they are made.
+    /// Deducts `length` bytes from the budget for copies, before a copy is made.
     pub fn charge(
         &mut self,
         length: usize,
@@ -90,7 +91,7 @@ impl Json {
         Ok(())
     }
 
-    /// A primitive.
+    /// A primitive of a mesh.
     pub fn primitive(&mut self, mesh: usize, primitive: usize) -> Result<&mut Object, ExportError> {
         let primitives = self.at("meshes", mesh)?.get_mut("primitives");
         primitives
@@ -103,7 +104,7 @@ impl Json {
             })
     }
 
-    /// Notes that the file uses an extension.
+    /// Records that the file uses an extension.
     pub fn uses(&mut self, extension: &str) -> Result<(), ExportError> {
         let used = array(&mut self.root, "extensionsUsed")?;
         if !used.iter().any(|used| used == extension) {
@@ -112,7 +113,7 @@ impl Json {
         Ok(())
     }
 
-    /// Notes that nothing in the file uses an extension any more.
+    /// Records that the file no longer uses an extension.
     pub fn no_longer_uses(&mut self, extension: &str) {
         for list in ["extensionsUsed", "extensionsRequired"] {
             let names = self.root.get_mut(list).and_then(Value::as_array_mut);
@@ -127,7 +128,7 @@ impl Json {
     }
 }
 
-/// The list `key` of `parent`, made where there is none.
+/// The list `key` of `parent`, created if missing.
 pub fn array<'a>(parent: &'a mut Object, key: &str) -> Result<&'a mut Vec<Value>, ExportError> {
     let value = parent.entry(key).or_insert_with(|| json!([]));
     value
@@ -135,7 +136,7 @@ pub fn array<'a>(parent: &'a mut Object, key: &str) -> Result<&'a mut Vec<Value>
         .ok_or_else(|| ExportError::new(key, "this is no JSON array"))
 }
 
-/// The object `key` of `parent`, made where there is none; what is there and is no object gives way.
+/// The object `key` of `parent`, created if missing; a value that is not an object is replaced.
 pub fn object<'a>(parent: &'a mut Object, key: &str) -> &'a mut Object {
     let value = parent.entry(key).or_insert_with(|| json!({}));
     if !value.is_object() {
@@ -147,7 +148,7 @@ pub fn object<'a>(parent: &'a mut Object, key: &str) -> &'a mut Object {
     }
 }
 
-/// Removes the object `key` of `parent` if it has nothing in it.
+/// Removes the object `key` of `parent` if it is empty.
 pub fn remove_empty(parent: &mut Object, key: &str) {
     let is_empty = |value: &Value| value.as_object().is_some_and(Object::is_empty);
     if parent.get(key).is_some_and(is_empty) {
@@ -155,7 +156,7 @@ pub fn remove_empty(parent: &mut Object, key: &str) {
     }
 }
 
-/// The index that `key` of `parent` is.
+/// The value of `key` in `parent`, if it is an index.
 pub fn index(parent: &Object, key: &str) -> Option<usize> {
     usize::try_from(parent.get(key)?.as_u64()?).ok()
 }

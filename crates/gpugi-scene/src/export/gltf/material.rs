@@ -1,4 +1,4 @@
-//! Materials that show what was baked.
+//! Materials that display baked results.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -14,26 +14,26 @@ const STRENGTH: &str = "KHR_materials_emissive_strength";
 const SPECULAR: &str = "KHR_materials_specular";
 const VARIANTS: &str = "KHR_materials_variants";
 
-/// What a baked material depends on beside the original.
+/// What a baked material depends on besides the original.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Use {
     pub page: u32,
-    /// UV set of the page.
+    /// UV set that maps to the page.
     pub uv_set: u32,
-    /// What a texel of 1 stands for: the bits of a float.
+    /// The value that a texel of 1 stands for, as the bits of a float.
     pub scale: u32,
 }
 
-/// A mesh, and the number of one of its primitives.
+/// A mesh index and the index of one of its primitives.
 type Primitive = (usize, usize);
 
-/// What the materials of baked primitives shall show.
+/// What the materials of baked primitives must show.
 pub type Uses = HashMap<Primitive, Use>;
 
-/// The primitives that get the same material: a change of the same original, or of glTF's default.
+/// Groups of primitives that get the same material, derived from the same original or from glTF's default.
 type Changes = BTreeMap<(Option<usize>, Use), Vec<Primitive>>;
 
-/// Gives the baked primitives their materials. A material that nobody else needs changes where it stands; otherwise baked
+/// Assigns materials to the baked primitives. A material without other users is changed in place; otherwise baked
 /// primitives share copies.
 pub fn assign(
     output: &mut Output,
@@ -103,8 +103,8 @@ pub fn assign(
     Ok(())
 }
 
-/// Unlit materials multiply by vertex colours, which what was baked contains. As attributes of the application's own they
-/// are kept, and nobody multiplies.
+/// Unlit materials multiply by vertex colours, but the bake already includes those. Renaming them to
+/// application-specific attributes keeps them without the multiplication.
 fn hide_vertex_colors(primitive: &mut Object) {
     fn hide(attributes: Option<&mut Value>) {
         if let Some(attributes) = attributes.and_then(Value::as_object_mut) {
@@ -126,7 +126,7 @@ fn hide_vertex_colors(primitive: &mut Object) {
         .for_each(|target| hide(Some(target)));
 }
 
-/// Changes `material` so that it shows `page`.
+/// Changes `material` so that it displays `page`.
 fn show(
     material: &mut Object,
     page: &PageTextures,
@@ -148,7 +148,8 @@ fn show(
         Some(LightTexture::Emissive { texture }) => {
             let (alpha, alpha_texture) = coverage(material);
             strip(material);
-            // Black, without diffuse reflection; and the only lobe left is specular, which factor 0 switches off entirely.
+            // Black, hence without diffuse reflection. The only other lobe is specular, which a factor of 0 disables
+            // entirely.
             let surface = object(material, "pbrMetallicRoughness");
             surface.insert(
                 "baseColorFactor".to_owned(),
@@ -159,7 +160,7 @@ fn show(
                 surface.insert("baseColorTexture".to_owned(), texture);
             }
             material.insert("emissiveTexture".to_owned(), reference(*texture));
-            // Viewers without the extension come as near as 1.
+            // Viewers without the strength extension get at most a factor of 1.
             material.insert(
                 "emissiveFactor".to_owned(),
                 json!([scale.min(1.0), scale.min(1.0), scale.min(1.0)]),
@@ -190,7 +191,7 @@ fn show(
     Ok(())
 }
 
-/// `extras.gpugi`. Extras that are no object move into `extras.original`.
+/// `extras.gpugi`. Extras that are not an object move to `extras.original`.
 fn own_extras(material: &mut Object) -> &mut Object {
     let extras = material.get_mut("extras");
     if let Some(extras) = extras.filter(|extras| !extras.is_object() && !extras.is_null()) {
@@ -199,7 +200,8 @@ fn own_extras(material: &mut Object) -> &mut Object {
     object(object(material, "extras"), "gpugi")
 }
 
-/// Takes away whatever reflects, transmits or emits. Name, alpha mode, sides, extras and what is not about light stay.
+/// Removes everything that reflects, transmits or emits light. Name, alpha mode, sidedness, extras and whatever is
+/// unrelated to light stay.
 fn strip(material: &mut Object) {
     for member in [
         "normalTexture",
@@ -230,7 +232,7 @@ fn strip(material: &mut Object) {
     }
 }
 
-/// Alpha, and the texture that multiplies it, of a material that uses them.
+/// The alpha value of a material that uses alpha, and the texture that multiplies it.
 fn coverage(material: &Object) -> (Option<Value>, Option<Value>) {
     let mode = material.get("alphaMode").and_then(Value::as_str);
     if matches!(mode, None | Some("OPAQUE")) {

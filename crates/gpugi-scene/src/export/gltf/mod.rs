@@ -1,8 +1,9 @@
 //! glTF files with baked light.
 //!
-//! The original's JSON is kept as values and changed only where the bake must ([`json`]); its buffers and images join the
-//! one buffer of the .glb ([`embed`]), to which [`primitive`] appends geometry and [`textures`] what was baked, each of its [`parts`] as bright as can be;
-//! [`material`] refers to it. Scenes without an original are written by [`scene`] first.
+//! The original's JSON is kept as values and changed only where the bake requires it ([`json`]). Its buffers and images
+//! are merged into the one buffer of the .glb ([`embed`]). [`primitive`] appends geometry to that buffer, and
+//! [`textures`] the baked pages, with each of their [`parts`] scaled to use the full value range; [`material`] refers
+//! to them. Scenes without an original are first written by [`scene`].
 
 mod embed;
 mod json;
@@ -29,11 +30,11 @@ use material::Use;
 use output::Output;
 use primitive::Triangles;
 
-/// Vertices read, sets of coordinates apart, before a file is refused: nodes of a few bytes each may share a long list. More
-/// than twice what a .glb has room for.
+/// Limit on vertices read, counting each set of texture coordinates separately. Many nodes of a few bytes each may
+/// share one long list. The limit is more than twice what fits a .glb.
 const MOST_VERTICES_READ: u64 = 1 << 32;
 
-/// As [`super::export_bake`].
+/// See [`super::export_bake`].
 pub fn bake(
     original: Option<Original>,
     scene: &Scene,
@@ -77,7 +78,7 @@ pub fn bake(
     Ok(exported)
 }
 
-/// The files beside a file that has none.
+/// Resolver for a file that refers to no others.
 struct Nothing;
 
 impl Resolver for Nothing {
@@ -86,7 +87,7 @@ impl Resolver for Nothing {
     }
 }
 
-/// Baked instances, with their numbers, by their places in the file.
+/// Baked instances with their indices, by their place in the file.
 type Placed<'a> = BTreeMap<Origin, (usize, &'a InstanceUvs)>;
 
 fn placed<'a>(
@@ -120,9 +121,9 @@ struct Baker<'a> {
     document: &'a Document<'a>,
     output: Output,
     warnings: Vec<String>,
-    /// The nodes that stand in the places of nodes that stood in many.
+    /// For each instanced node (EXT_mesh_gpu_instancing), the nodes that replace its instances.
     standing: HashMap<usize, Vec<usize>>,
-    /// By mesh and primitive of the original.
+    /// Triangles, per mesh and primitive of the original.
     triangles: HashMap<(usize, usize), Triangles>,
     vertices_read: u64,
 }
@@ -156,7 +157,7 @@ impl<'a> Baker<'a> {
             *users.entry(node.mesh).or_insert(0) += 1;
         }
         let mut uses = material::Uses::new();
-        // The mesh of each node, once it is the node's own.
+        // For each node, and each instance of an instanced node: its own mesh, once it has one.
         let mut own: HashMap<(usize, Option<usize>), Option<usize>> = HashMap::new();
         for (origin, (instance, uvs)) in placed {
             let Origin {
@@ -250,7 +251,7 @@ impl<'a> Baker<'a> {
         })
     }
 
-    /// A node for each of the places of a node that stands in many, which then stands in none itself.
+    /// Replaces the instances of an instanced node by one child node each; the node itself then has no mesh.
     fn standing(&mut self, node: usize) -> Result<&[usize], ExportError> {
         if !self.standing.contains_key(&node) {
             let place = format!("nodes[{node}]");
@@ -312,8 +313,8 @@ impl<'a> Baker<'a> {
         Ok(&self.standing[&node])
     }
 
-    /// A mesh that only `node` has: the one that it has, or a copy. None if the node stands for many instances, which
-    /// cannot show one bake.
+    /// Gives `node` a mesh that no other node uses: the one that it has, or a copy. Returns `None` if the node stands
+    /// for many instances, which cannot show a single bake.
     fn own_mesh(
         &mut self,
         node: usize,
@@ -340,7 +341,7 @@ impl<'a> Baker<'a> {
     }
 }
 
-/// `bytes` as far as they are whole chunks.
+/// The whole chunks at the start of `bytes`.
 fn further_chunks(bytes: &[u8]) -> &[u8] {
     let mut end = 0_usize;
     while let Some(length) = bytes

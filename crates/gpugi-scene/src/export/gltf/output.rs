@@ -1,28 +1,28 @@
-//! A .glb under construction: its JSON, and the one buffer that holds everything.
+//! A .glb under construction: its JSON and the one buffer that holds all binary content.
 
 use serde_json::{Value, json};
 
 use super::json::Json;
 use crate::export::ExportError;
 
-/// glTF's number for vertex attributes.
+/// glTF's constant for vertex attributes.
 pub const ARRAY_BUFFER: u32 = 34_962;
-/// glTF's number for vertex indices.
+/// glTF's constant for vertex indices.
 pub const ELEMENT_ARRAY_BUFFER: u32 = 34_963;
 pub const U16: u32 = 5123;
 pub const U32: u32 = 5125;
 pub const F32: u32 = 5126;
 
-/// glTF wants views at multiples of 4 bytes; some extensions' content wants 8.
+/// glTF requires views at multiples of 4 bytes; the content of some extensions requires 8.
 const ALIGNMENT: usize = 8;
-/// A .glb counts its bytes in 32 bits.
+/// A .glb stores its length in 32 bits.
 const MOST_BYTES: usize = u32::MAX as usize;
 
 pub struct Output {
     pub json: Json,
     /// Content of the BIN chunk, buffer 0.
     binary: Vec<u8>,
-    /// Chunks that follow it.
+    /// Chunks that follow the BIN chunk.
     further_chunks: Vec<u8>,
 }
 
@@ -35,7 +35,7 @@ impl Output {
         }
     }
 
-    /// Refuses what a .glb has no room for, before it is made.
+    /// Rejects content that does not fit a .glb, before it is allocated.
     pub fn reserve(&self, length: usize) -> Result<(), ExportError> {
         let total = self.binary.len().checked_add(length);
         if total.is_none_or(|total| total > MOST_BYTES - ALIGNMENT) {
@@ -50,7 +50,7 @@ impl Output {
         Ok(())
     }
 
-    /// Appends `bytes` to the buffer; returns where they begin.
+    /// Appends `bytes` to the buffer; returns their offset.
     pub fn append(&mut self, bytes: &[u8]) -> Result<usize, ExportError> {
         self.reserve(bytes.len())?;
         let offset = self.binary.len().next_multiple_of(ALIGNMENT);
@@ -82,9 +82,9 @@ impl Output {
         )
     }
 
-    /// Adds an accessor of vertex indices, as short as the number of `vertices` allows; returns its index.
+    /// Adds an accessor of vertex indices, 16-bit if the number of `vertices` permits; returns its index.
     pub fn indices(&mut self, indices: &[u32], vertices: usize) -> Result<usize, ExportError> {
-        // The largest number of each width restarts a primitive.
+        // The largest value of each index type is reserved for primitive restart.
         let (component, view) = if vertices <= usize::from(u16::MAX) {
             let indices: Vec<u16> = indices.iter().map(|&index| index as u16).collect();
             let bytes = bytemuck::cast_slice(&indices);
@@ -101,7 +101,7 @@ impl Output {
         )
     }
 
-    /// Adds a texture that reads a PNG; returns its index.
+    /// Adds a texture that uses a PNG image; returns its index.
     pub fn texture(
         &mut self,
         name: &str,
@@ -113,7 +113,7 @@ impl Output {
             .push("textures", json!({ "sampler": sampler, "source": image }))
     }
 
-    /// Adds a PNG; returns its index.
+    /// Adds a PNG image; returns its index.
     pub fn image(&mut self, name: &str, png: &[u8]) -> Result<usize, ExportError> {
         let view = self.view(png, None)?;
         self.json.push(
@@ -122,7 +122,7 @@ impl Output {
         )
     }
 
-    /// The file.
+    /// The finished file.
     pub fn glb(mut self) -> Result<Vec<u8>, ExportError> {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
         if !self.binary.is_empty() {

@@ -1,4 +1,4 @@
-//! Which instance each texel of a page belongs to, so that each can have a scale of its own.
+//! Determines which instance each texel of a page belongs to, so that each instance can have its own scale.
 
 use std::collections::VecDeque;
 
@@ -9,13 +9,13 @@ use crate::atlas::{Atlas, InstanceUvs};
 /// In [`Parts::of_texels`]: no lookup reads the texel.
 pub const NOBODY: u32 = u32::MAX;
 
-/// The texels of a page in parts: what an instance's bilinear lookups read. Instances that share a texel, as they may where gutters are narrower than two
-/// texels, are one part.
+/// Divides the texels of a page into parts: those that an instance's bilinear lookups read. Instances that share a
+/// texel, as they may if gutters are narrower than two texels, form one part.
 pub struct Parts {
     pub count: usize,
-    /// Part of each texel, or [`NOBODY`].
+    /// The part of each texel, or [`NOBODY`].
     pub of_texels: Vec<u32>,
-    /// Instances of the page, with their parts.
+    /// The instances of the page and their parts.
     pub of_instances: Vec<(usize, usize)>,
     size: usize,
 }
@@ -27,7 +27,7 @@ impl Parts {
         let instances: Vec<_> = instances.filter(|(_, uvs)| uvs.page == page).collect();
         let size = atlas.size as usize;
         let mut of_texels = vec![NOBODY; size * size];
-        // Parts that became one refer to that one.
+        // Union-find: parts that were merged refer to the part that they joined.
         let mut one: Vec<u32> = (0..instances.len() as u32).collect();
         for (part, (_, uvs)) in instances.iter().enumerate() {
             for_texels(uvs, size, |texel| {
@@ -63,7 +63,7 @@ impl Parts {
         }
     }
 
-    /// Gives what no lookup reads to the nearest part, for viewers that filter more widely.
+    /// Assigns texels that no lookup reads to the nearest part, for viewers that filter more widely.
     pub fn spread(&mut self) {
         let size = self.size;
         let neighbours = |texel: usize| {
@@ -92,7 +92,7 @@ impl Parts {
     }
 }
 
-/// The part that `part` became.
+/// The part into which `part` was merged.
 fn root(one: &mut [u32], mut part: u32) -> u32 {
     while one[part as usize] != part {
         one[part as usize] = one[one[part as usize] as usize];
@@ -101,7 +101,8 @@ fn root(one: &mut [u32], mut part: u32) -> u32 {
     part
 }
 
-/// Calls `visit` with the texels whose middles are less than a texel away, along both axes, from a triangle: those that bilinear lookups on it read.
+/// Calls `visit` for the texels that bilinear lookups on the triangles read: those whose centres are less than one
+/// texel away from a triangle along both axes.
 fn for_texels(uvs: &InstanceUvs, size: usize, mut visit: impl FnMut(usize)) {
     let last = size as f32 - 1.0;
     let texel = |at: f32| at.clamp(0.0, last) as usize;
@@ -111,7 +112,7 @@ fn for_texels(uvs: &InstanceUvs, size: usize, mut visit: impl FnMut(usize)) {
         let low = rows.into_iter().fold(f32::INFINITY, f32::min);
         let high = rows.into_iter().fold(f32::NEG_INFINITY, f32::max);
         for y in texel(low - 0.5)..=texel(high + 0.5) {
-            // What lies beyond a page reads its border.
+            // Lookups beyond the page read its border.
             let above = if y == 0 { f32::MIN } else { y as f32 - 0.5 };
             let below = if y as f32 == last {
                 f32::MAX
@@ -128,7 +129,7 @@ fn for_texels(uvs: &InstanceUvs, size: usize, mut visit: impl FnMut(usize)) {
     }
 }
 
-/// Leftmost and rightmost point of a triangle between two rows.
+/// The leftmost and rightmost x of a triangle between two rows.
 fn extent(corners: [Vec2; 3], top: f32, bottom: f32) -> Option<[f32; 2]> {
     let [a, b, c] = corners;
     let edges = [(a, b), (b, c), (c, a)];

@@ -1,5 +1,5 @@
-//! A primitive gets texture coordinates of its atlas. Vertices where the atlas is cut become several, bit for bit alike
-//! in all else.
+//! Adds the atlas's texture coordinates to a primitive. Vertices at cuts of the atlas are duplicated; the copies are
+//! bitwise identical in everything else.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -14,16 +14,16 @@ use crate::import::gltf::schema::Primitive;
 
 const DRACO: &str = "KHR_draco_mesh_compression";
 
-/// The triangles of a primitive as the file stores them.
+/// The triangles of a primitive, with vertices as stored in the file.
 pub struct Triangles {
     /// Number of vertices.
     pub vertices: usize,
-    /// The vertex of each corner, three a triangle.
+    /// The vertex of each corner, three per triangle.
     pub corners: Vec<u32>,
 }
 
-/// Gives primitive (mesh, number) of `output`, a copy of `source`, the coordinates `uvs` of its corners. Returns the number
-/// of their set.
+/// Gives the primitive (mesh, number) of `output`, a copy of `source`, the texture coordinates `uvs` at its corners.
+/// Returns the number of their set.
 pub fn add_uvs(
     document: &Document,
     output: &mut Output,
@@ -48,7 +48,7 @@ pub fn add_uvs(
         let mut copies = HashMap::new();
         let lists = std::iter::once(&mut attributes).chain(&mut targets);
         for (name, accessor) in lists.flatten() {
-            // glTF demands bounds of positions.
+            // glTF requires bounds for positions.
             let is_bounded = name == "POSITION";
             let key = (*accessor, is_bounded);
             *accessor = match copies.get(&key) {
@@ -80,7 +80,7 @@ pub fn add_uvs(
     if let Some(indices) = indices {
         json.insert("indices".to_owned(), indices.into());
     }
-    // What it compresses lacks the new coordinates; the importer has read what stands beside it.
+    // The compressed data lacks the new coordinates. The importer has read the uncompressed accessors instead.
     if json.contains_key("extensions") {
         object(json, "extensions").shift_remove(DRACO);
         remove_empty(json, "extensions");
@@ -94,7 +94,7 @@ fn write(json: &mut Object, attributes: &BTreeMap<String, usize>) {
     }
 }
 
-/// Whether a set of the file has just these coordinates.
+/// Whether a texture coordinate set of the file holds exactly these coordinates.
 fn holds(document: &Document, accessor: usize, triangles: &Triangles, uvs: &[Vec2]) -> bool {
     let Ok(set) = document.floats::<2>(accessor, "") else {
         return false;
@@ -103,14 +103,14 @@ fn holds(document: &Document, accessor: usize, triangles: &Triangles, uvs: &[Vec
     corners.all(|(&vertex, uv)| set.get(vertex as usize) == Some(&uv.to_array()))
 }
 
-/// Vertices for corners that need texture coordinates of their own.
+/// Splits vertices whose corners need different texture coordinates.
 struct Split {
     /// The old vertex of each new one.
     sources: Vec<u32>,
     uvs: Vec<Vec2>,
-    /// New vertices, three a triangle.
+    /// New vertices, three per triangle.
     indices: Vec<u32>,
-    /// Old vertices keep their numbers, copies follow them.
+    /// Whether old vertices keep their numbers, with the copies after them.
     keeps_numbers: bool,
 }
 
@@ -123,7 +123,7 @@ impl Split {
             is_used[vertex as usize] = true;
         }
         let used = is_used.iter().filter(|used| **used).count();
-        // Many primitives may share one long list of vertices, of which each needs few.
+        // Many primitives may share one long list of vertices of which each needs only a few.
         let keeps_numbers = used * 2 >= count;
         let mut split = Self {
             sources: Vec::new(),
@@ -135,7 +135,7 @@ impl Split {
             split.sources = (0..count as u32).collect();
             split.uvs = vec![Vec2::ZERO; count];
         }
-        // The first new vertex of each old one; the others are few.
+        // The first new vertex of each old one; additional ones are few.
         let mut first = vec![NONE; count];
         let mut others = HashMap::new();
         for (&vertex, &uv) in triangles.corners.iter().zip(uvs) {
@@ -162,21 +162,21 @@ impl Split {
         split
     }
 
-    /// Adds a copy of old `vertex`; returns its number.
+    /// Adds a copy of the old `vertex`; returns its number.
     fn append(&mut self, vertex: u32, uv: Vec2) -> u32 {
         self.sources.push(vertex);
         self.uvs.push(uv);
         self.sources.len() as u32 - 1
     }
 
-    /// Whether the primitive needs other vertices than it has.
+    /// Whether the primitive needs a different vertex list.
     fn changes(&self, triangles: &Triangles) -> bool {
         !self.keeps_numbers || self.sources.len() != triangles.vertices
     }
 }
 
-/// A copy of an accessor with the elements that `split` names, with `min` and `max` if the accessor has them or is to have
-/// them; returns its index.
+/// Copies the elements of an accessor that `split` selects. Adds `min` and `max` if the accessor has them or
+/// `is_bounded` is set. Returns the index of the copy.
 fn select(
     document: &Document,
     output: &mut Output,
@@ -197,7 +197,7 @@ fn select(
     }
     let packed = document.packed(accessor, place)?;
     let size = packed.stride;
-    // glTF: vertex attributes lie at multiples of 4 bytes.
+    // glTF requires vertex attributes at multiples of 4 bytes.
     let stride = size.next_multiple_of(4);
     let length = split.sources.len().checked_mul(stride);
     let length = length.ok_or_else(|| ExportError::new(place, "the primitive is too large"))?;
@@ -232,8 +232,8 @@ fn select(
     output.json.push("accessors", Value::Object(json))
 }
 
-/// `min` and `max` of elements of `width` components, as the file stores them. None if they are not finite, or of matrices
-/// with padded columns.
+/// `min` and `max` of elements with `width` components, in stored values. `None` if they are not finite, and for
+/// matrices with padded columns.
 fn range(component: u32, width: usize, bytes: &[u8], stride: usize, size: usize) -> Option<Object> {
     let bounds = |component_size: usize, read: &dyn Fn(&[u8]) -> f64| {
         let mut bounds = vec![(f64::INFINITY, f64::NEG_INFINITY); size / component_size];

@@ -1,4 +1,4 @@
-//! Any scene as a new glTF file.
+//! Writes any scene as a new glTF file.
 
 use std::collections::HashMap;
 
@@ -16,13 +16,13 @@ use crate::{
 };
 
 const LIGHTS: &str = "KHR_lights_punctual";
-/// Cameras here have no near plane, glTF's need one (m).
+/// Cameras have no near plane here, but glTF's need one (m).
 const NEAR: f32 = 0.01;
 
-/// A scene that has become a file.
+/// A scene written to a file.
 pub struct Written {
     pub output: Output,
-    /// Where each instance of the scene stands. None: it has no triangles.
+    /// The place of each scene instance in the file; `None` if the instance has no triangles.
     pub origins: Vec<Option<Origin>>,
     pub warnings: Vec<String>,
 }
@@ -92,9 +92,9 @@ struct Writer<'a> {
     output: Output,
     warnings: Vec<String>,
     nodes: Vec<usize>,
-    /// Attributes and indices by mesh of the scene.
+    /// Attributes and indices, per scene mesh.
     geometries: HashMap<usize, (Value, usize)>,
-    /// glTF meshes by mesh and material of the scene.
+    /// glTF meshes, per scene mesh and material.
     meshes: HashMap<(usize, usize), usize>,
 }
 
@@ -156,7 +156,7 @@ impl Writer<'_> {
             let tangents: Vec<[f32; 4]> = mesh.tangents.iter().map(|t| t.to_array()).collect();
             add("TANGENT", output.floats(&tangents)?);
         }
-        // glTF counts sets from 0 without gaps.
+        // glTF numbers texture coordinate sets from 0 without gaps.
         let sets = mesh.uvs.iter().rposition(|set| !set.is_empty());
         for (set, uvs) in mesh
             .uvs
@@ -233,7 +233,7 @@ impl Writer<'_> {
         Ok(json)
     }
 
-    /// Sets `key` of `json` to the texture, if there is one.
+    /// Sets `key` of `json` to a reference to the texture, if there is one.
     fn refer(
         &mut self,
         json: &mut Value,
@@ -253,7 +253,8 @@ impl Writer<'_> {
         match material.model {
             MaterialModel::MetallicRoughness => {}
             MaterialModel::Phong { kd, ks, shininess } => {
-                // Base colour times kd is the diffuse albedo: other viewers see it too if the colour is in the first factor.
+                // The diffuse albedo is base colour times kd. Move the colour into the base colour, which other viewers
+                // read, too.
                 let largest = kd.max_element();
                 if largest > 0.0 {
                     base_color *= (kd / largest).extend(1.0);
@@ -264,7 +265,7 @@ impl Writer<'_> {
                 extras = json!({ "gpugi": { "phong": extras } });
             }
             MaterialModel::Conductor { n, k } => {
-                // gpugi reads n and k; others see the normal reflectance that they give.
+                // gpugi reads n and k; other viewers get the resulting reflectance at normal incidence.
                 let (above, below) = (n - Vec3::ONE, n + Vec3::ONE);
                 let reflectance = (above * above + k * k) / (below * below + k * k);
                 base_color = reflectance
@@ -326,7 +327,7 @@ impl Writer<'_> {
         Ok(json)
     }
 
-    /// The material's extensions: those that say something beside the defaults.
+    /// The extensions of the material, except those that would only repeat defaults.
     fn extensions(&mut self, material: &Material) -> Result<Object, ExportError> {
         let mut extensions = Object::new();
         let strength = material.emissive.max_element();
@@ -358,7 +359,7 @@ impl Writer<'_> {
             extensions.insert("KHR_materials_transmission".to_owned(), json);
         }
         if let Some(volume) = &material.volume {
-            // Rasterizers take a thickness; rays find out.
+            // Rasterizers need a thickness; ray tracers determine it themselves.
             let mut json = json!({
                 "thicknessFactor": 1.0, "attenuationColor": volume.attenuation_color.to_array(),
             });

@@ -1,4 +1,4 @@
-//! Baked texels to PNG textures.
+//! Encodes baked texels as PNG textures.
 
 use glam::Vec3;
 use image::codecs::png::PngEncoder;
@@ -11,30 +11,31 @@ use crate::atlas::Atlas;
 use crate::export::{BakedLight, BakedPage, ExportError};
 use crate::image::srgb_from_linear;
 
-/// The textures of a page, by index.
+/// The texture indices of a page.
 pub struct PageTextures {
     pub obscurance: Option<usize>,
     pub colored_obscurance: Option<usize>,
     pub light: Option<LightTexture>,
 }
 
-/// The texture of [`BakedLight`].
+/// The texture for a [`BakedLight`].
 pub enum LightTexture {
     Unlit {
         texture: usize,
     },
-    /// A texel of 1 is the radiance that the instance's scale says [W/sr/m^2].
+    /// A texel of 1 stands for a radiance equal to the instance's scale [W/sr/m^2].
     Emissive {
         texture: usize,
     },
-    /// A texel of 1 is the irradiance that the instance's scale says [W/m^2].
+    /// A texel of 1 stands for an irradiance equal to the instance's scale [W/m^2].
     Lightmap {
         texture: usize,
         exr: String,
     },
 }
 
-/// Adds the textures of all `pages`. Also returns, by instance of `atlas`, what a texel of 1 stands for where light has scales; 1 elsewhere.
+/// Adds the textures of all `pages`. Also returns, per instance of `atlas`, the value that a texel of 1 stands for if
+/// the light is scaled, and 1 otherwise.
 pub fn add_pages(
     output: &mut Output,
     atlas: &Atlas,
@@ -44,7 +45,7 @@ pub fn add_pages(
     let sampler = if pages.iter().all(is_empty) {
         0
     } else {
-        // Clamped, and without mip levels, in which charts would run together.
+        // Clamp to edge, and no mip levels, because they would mix charts.
         output.json.push(
             "samplers",
             json!({ "magFilter": 9729, "minFilter": 9729, "wrapS": 33_071, "wrapT": 33_071 }),
@@ -76,7 +77,7 @@ struct Writer<'a> {
     place: String,
     page: usize,
     atlas: &'a Atlas,
-    /// By instance.
+    /// Per instance.
     scales: Vec<f32>,
 }
 
@@ -135,8 +136,9 @@ impl Writer<'_> {
         self.png("unlit radiance", &opaque, ExtendedColorType::Rgb8)
     }
 
-    /// Values over a scale of their instances, so that what is dim does not share its few bits with what is bright elsewhere. sRGB spends them where
-    /// eyes see the difference, and what they cannot hold is spread over neighbours: dim light beside a bright spot has no bands.
+    /// Encodes values divided by a scale per instance, so that dim instances do not lose precision to bright ones
+    /// elsewhere. sRGB puts the precision where the eye notices differences. Dithering spreads the rounding error over
+    /// neighbouring texels, so that dim light beside a bright spot shows no bands.
     fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<usize, ExportError> {
         self.check(what, values.len())?;
         let finite = |value: &Vec3| {
@@ -201,7 +203,7 @@ impl Writer<'_> {
     }
 }
 
-/// A PNG file.
+/// Encodes a PNG file.
 pub fn png(
     width: u32,
     height: u32,
@@ -215,7 +217,8 @@ pub fn png(
     Ok(png)
 }
 
-/// The least power of the fourth root of 2 that is not below `value`; 0 of 0. Instances about as bright as each other can so share materials.
+/// The smallest power of the fourth root of 2 that is not below `value`; 0 for 0. Rounding lets instances of similar
+/// brightness share materials.
 fn step_above(value: f32) -> f32 {
     if value > 0.0 {
         let step = ((value.log2() * 4.0).ceil() / 4.0).exp2();
@@ -225,18 +228,19 @@ fn step_above(value: f32) -> f32 {
     }
 }
 
-/// 0..1 in 8 bits; what is no number is 0.
+/// 0..1 in 8 bits; NaN becomes 0.
 fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// Interleaved gradient noise (Jimenez 2014): 0 to 1, as even over any few neighbours as over all.
+/// Interleaved gradient noise (Jimenez 2014), 0 to 1: distributed as evenly over small neighbourhoods as over the whole
+/// image.
 fn dither(x: u32, y: u32) -> f32 {
     let at = 0.067_110_56 * x as f32 + 0.005_837_15 * y as f32;
     (52.982_918 * at.fract()).fract()
 }
 
-/// An encoded value in eight bits, rounded up or down as `offset` says; what needs no rounding stays.
+/// Converts an encoded value to 8 bits, rounded up or down depending on `offset`; exact values are kept.
 fn dithered(encoded: f32, offset: f32) -> u8 {
     (encoded * 255.0 + 0.01 + 0.98 * offset)
         .floor()

@@ -1,8 +1,8 @@
-//! Images of one channel, and separable convolution.
+//! Single-channel images and separable convolution.
 
 use super::Picture;
 
-/// One value a pixel, row by row from the top.
+/// One value per pixel, row by row from the top.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plane {
     pub width: usize,
@@ -10,7 +10,7 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// A plane of what `value` makes of each linear pixel.
+    /// Evaluates `value` for each linear pixel.
     pub fn of(picture: &Picture, value: impl Fn([f32; 3]) -> f32) -> Self {
         Self {
             width: picture.size()[0] as usize,
@@ -18,7 +18,7 @@ impl Plane {
         }
     }
 
-    /// The product of two planes of one size.
+    /// The pixelwise product of two planes of equal size.
     pub fn times(&self, other: &Self) -> Self {
         let pairs = self.values.iter().zip(&other.values);
         Self {
@@ -27,8 +27,8 @@ impl Plane {
         }
     }
 
-    /// out(x, y) = sum over i, j of along_x[i] along_y[j] plane(x + i - radius, y + j - radius); outside the plane its
-    /// nearest edge value counts. The kernels' lengths are odd.
+    /// out(x, y) = sum over i, j of along_x[i] along_y[j] plane(x + i - radius, y + j - radius). Outside the plane, the
+    /// nearest edge value counts. Kernels have odd lengths.
     pub fn convolved(&self, along_x: &[f32], along_y: &[f32]) -> Self {
         let width = self.width;
         let height = self.values.len() / width;
@@ -65,14 +65,14 @@ fn add_scaled(out: &mut [f32], values: &[f32], weight: f32) {
     }
 }
 
-/// A kernel of `function` at -radius..=radius.
+/// A kernel that samples `function` at -radius..=radius.
 pub fn kernel(radius: usize, function: impl Fn(f32) -> f32) -> Vec<f32> {
     (0..=2 * radius)
         .map(|at| function(at as f32 - radius as f32))
         .collect()
 }
 
-/// The kernel with its positive weights scaled to a sum of 1, and its negative ones to -1.
+/// Scales the kernel's positive weights to a sum of 1 and its negative weights to a sum of -1.
 pub fn normalized(mut kernel: Vec<f32>) -> Vec<f32> {
     let positive: f32 = kernel.iter().filter(|&&weight| weight > 0.0).sum();
     let negative: f32 = kernel.iter().filter(|&&weight| weight < 0.0).sum();

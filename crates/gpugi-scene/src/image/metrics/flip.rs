@@ -1,8 +1,8 @@
-//! FLIP: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, "FLIP: A Difference Evaluator for Alternating
-//! Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques 3(2), 2020.
+//! FLIP: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, "FLIP: A Difference Evaluator for
+//! Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques 3(2), 2020.
 //!
-//! Own code, because the library there is takes 8-bit values: HDR-FLIP over it reports differences that are its
-//! rounding.
+//! Implemented here because the existing library takes 8-bit values: HDR-FLIP on top of it would report its rounding as
+//! differences.
 
 use std::f32::consts::{FRAC_1_SQRT_2, PI};
 
@@ -11,20 +11,20 @@ use glam::{Mat3, Vec3, vec3};
 use super::filter::{Plane, kernel, normalized};
 use super::{Comparison, Picture, mean};
 
-/// Observer: a screen 0.7 m wide with 3840 pixels, seen from 0.7 m.
+/// Observer: a screen 0.7 m wide with 3840 pixels, viewed from 0.7 m.
 pub const PIXELS_PER_DEGREE: f32 = 0.7 * 3840.0 / 0.7 * PI / 180.0;
 
-/// Contrast sensitivity to achromatic, red-green and blue-yellow patterns (section 4.1.1, table 1):
-/// sums of Gaussians a sqrt(pi / b) exp(-(pi x)^2 / b), x in degrees.
+/// Contrast sensitivity to achromatic, red-green and blue-yellow patterns (section 4.1.1, table 1): sums of Gaussians a
+/// sqrt(pi / b) exp(-(pi x)^2 / b), x in degrees.
 const ACHROMATIC: [[f32; 2]; 1] = [[1.0, 0.0047]];
 const RED_GREEN: [[f32; 2]; 1] = [[1.0, 0.0053]];
 const BLUE_YELLOW: [[f32; 2]; 2] = [[34.1, 0.04], [13.5, 0.025]];
-/// The widest of them decides the filters' radius.
+/// The widest Gaussian determines the radius of the filters.
 const WIDEST: f32 = 0.04;
 
 /// Exponent of colour differences (section 4.1.2).
 const COLOR_EXPONENT: f32 = 0.7;
-/// This part of the largest colour difference maps to [`KNEE_VALUE`] (section 4.1.3).
+/// This fraction of the largest colour difference maps to [`KNEE_VALUE`] (section 4.1.3).
 const KNEE: f32 = 0.4;
 const KNEE_VALUE: f32 = 0.95;
 /// Width of the feature detectors (degrees), and the exponent of feature differences (section 4.2).
@@ -43,11 +43,11 @@ pub fn compare(test: &Picture, reference: &Picture) -> Comparison {
     }
 }
 
-/// What an observer makes of a picture.
+/// A picture as the observer perceives it.
 pub struct Seen {
     /// L*a*b* after the eye's blur, with the Hunt effect.
     color: Vec<Vec3>,
-    /// Strength of edges and of points.
+    /// Strength of edges and of points, per pixel.
     features: Vec<[f32; 2]>,
 }
 
@@ -55,7 +55,7 @@ pub struct Seen {
 pub struct Evaluator {
     xyz_from_rgb: Mat3,
     rgb_from_xyz: Mat3,
-    /// Gaussians of the eye's blur with their weights.
+    /// Gaussians of the eye's blur, each with its weight.
     blur_y: Vec<(f32, Vec<f32>)>,
     blur_cx: Vec<(f32, Vec<f32>)>,
     blur_cz: Vec<(f32, Vec<f32>)>,
@@ -92,7 +92,8 @@ impl Evaluator {
         }
     }
 
-    /// Looks at a picture. `display`: a linear pixel to what the display shows of it, linear in 0..1.
+    /// Computes how the observer perceives a picture. `display` maps a linear pixel to what the display shows, linear
+    /// in 0..1.
     pub fn seen(&self, picture: &Picture, display: impl Fn(Vec3) -> Vec3) -> Seen {
         let opponent: Vec<Vec3> = picture
             .pixels()
@@ -132,7 +133,7 @@ impl Evaluator {
         }
     }
 
-    /// The error of each pixel, 0 to 1: E = E_color^(1 - E_feature) (equation 6).
+    /// The error of each pixel, from 0 to 1: E = E_color^(1 - E_feature) (equation 6).
     pub fn difference(&self, test: &Seen, reference: &Seen) -> Vec<f32> {
         let colors = test.color.iter().zip(&reference.color);
         let features = test.features.iter().zip(&reference.features);
@@ -147,7 +148,7 @@ impl Evaluator {
             .collect()
     }
 
-    /// Section 4.1.3: small differences take most of the range.
+    /// Section 4.1.3: small differences occupy most of the range.
     fn redistributed(&self, difference: f32) -> f32 {
         let knee = KNEE * self.largest_color_difference;
         if difference < knee {
@@ -159,7 +160,7 @@ impl Evaluator {
     }
 }
 
-/// sRGB's primaries with its white, D65, scaled to 1 in each coordinate: white is (1, 1, 1).
+/// XYZ from linear sRGB (white point D65), with each coordinate divided by that of white, so that white is (1, 1, 1).
 fn xyz_from_rgb() -> Mat3 {
     let color = |x: f32, y: f32| vec3(x / y, 1.0, (1.0 - x - y) / y);
     let white = color(0.3127, 0.329);
@@ -200,7 +201,7 @@ fn lab(xyz: Vec3) -> Vec3 {
     )
 }
 
-/// The Hunt effect: bright colours look more colourful (section 4.1.2).
+/// The Hunt effect: brighter colours look more colourful (section 4.1.2).
 fn hunt(lab: Vec3) -> Vec3 {
     vec3(lab.x, 0.01 * lab.x * lab.y, 0.01 * lab.x * lab.z)
 }
@@ -211,8 +212,8 @@ fn color_difference(a: Vec3, b: Vec3) -> f32 {
     (difference.x.abs() + difference.y.hypot(difference.z)).powf(COLOR_EXPONENT)
 }
 
-/// The normalized Gaussians of a contrast sensitivity, with their weights, which sum to 1 over the two-dimensional
-/// filter.
+/// The normalized Gaussians of a contrast sensitivity, each with its weight. The weights sum to 1 over the
+/// two-dimensional filter.
 fn gaussians(radius: usize, terms: &[[f32; 2]]) -> Vec<(f32, Vec<f32>)> {
     let mut kernels: Vec<_> = terms
         .iter()

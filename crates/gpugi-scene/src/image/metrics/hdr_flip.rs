@@ -1,6 +1,6 @@
 //! HDR-FLIP: Andersson, Nilsson, Shirley, Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range Images",
-//! Eurographics 2021: the largest FLIP over the exposures that show the reference from its brightest to its middle
-//! values.
+//! Eurographics 2021. The error of a pixel is its largest FLIP over a range of exposures that show the reference's
+//! brightest to its median values.
 
 use glam::Vec3;
 
@@ -9,10 +9,10 @@ use super::{Comparison, Picture, luminance, mean};
 
 /// Narkowicz's fit of the ACES tone curve, (a x^2 + b x) / (c x^2 + d x + e), with the paper's pre-exposure of 0.6.
 const ACES: [f32; 5] = [0.36 * 2.51, 0.6 * 0.03, 0.36 * 2.43, 0.6 * 0.59, 0.14];
-/// The exposures take the brightest and the middle luminance to this tone-mapped value.
+/// The first exposure maps the brightest luminance to this tone-mapped value, the last one the median.
 const SHOWN: f32 = 0.85;
 
-/// FLIP of radiance. Negative values show as black.
+/// FLIP of radiance. Negative values are displayed as black.
 pub fn compare(test: &Picture, reference: &Picture) -> Comparison {
     let evaluator = Evaluator::new();
     let exposures = exposures(reference);
@@ -36,8 +36,9 @@ pub fn compare(test: &Picture, reference: &Picture) -> Comparison {
     }
 }
 
-/// Section 3.2: from log2(x / brightest) to log2(x / median) in steps of at most 1 EV, where tone mapping takes x to
-/// [`SHOWN`]. Where over half of the reference is black, the median is that of the rest; all black: exposure 0.
+/// Section 3.2: evenly spaced exposures (EV) from log2(x / brightest) to log2(x / median), where tone mapping takes x
+/// to [`SHOWN`]. Their number is the length of that range rounded up, but at least 2. If the median is black, the
+/// median of the other pixels counts. If all pixels are black, the only exposure is 0.
 fn exposures(reference: &Picture) -> Vec<f32> {
     let mut sorted: Vec<f32> = reference.pixels().iter().copied().map(luminance).collect();
     sorted.sort_unstable_by(f32::total_cmp);
@@ -59,7 +60,7 @@ fn exposures(reference: &Picture) -> Vec<f32> {
     (0..count).map(|at| start + at as f32 * step).collect()
 }
 
-/// The median of ascending values; 0 where there are none.
+/// The median of ascending values; 0 if there are none.
 fn middle(sorted: &[f32]) -> f32 {
     match sorted.len() {
         0 => 0.0,
@@ -68,7 +69,7 @@ fn middle(sorted: &[f32]) -> f32 {
 }
 
 fn tone_mapped(rgb: Vec3) -> Vec3 {
-    // The curve is flat long before its squares overflow.
+    // The curve saturates long before its squares overflow.
     let x = rgb.clamp(Vec3::ZERO, Vec3::splat(1e6));
     let [a, b, c, d, e] = ACES.map(Vec3::splat);
     ((x * (a * x + b)) / (x * (c * x + d) + e)).clamp(Vec3::ZERO, Vec3::ONE)

@@ -1,15 +1,15 @@
-//! Errors as colours.
+//! Maps errors to colours.
 
 use colorous::MAGMA;
 
 use super::Metric;
 
-/// Relative errors are shown over this many factors of 10 below 1.
+/// The colour scale of relative errors covers this many factors of 10 below 1.
 const DECADES: f64 = 3.0;
 
-/// sRGB pixels with alpha of the [`map`](super::Comparison::map) of a metric, from black to the brightest colour of magma,
-/// whose steps look equally large. SSIM and FLIP: 0 to 1. The others: relative errors of 0.001 to 1, a third of the
-/// scale for each factor of 10.
+/// Converts the [`map`](super::Comparison::map) of a metric to sRGB pixels with alpha. Colours range from black to the
+/// brightest colour of magma, which is perceptually uniform. SSIM and FLIP: errors from 0 to 1. The others:
+/// relative errors from 0.001 to 1 on a logarithmic scale, a third of it for each factor of 10.
 pub fn heat_map(metric: Metric, errors: &[f32]) -> Vec<u8> {
     let place = |error: f64| match metric {
         Metric::Ssim | Metric::Flip => error,

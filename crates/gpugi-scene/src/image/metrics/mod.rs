@@ -1,4 +1,5 @@
-//! How far a picture is from its reference: numbers, and an error for each pixel. `docs/measuring.md` has the equations.
+//! Measures how far a picture is from its reference: one number, and an error for each pixel. `docs/measuring.md` has
+//! the equations.
 
 mod filter;
 mod flip;
@@ -12,25 +13,28 @@ pub use heat_map::heat_map;
 pub use picture::{Picture, decode_picture, load_picture};
 pub use squared::{EPSILON, rel_mse};
 
-/// A way to say how far a picture is from its reference.
+/// A measure of how far a picture is from its reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Metric {
-    /// Mean of (a - b)^2 / (b^2 + [`EPSILON`]) over pixels and channels of linear RGB.
+    /// Mean of (a - b)^2 / (b^2 + [`EPSILON`]) over the pixels and channels of linear RGB.
     RelMse,
-    /// The same on the means of blocks of 4x4 pixels: what is left of noise when neighbours are averaged.
+    /// The same for the means of blocks of 4x4 pixels: what remains once averaging over neighbours has reduced noise.
     RelMse4,
-    /// Root of the mean squared difference: of sRGB values where both pictures are display-referred, else of radiance.
+    /// Root of the mean squared difference: of sRGB values if both pictures are display-referred, otherwise of
+    /// radiance.
     Rmse,
-    /// 20 log10(peak / rmse) (dB). The peak is 1 where both are display-referred, else the reference's largest channel.
+    /// 20 log10(peak / rmse) (dB). The peak is 1 if both pictures are display-referred, otherwise the reference's
+    /// largest channel.
     Psnr,
-    /// Structural similarity of luma: 1 for equal pictures (Wang et al. 2004).
+    /// Structural similarity of luma; 1 for equal pictures (Wang et al. 2004).
     Ssim,
-    /// What an eye sees flipping between the two, 0 to 1 (Andersson et al. 2020; 2021 for radiance).
+    /// The difference that a person sees when flipping between the two pictures, 0 to 1 (Andersson et al. 2020; 2021
+    /// for radiance).
     Flip,
 }
 
 impl Metric {
-    /// Every metric, in the order in which reports list them.
+    /// All metrics, in the order in which reports list them.
     pub const ALL: [Self; 6] = [
         Self::RelMse,
         Self::RelMse4,
@@ -40,7 +44,7 @@ impl Metric {
         Self::Flip,
     ];
 
-    /// The name that the command line and reports use.
+    /// The name used by the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::RelMse => "rel-mse",
@@ -57,7 +61,7 @@ impl Metric {
         matches!(self, Self::Psnr | Self::Ssim)
     }
 
-    /// Whether `value` keeps to `bound`: a largest value, or a smallest one where larger is better.
+    /// Whether `value` satisfies `bound`, which is a maximum, or a minimum if larger is better.
     pub fn within(self, value: f64, bound: f64) -> bool {
         if self.larger_is_better() {
             value >= bound
@@ -67,18 +71,19 @@ impl Metric {
     }
 }
 
-/// What a metric found.
+/// The result of a comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// The metric's value; infinite for the PSNR of equal pictures.
     pub value: f64,
-    /// What it was computed with, such as its epsilon, by name.
+    /// The parameters used, by name, such as epsilon.
     pub parameters: Vec<(&'static str, f64)>,
-    /// An error for each pixel, row by row from the top; 0 is none, and 1 as large as the reference, or the largest.
+    /// One error per pixel, row by row from the top. 0 means no error; 1 means an error as large as the reference, or
+    /// the largest error.
     pub map: Vec<f32>,
 }
 
-/// Pictures that a metric cannot compare.
+/// Why a metric cannot compare two pictures.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq, Eq)]
 pub enum MetricError {
     /// The pictures differ in size.
@@ -89,7 +94,7 @@ pub enum MetricError {
         /// Width and height of the reference.
         reference: [u32; 2],
     },
-    /// The window of SSIM does not fit into the pictures.
+    /// The pictures are smaller than SSIM's window.
     #[error("SSIM needs {0}x{0} pixels or more", ssim::WINDOW)]
     TooSmall,
 }
@@ -119,7 +124,7 @@ pub fn compare(
     }
 }
 
-/// Whether the pictures are compared as a display shows them, and not as radiance.
+/// Whether the pictures are compared as a display shows them, rather than as radiance.
 pub fn both_display_referred(test: &Picture, reference: &Picture) -> bool {
     test.is_display_referred() && reference.is_display_referred()
 }
@@ -129,7 +134,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / count as f64
 }
 
-/// Weights of Rec. 709.
+/// Rec. 709 luminance.
 fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }

@@ -10,17 +10,19 @@ use crate::{ImportError, Limits, Pixels};
 pub struct Picture {
     width: u32,
     height: u32,
-    /// Three values a pixel, row by row from the top.
+    /// Three values per pixel, row by row from the top.
     rgb: Vec<f32>,
     display_referred: bool,
 }
 
 impl Picture {
-    /// A picture of radiance. `rgb`: width x height x 3 linear values, row by row from the top. The error names the
-    /// first pixel that is not finite.
+    /// A picture of radiance. `rgb`: width x height x 3 linear values, row by row from the top.
+    ///
+    /// # Errors
+    /// A message that names the first pixel that is not finite.
     ///
     /// # Panics
-    /// When the number of values is not that of a picture of this size, or the picture is empty.
+    /// If the number of values does not match the size, or the picture is empty.
     pub fn of_radiance(width: u32, height: u32, rgb: Vec<f32>) -> Result<Self, String> {
         assert_eq!(
             rgb.len() as u64,
@@ -46,12 +48,12 @@ impl Picture {
         [self.width, self.height]
     }
 
-    /// Whether the picture was encoded for a display, as a PNG is. Its values then lie in 0..1.
+    /// Whether the picture was encoded for a display, like a PNG. Its values then lie in 0..1.
     pub fn is_display_referred(&self) -> bool {
         self.display_referred
     }
 
-    /// Linear values, three a pixel.
+    /// Linear values, three per pixel.
     pub(super) fn rgb(&self) -> &[f32] {
         &self.rgb
     }
@@ -62,8 +64,8 @@ impl Picture {
     }
 }
 
-/// Decodes a picture to compare: PNG and JPEG are display-referred and linearised from sRGB, HDR, EXR and KTX2 are
-/// radiance. Alpha is ignored, negative values stay; a value that is not finite is an error.
+/// Decodes a picture for comparison. PNG and JPEG are display-referred and linearised from sRGB; HDR, EXR and KTX2 are
+/// radiance. Alpha is ignored and negative values stay. A value that is not finite is an error.
 pub fn decode_picture(name: &str, bytes: &[u8], limits: &Limits) -> Result<Picture, ImportError> {
     let (image, display_referred) = decode::decode_linear(name, bytes, limits)?;
     let Pixels::Rgba32Float(texels) = image.pixels else {

@@ -1,16 +1,16 @@
-//! The metrics that square differences.
+//! Metrics based on squared differences.
 
 use super::super::decode::srgb_from_linear;
 use super::{Comparison, Picture, both_display_referred, mean};
 
-/// Added to the square of the reference in relative errors, so that black pixels do not rule: a reference of 0.1 halves
-/// the weight that a brighter one has.
+/// Added to the squared reference in relative errors, so that black pixels do not dominate. At a reference of 0.1, an
+/// error has half the weight that it would have without it.
 pub const EPSILON: f64 = 0.01;
 
 /// Side of the blocks of rel-mse-4 (pixels).
 const BLOCK: usize = 4;
 
-/// Mean of (a - b)^2 / (b^2 + [`EPSILON`]) over pairs of a value and its reference; not a number where there are none.
+/// Mean of (a - b)^2 / (b^2 + [`EPSILON`]) over pairs of a value and its reference; NaN if there are no pairs.
 pub fn rel_mse(pairs: impl IntoIterator<Item = (f32, f32)>) -> f64 {
     mean(pairs.into_iter().map(|(a, b)| relative_error(a, b)))
 }
@@ -20,12 +20,12 @@ fn relative_error(a: f32, b: f32) -> f64 {
     (a - b) * (a - b) / (b * b + EPSILON)
 }
 
-/// rel-mse. The map holds its root in each pixel, the relative error.
+/// rel-mse. The map holds the square root of each pixel's rel-mse: its relative error.
 pub fn relative(test: &Picture, reference: &Picture) -> Comparison {
     relative_result(test.pixels(), reference.pixels())
 }
 
-/// rel-mse-4. At the right and lower edges the blocks hold what pixels there are, and count as much as others.
+/// rel-mse-4. Blocks cut by the right or lower edge average the pixels that they have, and count as much as the others.
 pub fn relative_of_blocks(test: &Picture, reference: &Picture) -> Comparison {
     let mut result = relative_result(&block_means(test), &block_means(reference));
     let [width, height] = test.size().map(|side| side as usize);
@@ -64,7 +64,7 @@ fn block_means(picture: &Picture) -> Vec<[f32; 3]> {
     means
 }
 
-/// rmse. The map holds each pixel's, relative to the peak.
+/// rmse. The map holds the rmse of each pixel relative to the peak.
 pub fn root_mean(test: &Picture, reference: &Picture) -> Comparison {
     let encoded = both_display_referred(test, reference);
     let value = |linear: f32| {
@@ -101,7 +101,7 @@ pub fn peak_signal_to_noise(test: &Picture, reference: &Picture) -> Comparison {
     }
 }
 
-/// 1 for display-referred pictures, else the largest channel of the reference (1 where that is black).
+/// 1 for display-referred pictures, otherwise the largest channel of the reference (1 if the reference is black).
 fn peak(test: &Picture, reference: &Picture) -> f64 {
     if both_display_referred(test, reference) {
         return 1.0;

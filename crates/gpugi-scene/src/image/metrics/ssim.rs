@@ -9,11 +9,11 @@ use super::{Comparison, MetricError, Picture, both_display_referred, luminance, 
 pub const WINDOW: usize = 11;
 /// Standard deviation of the window (pixels).
 const SIGMA: f32 = 1.5;
-/// Stabilise the quotients of means and of variances; the dynamic range is 1.
+/// Stabilise the quotients of means (K1) and of variances (K2); the dynamic range is 1.
 const K1: f64 = 0.01;
 const K2: f64 = 0.03;
 
-/// Mean over the windows that lie wholly in the picture. The map holds 1 - SSIM.
+/// Mean over the windows that lie entirely inside the picture. The map holds 1 - SSIM.
 pub fn similarity(test: &Picture, reference: &Picture) -> Result<Comparison, MetricError> {
     let [width, height] = test.size().map(|side| side as usize);
     if width < WINDOW || height < WINDOW {
@@ -64,8 +64,8 @@ pub fn similarity(test: &Picture, reference: &Picture) -> Result<Comparison, Met
     })
 }
 
-/// Exposure (EV) that takes the geometric mean of the luminance to middle grey, 0.18; pixels darker than 2^-20 do not
-/// count.
+/// Exposure (EV) that maps the geometric mean of the luminance to middle grey, 0.18. Pixels with a luminance of 2^-20
+/// or less do not count; if none count, the exposure is 0.
 fn middle_grey_exposure(picture: &Picture) -> f32 {
     let logarithms = picture
         .pixels()

@@ -1,5 +1,5 @@
-//! Numbers from accessors: every component type, normalised, strided and sparse. Nothing is allocated before its
-//! count is checked against the bytes that are there, or against the limits.
+//! Reads numbers from accessors: every component type, normalised, strided and sparse. Nothing is allocated before its
+//! count has been checked against the available bytes or the limits.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::document::{Document, range};
 use super::schema::Accessor;
 use crate::ImportError;
 
-/// A component type by glTF's number.
+/// A component type, identified by glTF's constant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Component {
     I8,
@@ -39,7 +39,7 @@ impl Component {
         }
     }
 
-    /// Reads a component as a float. glTF: c / (2^n - 1) unsigned, max(c / (2^(n-1) - 1), -1) signed.
+    /// A function that reads a component as a float. glTF: c / (2^n - 1) unsigned, max(c / (2^(n-1) - 1), -1) signed.
     fn reader(self, normalized: bool) -> fn(&[u8]) -> f32 {
         match (self, normalized) {
             (Self::I8, false) => |bytes| f32::from(i8::from_le_bytes(first(bytes))),
@@ -63,12 +63,12 @@ impl Component {
     }
 }
 
-/// The first `N` bytes; whoever calls has sliced `N` or more.
+/// The first `N` bytes; the caller must pass at least `N`.
 fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.first_chunk().copied().unwrap_or([0; N])
 }
 
-/// How an element lies in memory: its columns start at multiples of 4 bytes if it is a matrix.
+/// Memory layout of an element. The columns of matrices start at multiples of 4 bytes.
 struct Layout {
     component: Component,
     rows: usize,
@@ -85,12 +85,12 @@ impl Layout {
         }
     }
 
-    /// Bytes from an element's first to its last component.
+    /// Bytes from the start of an element's first component to the end of its last one.
     fn size(&self) -> usize {
         self.column_stride() * (self.columns - 1) + self.rows * self.component.size()
     }
 
-    /// Bytes from an element to the next, when they are packed.
+    /// Bytes from one element to the next if they are tightly packed.
     fn packed_stride(&self) -> usize {
         self.column_stride() * self.columns
     }
@@ -109,16 +109,16 @@ impl Layout {
     }
 }
 
-/// The elements of an accessor as the file stores them, one after another.
+/// The elements of an accessor in stored form, tightly packed.
 pub struct Packed<'a> {
-    /// As many times `stride` bytes as there are elements.
+    /// `stride` bytes per element.
     pub bytes: Cow<'a, [u8]>,
-    /// Bytes an element, padding between the columns of matrices included.
+    /// Bytes per element, including padding between the columns of matrices.
     pub stride: usize,
 }
 
 impl Document<'_> {
-    /// Number of components an element of accessor `index`, for attributes that come in several widths.
+    /// Number of components per element of accessor `index`, for attributes that come in several widths.
     pub fn width(&self, index: usize, place: &str) -> Result<usize, ImportError> {
         let (_, layout) = self.layout(index, place)?;
         Ok(layout.rows * layout.columns)
@@ -131,7 +131,7 @@ impl Document<'_> {
             .count)
     }
 
-    /// All elements of accessor `index` as floats, normalised where the accessor says so; all finite.
+    /// All elements of accessor `index` as floats, normalised if the accessor requires it; all are finite.
     pub fn floats<const N: usize>(
         &self,
         index: usize,
@@ -223,10 +223,10 @@ impl Document<'_> {
         Ok(elements.map(|bytes| layout.read(bytes, read)).collect())
     }
 
-    /// The bytes of all elements of accessor `index`, sparse ones in their places.
+    /// The bytes of all elements of accessor `index`, with sparse replacements applied.
     pub fn packed(&self, index: usize, place: &str) -> Result<Packed<'_>, ImportError> {
         let (accessor, layout) = self.layout(index, place)?;
-        // Also bounds an accessor without a buffer view, all of whose elements are zero.
+        // The limit also applies to an accessor without a buffer view, whose elements are all zero.
         let packed_stride = layout.packed_stride();
         let length = (accessor.count <= self.limits.elements)
             .then(|| {
@@ -264,7 +264,7 @@ impl Document<'_> {
                 } else {
                     let mut packed = vec![0; length];
                     let elements = packed.chunks_exact_mut(packed_stride);
-                    // Elements that do not exist may lie 0 bytes apart.
+                    // Without elements, the stride may be 0.
                     for (element, bytes) in elements.zip(bytes.chunks(stride.max(1))) {
                         element[..layout.size()].copy_from_slice(&bytes[..layout.size()]);
                     }
@@ -275,7 +275,7 @@ impl Document<'_> {
         };
         if let Some(sparse) = &accessor.sparse {
             let place = format!("{accessor_place}.sparse");
-            // A sparse accessor replaces elements that exist, each at most once.
+            // A sparse accessor replaces existing elements, each at most once.
             if sparse.count > accessor.count {
                 return Err(self.error(
                     place,
@@ -339,7 +339,7 @@ impl Document<'_> {
         Ok(bytes.chunks_exact(stride).take(count).map(read).collect())
     }
 
-    /// The bytes from `offset` on, after a check that `count` elements `stride` apart lie within.
+    /// The bytes from `offset` on, once it is certain that they hold `count` elements that lie `stride` bytes apart.
     fn strided<'b>(
         &self,
         bytes: &'b [u8],
@@ -352,7 +352,7 @@ impl Document<'_> {
         if count == 0 {
             return Ok(&[]);
         }
-        // Elements may overlap in memory, but each needs bytes of its own for `count` to be bounded by them.
+        // Each element needs bytes of its own, so that the size of the buffer bounds `count`.
         if stride < layout.size() as u64 {
             return Err(self.error(
                 place,

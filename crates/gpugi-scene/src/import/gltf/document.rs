@@ -1,4 +1,4 @@
-//! The file as a whole: its JSON, its buffers and buffer views, its extensions, and what it has used of the limits.
+//! The file as a whole: its JSON, buffers, buffer views and extensions, and how much of the limits it has used.
 
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
@@ -6,7 +6,7 @@ use std::cell::{Cell, RefCell};
 use super::{schema, uri};
 use crate::{ImportError, Limits, Resolver};
 
-/// What gpugi reads. `EXT_meshopt_compression` joins them with the cargo feature `meshopt`.
+/// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
 const SUPPORTED: [&str; 11] = [
     super::instancing::NAME,
     "KHR_lights_punctual",
@@ -26,20 +26,20 @@ const MESHOPT: &str = "EXT_meshopt_compression";
 pub struct Document<'a> {
     pub root: schema::Root,
     pub limits: Limits,
-    /// The JSON that `root` was read from.
+    /// The JSON from which `root` was parsed.
     pub json: &'a [u8],
-    /// What follows the BIN chunk of a binary file.
+    /// The bytes after the BIN chunk of a binary file.
     pub further_chunks: &'a [u8],
     name: &'a str,
     buffers: Vec<Option<Cow<'a, [u8]>>>,
-    /// Content of the compressed buffer views.
+    /// Content of the compressed buffer views, decoded.
     decoded_views: Vec<Option<Vec<u8>>>,
     elements: Cell<u64>,
     warnings: RefCell<Vec<String>>,
 }
 
 impl<'a> Document<'a> {
-    /// Parses `bytes` and reads the buffers that they name.
+    /// Parses `bytes` and reads the buffers to which they refer.
     pub fn read(
         name: &'a str,
         bytes: &'a [u8],
@@ -71,12 +71,12 @@ impl<'a> Document<'a> {
         Ok(document)
     }
 
-    /// An error at a place of this file.
+    /// An error at a place in this file.
     pub fn error(&self, place: impl Into<String>, reason: impl std::fmt::Display) -> ImportError {
         ImportError::new(self.name, place, reason)
     }
 
-    /// Notes what the file asks for and does not get.
+    /// Records a feature that the file uses and the importer does not provide.
     pub fn warn(&self, place: &str, what: impl std::fmt::Display) {
         self.warnings.borrow_mut().push(format!("{place}: {what}"));
     }
@@ -86,7 +86,7 @@ impl<'a> Document<'a> {
         self.warnings.into_inner()
     }
 
-    /// The member of `list` that `place` names by `index`.
+    /// The element of `list` at `index`; the error names `place`, which contains the index.
     pub fn get<'t, T>(
         &self,
         list: &'t [T],
@@ -102,7 +102,7 @@ impl<'a> Document<'a> {
         })
     }
 
-    /// Takes `count` vertices, indices or the like from the limit before they are allocated.
+    /// Deducts `count` vertices, indices or similar elements from the limit, before they are allocated.
     pub fn charge(&self, count: u64, place: &str) -> Result<(), ImportError> {
         let total = self.elements.get().saturating_add(count);
         if total > self.limits.elements {
@@ -118,7 +118,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
-    /// The bytes of a buffer view and its stride, if it has one.
+    /// The bytes of a buffer view, and its stride if it has one.
     pub fn view(&self, index: usize, place: &str) -> Result<(&[u8], Option<u64>), ImportError> {
         let view = self.get(&self.root.buffer_views, "bufferView", index, place)?;
         let bytes = match self.decoded_views.get(index) {
@@ -133,7 +133,7 @@ impl<'a> Document<'a> {
         Ok((bytes, view.byte_stride))
     }
 
-    /// The content of a buffer, unless it has none or nobody needs it.
+    /// The content of a buffer; `None` if it has none or its content is not needed.
     pub fn buffer(&self, index: usize) -> Option<&[u8]> {
         self.buffers.get(index)?.as_deref()
     }
@@ -218,7 +218,7 @@ impl<'a> Document<'a> {
         for (index, buffer) in self.root.buffers.iter().enumerate() {
             let place = format!("buffers[{index}]");
             let bytes = match (&buffer.uri, binary) {
-                // Compressed buffer views never look at it.
+                // Compressed buffer views never read their fallback.
                 _ if cfg!(feature = "meshopt") && buffer.extensions.meshopt.fallback => None,
                 (Some(uri), _) => {
                     Some(Cow::from(uri::read(uri, resolver).map_err(|reason| {
@@ -293,13 +293,13 @@ impl<'a> Document<'a> {
     }
 }
 
-/// `length` bytes at `offset`, if there are as many.
+/// `length` bytes at `offset`, if they exist.
 pub fn range(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {
     let end = usize::try_from(offset.checked_add(length)?).ok()?;
     bytes.get(usize::try_from(offset).ok()?..end)
 }
 
-/// What a file consists of.
+/// The parts of a file.
 #[derive(Default)]
 struct Parts<'a> {
     json: &'a [u8],
@@ -353,7 +353,7 @@ fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<Parts<'a>, ImportError> {
     })
 }
 
-/// The first chunk of `bytes`, and what follows it.
+/// The content of the first chunk in `bytes`, and the bytes after that chunk.
 fn chunk(bytes: &[u8], kind: [u8; 4]) -> Result<(&[u8], &[u8]), String> {
     let truncated = "the file ends inside the chunk's header";
     let (length, rest) = take_u32(bytes).ok_or(truncated)?;

@@ -1,4 +1,4 @@
-//! `extras.gpugi`: what gpugi's own scenes say beyond glTF.
+//! `extras.gpugi`: what gpugi's own scenes store beyond glTF.
 
 use glam::Vec3;
 use serde::Deserialize;
@@ -32,7 +32,7 @@ struct LightExtras {
     radius: f32,
 }
 
-/// The reflection model that a material's extras choose.
+/// The reflection model that a material's extras select.
 pub fn material_model(
     document: &Document,
     extras: &Value,
@@ -49,7 +49,7 @@ pub fn material_model(
         (None, None) => Ok(MaterialModel::MetallicRoughness),
         (Some(_), Some(_)) => wrong("a material is either phong or conductor"),
         (Some(Phong { kd, ks, shininess }), None) => {
-            // A rounding error is no gain of energy.
+            // Tolerate rounding errors in kd + ks.
             let keeps_energy = (kd + ks).cmple(Vec3::splat(1.0 + 1e-4)).all();
             let is_positive = kd.cmpge(Vec3::ZERO).all() && ks.cmpge(Vec3::ZERO).all();
             if !keeps_energy || !is_positive {
@@ -73,7 +73,7 @@ pub fn material_model(
     }
 }
 
-/// The emitter's radius that a light's extras give: (m), or (rad) for a directional light. 0 without one.
+/// The radius of the emitter, from a light's extras: (m), or (rad) for a directional light. 0 if there is none.
 pub fn light_radius(document: &Document, extras: &Value, place: &str) -> Result<f32, ImportError> {
     let Some(value) = extras.get("gpugi") else {
         return Ok(0.0);

@@ -1,4 +1,4 @@
-//! Primitives to meshes.
+//! Converts primitives to meshes.
 
 use std::collections::BTreeMap;
 
@@ -10,17 +10,17 @@ use crate::animation::{Influences, MorphTarget};
 use crate::tangents::{self, unit_or};
 use crate::{ImportError, Mesh};
 
-/// A primitive with what may bend it.
+/// A primitive and the data that may deform it.
 pub struct Geometry {
     pub mesh: Mesh,
-    /// Normals were missing, so triangles are flat and share no vertices.
+    /// The file has no normals, so triangles are flat and share no vertices.
     pub flat: bool,
     pub influences: Option<Influences>,
     pub targets: Vec<MorphTarget>,
 }
 
-/// Reads a primitive. None, with a warning, if it holds no triangles. `uv_sets`: those of the file that the mesh's slots are to hold; `normal_slot`: the
-/// one that the material's normal map is read with.
+/// Reads a primitive. `None`, with a warning, if it has no triangles. `uv_sets`: the UV sets of the file that fill the
+/// mesh's slots. `normal_slot`: the slot that the material's normal map uses.
 pub fn read(
     document: &Document,
     primitive: &Primitive,
@@ -49,7 +49,7 @@ pub fn read(
     }
     let mut geometry = reader.vertices(primitive, name, indices, uv_sets)?;
     if geometry.mesh.normals.is_empty() {
-        // glTF 2.0, 3.7.2.1: flat normals, and tangents of the file are ignored.
+        // glTF 2.0, 3.7.2.1: use flat normals and ignore the file's tangents.
         document.charge(geometry.mesh.indices.len() as u64, place)?;
         geometry.mesh.tangents.clear();
         geometry.flat = true;
@@ -74,9 +74,9 @@ pub fn read(
     Ok(Some(geometry))
 }
 
-/// The number of vertices that the file stores for a primitive, and which of them the corners of its triangles are: three
-/// a triangle, in the order of the [`Mesh::indices`] that [`read`] gives. Neither splitting vertices nor making tangents
-/// changes that order.
+/// The number of vertices that the file stores for a primitive, and the vertex of each corner of its triangles: three
+/// per triangle, in the order of the [`Mesh::indices`] that [`read`] returns. Neither splitting vertices nor generating
+/// tangents changes that order.
 pub fn triangle_corners(
     document: &Document,
     primitive: &Primitive,
@@ -92,7 +92,7 @@ pub fn triangle_corners(
 }
 
 impl Geometry {
-    /// Lets skin and morph targets follow vertices that were split.
+    /// Applies the splitting of vertices to influences and morph targets.
     fn follow(&mut self, sources: &[u32]) {
         for target in &mut self.targets {
             tangents::select(&mut target.positions, sources);
@@ -130,12 +130,12 @@ struct Reader<'a> {
     document: &'a Document<'a>,
     place: &'a str,
     attributes_place: &'a str,
-    /// Number of vertices, which every attribute must have.
+    /// Number of vertices; every attribute must have as many elements.
     count: u64,
 }
 
 impl Reader<'_> {
-    /// Three indices a triangle, all in range.
+    /// Three indices per triangle, all in range.
     fn indices(&self, primitive: &Primitive) -> Result<Vec<u32>, ImportError> {
         let Self {
             document, count, ..
@@ -177,7 +177,7 @@ impl Reader<'_> {
             }
             5 => {
                 document.charge(corners.len() as u64 * 3, &place)?;
-                // Every other triangle of a strip turns the other way.
+                // Every other triangle of a strip has the opposite winding.
                 let turned = triangles.enumerate().map(|(at, corners)| match at % 2 {
                     0 => [corners[0], corners[1], corners[2]],
                     _ => [corners[0], corners[2], corners[1]],
@@ -257,7 +257,7 @@ impl Reader<'_> {
         Ok(colors.into_iter().map(Vec4::from).collect())
     }
 
-    /// Joints and weights of all sets, the weights of each vertex scaled to sum to 1.
+    /// Joints and weights of all sets. The weights of each vertex are scaled to sum to 1.
     fn influences(
         &self,
         attributes: &BTreeMap<String, usize>,
@@ -287,7 +287,7 @@ impl Reader<'_> {
             }
             for (vertex, (numbers, weights)) in numbers.into_iter().zip(weights).enumerate() {
                 for (lane, (number, weight)) in numbers.into_iter().zip(weights).enumerate() {
-                    // A negative weight has no meaning; a joint without weight may be any number.
+                    // Negative weights are meaningless; a joint with weight 0 may have any index.
                     let weight = weight.max(0.0);
                     joints[vertex * per_vertex + set * 4 + lane] = if weight > 0.0 {
                         (number, weight)
@@ -302,7 +302,7 @@ impl Reader<'_> {
             if sum > 0.0 && sum.is_finite() {
                 vertex.iter_mut().for_each(|(_, weight)| *weight /= sum);
             } else {
-                // A vertex that follows nobody would fall to the origin.
+                // A vertex without weights would collapse to the origin.
                 vertex[0].1 = 1.0;
             }
         }
@@ -340,7 +340,7 @@ impl Reader<'_> {
         })
     }
 
-    /// An attribute of every vertex; empty if the primitive has none of that name.
+    /// A per-vertex attribute; empty if the primitive does not have it.
     fn floats<const N: usize>(
         &self,
         attributes: &BTreeMap<String, usize>,

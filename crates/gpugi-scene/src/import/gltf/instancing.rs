@@ -1,4 +1,4 @@
-//! EXT_mesh_gpu_instancing: nodes whose meshes stand in many places.
+//! EXT_mesh_gpu_instancing: nodes whose meshes appear in many places.
 
 use std::collections::HashSet;
 
@@ -11,16 +11,16 @@ use crate::animation::{Node, Rig, Transform, unit_rotation};
 
 pub const NAME: &str = "EXT_mesh_gpu_instancing";
 
-/// What stands in many places.
+/// The instanced nodes of a file and their instances.
 #[derive(Default)]
 pub struct Instancing {
-    /// Nodes whose meshes stand there instead of where the nodes are.
+    /// Nodes whose mesh appears at their instances and not at the node itself.
     pub nodes: HashSet<usize>,
-    /// Node and number of each place; places follow the file's nodes in the rig.
+    /// Node and instance number of each place. In the rig, places come after the file's nodes.
     pub places: Vec<(usize, usize)>,
 }
 
-/// Gives `rig` a node for each place, below the node that stands there, with which it moves.
+/// Adds to `rig` one node per place, as a child of the instanced node, so that it moves with that node.
 pub fn expand(document: &Document, rig: &mut Rig) -> Result<Instancing, ImportError> {
     let mut found = Instancing::default();
     for node in 0..document.root.nodes.len() {
@@ -41,8 +41,8 @@ pub fn expand(document: &Document, rig: &mut Rig) -> Result<Instancing, ImportEr
     Ok(found)
 }
 
-/// Where the mesh of `node` stands, in the node's space. None if that is where the node is: as everywhere without the extension, and, with a warning, where
-/// the mesh bends.
+/// The transforms of the instances of `node`'s mesh, in the node's space. `None` if the mesh appears at the node
+/// itself: always without the extension, and also, with a warning, if the mesh deforms.
 pub fn places(document: &Document, node: usize) -> Result<Option<Vec<Transform>>, ImportError> {
     let source = &document.root.nodes[node];
     let (Some(extension), Some(mesh)) = (&source.extensions.instancing, source.mesh) else {

@@ -1,4 +1,4 @@
-//! Materials: metallic-roughness with its extensions, and specular-glossiness turned into it.
+//! Materials: metallic-roughness with its extensions, and specular-glossiness converted to it.
 
 use glam::{Vec3, Vec4};
 
@@ -7,16 +7,16 @@ use super::texture::Textures;
 use super::{extras, schema};
 use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene, Volume};
 
-/// Which scene material a primitive gets.
+/// Maps primitives to scene materials.
 #[derive(Default)]
 pub struct Materials {
     default: Option<usize>,
-    /// By material of the file.
+    /// Per material of the file.
     uv_sets: Vec<[u32; 2]>,
 }
 
 impl Materials {
-    /// The scene's material for glTF's `index`, or glTF's default material without one.
+    /// The scene material for glTF's `index`; without an index, glTF's default material.
     pub fn index(
         &mut self,
         document: &Document,
@@ -39,13 +39,13 @@ impl Materials {
         }
     }
 
-    /// The UV sets of the file that the slots of [`crate::Mesh::uvs`] hold for the textures of a material of the scene.
+    /// The UV sets of the file that fill the slots of [`crate::Mesh::uvs`] for the textures of a scene material.
     pub fn uv_sets(&self, material: usize) -> [u32; 2] {
         self.uv_sets.get(material).copied().unwrap_or([0, 1])
     }
 }
 
-/// Adds every material of the file to `scene`, in the file's order, with the images that they use.
+/// Adds all materials of the file to `scene`, in file order, with the images that they use.
 pub fn read_all(
     document: &Document,
     resolver: &dyn Resolver,
@@ -135,8 +135,8 @@ impl Reader<'_> {
         Ok(material)
     }
 
-    /// The sets that the textures name, the first and the second where they are, and what else there is where it is free. Of more than two the textures
-    /// that matter least go without.
+    /// The UV sets that fill the two slots. Sets 0 and 1 keep their slots if textures use them; another set takes a
+    /// free slot. If the textures use more than two sets, the least important textures are left out.
     fn uv_sets(&self) -> [u32; 2] {
         let extensions = &self.source.extensions;
         let surface = &self.source.pbr_metallic_roughness;
@@ -229,7 +229,7 @@ impl Reader<'_> {
                 &format!("{place}.specularTexture"),
                 scene,
             )?;
-            // It may exceed 1: the reflectance, not the tint, is clamped.
+            // May exceed 1: the reflectance is clamped, not the tint.
             material.specular_color = Vec3::from(extension.specular_color_factor).max(Vec3::ZERO);
             material.specular_color_texture = textures.read(
                 extension.specular_color_texture.as_ref(),
@@ -247,7 +247,7 @@ impl Reader<'_> {
                 scene,
             )?;
         }
-        // Thickness 0 is a thin wall. How thick the solid is, rays find out.
+        // Thickness 0 is a thin wall. Ray tracing determines the actual thickness of a solid.
         if let Some(extension) = &extensions.volume
             && extension.thickness_factor > 0.0
         {
@@ -269,8 +269,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// KHR_materials_pbrSpecularGlossiness: a dielectric (diffuse under a mirror-like coat) whose normal reflectance
-    /// is the specular colour. Index of refraction 0 means a reflectance of 1, which that colour then tints.
+    /// KHR_materials_pbrSpecularGlossiness: a dielectric (diffuse under a mirror-like coat) whose reflectance at normal
+    /// incidence is the specular colour. An index of refraction of 0 means a reflectance of 1, which that colour tints.
     fn specular_glossiness(
         &self,
         model: &schema::SpecularGlossiness,
@@ -329,7 +329,7 @@ impl Reader<'_> {
         factor.map(|channel| self.fraction(what, channel)).into()
     }
 
-    /// `value` within 0..1, where glTF wants it; a warning if it was not.
+    /// `value` clamped to 0..1, as glTF requires, with a warning if it was outside.
     fn fraction(&self, what: &str, value: f32) -> f32 {
         let fraction = value.clamp(0.0, 1.0);
         if fraction != value {
@@ -342,7 +342,8 @@ impl Reader<'_> {
     }
 }
 
-/// KHR_materials_unlit: base colour is what is seen, whatever the light, and emission is ignored. A surface that reflects nothing and emits that looks so.
+/// KHR_materials_unlit: the base colour is shown regardless of lighting, and emission is ignored. This is equivalent to
+/// a surface that reflects nothing and emits its base colour.
 fn show_unlit(material: &mut Material) {
     let alpha = material.base_color.w;
     material.model = MaterialModel::MetallicRoughness;

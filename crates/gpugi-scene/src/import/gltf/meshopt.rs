@@ -1,4 +1,4 @@
-//! EXT_meshopt_compression: buffer views that meshoptimizer packed.
+//! EXT_meshopt_compression: buffer views compressed by meshoptimizer.
 
 use meshopt::{
     decode_filter_exp, decode_filter_oct, decode_filter_quat, decode_index_buffer,
@@ -9,10 +9,11 @@ use super::schema::Meshopt;
 
 const MOST_BYTES_PER_BYTE: u64 = 1024;
 
-/// Unpacks `bytes` to `count` elements of `byte_stride` bytes. The caller has checked that product against its limits.
+/// Decodes `bytes` to `count` elements of `byte_stride` bytes. The caller has checked that product against its limits.
 pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
     let stride = view.byte_stride;
-    // The densest encoding spends one byte on 256 vertices' worth of four: more than that is a lie, not to be allocated.
+    // The densest encoding stores 256 vertices' worth of four bytes in one byte. A file that claims more is damaged; do
+    // not allocate that much.
     if view.count.saturating_mul(stride) / MOST_BYTES_PER_BYTE > bytes.len() as u64 {
         return Err(format!(
             "{} bytes cannot hold {} elements",
@@ -48,7 +49,7 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
     }
 }
 
-/// One vertex of `N` bytes: arrays longer than 32 have no default.
+/// A vertex of `N` bytes. A type of its own, because arrays longer than 32 do not implement `Default`.
 #[derive(Clone, Copy)]
 struct Vertex<const N: usize>([u8; N]);
 
@@ -64,7 +65,7 @@ fn vertices_of<const N: usize>(bytes: &[u8], count: usize) -> Result<Vec<u8>, St
     Ok(vertices.into_iter().flat_map(|vertex| vertex.0).collect())
 }
 
-/// The decoder takes the stride as a type: a multiple of 4 up to 256. None if it is another.
+/// The decoder takes the stride as a type. `None` unless the stride is a multiple of 4 up to 256.
 fn vertices(bytes: &[u8], count: usize, stride: u64) -> Option<Result<Vec<u8>, String>> {
     macro_rules! by_stride {
         ($($quarter:literal)*) => {
@@ -80,7 +81,7 @@ fn vertices(bytes: &[u8], count: usize, stride: u64) -> Option<Result<Vec<u8>, S
     )
 }
 
-/// Undoes the filter that made the vertices easier to pack.
+/// Undoes the filter that made the vertices easier to compress.
 fn filter(name: &str, stride: u64, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     match (name, stride) {
         ("NONE", _) => Ok(bytes),
@@ -100,7 +101,7 @@ fn filter(name: &str, stride: u64, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
             Ok(bytemuck::cast_slice(&vertices).to_vec())
         }
         ("EXPONENTIAL", _) => {
-            // Each word is decoded alone, so the vertices' width does not matter.
+            // Each word is decoded separately, so the vertex size does not matter.
             let mut words: Vec<[u32; 1]> = bytemuck::pod_collect_to_vec(&bytes);
             decode_filter_exp(&mut words);
             Ok(bytemuck::cast_slice(&words).to_vec())

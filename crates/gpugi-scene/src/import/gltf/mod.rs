@@ -1,9 +1,9 @@
-//! glTF 2.0: JSON and binary, its geometry, materials, lights, cameras and animations.
+//! glTF 2.0: JSON and binary files with geometry, materials, lights, cameras and animations.
 //!
-//! One way for every file: [`document`] finds the bytes, [`accessor`] reads numbers from them, [`geometry`] makes a
-//! mesh of each primitive, [`material`] and [`texture`] make surfaces, [`nodes`] places everything, in many places what [`instancing`] says, and [`rig`] says
-//! what moves. A file that breaks a rule gives an error that names the JSON path; what is only optional and not
-//! supported gives a warning.
+//! All files take the same path. [`document`] locates the bytes, [`accessor`] reads numbers from them, and [`geometry`]
+//! builds a mesh per primitive. [`material`] and [`texture`] build surfaces. [`nodes`] places everything, repeatedly
+//! where [`instancing`] requires it, and [`rig`] reads skins and animations. A file that breaks a rule causes an error
+//! that names the JSON path; an optional feature that is not supported causes a warning.
 
 mod accessor;
 pub(crate) mod document;
@@ -22,7 +22,7 @@ pub(crate) mod uri;
 use crate::{ImportError, Limits, Resolver, Scene};
 use document::Document;
 
-/// Reads a glTF scene, JSON or binary.
+/// Reads a glTF scene from JSON or binary.
 pub fn import(
     name: &str,
     bytes: &[u8],

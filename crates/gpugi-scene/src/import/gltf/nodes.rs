@@ -1,4 +1,4 @@
-//! The default scene: what stands where.
+//! Places the contents of the default scene.
 
 use std::collections::HashMap;
 
@@ -12,8 +12,8 @@ use super::{extras, rig, schema};
 use crate::animation::{Deformer, Node, Rig, Transform, rigid, unit_rotation};
 use crate::{Camera, ImportError, Instance, Light, LightKind, Origin, Projection, Scene};
 
-/// What an instance costs of [`crate::Limits::elements`]: it takes about the memory of as many vertices, and two short
-/// lists of a hostile file multiply to very many.
+/// The number of [`crate::Limits::elements`] that an instance counts as: it takes about as much memory as that many
+/// vertices. Without this charge, two short lists in a hostile file could multiply to a huge number of instances.
 pub const INSTANCE_ELEMENTS: u64 = 8;
 
 /// Adds instances, lights and cameras to `scene`, and a rig if anything moves.
@@ -124,8 +124,8 @@ fn transform(node: &schema::Node) -> Transform {
     }
 }
 
-/// The weights of the morph targets of the node's mesh: the node's, or else the mesh's, or else none. `targets`: how
-/// many each mesh has.
+/// The morph target weights for the node's mesh: those of the node, otherwise those of the mesh, otherwise zeros.
+/// `targets`: number of morph targets of each mesh.
 fn weights(
     document: &Document,
     node: &schema::Node,
@@ -159,7 +159,8 @@ fn weights(
     Ok(weights.clone())
 }
 
-/// The nodes of the default scene, parents first. The first scene, or everything, where no scene is the default.
+/// The nodes of the default scene, parents first. If there is no default scene, those of the first scene; if there are
+/// no scenes, all nodes.
 fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportError> {
     let root = &document.root;
     let scene = match root.scene {
@@ -187,10 +188,10 @@ fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportEr
 /// A primitive that has been read.
 struct Loaded {
     geometry: Geometry,
-    /// Its number among the primitives of its mesh.
+    /// Its index among the primitives of its mesh.
     primitive: usize,
     material: usize,
-    /// The scene's mesh that all instances share that do not bend.
+    /// The scene mesh that all instances share that do not deform.
     shared: Option<usize>,
 }
 
@@ -198,13 +199,14 @@ struct Placer<'a> {
     document: &'a Document<'a>,
     materials: &'a mut Materials,
     rig: Rig,
-    /// Primitives by glTF mesh.
+    /// Primitives, by glTF mesh.
     geometries: HashMap<usize, Vec<Loaded>>,
     instancing: Instancing,
 }
 
 impl Placer<'_> {
-    /// The node of the file that a node of the rig is, or else the one of whose places it is one, and that place's number.
+    /// The file's node for a node of the rig: the same node or, for an instance of an instanced node, that node and the
+    /// instance number.
     fn stands(&self, carrier: usize) -> (usize, Option<usize>) {
         match carrier.checked_sub(self.document.root.nodes.len()) {
             None => (carrier, None),
@@ -348,7 +350,7 @@ impl Placer<'_> {
         Ok(())
     }
 
-    /// Reads the primitives of a mesh, once.
+    /// Reads the primitives of a mesh, unless that has already happened.
     fn load(&mut self, index: usize, scene: &mut Scene) -> Result<(), ImportError> {
         if self.geometries.contains_key(&index) {
             return Ok(());

@@ -64,7 +64,8 @@ pub fn read_animations(document: &Document, rig: &mut Rig) -> Result<(), ImportE
     Ok(())
 }
 
-/// Reads a channel. None if it moves no node, as extensions may want, or, with a warning, something unknown.
+/// Reads a channel. `None` if it targets no node, which extensions may require, or, with a warning, if its target path
+/// is unknown.
 fn read_channel(
     document: &Document,
     animation: &schema::Animation,

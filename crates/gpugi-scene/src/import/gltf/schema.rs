@@ -1,8 +1,8 @@
 //! The parts of the glTF 2.0 JSON that gpugi reads.
 //!
-//! These are our own structs rather than those of the `gltf` crate, because its validation indexes lists with
-//! unchecked numbers from the file, it rejects `EXT_meshopt_compression`, and it reads no unknown extension in place.
-//! Here a number is only a number: whoever follows an index checks it.
+//! These structs are custom. Those of the `gltf` crate do not fit: its validation indexes lists with unchecked numbers
+//! from the file, it rejects `EXT_meshopt_compression`, and it does not read unknown extensions in place. Here indices
+//! are plain numbers; whoever uses an index checks it.
 
 mod material;
 
@@ -13,7 +13,7 @@ use serde_json::{Map, Value};
 
 pub use material::{Material, SpecularGlossiness, TextureInfo};
 
-/// Extensions and extras that gpugi does not read in a typed way.
+/// Extensions and extras for which gpugi has no types.
 pub type Others = Map<String, Value>;
 
 #[derive(Debug, Default, Deserialize)]
@@ -192,7 +192,7 @@ pub struct SparsePart {
     pub buffer_view: usize,
     #[serde(default)]
     pub byte_offset: u64,
-    /// Present for indices only.
+    /// For indices only.
     pub component_type: Option<u32>,
 }
 
@@ -256,7 +256,7 @@ pub struct BufferExtensions {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct MeshoptBuffer {
-    /// The buffer only gives room to what compressed buffer views decode to.
+    /// The buffer has no content and only stands in for the decoded content of compressed buffer views.
     pub fallback: bool,
 }
 
@@ -265,7 +265,7 @@ pub struct MeshoptBuffer {
 pub struct Texture {
     pub sampler: Option<usize>,
     pub source: Option<usize>,
-    /// Images in formats that gpugi does not decode.
+    /// Names images in formats that gpugi does not decode.
     pub extensions: Others,
 }
 
@@ -354,7 +354,7 @@ fn ones<const N: usize>() -> [f32; N] {
     [1.0; N]
 }
 
-/// Reads floats and refuses what 32 bits turn into infinity: JSON can say 1e99.
+/// Reads floats and rejects those that become infinite in 32 bits: JSON can hold 1e99.
 fn finite<'de, D: Deserializer<'de>, T: Deserialize<'de> + Finite>(
     deserializer: D,
 ) -> Result<T, D::Error> {

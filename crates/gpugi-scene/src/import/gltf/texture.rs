@@ -1,4 +1,4 @@
-//! Textures and images. An image is decoded when the first material asks for it.
+//! Textures and images. An image is decoded when the first material requests it.
 
 use std::collections::HashMap;
 
@@ -10,16 +10,16 @@ use super::uri;
 use crate::image::decode_color;
 use crate::{Image, ImportError, Limits, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
-/// Decoded images and textures by glTF index.
+/// Indices of the decoded images and textures in the scene, by glTF index.
 pub struct Textures<'a> {
     document: &'a Document<'a>,
     resolver: &'a dyn Resolver,
     textures: HashMap<usize, usize>,
     images: HashMap<usize, usize>,
-    /// Roughness textures made of glossiness, by glTF texture and the bits of the glossiness factor.
+    /// Roughness textures derived from glossiness, by glTF texture and the bits of the glossiness factor.
     roughness: HashMap<(usize, u32), usize>,
     bytes_left: u64,
-    /// The UV sets of the file that the slots of [`crate::Mesh::uvs`] hold for the material that is being read.
+    /// The UV sets of the file that fill the slots of [`crate::Mesh::uvs`] for the material being read.
     pub uv_sets: [u32; 2],
 }
 
@@ -36,7 +36,7 @@ impl<'a> Textures<'a> {
         }
     }
 
-    /// The texture that a material's `info` at `place` names. None, with a warning, if no slot holds its UV set.
+    /// The texture to which a material's `info` at `place` refers. `None`, with a warning, if no slot holds its UV set.
     pub fn read(
         &mut self,
         info: Option<&TextureInfo>,
@@ -59,7 +59,7 @@ impl<'a> Textures<'a> {
             return Ok(None);
         };
         let uv_from_mesh = transform.map_or(Affine2::IDENTITY, |transform| {
-            // Counter-clockwise for a v axis that points down is clockwise in glam's terms.
+            // glTF rotates counter-clockwise with v pointing down, which is clockwise for glam.
             Affine2::from_scale_angle_translation(
                 Vec2::from(transform.scale),
                 -transform.rotation,
@@ -166,7 +166,7 @@ impl<'a> Textures<'a> {
                 wrap(sampler.and_then(|sampler| sampler.wrap_t))?,
             ],
             nearest: sampler.is_some_and(|sampler| sampler.mag_filter == Some(9728)),
-            // NEAREST and LINEAR: without.
+            // NEAREST and LINEAR do not use mip levels.
             has_levels: !sampler
                 .is_some_and(|sampler| matches!(sampler.min_filter, Some(9728 | 9729))),
             image: self.image(source, &place, scene)?,

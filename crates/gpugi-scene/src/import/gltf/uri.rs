@@ -1,4 +1,4 @@
-//! Data URIs and percent-encoded relative ones.
+//! Reads data URIs and percent-encoded relative URIs.
 
 use base64::Engine;
 use base64::alphabet::STANDARD;
@@ -6,13 +6,13 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::Resolver;
 
-/// Base64 as exporters write it: with and without padding.
+/// Base64 as exporters write it, with or without padding.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &STANDARD,
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-/// The bytes that `uri` holds or names.
+/// The bytes that `uri` contains or refers to.
 pub fn read(uri: &str, resolver: &dyn Resolver) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (kind, content) = data
@@ -47,7 +47,7 @@ fn percent_decoded(text: &str) -> Vec<u8> {
         if *first == b'%'
             && let (Some(high), Some(low)) = (digit(tail.first()), digit(tail.get(1)))
         {
-            // Two hexadecimal digits fit a byte.
+            // Two hexadecimal digits fit into a byte.
             decoded.pop();
             decoded.push((high * 16 + low) as u8);
             rest = &tail[2..];

@@ -1,4 +1,4 @@
-//! The OBJ file itself: vertices, faces, and which material they have.
+//! Parses the OBJ file itself: vertices, faces, and the material of each face.
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
@@ -11,31 +11,31 @@ use crate::{ImportError, Limits, Mesh, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
-    /// Named after the group; without normals when a corner lacks one.
+    /// Named after the group; has no normals if any corner lacks one.
     pub mesh: Mesh,
     /// The material's name, if any.
     pub material: Option<String>,
-    /// New vertices by position, texture coordinate and normal.
+    /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
     has_uvs: bool,
 }
 
-/// Numbers of a position, a texture coordinate and a normal.
+/// Indices of a position, a texture coordinate and a normal.
 type Corner = (u32, Option<u32>, Option<u32>);
 
-/// What an OBJ file holds.
+/// The contents of an OBJ file.
 pub struct Geometry {
-    /// In the order of the file.
+    /// Parts in file order.
     pub parts: Vec<Part>,
-    /// The rest of each `mtllib` line.
+    /// The arguments of each `mtllib` line.
     pub libraries: Vec<String>,
-    /// What the file asks for and does not get.
+    /// Features that the file uses and the importer does not support.
     pub warnings: Vec<String>,
 }
 
 impl Geometry {
-    /// Reads `text`; errors name `file` and the line.
+    /// Parses `text`; errors name `file` and the line.
     pub fn parse(file: &str, text: &str, limits: &Limits) -> Result<Self, ImportError> {
         let mut parser = Parser {
             elements_left: limits.elements,
@@ -71,7 +71,7 @@ impl Geometry {
     }
 }
 
-/// Lines with the number of their first one; a backslash at the end continues a line.
+/// Lines, each with the number of its first physical line. A backslash at the end continues a line.
 fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut lines = text.lines().enumerate();
     std::iter::from_fn(move || {
@@ -92,7 +92,7 @@ struct Parser {
     uvs: Vec<Vec2>,
     parts: Vec<Part>,
     part_by_key: HashMap<(String, Option<String>), usize>,
-    /// The part that faces go to; none after a change of group or material.
+    /// The part that receives faces; `None` after a change of group or material.
     current: Option<usize>,
     group: String,
     material: Option<String>,
@@ -107,7 +107,7 @@ impl Parser {
         let line = line.trim();
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
-        // Names may hold a #, numbers end there.
+        // Names may contain a #; after numbers, it starts a comment.
         let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
         let words = || values.split_whitespace().take(4).collect::<Vec<&str>>();
         match keyword {
@@ -119,7 +119,7 @@ impl Parser {
             }
             "vn" => self.normals.push(numbers(&words())?.into()),
             "vt" => {
-                // v is optional and counts upward.
+                // v is optional and points up.
                 let words = words();
                 let [u] = numbers(&words)?;
                 let [v] = words.get(1..2).map_or(Ok([0.0]), numbers)?;
@@ -135,7 +135,7 @@ impl Parser {
                 self.current = None;
             }
             "mtllib" => self.libraries.push(rest.to_owned()),
-            // A damaged file could hold any number of unknown words.
+            // Limited, because a damaged file could hold any number of unknown words.
             _ if self.ignored.len() < 20 => {
                 self.ignored.insert(shortened(keyword));
             }
@@ -173,7 +173,7 @@ impl Parser {
         Ok(())
     }
 
-    /// `position`, `position/uv`, `position//normal` or `position/uv/normal`; from 1, or backward from -1.
+    /// `position`, `position/uv`, `position//normal` or `position/uv/normal`; counted from 1, or backward from -1.
     fn corner(&self, word: &str) -> Result<Corner, String> {
         let mut fields = word.split('/');
         let mut next = |what: &str, count: usize| {
@@ -256,7 +256,7 @@ impl Part {
             self.has_uvs |= uv.is_some();
             mesh.uvs[0].push(uv.unwrap_or_default());
             let normal = normal.map(|normal| normals[normal as usize]);
-            // A zero normal is as good as none.
+            // A zero normal counts as missing.
             let normal = normal.map_or(Vec3::ZERO, |normal| unit_or(Vec3::ZERO, normal));
             self.lacks_normals |= normal == Vec3::ZERO;
             mesh.normals.push(normal);

@@ -1,4 +1,4 @@
-//! MTL: materials.
+//! MTL materials.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -8,14 +8,14 @@ use super::texture::{Map, Textures};
 use super::{numbers, shortened};
 use crate::{AlphaMode, ImportError, Limits, Material, MaterialModel, Resolver, Scene};
 
-/// The materials of all libraries that a file names.
+/// The materials of all libraries that an OBJ file refers to.
 pub struct Library<'a> {
     resolver: &'a dyn Resolver,
     textures: Textures<'a>,
     by_name: HashMap<String, usize>,
 }
 
-/// A material as MTL describes it.
+/// A material as described by MTL.
 #[derive(Default)]
 struct Entry {
     name: String,
@@ -24,7 +24,7 @@ struct Entry {
     ke: Option<Vec3>,
     shininess: Option<f32>,
     alpha: Option<f32>,
-    /// 1 - alpha; some exporters write it instead.
+    /// 1 - alpha, which some exporters write instead of alpha.
     transparency: Option<f32>,
     roughness: Option<f32>,
     metallic: Option<f32>,
@@ -33,7 +33,7 @@ struct Entry {
     maps: HashMap<&'static str, Map>,
 }
 
-/// Maps that are used, by their keyword.
+/// Supported maps, by keyword.
 const MAPS: [&str; 4] = ["map_Kd", "map_Ke", "map_d", "norm"];
 
 impl<'a> Library<'a> {
@@ -45,12 +45,13 @@ impl<'a> Library<'a> {
         }
     }
 
-    /// The material called `name`, an index into the scene's.
+    /// Index of the material called `name` in the scene.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.by_name.get(name).copied()
     }
 
-    /// Adds the libraries of a `mtllib` line to the scene: one name that may hold blanks, or several.
+    /// Adds the libraries of a `mtllib` line to the scene. The line holds either one name, possibly with spaces, or
+    /// several names.
     pub fn load(&mut self, names: &str, scene: &mut Scene) -> Result<(), ImportError> {
         let whole = names.replace('\\', "/");
         let mut files = vec![whole.as_str()];
@@ -104,14 +105,14 @@ impl<'a> Library<'a> {
 }
 
 impl Entry {
-    /// Takes in one line; false if it is not supported.
+    /// Parses one statement; returns `false` if it is not supported.
     fn statement(&mut self, keyword: &str, rest: &str) -> Result<bool, String> {
-        // Names may hold a #, numbers end there.
+        // Names may contain a #; after numbers, it starts a comment.
         let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
         let words: Vec<&str> = values.split_whitespace().take(4).collect();
         let one = || numbers::<1>(&words).map(|[value]| Some(value));
         match keyword {
-            // The ambient colour belongs to no light that exists.
+            // The ambient colour is ignored: there are no ambient lights.
             "" | "Ka" => {}
             _ if keyword.starts_with('#') => {}
             "Kd" => self.kd = Some(color(&words)?),
@@ -141,7 +142,7 @@ impl Entry {
             .or(self.transparency.map(|transparency| 1.0 - transparency))
             .unwrap_or(1.0)
             .clamp(0.0, 1.0);
-        // A map without a factor counts in full.
+        // With a map but no factor, the factor is 1.
         let without = if map("map_Kd").is_some() { 1.0 } else { 0.6 };
         let kd = self.kd.unwrap_or(Vec3::splat(without));
         let kd = kd.clamp(Vec3::ZERO, Vec3::ONE);
@@ -166,7 +167,8 @@ impl Entry {
         material
     }
 
-    /// Metallic-roughness if the physically based extension is there, Phong if something is specular, else matt.
+    /// Metallic-roughness if the statements of the physically based extension are present, Phong if the material is
+    /// specular, otherwise matt.
     fn reflection(&self, kd: Vec3, scene: &mut Scene) -> Material {
         if self.roughness.is_some() || self.metallic.is_some() {
             return Material {
@@ -203,7 +205,7 @@ impl Entry {
     }
 }
 
-/// One number stands for three; spectra and CIE XYZ are not supported.
+/// A single number applies to all three channels; spectra and CIE XYZ are not supported.
 fn color(words: &[&str]) -> Result<Vec3, String> {
     match *words {
         ["spectral" | "xyz", ..] => Err("only RGB colours are supported".into()),

@@ -1,4 +1,4 @@
-//! Images that an MTL file names.
+//! Images to which an MTL file refers.
 
 use std::collections::HashMap;
 
@@ -10,17 +10,17 @@ use crate::{Image, Limits, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 /// A map statement: options and a file name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Map {
-    /// The file, with forward slashes.
+    /// File name, with forward slashes.
     pub file: String,
     scale: Vec2,
     offset: Vec2,
     clamp: bool,
-    /// `-bm`: the strength of a normal or bump map.
+    /// `-bm`: strength of a normal or bump map.
     pub strength: f32,
 }
 
 impl Map {
-    /// Reads what follows the keyword. Options that change the image's values are passed over.
+    /// Parses the text after the keyword. Options that change the values of the image are ignored.
     pub fn parse(rest: &str) -> Self {
         let mut map = Self {
             file: String::new(),
@@ -55,7 +55,7 @@ impl Map {
                         "-s" => &mut map.scale,
                         _ => &mut Vec2::ZERO.clone(),
                     };
-                    // One to three numbers; the name follows.
+                    // One to three numbers, followed by the file name.
                     for axis in 0..3 {
                         let (word, after) = values
                             .split_once(char::is_whitespace)
@@ -75,7 +75,7 @@ impl Map {
         map
     }
 
-    /// Texture coordinates with v downward; MTL scales and offsets those with v upward.
+    /// Converts texture coordinates with v downward; MTL scales and offsets those with v upward.
     fn uv_from_mesh(&self) -> Affine2 {
         let offset = Vec2::new(self.offset.x, 1.0 - self.scale.y - self.offset.y);
         Affine2::from_scale_angle_translation(self.scale, 0.0, offset)
@@ -86,7 +86,7 @@ fn finite(word: &str) -> Option<f32> {
     word.parse().ok().filter(|value: &f32| value.is_finite())
 }
 
-/// Decodes each image once, and warns once about each that cannot be used.
+/// Decodes each image once, and warns once about each image that cannot be used.
 pub struct Textures<'a> {
     resolver: &'a dyn Resolver,
     limits: Limits,
@@ -104,14 +104,14 @@ impl<'a> Textures<'a> {
         }
     }
 
-    /// The texture that `map` names; none, with a warning, when it cannot be read.
+    /// The texture that `map` refers to; `None`, with a warning, if it cannot be read.
     pub fn texture(&mut self, map: &Map, scene: &mut Scene) -> Option<TextureRef> {
         let image = self.image(&map.file, scene)?;
         Some(self.place(map, image, scene))
     }
 
-    /// `color` with its alpha from `alpha`, whose RGB is the coverage, or whose own alpha if that is not all 1. Without
-    /// `color` it is white.
+    /// Combines `color` with the coverage in `alpha`: the alpha channel of `alpha` if that is not 1 everywhere,
+    /// otherwise the mean of its RGB. Without `color`, the colour is white.
     pub fn with_alpha(
         &mut self,
         color: Option<&Map>,
@@ -170,7 +170,7 @@ impl<'a> Textures<'a> {
         image
     }
 
-    /// Takes bytes off what images may still use.
+    /// Deducts bytes from the budget for images.
     fn take(&mut self, bytes: usize) -> bool {
         let left = self.limits.image_bytes.checked_sub(bytes as u64);
         self.limits.image_bytes = left.unwrap_or(0);
@@ -199,7 +199,7 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// An image of `base`'s size, with its colours or white, and with alpha from the nearest texel of `coverage`.
+/// An image of the size of `base`, with its colours or white. Alpha comes from the nearest texel of `coverage`.
 fn combine(name: &str, base: &Image, colored: bool, coverage: &Image) -> Option<Image> {
     let (Pixels::Rgba8(colors), Pixels::Rgba8(alphas)) = (&base.pixels, &coverage.pixels) else {
         return None;

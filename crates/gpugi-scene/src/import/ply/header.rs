@@ -1,6 +1,6 @@
-//! The text at the start of a PLY file.
+//! Parses the text at the start of a PLY file.
 
-/// How the values after the header are written.
+/// Encoding of the values after the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     Ascii,
@@ -8,7 +8,7 @@ pub enum Format {
     BigEndian,
 }
 
-/// A number's type.
+/// Type of a number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     I8,
@@ -36,7 +36,7 @@ impl Kind {
         })
     }
 
-    /// Bytes in a binary file.
+    /// Size in a binary file (bytes).
     pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -46,7 +46,7 @@ impl Kind {
         }
     }
 
-    /// The largest value of an integer type.
+    /// The largest value of an integer type; `None` for floats.
     pub fn largest(self) -> Option<f64> {
         match self {
             Self::I8 => Some(f64::from(i8::MAX)),
@@ -60,16 +60,16 @@ impl Kind {
     }
 }
 
-/// A value, or a list of them, that each entry of an element has.
+/// A property of each entry of an element: a value or a list of values.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Property {
     pub name: String,
     pub kind: Kind,
-    /// The type of the count in front of a list.
+    /// Type of the count before a list; `None` if the property is not a list.
     pub list_count: Option<Kind>,
 }
 
-/// A table of the file: vertices, faces.
+/// A table in the file, such as vertices or faces.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
@@ -77,17 +77,17 @@ pub struct Element {
     pub properties: Vec<Property>,
 }
 
-/// What the file says about itself.
+/// The contents of the header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     pub format: Format,
     pub elements: Vec<Element>,
-    /// Bytes up to the first value.
+    /// Size of the header (bytes), which is the offset of the first value.
     pub size: usize,
 }
 
 impl Header {
-    /// Reads the header; the error is a line number and a reason.
+    /// Parses the header; the error is a line number and a reason.
     pub fn parse(bytes: &[u8]) -> Result<Self, (usize, String)> {
         let mut format = None;
         let mut elements: Vec<Element> = Vec::new();

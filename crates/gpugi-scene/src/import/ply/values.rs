@@ -1,15 +1,15 @@
-//! The numbers after a PLY header.
+//! Reads the values after a PLY header.
 
 use super::header::{Element, Format, Kind, Property};
 
-/// Reads one number after the other; every length is checked against what is left.
+/// Reads numbers in sequence and checks every length against the remaining bytes.
 pub struct Values<'a> {
     rest: &'a [u8],
     format: Format,
 }
 
 impl<'a> Values<'a> {
-    /// The values in `bytes`, which follow the header.
+    /// Reads the values in `bytes`, which start right after the header.
     pub fn new(bytes: &'a [u8], format: Format) -> Self {
         Self {
             rest: bytes,
@@ -17,7 +17,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Checks that an element of this size can be there at all.
+    /// Checks that the remaining bytes can hold an element of this size.
     pub fn expect(&self, element: &Element) -> Result<(), String> {
         let least = element
             .properties
@@ -36,7 +36,7 @@ impl<'a> Values<'a> {
         Ok(())
     }
 
-    /// The fewest bytes a number takes, with its separator.
+    /// Minimum size of a number including its separator (bytes).
     fn least(&self, kind: Kind) -> usize {
         match self.format {
             Format::Ascii => 2,
@@ -53,7 +53,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// The length of the list that comes next; that much is there.
+    /// The length of the next list; the remaining bytes can hold that many values.
     pub fn list_count(&mut self, property: &Property) -> Result<usize, String> {
         let kind = property.list_count.unwrap_or(Kind::U8);
         let count = self.number(kind)?;
@@ -66,7 +66,7 @@ impl<'a> Values<'a> {
         Ok(count as usize)
     }
 
-    /// Where the reader stands, for errors.
+    /// Current position of the reader, for error messages.
     pub fn place(&self, file: &[u8]) -> String {
         let offset = file.len() - self.rest.len();
         match self.format {
@@ -118,14 +118,14 @@ impl<'a> Values<'a> {
     }
 }
 
-/// A word of an ASCII file.
+/// A word in an ASCII file.
 struct Word<'a>(&'a [u8]);
 
 impl Word<'_> {
     fn parse_number(&self, kind: Kind) -> Result<f64, String> {
         let text = String::from_utf8_lossy(self.0);
         let number = match kind {
-            // A 32-bit float is meant: rounding twice would differ in the last bit.
+            // Parse 32-bit floats directly: rounding via 64 bits could change the last bit.
             Kind::F32 => text.parse::<f32>().map(f64::from).ok(),
             _ => text.parse::<f64>().ok(),
         };

@@ -1,4 +1,4 @@
-//! Alpha of the texels of an atlas, for files that hold light instead of base colours.
+//! Alpha of the texels of an atlas, for files that hold light in place of base colours.
 
 use gpugi_scene::{AlphaMode, Atlas, Instance, InstanceUvs, Scene};
 
@@ -8,11 +8,12 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Texels that are on the GPU at a time: a page of 2,048 texels a side.
+/// Texels that are on the GPU at one time: a page of 2,048 texels per side.
 const TEXELS_AT_ONCE: u32 = 1 << 22;
 
-/// Alpha (0 to 1) of the texels of an atlas, as the materials give it, cut-offs not applied: all pages one after the other, row by row; empty texels are filled
-/// from their neighbours. `None` where all that the atlas holds is opaque. Pass `capture.atlas.alpha`.
+/// Alpha (0 to 1) of the texels of an atlas, as the materials give it, without cutoffs: all pages one after the other,
+/// row by row. Empty texels are filled from their neighbours. `None` if everything in the atlas is opaque. Pass
+/// `capture.atlas.alpha`.
 ///
 /// # Errors
 /// As [`AtlasCapture::new`].

@@ -1,4 +1,4 @@
-//! The triangles of an atlas, and which blocks of texels each is taken to.
+//! The triangles of an atlas, and the blocks of texels that each touches.
 
 use std::ops::Range;
 
@@ -8,15 +8,15 @@ use gpugi_scene::{Atlas, InstanceUvs, Mesh, Scene, provoking_order};
 
 use crate::gpu::{Gpu, GpuError};
 
-/// Texels a side of a block, as in capture/atlas/cover.wesl.
+/// Texels per side of a block, as in capture/atlas/cover.wesl.
 const BLOCK: u32 = 8;
-/// Pages that a block's number has room for.
+/// Most pages that fit the bits of a packed block.
 const MOST_PAGES: u32 = 1 << 12;
 /// Most blocks; an atlas without overlap has far fewer.
 const MOST_BLOCKS: usize = 1 << 26;
-/// Corners lie on whole steps of so many a texel: their differences to middles of texels are then exact, up to 8,192 texels.
+/// Steps per texel to which corners are snapped: their differences to texel centres are then exact, up to 8,192 texels.
 const STEPS: f32 = 1024.0;
-/// Units of area in what a texel has of surface on average.
+/// Units of area in the mean surface area per texel.
 const AREA_UNITS: f64 = (1 << 24) as f64;
 
 /// `AtlasTriangle` of capture/atlas/coverage.wesl.
@@ -33,11 +33,11 @@ pub(crate) struct AtlasTriangle {
 /// All triangles of an atlas.
 pub(super) struct Layout {
     pub triangles: Vec<AtlasTriangle>,
-    /// Page of each.
+    /// Page of each triangle.
     pages: Vec<u32>,
-    /// Unit of the areas of texels (m^2).
+    /// Unit of texel areas (m^2).
     pub area_unit: f32,
-    /// Side of a square with as much surface as texels have on average (m).
+    /// Side of a square whose area is the mean surface area per texel (m).
     pub texel_side: f32,
 }
 
@@ -81,7 +81,8 @@ impl Layout {
         })
     }
 
-    /// The blocks in some rows that each triangle touches: its number, and the block's place as capture/atlas/cover.wesl reads it.
+    /// The blocks in some rows that each triangle touches: index of the triangle, and place of the block as
+    /// capture/atlas/cover.wesl reads it.
     pub fn blocks(
         &self,
         gpu: &Gpu,
@@ -104,7 +105,7 @@ impl Layout {
                 }
                 let band = [y * BLOCK, (y + 1) * BLOCK].map(|edge| edge as f32);
                 let [left, right] = extent_in_band(corners, band);
-                // A step more than the band, so that rounding leaves nothing out.
+                // One step wider than the band's extent, so that rounding leaves nothing out.
                 let left = (left - 1.0 / STEPS).max(0.0) as u32 / BLOCK;
                 let right = (right + 1.0 / STEPS).clamp(0.0, last) as u32 / BLOCK;
                 for x in left..=right {
@@ -124,7 +125,7 @@ impl Layout {
     }
 }
 
-/// Leftmost and rightmost points of a triangle between two rows.
+/// Leftmost and rightmost x of a triangle between two rows.
 fn extent_in_band(corners: [Vec2; 3], [top, bottom]: [f32; 2]) -> [f32; 2] {
     let mut extent = [f32::INFINITY, f32::NEG_INFINITY];
     let mut include = |x: f32| extent = [extent[0].min(x), extent[1].max(x)];
@@ -141,7 +142,7 @@ fn extent_in_band(corners: [Vec2; 3], [top, bottom]: [f32; 2]) -> [f32; 2] {
     extent
 }
 
-/// The corners of each triangle in the order of the scene's tables, which rotate triangles.
+/// The corners of each triangle in the vertex order of the scene's tables, which rotate triangles.
 pub(super) fn ordered_corners(mesh: &Mesh, uvs: &InstanceUvs) -> Vec<[Vec2; 3]> {
     let ordered = provoking_order(&mesh.indices, mesh.positions.len());
     let triangles = mesh.indices.as_chunks::<3>().0.iter();

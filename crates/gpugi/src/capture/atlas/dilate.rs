@@ -1,4 +1,4 @@
-//! Fills the empty texels of images of an atlas, so that filters and coarser levels read no black.
+//! Fills the empty texels of images of an atlas, so that filters and downsampling read no black.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -25,12 +25,12 @@ pub struct Dilation {
     push: Kernel,
     store: Kernel,
     levels: wgpu::Buffer,
-    /// Each two neighbouring levels, the finest first.
+    /// Pairs of adjacent levels, the finest first.
     two: Vec<(LevelsUniform, wgpu::Buffer)>,
 }
 
 impl Dilation {
-    /// For images of `size` texels: those of a piece of an atlas ([`super::AtlasPiece`]), or a page.
+    /// For images of `size` texels: those of a piece of an atlas ([`super::AtlasPiece`]), or of a page.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold four thirds of an image.
@@ -73,13 +73,13 @@ impl Dilation {
         })
     }
 
-    /// Bytes of its levels.
+    /// Bytes of the levels.
     pub fn bytes(&self) -> u64 {
         self.levels.size()
     }
 
-    /// Gives every texel of `image` whose a is 0 a mean of texels around it, with 1 in a; the others stay. Pass `capture.atlas.dilate`.
-    /// An image without any texel stays black.
+    /// Fills every texel of `image` whose a is 0 with a mean of the texels around it, and 1 in a; the others are kept.
+    /// Pass `capture.atlas.dilate`. An image in which all texels are empty stays black.
     ///
     /// # Errors
     /// [`GpuError::Pass`].

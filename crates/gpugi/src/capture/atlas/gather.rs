@@ -1,9 +1,10 @@
-//! The gather of a technique that keeps something in texels: a camera's points look it up where they lie in the atlas, the atlas's own at themselves.
+//! The gather of a technique that keeps data in texels. A camera's points look it up where they lie in the atlas; the
+//! atlas's own points read their own texels.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::AtlasCapture;
-use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::capture::{PerReceiver, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::scene::GpuScene;
 
@@ -16,17 +17,18 @@ pub(crate) struct OwnUniform {
     pub padding: [u32; 2],
 }
 
-/// A pass over points that looks texels up.
+/// A pass over points that reads texels of an atlas.
 #[derive(Debug)]
 pub(crate) struct TexelGather {
     kernel: Kernel,
-    /// The atlas, and what its texels keep.
+    /// The atlas, and the data in its texels.
     kept: wgpu::BindGroup,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
+    bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
 impl TexelGather {
-    /// The pass of a shader whose group 1 are points, 2 `kept`, an atlas and what is in its texels, and 3 `radiance`, `hits` and `own`.
+    /// The pass of a shader with these bind groups: 1 the points; 2 `kept`, which is an atlas and the data in its
+    /// texels; 3 `radiance`, `hits` and `own`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -45,11 +47,11 @@ impl TexelGather {
         Ok(Self {
             kept: kernel.bind(gpu, 2, kept)?,
             kernel,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 
-    /// Adds the light at `points` to `target`, in the pass `name`. `texels`: those of the atlas.
+    /// Adds the light at the receiver's points to its target, in the pass `name`. `texels` is the capture of the atlas.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -59,11 +61,11 @@ impl TexelGather {
         name: &str,
         scene: &GpuScene,
         texels: &AtlasCapture,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let (gpu, kernel) = (frame.gpu, &self.kernel);
-        let [seen, added] = self.bound.of(points, target, || {
+        let Receiver { points, target } = receiver;
+        let [seen, added] = self.bound.of(receiver, || {
             let mut pieces = texels.pieces().iter();
             let own = pieces.find(|piece| piece.points.points == points.points);
             let own = OwnUniform {

@@ -1,4 +1,4 @@
-//! Texels whose points lie inside other things: found, moved out or taken away, counted.
+//! Finds texels whose points lie inside other objects, moves the points out or removes them, and counts both.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -7,11 +7,11 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Of the hemisphere's rays, at least so many (0 to 1) meet surfaces from behind where a point is inside.
+/// A point counts as inside if at least this share (0 to 1) of its hemisphere's rays hits surfaces from behind.
 const SHARE: f32 = 0.5;
-/// Rays start so many sides of a texel above the surface.
+/// Height above the surface at which rays start, in sides of a texel.
 const OFFSET: f32 = 0.01;
-/// Texels of a dispatch, each of which traces up to 40 rays: no driver may take it for one that hangs.
+/// Texels per dispatch. Each traces up to 40 rays, and no driver may take the dispatch for a hang.
 const TEXELS_AT_ONCE: u32 = if cfg!(test) { 1 << 10 } else { 1 << 16 };
 
 /// `Settings` of capture/atlas/leaks.wesl.
@@ -30,15 +30,15 @@ pub(crate) struct LeakSettings {
 pub struct LeakReport {
     /// Texels that no triangle touches.
     pub empty: u64,
-    /// Texels whose points lie where light can be.
+    /// Texels whose points lie where light can reach.
     pub good: u64,
-    /// Texels whose points lay inside something and were moved out, by a texel at most.
+    /// Texels whose points lay inside something and were moved out, by one texel at most.
     pub moved: u64,
-    /// Texels whose points lay inside something, which have none now.
+    /// Texels whose points lay inside something and were removed.
     pub invalid: u64,
 }
 
-/// What a map shows of a texel, by its state: empty, good, moved, invalid.
+/// Color of a texel in a map, by its state: empty, good, moved, invalid.
 const COLORS: [[u8; 4]; 4] = [
     [0, 0, 0, 0],
     [128, 128, 128, 255],
@@ -47,7 +47,7 @@ const COLORS: [[u8; 4]; 4] = [
 ];
 
 impl LeakReport {
-    /// Of what [`LeakTest::map`] shows.
+    /// Counts the texels that [`LeakTest::map`] shows.
     pub fn of_map(map: &[[u8; 4]]) -> Self {
         let [empty, good, moved, invalid] =
             COLORS.map(|color| map.iter().filter(|texel| **texel == color).count() as u64);
@@ -60,25 +60,26 @@ impl LeakReport {
     }
 }
 
-/// Finds the texels of an atlas whose points lie inside other things.
+/// Finds the texels of an atlas whose points lie inside other objects.
 #[derive(Debug)]
 pub struct LeakTest {
     kernel: Kernel,
     pieces: Vec<Piece>,
-    /// Number of the capture whose points were tested.
+    /// Number of the capture whose points were last tested.
     tested: u64,
 }
 
 #[derive(Debug)]
 struct Piece {
-    /// Bind group 1 of each dispatch, and its texels.
+    /// Bind group 1 of each dispatch, and its number of texels.
     dispatches: Vec<(wgpu::BindGroup, u32)>,
     states: wgpu::Buffer,
     count: u32,
 }
 
 impl LeakTest {
-    /// Room for the texels of `capture`; `rays` is the same scene, in which rays are traced ([`GpuScene::with_rays`]).
+    /// Allocates the test of the texels of `capture`. `rays` is the same scene, uploaded for ray tracing
+    /// ([`GpuScene::with_rays`]).
     ///
     /// # Errors
     /// [`GpuError`].
@@ -125,8 +126,9 @@ impl LeakTest {
         })
     }
 
-    /// Tests the points of `capture` if they are new since the last time: pass `capture.atlas.leaks`. Those that lie inside something are moved out
-    /// along their surface or lose their instance, as if no triangle touched the texel.
+    /// Tests the points of `capture` if they were captured again since the last test: pass `capture.atlas.leaks`.
+    /// Points that lie inside something are moved out along their surface, or lose their instance as if no triangle
+    /// touched the texel.
     pub fn record(&mut self, frame: &mut Frame<'_>, rays: &GpuScene, capture: &AtlasCapture) {
         if self.tested == capture.number {
             return;
@@ -142,7 +144,7 @@ impl LeakTest {
         }
     }
 
-    /// How many texels there are of each kind. Waits for the GPU.
+    /// Counts the texels of each kind. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -150,12 +152,13 @@ impl LeakTest {
         Ok(LeakReport::of_map(&self.map(gpu)?))
     }
 
-    /// What became of the texels of each piece, a number of 32 bits each: 0 empty, 1 good, 2 moved, 3 invalid.
+    /// State of the texels of each piece, 32 bits each: 0 empty, 1 good, 2 moved, 3 invalid.
     pub(crate) fn states(&self) -> impl Iterator<Item = &wgpu::Buffer> {
         self.pieces.iter().map(|piece| &piece.states)
     }
 
-    /// A picture of all rows, 8-bit RGBA: empty texels transparent, good ones grey, moved ones green, invalid ones red. Waits for the GPU.
+    /// An image of all rows, 8-bit RGBA: empty texels transparent, good ones grey, moved ones green, invalid ones red.
+    /// Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].

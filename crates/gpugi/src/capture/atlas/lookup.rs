@@ -1,4 +1,5 @@
-//! Where in an atlas the points of triangles lie: for shaders that have a hit, of a ray or a camera, and want the light that texels keep.
+//! Where in an atlas the points of triangles lie: for shaders that have a hit, of a ray or a camera, and need the light
+//! kept in texels.
 
 use gpugi_scene::{Atlas, Scene};
 
@@ -8,10 +9,10 @@ use crate::gpu::{Gpu, GpuError};
 /// `HEADER_WORDS` and `INSTANCE_WORDS` of capture/atlas/lookup.wesl.
 const HEADER_WORDS: usize = 2;
 const INSTANCE_WORDS: usize = 2;
-/// `NO_TRIANGLES` there.
+/// `NO_TRIANGLES` of the same shader.
 const NO_TRIANGLES: u32 = u32::MAX;
 
-/// The corners of all triangles of an atlas, as `atlas` of capture/atlas/lookup.wesl.
+/// The corners of all triangles of an atlas: `atlas` of capture/atlas/lookup.wesl.
 #[derive(Debug)]
 pub struct AtlasLookup {
     /// The words that shaders read.
@@ -19,7 +20,7 @@ pub struct AtlasLookup {
 }
 
 impl AtlasLookup {
-    /// Uploads the corners of `atlas`, which is one of `scene`.
+    /// Uploads the corners of `atlas`, which must belong to `scene`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].

@@ -1,9 +1,10 @@
-//! The texels of an atlas as surface points, which every technique lights as it lights a camera's pixels: light in texture space (tutorial, section 2 and
-//! figure 6).
+//! The texels of an atlas as surface points, which every technique lights just as it lights a camera's pixels: light in
+//! texture space (tutorial, section 2 and figure 6).
 //!
-//! Each texel that a triangle touches is a point, also where the triangle misses its middle (section 7.3, figures 71 to 73): the point of the surface nearest
-//! to the middle. A texel's area is what of all triangles lies in it, exactly; all areas add up to the scene's. Points lie on the fronts of surfaces, of
-//! double-sided ones, too; what is cut out by alpha has points like what is not, but no area; what passes through surfaces is left out.
+//! Each texel that a triangle touches is a point, even where the triangle misses the texel's centre (section 7.3,
+//! figures 71 to 73): the point of the surface nearest to the centre. A texel's area is the exact area of all triangles
+//! within it; the areas of all texels add up to the scene's. Points lie on the front faces of surfaces, including
+//! double-sided ones. What alpha cuts out has points like any other surface, but no area. Transmission is left out.
 
 mod alpha;
 pub(crate) mod blocks;
@@ -20,7 +21,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use gpugi_scene::{Atlas, Scene};
 
-use super::{SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
+use super::{Output, SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
@@ -32,26 +33,28 @@ pub use leaks::{LeakReport, LeakTest};
 pub use lookup::AtlasLookup;
 pub(crate) use seams::SeamFilter;
 
-/// Which lobes the points of texels have. What mirrors looks different from everywhere, and a texel is seen from everywhere.
+/// Which lobes the points of texels have. Mirror reflection looks different from every direction, and a texel is seen
+/// from every direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TexelLobes {
-    /// Diffuse reflection, as of a Lambert surface that sends on as much of even light. Gathers give radiance, alike in all directions.
+    /// Diffuse reflection, as of a Lambert surface that reflects as much of uniform illumination. Gathers give
+    /// radiance, the same in all directions.
     #[default]
     Diffuse,
-    /// As [`TexelLobes::Diffuse`] of a white surface that emits nothing: the radiance that gathers give, times pi, is the irradiance [W/m^2].
-    White,
-    /// All, seen from straight above.
+    /// All lobes, seen from straight above.
     All,
 }
 
 /// How texels become points.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct AtlasCaptureOptions {
-    /// Their lobes.
+    /// Lobes of the points.
     pub lobes: TexelLobes,
+    /// What gathers give at them.
+    pub output: Output,
     /// Most texels in one buffer; the adapter's limits may be lower.
     pub most_texels: u32,
-    /// The rows that are captured, counted through all pages: all that there are, when `None`.
+    /// The rows to capture, counted through all pages; `None` captures all rows.
     pub rows: Option<Range<u32>>,
 }
 
@@ -59,6 +62,7 @@ impl Default for AtlasCaptureOptions {
     fn default() -> Self {
         Self {
             lobes: TexelLobes::Diffuse,
+            output: Output::RadianceToEye,
             most_texels: u32::MAX,
             rows: None,
         }
@@ -82,14 +86,14 @@ pub(crate) struct PieceUniform {
 /// Bytes of a `Texel` of capture/atlas/coverage.wesl.
 const TEXEL_BYTES: u64 = 16;
 
-/// As many rows of an atlas as fit a buffer.
+/// Rows of an atlas that fit one buffer.
 #[derive(Debug)]
 pub struct AtlasPiece {
-    /// Their texels, row by row.
+    /// The rows' texels, row by row.
     pub points: SurfacePoints,
-    /// The rows, counted through all pages, which lie below each other.
+    /// The rows, counted through all pages, which are stacked vertically.
     pub rows: Range<u32>,
-    /// `Texel` of capture/atlas/coverage.wesl, one a point.
+    /// `Texel` of capture/atlas/coverage.wesl, one per point.
     pub texels: wgpu::Buffer,
     /// `Piece` of capture/atlas/coverage.wesl.
     uniform: wgpu::Buffer,
@@ -102,30 +106,31 @@ pub struct AtlasPiece {
 /// Captures the texels of an atlas as surface points.
 #[derive(Debug)]
 pub struct AtlasCapture {
-    /// Texels a side of a page.
+    /// Texels per side of a page.
     pub size: u32,
     /// Number of pages.
     pub pages: u32,
-    /// Side of a square with as much surface as texels have on average (m).
+    /// Side of a square whose area is the mean surface area per texel (m).
     pub texel_side: f32,
-    /// Bytes of its buffers and textures.
+    /// Bytes of all buffers and textures.
     pub bytes: u64,
-    /// How often points were made.
+    /// How many times the points were captured.
     number: u64,
     pieces: Vec<AtlasPiece>,
     triangles: wgpu::Buffer,
     cover: Kernel,
     resolve: Kernel,
-    /// Version of the meshes that the atlas was made for.
+    /// Version of the meshes for which the atlas was made.
     meshes: u64,
     captured: Option<Versions>,
 }
 
 impl AtlasCapture {
-    /// Room for the texels of `atlas`, which is one of `scene`, of which `on_gpu` is the upload.
+    /// Allocates the capture of `atlas`, which must belong to `scene`; `on_gpu` is the upload of `scene`.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when the atlas is not one of the scene; [`GpuError::TooLarge`] when a row of it does not fit a buffer; [`GpuError::OutOfMemory`].
+    /// [`GpuError::Pass`] when the atlas does not belong to the scene; [`GpuError::TooLarge`] when a row of it does not
+    /// fit a buffer; [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -162,7 +167,7 @@ impl AtlasCapture {
                 let blocks = layout.blocks(gpu, atlas, &rows)?;
                 let blocks_on_gpu = gpu.storage("blocks of an atlas [bytes]", &blocks)?;
                 let count = (rows.end - rows.start) * atlas.size;
-                // A hit is four bytes.
+                // A hit record has four bytes.
                 bytes += u64::from(count) * (TEXEL_BYTES + SURFACE_POINT_BYTES + 4);
                 bytes += blocks_on_gpu.size();
                 let storage = wgpu::BufferUsages::STORAGE;
@@ -200,6 +205,7 @@ impl AtlasCapture {
                     )?,
                     count,
                     hits: hits.clone(),
+                    output: options.output,
                 };
                 let uniform = |phase| {
                     gpu.uniform(
@@ -271,26 +277,28 @@ impl AtlasCapture {
         self.pieces.iter().map(|piece| &piece.points)
     }
 
-    /// Says which sample of light the next gathers take, and from which seed; targets begin anew with sample 0.
+    /// Sets the sample of light that the next gathers take, and its seed. Sample 0 restarts targets.
     pub fn look(&self, gpu: &Gpu, sample_index: u32, seed: u32) {
         for piece in &self.pieces {
-            let view = ViewUniform {
+            let mut view = ViewUniform {
                 width: self.size,
                 height: piece.rows.end - piece.rows.start,
                 sample_index,
-                // Pieces look alike to what is stochastic.
+                // Otherwise all pieces would use the same random numbers.
                 seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),
                 ..Zeroable::zeroed()
             };
+            piece.points.output.write(&mut view);
             gpu.queue
                 .write_buffer(&piece.points.view, 0, bytemuck::bytes_of(&view));
         }
     }
 
-    /// Brings the points up to date with the scene, if they are not: passes `capture.atlas.cover` and `capture.atlas.resolve`.
+    /// Captures the points again if the scene's geometry or materials changed: passes `capture.atlas.cover` and
+    /// `capture.atlas.resolve`.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when the scene has other triangles than the atlas.
+    /// [`GpuError::Pass`] when the scene's triangles differ from the atlas's.
     pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
         if scene.versions.meshes != self.meshes {
             return Err(GpuError::Pass {
@@ -329,7 +337,7 @@ impl AtlasCapture {
 /// The rows of all pages of an atlas.
 ///
 /// # Errors
-/// [`GpuError::TooLarge`] when nobody could count them.
+/// [`GpuError::TooLarge`] when their number does not fit 32 bits.
 fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> {
     let all = u64::from(atlas.pages) * u64::from(atlas.size);
     let end = u32::try_from(all).map_err(|_| GpuError::TooLarge {
@@ -341,33 +349,33 @@ fn rows_of(gpu: &Gpu, atlas: &Atlas) -> Result<Range<u32>, GpuError> {
     Ok(0..end)
 }
 
-/// Rows around those of a tile whose texels its gutters continue.
+/// Extra rows captured around a cut tile, because its gutters continue their texels.
 pub(crate) const HALO: u32 = 8;
 
-/// Rows that are worked at for themselves.
+/// Rows that are processed independently of the others.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Tile {
     /// The rows.
     pub rows: Range<u32>,
-    /// Those that are captured: where a page is cut also some around, whose texels gutters at the cut continue.
+    /// The rows to capture: where a page is cut, also some rows around, whose texels the gutters at the cut continue.
     pub captured: Range<u32>,
 }
 
 impl Tile {
-    /// Of an image of the captured rows, in pages of `size` texels a side, the tile's.
+    /// The tile's own rows in an image of its captured rows; pages have `size` texels per side.
     pub fn of<'a, T>(&self, image: &'a [T], size: u32) -> &'a [T] {
         let first = (self.rows.start - self.captured.start) as usize * size as usize;
         &image[first..][..self.rows.len() * size as usize]
     }
 }
 
-/// The rows of an atlas in tiles of no more than `most_texels`: whole pages where they fit.
+/// Splits the rows of an atlas into tiles of at most `most_texels`: whole pages where they fit.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`].
 pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Tile>, GpuError> {
     let all = rows_of(gpu, atlas)?;
-    // A row at least, however few texels that are.
+    // At least one row, however many texels it has.
     let pieces = cut(gpu, atlas.size, all.clone(), most_texels.max(atlas.size))?;
     let whole = |rows: Range<u32>| Tile {
         captured: rows.clone(),
@@ -389,18 +397,18 @@ pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Ti
     Ok(firsts.map(tile).collect())
 }
 
-/// The fewest pieces of `rows`, in pages of `size` texels a side, that fit the adapter's buffers and have no more than `most_texels`: whole pages where they
-/// fit, so that no chart is cut.
+/// Splits `rows`, in pages of `size` texels per side, into the fewest pieces that fit the adapter's buffers and have at
+/// most `most_texels`: whole pages where they fit, so that no chart is cut.
 ///
 /// # Errors
-/// [`GpuError::TooLarge`] when not even a row does.
+/// [`GpuError::TooLarge`] when not even one row fits.
 fn cut(
     gpu: &Gpu,
     size: u32,
     rows: Range<u32>,
     most_texels: u32,
 ) -> Result<Vec<Range<u32>>, GpuError> {
-    let limits = gpu.device.limits();
+    let limits = gpu.limits();
     let bytes = limits
         .max_buffer_size
         .min(limits.max_storage_buffer_binding_size);

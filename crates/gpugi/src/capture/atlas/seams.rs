@@ -1,5 +1,5 @@
-//! Seams of images that stay on the GPU, as they become finer from frame to frame. What a bake writes is solved for on the host, to the end
-//! ([`Seams::smooth`]).
+//! Smooths seams of images that stay on the GPU and are refined from frame to frame. Seams of a bake's output are
+//! solved on the host, to convergence ([`Seams::smooth`]).
 
 use bytemuck::{Pod, Zeroable};
 use gpugi_scene::atlas::Seams;
@@ -8,7 +8,7 @@ use crate::capture::Target;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
 
-/// After so many, a twentieth of the difference is left.
+/// After this many iterations, a twentieth of the difference remains.
 const ITERATIONS: u32 = 6;
 
 /// `Sample` of capture/atlas/seams.wesl.
@@ -40,14 +40,14 @@ pub(crate) struct TermRow {
 /// Makes both sides of seams agree.
 #[derive(Debug)]
 pub(crate) struct SeamFilter {
-    /// Passes and their items, none where there are no seams.
+    /// Passes and their numbers of items; empty where there are no seams.
     passes: Vec<(Kernel, wgpu::BindGroup, u32)>,
-    /// Bytes of buffers.
+    /// Bytes of all buffers.
     pub bytes: u64,
 }
 
 impl SeamFilter {
-    /// For one image of all pages of the atlas that `seams` are of.
+    /// For one image of all pages of the atlas to which `seams` belong.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].

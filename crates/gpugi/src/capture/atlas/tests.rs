@@ -4,6 +4,7 @@ mod alpha;
 mod leaks;
 mod seams;
 
+use crate::capture::{Output, Receiver};
 use glam::{DVec2, DVec3, Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::atlas::{AtlasOptions, NO_CHART, TexelDensity};
 use gpugi_scene::builtin::{builtin, shapes};
@@ -11,18 +12,18 @@ use gpugi_scene::{
     Atlas, Camera, Environment, InstanceUvs, Light, LightKind, Material, Mesh, Scene,
 };
 
-use super::{AtlasCapture, AtlasCaptureOptions, TexelLobes};
+use super::{AtlasCapture, AtlasCaptureOptions};
 use crate::capture::{CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
-use crate::techniques::{Lit, Technique};
+use crate::techniques::{Earlier, Technique};
 use crate::testing::{Point, Random, read_points, test_gpu};
 
 const NONE: u32 = u32::MAX;
 
-/// The atlas's points, all pieces one after the other.
+/// The atlas's points, of all pieces in order.
 fn captured(gpu: &Gpu, scene: &Scene, atlas: &Atlas, options: &AtlasCaptureOptions) -> Vec<Point> {
     let on_gpu = GpuScene::new(gpu, scene).unwrap();
     let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, options).unwrap();
@@ -93,7 +94,7 @@ fn area_in_texel(corners: [DVec2; 3], x: u32, y: u32) -> f64 {
     fans.sum::<f64>().abs() / 2.0
 }
 
-/// A triangle's point nearest to `p`, as weights of its corners, and the distance.
+/// The point of a triangle nearest to `p`, as weights of its corners, and its distance.
 fn nearest(corners: [DVec2; 3], p: DVec2) -> ([f64; 3], f64) {
     let [a, b, c] = corners;
     let whole = doubled_area(a, b, c);
@@ -119,7 +120,7 @@ fn nearest(corners: [DVec2; 3], p: DVec2) -> ([f64; 3], f64) {
         .fold(first, |best, one| if one.1 < best.1 { one } else { best })
 }
 
-/// Boxes of several sizes, turned, stretched and mirrored, and a sphere.
+/// Boxes of several sizes, rotated, stretched and mirrored, and a sphere.
 fn boxes() -> Scene {
     let mut scene = Scene::new("boxes");
     let mesh = scene.add_mesh(shapes::cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 3));
@@ -149,7 +150,7 @@ fn texels_show_the_nearest_point_and_hold_what_covers_them() {
     let atlas = atlas(&scene, SIZE);
     let points = captured(&gpu, &scene, &atlas, &AtlasCaptureOptions::default());
     assert_eq!(points.len(), (SIZE * SIZE) as usize);
-    // Of each texel: area, and candidates as (distance, position, normal, instance).
+    // Per texel: its area, and its candidates as (distance, position, normal, instance).
     let mut areas = vec![0.0; points.len()];
     let mut candidates: Vec<Vec<(f64, DVec3, DVec3, u32)>> = vec![Vec::new(); points.len()];
     for (index, uvs) in atlas.instances.iter().enumerate() {
@@ -193,7 +194,7 @@ fn texels_show_the_nearest_point_and_hold_what_covers_them() {
             "texel {texel}: {point:?}, not {}",
             areas[texel]
         );
-        // Corners lie on steps of 2^-10 texels: what is hardly touched may or may not be.
+        // Corners are snapped to 2^-10 texels: a texel that is barely touched may or may not count.
         let Some(least) = candidates[texel].iter().map(|one| one.0).reduce(f64::min) else {
             assert!(areas[texel] < 1e-3 * scale * scale);
             continue;
@@ -296,7 +297,7 @@ fn pieces_are_the_whole_cut_and_the_same_every_time() {
     ));
 }
 
-/// A mesh of triangles without common vertices.
+/// A mesh of triangles without shared vertices.
 fn soup(corners: Vec<Vec3>) -> Scene {
     let mut scene = Scene::new("soup");
     let mesh = scene.add_mesh(Mesh {
@@ -325,7 +326,7 @@ fn handmade(corners: Vec<Vec2>, size: u32) -> Atlas {
 #[test]
 fn the_lowest_of_equally_near_triangles_owns_a_texel() {
     let Some(gpu) = test_gpu() else { return };
-    // Twenty triangles at different heights on the same texels, in a shuffled order.
+    // Twenty triangles at different heights over the same texels, in shuffled order.
     let corners: Vec<Vec3> = (0..20)
         .flat_map(|height| {
             let up = Vec3::Z * height as f32;
@@ -353,13 +354,13 @@ fn triangles_without_texels_of_their_own_keep_their_area() {
     for index in 0..200 {
         corners.extend([Vec3::ZERO, Vec3::X * 0.1, Vec3::Y * 0.1]);
         let at = Vec2::new(random.next() as f32, random.next() as f32);
-        // A point, a line, a triangle far smaller than a texel.
+        // A point, a line, and a triangle far smaller than a texel.
         let far = [Vec2::ZERO, Vec2::X * 0.2, Vec2::splat(3e-3)][index % 3];
         let side = if index % 3 == 2 { Vec2::X * 3e-3 } else { far };
         let clamp = |uv: Vec2| uv.clamp(Vec2::ZERO, Vec2::ONE);
         places.extend([at, clamp(at + far), clamp(at + side)]);
     }
-    // On the very corner of the page.
+    // Exactly on the corner of the page.
     places[599] = Vec2::ONE;
     let mut atlas = handmade(places, 16);
     atlas.instances[0].as_mut().unwrap().charts[0] = NO_CHART;
@@ -378,7 +379,7 @@ fn triangles_without_texels_of_their_own_keep_their_area() {
     );
 }
 
-/// What a technique's light and the frame's own add to the texels of all pieces.
+/// The light that a technique and the frame's own pass add to the texels of all pieces.
 fn lit(
     gpu: &Gpu,
     scene: &Scene,
@@ -402,19 +403,16 @@ fn lit(
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
     capture.record(&mut frame, &on_gpu).unwrap();
-    let mut nothing = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    let mut nothing = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
     technique
         .generate(&mut frame, &on_gpu, &view, &mut nothing)
         .unwrap();
     let mut targets = Vec::new();
     for points in capture.points() {
         let target = Target::new(gpu, points.count).unwrap();
-        emission
-            .record(&mut frame, &on_gpu, points, &target)
-            .unwrap();
-        technique
-            .gather(&mut frame, &on_gpu, points, &target)
-            .unwrap();
+        let receiver = Receiver::new(points, &target);
+        emission.record(&mut frame, &on_gpu, &receiver).unwrap();
+        technique.gather(&mut frame, &on_gpu, &receiver).unwrap();
         targets.push((target, points.count));
     }
     frame.submit().unwrap();
@@ -436,20 +434,21 @@ fn gathers_light_texels_as_they_light_pixels() {
     let light = Light::new("lamp", LightKind::Point, intensity);
     scene.lights.push(light.aimed(lamp, Vec3::ZERO));
     let atlas = atlas(&scene, 64);
-    for (lobes, most_texels) in [(TexelLobes::Diffuse, u32::MAX), (TexelLobes::White, 640)] {
+    for (output, most_texels) in [(Output::RadianceToEye, u32::MAX), (Output::Irradiance, 640)] {
         let (points, radiance) = lit(
             &gpu,
             &scene,
             &atlas,
             &AtlasCaptureOptions {
-                lobes,
+                output,
                 most_texels,
-                rows: None,
+                ..Default::default()
             },
         );
-        let albedo = match lobes {
-            TexelLobes::White => Vec3::ONE,
-            _ => Vec3::new(0.5, 0.25, 0.75),
+        let albedo = Vec3::new(0.5, 0.25, 0.75);
+        let response = match output {
+            Output::Irradiance => Vec3::ONE,
+            _ => albedo / std::f32::consts::PI,
         };
         let mut bright = 0;
         for (point, found) in points.iter().zip(&radiance) {
@@ -459,11 +458,10 @@ fn gathers_light_texels_as_they_light_pixels() {
             }
             assert_eq!(found[3], 1.0);
             assert!(point.diffuse.abs_diff_eq(albedo, 0.01), "{point:?}");
-            // The box is convex: nothing else casts shadows.
+            // The box is convex, so nothing else casts shadows.
             let away = lamp - point.position;
             let cosine = point.normal.dot(away.normalize()).max(0.0);
-            let wanted =
-                albedo * intensity * (cosine / (std::f32::consts::PI * away.length_squared()));
+            let wanted = response * intensity * (cosine / away.length_squared());
             let found = Vec3::new(found[0], found[1], found[2]);
             let error = (found - wanted).length() / wanted.length().max(0.01);
             assert!(error < 0.02, "{point:?}: {found}, not {wanted}");

@@ -1,9 +1,10 @@
-//! A depth atlas of parallel views by compute: for meshes whose triangles are about as small as texels, of which the hardware's rasterizer
-//! draws too few a second on large GPUs.
+//! A depth atlas of parallel views by compute: for meshes with triangles about as small as texels, which the hardware
+//! rasterizer of large GPUs draws too slowly.
 //!
-//! The atlas is made band by band of its rows. A kernel draws small triangles into a buffer by atomic maxima and lists larger ones; one
-//! render pass takes the buffer to the atlas and has the hardware draw the listed triangles and those with alpha. So lookups find the texture
-//! that [`DepthAtlas::record`] draws, with the same coverage, depths and bias.
+//! The atlas is drawn in bands of its rows. A kernel draws small triangles into a buffer with atomic maxima and lists
+//! larger ones. One render pass then copies the buffer to the atlas, and the hardware draws the listed triangles and
+//! those with alpha. The result is the texture that [`DepthAtlas::record`] draws, with the same coverage, depths and
+//! bias.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -16,15 +17,15 @@ use crate::shader;
 
 /// Most texels of a band, unless one row of tiles has more: 32 MiB, which stay in the cache of a large GPU.
 const BAND_TEXELS: u64 = 1 << 23;
-/// Most triangles times views of a dispatch: each may turn out large, so the list has room for all of them.
+/// Most triangles times views per dispatch: each may turn out to be large, and the list has room for all of them.
 const DISPATCH_TRIANGLES: u64 = 1 << 23;
 /// `VIEWS_AT_ONCE` of small.wesl.
 const VIEWS_AT_ONCE: u32 = 16;
-/// Most workgroups along an axis.
+/// Most workgroups along one axis.
 const MOST_WORKGROUPS: u64 = 65_535;
 
 /// `ParallelView` of parallel.wesl.
-#[allow(missing_docs)] // The shader documents them.
+#[allow(missing_docs)] // Documented in the shader.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct ParallelView {
@@ -38,7 +39,7 @@ pub(crate) struct ParallelView {
 }
 
 /// `Range` of parallel.wesl.
-#[allow(missing_docs)] // The shader documents them.
+#[allow(missing_docs)] // Documented in the shader.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub(crate) struct Range {
@@ -52,7 +53,7 @@ pub(crate) struct Range {
     pub padding_1: u32,
 }
 
-/// The passes, and the buffers that every atlas drawn by them shares.
+/// The passes, and the buffers shared by all atlases that they draw.
 #[derive(Debug)]
 pub struct DepthCompute {
     small: Kernel,
@@ -61,12 +62,12 @@ pub struct DepthCompute {
     list: wgpu::Buffer,
     arguments: wgpu::Buffer,
     depths: wgpu::Buffer,
-    /// As [`BAND_TEXELS`] and [`DISPATCH_TRIANGLES`], which tests lower.
+    /// [`BAND_TEXELS`] and [`DISPATCH_TRIANGLES`], which tests lower.
     pub(super) band_texels: u64,
     pub(super) dispatch_triangles: u64,
 }
 
-/// Rows of the atlas that are made at once, and the views in them.
+/// Rows of the atlas that are drawn together, and the views in them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Band {
     first_row: u32,
@@ -75,7 +76,7 @@ struct Band {
     view_count: u32,
 }
 
-/// How an atlas is drawn: kept with it until the scene's buffers or its own views are others.
+/// How an atlas is drawn. Kept with the atlas until the scene's buffers or the atlas's views are replaced.
 #[derive(Debug)]
 pub(super) struct Plan {
     list: wgpu::Buffer,
@@ -101,7 +102,7 @@ struct Step {
     resolve: wgpu::BindGroup,
 }
 
-/// Number of opaque triangles: merged triangles lie in order of class.
+/// Number of opaque triangles. Merged triangles are sorted by class.
 fn opaque_triangles(draws: &[Draw]) -> u32 {
     let opaque = draws.iter().filter(|draw| draw.class < DrawClass::Alpha);
     opaque.map(|draw| draw.indices.end / 3).max().unwrap_or(0)
@@ -128,8 +129,9 @@ impl DepthCompute {
                 &shader!("capture.depth.small"),
                 "main",
                 None,
-                // Indices are in range: of triangles because the host counts them, of vertices because it wrote the indices, of texels because
-                // boxes are cut to their tiles, of the list because it has room for every triangle of a dispatch. Loops end: a box is small.
+                // Unchecked indices are in range: of triangles because the host counts them, of vertices because the
+                // host wrote the indices, of texels because boxes are clipped to their tiles, of the list because it
+                // has room for every triangle of a dispatch. Loops end because boxes are small.
                 &KernelOptions {
                     unchecked: true,
                     ..Default::default()
@@ -149,7 +151,8 @@ impl DepthCompute {
         })
     }
 
-    /// Whether a view can be drawn: it must be parallel, hold the scene, since nothing is clipped, and see nearest surfaces.
+    /// Whether compute can draw a view. The view must be parallel, must contain the scene, because nothing is clipped,
+    /// and must show the nearest surfaces, not back faces.
     pub fn can_draw(spec: &DepthViewSpec, bounds: &Bounds) -> bool {
         let is_parallel = spec.clip_from_world.row(3) == Vec4::W;
         is_parallel
@@ -160,7 +163,8 @@ impl DepthCompute {
             })
     }
 
-    /// Draws every view of `atlas`, of which [`DepthCompute::can_draw`] holds, in passes `name` (small triangles) and `name`.atlas (the rest).
+    /// Draws every view of `atlas` in passes `name` (small triangles) and `name`.atlas (the rest).
+    /// [`DepthCompute::can_draw`] must hold for the views.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when a row of tiles does not fit a binding, [`GpuError::OutOfMemory`].
@@ -326,7 +330,7 @@ impl DepthCompute {
 }
 
 impl Plan {
-    /// What shaders read of each view, in their order.
+    /// The views as shaders read them, in the order of the atlas's rows.
     fn parallel_views(&self, atlas: &DepthAtlas) -> Vec<ParallelView> {
         let mut views = Vec::with_capacity(self.order.len());
         for (band, _) in &self.bands {
@@ -352,7 +356,7 @@ impl Plan {
     }
 }
 
-/// Cuts an atlas into bands of whole rows of tiles. Returns its views in the order of their rows, too.
+/// Cuts an atlas into bands of whole rows of tiles. Also returns its views in the order of their rows.
 fn bands(atlas: &DepthAtlas, side: u32, most_texels: u64) -> (Vec<usize>, Vec<Band>) {
     let mut order: Vec<usize> = (0..atlas.specs.len()).collect();
     order.sort_by_key(|&index| atlas.corners[index][1]);
@@ -362,7 +366,7 @@ fn bands(atlas: &DepthAtlas, side: u32, most_texels: u64) -> (Vec<usize>, Vec<Ba
         let row = atlas.corners[index][1];
         let end = row + atlas.specs[index].size[1];
         match bands.last_mut() {
-            // Tiles of one row stay together: the tallest come first.
+            // Tiles of one row stay together, because the tallest come first.
             Some(band) if end - band.first_row <= most_rows.max(band.rows) => {
                 band.rows = band.rows.max(end - band.first_row);
                 band.view_count += 1;

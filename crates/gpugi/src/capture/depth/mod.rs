@@ -1,4 +1,5 @@
-//! Depth captures of many views into one atlas: one render pass, and a viewport, a scissor and a draw a view; or by compute.
+//! Depth captures of many views into one atlas: by one render pass, which sets a viewport and a scissor rectangle and
+//! draws per view; or by compute.
 
 pub mod compute;
 mod rasterizer;
@@ -21,7 +22,7 @@ use crate::shader;
 pub const ATLAS_SIDE: u32 = 8192;
 
 /// `DepthView` of capture/depth_view.wesl.
-#[allow(missing_docs)] // The shader documents them.
+#[allow(missing_docs)] // Documented in the shader.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub(crate) struct DepthViewUniform {
@@ -36,11 +37,11 @@ pub(crate) struct DepthViewUniform {
 /// A depth texture that holds many views.
 #[derive(Debug)]
 pub struct DepthAtlas {
-    /// The texture, 32-bit float, nearer is greater.
+    /// The texture: 32-bit float, nearer is greater.
     pub texture: wgpu::Texture,
-    /// Its view.
+    /// View of the texture.
     pub view: wgpu::TextureView,
-    /// `array<DepthView>` for lookups.
+    /// `array<DepthView>`, which lookups read.
     pub views: wgpu::Buffer,
     specs: Vec<DepthViewSpec>,
     corners: Vec<[u32; 2]>,
@@ -49,7 +50,7 @@ pub struct DepthAtlas {
     plan: Option<compute::Plan>,
 }
 
-/// Draws depth.
+/// The pipelines that draw depth.
 #[derive(Debug)]
 pub struct DepthKernels {
     second_depth: RasterKernel,
@@ -106,7 +107,7 @@ impl DepthAtlas {
     /// An atlas for `specs`, packed into rows.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] when they do not fit [`ATLAS_SIDE`] squared.
+    /// [`GpuError::TooLarge`] when the tiles do not fit [`ATLAS_SIDE`] squared.
     pub fn new(
         gpu: &Gpu,
         kernels: &DepthKernels,
@@ -124,7 +125,7 @@ impl DepthAtlas {
                 adapter: gpu.adapter.name.clone(),
             });
         }
-        // Square, so that a texel has the same width along both axes of texture coordinates.
+        // Square, so that a texel is equally wide along both axes of texture coordinates.
         let side = width.max(height).max(1);
         let texture = gpu.texture(&wgpu::TextureDescriptor {
             label: Some("depth atlas"),
@@ -145,7 +146,8 @@ impl DepthAtlas {
         Self::in_texture(gpu, kernels, specs, texture)
     }
 
-    /// An atlas that draws into the texture of another one, which has at least as much room; what that one drew is lost.
+    /// An atlas that draws into the texture of another one, which must have at least as much room; the other's contents
+    /// are lost.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
@@ -177,7 +179,7 @@ impl DepthAtlas {
         })
     }
 
-    /// Lets the same tiles see something else. False, and nothing done, when `specs` needs other tiles.
+    /// Gives the same tiles new views. Returns false, and changes nothing, if `specs` needs different tiles.
     pub fn update(&mut self, gpu: &Gpu, specs: &[DepthViewSpec]) -> bool {
         let same = self.specs.len() == specs.len()
             && self
@@ -194,7 +196,7 @@ impl DepthAtlas {
         same
     }
 
-    /// The atlas's texture coordinates and depth from world space, of an orthographic view.
+    /// Transforms world space to the atlas's texture coordinates and depth, for an orthographic view.
     pub fn atlas_from_world(&self, index: usize) -> Mat4 {
         let spec = &self.specs[index];
         let scale = 1.0 / self.texture.width() as f32;
@@ -222,7 +224,7 @@ impl DepthAtlas {
         });
     }
 
-    /// Draws what is drawn in one of the ways of `draws` into every view.
+    /// Draws into every view, but only what is drawn as one of `draws`.
     fn draw(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
@@ -247,7 +249,7 @@ impl DepthAtlas {
             .collect();
         pass.set_vertex_buffer(0, casters.scene.vertices.slice(..));
         pass.set_index_buffer(casters.indices.slice(..), wgpu::IndexFormat::Uint32);
-        // One pipeline after the other, so that it changes three times and not three times a view.
+        // Pipeline by pipeline, so that the pipeline changes three times in all and not three times per view.
         for &draw in draws {
             if !visible.iter().flatten().any(|(one, _)| *one == draw) {
                 continue;
@@ -287,7 +289,7 @@ impl DepthAtlas {
     }
 }
 
-/// What shaders read of each view in a square atlas of `side` texels.
+/// Uniforms of the views in a square atlas of `side` texels.
 fn uniforms(specs: &[DepthViewSpec], corners: &[[u32; 2]], side: u32) -> Vec<DepthViewUniform> {
     let scale = 1.0 / side as f32;
     specs
@@ -313,7 +315,7 @@ fn pack(specs: &[DepthViewSpec]) -> (Vec<[u32; 2]>, [u32; 2]) {
         .map(|size| u64::from(size[0]) * u64::from(size[1]))
         .sum();
     let widest = sizes.iter().map(|size| size[0]).max().unwrap_or(1);
-    // Whole columns of the widest, so that equal tiles leave no gap at the right.
+    // A multiple of the widest tile, so that equal tiles leave no gap at the right.
     let width = ((area as f64).sqrt().ceil() as u32)
         .next_multiple_of(widest.max(1))
         .min(ATLAS_SIDE);

@@ -1,49 +1,51 @@
-//! Who draws an atlas: the hardware's rasterizer or compute.
+//! Draws an atlas with the hardware rasterizer or by compute.
 
 use gpugi_scene::simplify::CAN_SIMPLIFY;
-use serde::{Deserialize, Serialize};
 
 use super::compute::DepthCompute;
 use super::{DepthAtlas, DepthKernels, DepthViewSpec};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::scene::{Casters, Draw, GpuScene, SimplifiedCasters};
+use crate::scene::{CasterGeometry, Casters, Draw, GpuScene, SimplifiedCasters};
 
-/// Who draws depth maps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Rasterizer {
-    /// Whoever is probably faster.
-    Auto,
-    /// The hardware's rasterizer.
-    Hardware,
-    /// [`DepthCompute`], where views are parallel and hold the scene.
-    Compute,
+crate::choices! {
+    /// What rasterizes depth maps.
+    pub enum Rasterizer {
+        /// The one that is probably faster.
+        Auto = "auto",
+        /// The hardware rasterizer.
+        Hardware = "hardware",
+        /// [`DepthCompute`], where views are parallel and contain the scene.
+        Compute = "compute",
+    }
 }
 
 /// How depth maps are drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthDrawing {
-    /// Who draws them.
+    /// What rasterizes them.
     pub rasterizer: Rasterizer,
-    /// Part of the casters' triangles that is drawn; 1 is all.
+    /// Fraction of the casters' triangles that is drawn; 1 is all.
     pub caster_detail: f32,
 }
 
-/// Triangles that cover less than this are compute's (texels, the mean over a view). Measured: see docs/techniques/image-based-lighting.md.
+/// Below this mean size of triangles over a view (texels), compute draws them. Measured: see
+/// docs/techniques/image-based-lighting.md.
 const SMALL: f32 = 16.0;
 
 /// Draws atlases.
 #[derive(Debug)]
 pub struct DepthRasterizer {
-    /// The hardware's pipelines.
+    /// The pipelines of the hardware rasterizer.
     pub kernels: DepthKernels,
-    /// Compiled when it is first needed.
+    /// Compiled on first use.
     compute: Option<DepthCompute>,
     simplified: Option<SimplifiedCasters>,
+    /// Geometry to simplify, on its way to the host.
+    geometry: Option<CasterGeometry>,
 }
 
 impl DepthRasterizer {
-    /// Compiles the hardware's pipelines.
+    /// Compiles the pipelines of the hardware rasterizer.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -52,10 +54,45 @@ impl DepthRasterizer {
             kernels: DepthKernels::new(gpu, scene)?,
             compute: None,
             simplified: None,
+            geometry: None,
         })
     }
 
-    /// Draws every view of an atlas. Compute takes a second pass, `name`.atlas.
+    /// Prepares the casters that [`DepthRasterizer::record`] draws. False while geometry to simplify is on its way to the host.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prepare(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        caster_detail: f32,
+    ) -> Result<bool, GpuError> {
+        if !CAN_SIMPLIFY || caster_detail >= 1.0 {
+            (self.simplified, self.geometry) = (None, None);
+            return Ok(true);
+        }
+        if self
+            .simplified
+            .as_ref()
+            .is_some_and(|kept| kept.serve(scene, caster_detail))
+        {
+            return Ok(true);
+        }
+        self.simplified = None;
+        let Some(geometry) = self
+            .geometry
+            .as_ref()
+            .filter(|geometry| geometry.is_of(scene))
+        else {
+            self.geometry = Some(CasterGeometry::read_back(frame, scene)?);
+            return Ok(false);
+        };
+        self.simplified = SimplifiedCasters::new(frame.gpu, scene, caster_detail, geometry)?;
+        Ok(self.simplified.is_some())
+    }
+
+    /// Draws every view of an atlas. Compute needs a second pass, `name`.atlas.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -67,10 +104,8 @@ impl DepthRasterizer {
         atlas: &mut DepthAtlas,
         drawing: DepthDrawing,
     ) -> Result<(), GpuError> {
-        let kept = self.simplified.take();
-        if CAN_SIMPLIFY && drawing.caster_detail < 1.0 {
-            let detail = drawing.caster_detail;
-            self.simplified = Some(SimplifiedCasters::new(frame, scene, detail, kept)?);
+        if let Some(simplified) = &mut self.simplified {
+            simplified.follow(scene);
         }
         let casters = match &self.simplified {
             Some(simplified) => simplified.casters(scene),
@@ -90,7 +125,7 @@ impl DepthRasterizer {
     }
 }
 
-/// Whether compute draws an atlas.
+/// Whether compute draws the atlas.
 pub(super) fn by_compute(casters: Casters<'_>, atlas: &DepthAtlas, choice: Rasterizer) -> bool {
     let is_wanted = match choice {
         Rasterizer::Auto => mean_triangle(casters.draws, atlas) < SMALL,
@@ -102,8 +137,8 @@ pub(super) fn by_compute(casters: Casters<'_>, atlas: &DepthAtlas, choice: Raste
     is_wanted && atlas.specs.iter().all(can_draw)
 }
 
-/// Estimated mean size of a triangle in a view (texels): a convex surface of area S covers S / 4 of a plane on the mean over all directions, twice, by
-/// its front and its back; the box of a draw stands for its surface.
+/// Estimated mean size of a triangle in a view (texels). A convex surface of area S covers, averaged over all
+/// directions, S / 4 of a plane, twice: by its front and by its back. A draw's bounding box stands for its surface.
 fn mean_triangle(draws: &[Draw], atlas: &DepthAtlas) -> f32 {
     let surface = |draw: &Draw| {
         let size = draw.bounds.max - draw.bounds.min;

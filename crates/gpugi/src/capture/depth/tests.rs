@@ -1,4 +1,4 @@
-//! Compute draws the atlas that the hardware draws.
+//! Compute draws the same atlas as the hardware.
 
 use glam::Vec3;
 use gpugi_scene::builtin::builtin;
@@ -10,12 +10,12 @@ use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use crate::scene::GpuScene;
 use crate::testing::{Random, test_gpu};
 
-/// Views of a whole scene from everywhere.
+/// Views of a whole scene from all around.
 fn around(scene: &GpuScene, count: u32, side: u32) -> Vec<DepthViewSpec> {
     let mut random = Random(3);
     (0..count)
         .map(|index| {
-            // Along an axis, too, where every second edge runs through texel centres or beside them.
+            // Include axis-aligned views, where every second edge runs through texel centres or beside them.
             let forward = match index {
                 0 => Vec3::NEG_Y,
                 1 => Vec3::X,
@@ -26,7 +26,7 @@ fn around(scene: &GpuScene, count: u32, side: u32) -> Vec<DepthViewSpec> {
         .collect()
 }
 
-/// The atlas by hardware and by compute.
+/// The atlas drawn by hardware and by compute.
 fn both(
     gpu: &Gpu,
     scene: &mut GpuScene,
@@ -90,7 +90,7 @@ fn compute_draws_what_the_hardware_draws() {
 fn bands_and_dispatches_make_one_atlas() {
     let Some(gpu) = test_gpu() else { return };
     let mut compute = DepthCompute::new(&gpu).unwrap();
-    // Two rows of tiles a band, a few hundred triangles a dispatch, and more views than an invocation takes.
+    // Two rows of tiles per band, a few hundred triangles per dispatch, and more views than an invocation takes.
     compute.band_texels = 2 * 64 * 640;
     compute.dispatch_triangles = 4096;
     let scene = builtin("spheres", 1).unwrap();
@@ -118,7 +118,7 @@ fn fitted_views_hold_the_scene_and_little_else() {
             clip.truncate()
         });
         let seen = Bounds::of(corners);
-        // All but the gutter of two texels, and a hundredth of the depth.
+        // Everything but the gutter of two texels and a hundredth of the depth.
         let inner = 60.0 / 64.0;
         for (found, expected) in [
             (seen.min, Vec3::new(-inner, -inner, 0.005)),
@@ -126,20 +126,20 @@ fn fitted_views_hold_the_scene_and_little_else() {
         ] {
             assert!(found.abs_diff_eq(expected, 1e-3), "{forward}: {seen:?}");
         }
-        // Nearer to the light is greater.
+        // Depth is greater nearer to the light.
         let depth = |point: Vec3| spec.clip_from_world.row(2).dot(point.extend(1.0));
         assert!(depth(bounds.center()) > depth(bounds.center() + forward * 0.1));
     }
-    // A scene of nothing has views, too.
+    // An empty scene has views, too.
     let empty = DepthViewSpec::fitted(Vec3::X, &Bounds::EMPTY, 16, 2);
     assert!(empty.clip_from_world.is_finite());
-    // Nor does compute draw back faces.
+    // Compute does not draw back faces.
     let turned = DepthViewSpec {
         second_depth: true,
         ..DepthViewSpec::fitted(Vec3::X, &bounds, 64, 2)
     };
     assert!(!DepthCompute::can_draw(&turned, &bounds));
-    // What reaches out of a view cannot be drawn into it by compute.
+    // Compute cannot draw what extends beyond a view.
     let smaller = DepthViewSpec::fitted(Vec3::X, &bounds, 64, 2);
     let larger = Bounds {
         max: bounds.max + Vec3::Y,
@@ -165,9 +165,9 @@ fn small_triangles_are_told_from_large_ones() {
 mod simplified {
     use super::super::{DepthDrawing, DepthRasterizer};
     use super::*;
-    use crate::scene::{Draw, SimplifiedCasters};
+    use crate::scene::{CasterGeometry, Draw, SimplifiedCasters};
 
-    /// What a rasterizer draws of a scene from around.
+    /// What a rasterizer draws of a scene from all around.
     fn drawn(
         gpu: &Gpu,
         rasterizer: &mut DepthRasterizer,
@@ -177,11 +177,30 @@ mod simplified {
         let specs = around(scene, 4, 128);
         let mut atlas = DepthAtlas::new(gpu, &rasterizer.kernels, specs).unwrap();
         let mut frame = Frame::new(gpu, false);
+        while !rasterizer
+            .prepare(&mut frame, scene, drawing.caster_detail)
+            .unwrap()
+        {
+            frame.submit().unwrap();
+            gpu.wait().unwrap();
+            frame = Frame::new(gpu, false);
+        }
         rasterizer
             .record(&mut frame, "depth", scene, &mut atlas, drawing)
             .unwrap();
         frame.submit().unwrap();
         read_texture(gpu, &atlas.texture, TextureAspect::DepthOnly, 0, 0).unwrap()
+    }
+
+    /// Casters with a quarter of the triangles.
+    fn quarter_of(gpu: &Gpu, scene: &GpuScene) -> SimplifiedCasters {
+        let mut frame = Frame::new(gpu, false);
+        let geometry = CasterGeometry::read_back(&mut frame, scene).unwrap();
+        frame.submit().unwrap();
+        gpu.wait().unwrap();
+        SimplifiedCasters::new(gpu, scene, 0.25, &geometry)
+            .unwrap()
+            .unwrap()
     }
 
     #[test]
@@ -196,8 +215,7 @@ mod simplified {
             frame.submit().unwrap();
         };
         merge(&mut scene);
-        let mut frame = Frame::new(&gpu, false);
-        let quarter = SimplifiedCasters::new(&mut frame, &scene, 0.25, None).unwrap();
+        let mut quarter = quarter_of(&gpu, &scene);
         let count = |draws: &[Draw]| draws.iter().map(|draw| draw.indices.len()).sum::<usize>();
         let left = count(quarter.casters(&scene).draws) as f32 / count(&scene.draws) as f32;
         assert!((0.2..0.3).contains(&left), "{left} of the triangles");
@@ -220,7 +238,7 @@ mod simplified {
             let (off, differs) = far_off(&scene, other, 0.25);
             assert!(differs && off < 0.02, "{other:?}: {off}");
         }
-        // They follow instances that move, without being simplified anew.
+        // Simplified casters follow instances that move, without being simplified again.
         let mut after = before.clone();
         for instance in &mut after.instances {
             instance.world_from_mesh =
@@ -228,16 +246,19 @@ mod simplified {
         }
         scene.update(&gpu, &after).unwrap();
         merge(&mut scene);
-        let moved = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(quarter)).unwrap();
+        assert!(quarter.serve(&scene, 0.25) && !quarter.serve(&scene, 0.5));
+        quarter.follow(&scene);
+        let moved = quarter;
         assert_eq!(*moved.casters(&scene).indices, indices);
         assert!(moved.casters(&scene).draws[0].bounds.min.y > 4.0);
         let (off, differs) = far_off(&scene, Rasterizer::Compute, 0.25);
         assert!(differs && off < 0.02, "{off}");
-        // Other meshes are.
+        // Other meshes are simplified again.
         let other = builtin("spheres", 2).unwrap();
         scene.update(&gpu, &other).unwrap();
         merge(&mut scene);
-        let new = SimplifiedCasters::new(&mut frame, &scene, 0.25, Some(moved)).unwrap();
+        assert!(!moved.serve(&scene, 0.25));
+        let new = quarter_of(&gpu, &scene);
         assert_ne!(*new.casters(&scene).indices, indices);
         let (off, differs) = far_off(&scene, Rasterizer::Hardware, 0.25);
         assert!(differs && off < 0.02, "{off}");

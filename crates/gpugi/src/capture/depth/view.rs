@@ -1,4 +1,4 @@
-//! What a tile of a depth atlas sees: perspective views, cubes and hemicubes of them, and parallel views.
+//! What the tiles of a depth atlas see: perspective views, cubes and hemicubes of them, and parallel views.
 
 use glam::{Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::Bounds;
@@ -12,18 +12,18 @@ pub struct DepthViewSpec {
     pub clip_from_world: Mat4,
     /// Tile size (texels).
     pub size: [u32; 2],
-    /// Width of a texel, the wider way: perspective, at distance 1; orthographic, everywhere (m).
+    /// World-space width of a texel along its wider axis (m): perspective, at distance 1; orthographic, everywhere.
     pub texel: f32,
     /// Perspective: near plane (m); orthographic: 0.
     pub near: f32,
     /// Orthographic: depth range (m).
     pub range: f32,
-    /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under a mesh
-    /// that stands on a floor would see that floor lit.
+    /// Whether closed meshes may be drawn by their back faces. Not where texels are coarse: a filter that reaches under
+    /// a mesh standing on a floor would see the floor there as lit.
     pub second_depth: bool,
 }
 
-/// A rigid frame to look along: `forward` and `up` are perpendicular unit vectors.
+/// A rigid camera frame looking along `forward`; `forward` and `up` are perpendicular unit vectors.
 fn view_from_world(eye: Vec3, forward: Vec3, up: Vec3) -> Mat4 {
     let right = forward.cross(up);
     Mat4::from_cols(
@@ -36,8 +36,8 @@ fn view_from_world(eye: Vec3, forward: Vec3, up: Vec3) -> Mat4 {
 }
 
 impl DepthViewSpec {
-    /// A square perspective view of `side` texels; its outermost `gutter` texels lie outside the field of view whose half-angle has
-    /// the tangent `half_tangent`, so that filters may reach over the border.
+    /// A square perspective view of `side` texels. Its outermost `gutter` texels lie outside the field of view, whose
+    /// half-angle has the tangent `half_tangent`, so that filters may reach over the border.
     pub fn perspective(
         eye: Vec3,
         forward: Vec3,
@@ -60,8 +60,8 @@ impl DepthViewSpec {
         }
     }
 
-    /// The upper half of a 90 degree view: a side of a hemicube, whose `up` is the hemisphere's axis. `gutter` as above; below the
-    /// horizon there are `gutter` rows, too.
+    /// The upper half of a 90 degree view: a side of a hemicube, whose axis is `up`. `gutter` as in
+    /// [`Self::perspective`]; there are also `gutter` rows below the horizon.
     pub fn hemicube_side(
         eye: Vec3,
         forward: Vec3,
@@ -72,7 +72,7 @@ impl DepthViewSpec {
     ) -> Self {
         let full = Self::perspective(eye, forward, up, 1.0, near, side, gutter);
         let height = side / 2 + gutter;
-        // Keep the rows from the top: y' in [-1, 1] for y in [1 - 2 height / side, 1].
+        // Keep the upper rows: y' in [-1, 1] for y in [1 - 2 height / side, 1].
         let kept = height as f32 / side as f32;
         let lift = Mat4::from_cols(
             Vec4::X,
@@ -87,8 +87,8 @@ impl DepthViewSpec {
         }
     }
 
-    /// A square parallel view of `side` texels: `half_extent` (m) around `center`, depth from `near` to `far` (m) along `forward`
-    /// relative to `center`.
+    /// A square parallel view of `side` texels: `half_extent` (m) around `center`, depth from `near` to `far` (m) along
+    /// `forward` relative to `center`.
     pub fn orthographic(
         center: Vec3,
         forward: Vec3,
@@ -109,8 +109,8 @@ impl DepthViewSpec {
         }
     }
 
-    /// The tightest parallel view of `side` x `side` texels along `forward` that holds a box, with `gutter` texels to spare at each border.
-    /// Its texels need not be square.
+    /// The tightest parallel view of `side` x `side` texels along `forward` that contains a box, with `gutter` texels
+    /// to spare at each border. Its texels need not be square.
     pub fn fitted(forward: Vec3, bounds: &Bounds, side: u32, gutter: u32) -> Self {
         let corners = if bounds.is_empty() {
             [Vec3::ZERO; 8]
@@ -122,11 +122,12 @@ impl DepthViewSpec {
             let along = corners.map(|corner| corner.dot(axis));
             let low = along.into_iter().fold(f32::INFINITY, f32::min);
             let high = along.into_iter().fold(f32::NEG_INFINITY, f32::max);
-            // A flat box has some thickness.
+            // Give a flat box some thickness.
             let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
             (middle, half.max(diagonal * 1e-3))
         };
-        // The smallest rectangle around a convex polygon lies along one of its sides: here, along an edge of the box.
+        // The smallest rectangle around a convex polygon has a side along one of the polygon's: here, along an edge of
+        // the box.
         let (up, right) = [Vec3::X, Vec3::Y, Vec3::Z]
             .into_iter()
             .filter_map(|edge| edge.reject_from_normalized(forward).try_normalize())
@@ -137,7 +138,7 @@ impl DepthViewSpec {
             })
             .unwrap_or((Vec3::Y, Vec3::X));
         let ((x, half_x), (y, half_y), (z, half_z)) = (span(right), span(up), span(forward));
-        // Nothing may fall off the ends by rounding.
+        // Margin, so that rounding cuts nothing off at the ends.
         let half_z = half_z * 1.01;
         let widened = Vec2::new(half_x, half_y) * (side as f32 / (side - 2 * gutter) as f32);
         Self {
@@ -151,7 +152,8 @@ impl DepthViewSpec {
         }
     }
 
-    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z, their rows as in shared/cube.wesl, mirrored left to right.
+    /// The six faces of a cube around `eye`: +X, -X, +Y, -Y, +Z, -Z. Their rows are as in shared/cube.wesl; they are
+    /// mirrored left to right.
     pub fn cube(eye: Vec3, near: f32, side: u32, gutter: u32) -> [Self; 6] {
         [
             (Vec3::X, Vec3::Y),
@@ -164,8 +166,8 @@ impl DepthViewSpec {
         .map(|(forward, up)| Self::perspective(eye, forward, up, 1.0, near, side, gutter))
     }
 
-    /// The five faces of a hemicube above a plane: its top, then the sides toward +tangent, -tangent, +bitangent, -bitangent with
-    /// bitangent = normal x tangent.
+    /// The five faces of a hemicube above a plane: its top, then the sides toward +tangent, -tangent, +bitangent,
+    /// -bitangent with bitangent = normal x tangent.
     pub fn hemicube(
         eye: Vec3,
         normal: Vec3,
@@ -185,7 +187,7 @@ impl DepthViewSpec {
         ]
     }
 
-    /// The hemicubes of a light that shines to both sides: above, then below, whose sides come in the same order.
+    /// The hemicubes of a light that shines to both sides: above, then below, with the sides in the same order.
     pub fn hemicubes(
         eye: Vec3,
         normal: Vec3,
@@ -195,7 +197,8 @@ impl DepthViewSpec {
         gutter: u32,
     ) -> [Self; 10] {
         let above = Self::hemicube(eye, normal, tangent, near, side, gutter);
-        // Below, the bitangent -normal x tangent is turned: the face numbers of the shader expect it unturned.
+        // Below, the bitangent -normal x tangent points the other way; the face indices of the shader expect the one
+        // above.
         let mut below = Self::hemicube(eye, -normal, tangent, near, side, gutter);
         below.swap(3, 4);
         std::array::from_fn(|face| {

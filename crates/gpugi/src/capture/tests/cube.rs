@@ -1,4 +1,4 @@
-//! What a cube's faces see, against rays in a box.
+//! What a cube's faces see, compared with rays in a box.
 
 use glam::{DVec3, Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
@@ -22,7 +22,7 @@ fn points_of_a_cube_lie_on_their_rays() {
     let mesh = scene.add_mesh(shapes::cuboid(LOW, HIGH, 1));
     let material = scene.add_material(Material::matt("grey", Vec3::splat(0.5)));
     scene.add_instance("box", mesh, material, Mat4::IDENTITY);
-    // What is not drawn must not be seen.
+    // Not drawn, so it must not be seen.
     scene.add_instance("hidden", mesh, material, Mat4::from_scale(Vec3::splat(0.5)));
     let mut on_gpu = GpuScene::new(&gpu, &scene).unwrap();
     let kernels = CaptureKernels::new(&gpu, &on_gpu).unwrap();
@@ -40,13 +40,13 @@ fn points_of_a_cube_lie_on_their_rays() {
     for (index, point) in points.iter().enumerate() {
         let (x, y, face) = (index % SIDE, index / SIDE % SIDE, index / (SIDE * SIDE));
         let at = |texel: usize| (texel as f64 + 0.5) * 2.0 / SIDE as f64 - 1.0;
-        // Seen as a camera sees it, against its layer in a cube map mirrored.
+        // As a camera sees it: mirrored relative to its layer in a cube map.
         let ray = on_face(face, -at(x), at(y));
         let (a, b) = ((LOW - EYE).as_dvec3() / ray, (HIGH - EYE).as_dvec3() / ray);
         let far = a.max(b).to_array();
         let along = far.into_iter().fold(f64::INFINITY, f64::min);
         let axis = (0..3).find(|&axis| far[axis] == along).unwrap();
-        // In an edge of the box either wall is right.
+        // On an edge of the box, either wall is correct.
         if (0..3).any(|other| other != axis && far[other] < along * (1.0 + 1e-5)) {
             continue;
         }
@@ -67,7 +67,7 @@ fn points_of_a_cube_lie_on_their_rays() {
             normal.distance(inward) < 1e-3,
             "texel {x}, {y} of face {face}: normal {normal}"
         );
-        // Solid angle times squared distance over the cosine, at borders of faces as elsewhere.
+        // Solid angle times squared distance over the cosine, at the borders of faces as elsewhere.
         let z = ray.abs().max_element() * along;
         let width = 2.0 / SIDE as f64;
         let cosine = -ray.dot(inward);
@@ -80,7 +80,8 @@ fn points_of_a_cube_lie_on_their_rays() {
     }
 }
 
-/// Behind a crate, a pane and a flush plate in a room is the wall; behind the wall, nothing, and it stays.
+/// In a room, the wall lies behind a crate, a pane and a flush plate. Nothing lies behind the wall, so the second layer
+/// repeats it.
 #[test]
 fn what_is_behind_is_seen_behind() {
     let Some(gpu) = test_gpu() else { return };
@@ -100,7 +101,7 @@ fn what_is_behind_is_seen_behind() {
     let corner = EYE + Vec3::new(-0.5, -0.5, -0.5);
     let pane = scene.add_mesh(shapes::quad(corner, Vec3::Z, Vec3::Y, 1));
     scene.add_instance("pane", pane, see_through, Mat4::IDENTITY);
-    // As good as in the wall's plane.
+    // Almost in the wall's plane.
     let corner = Vec3::new(-0.5, -0.5, LOW.z + 1e-4);
     let plate = scene.add_mesh(shapes::quad(corner, Vec3::X, Vec3::Y, 1));
     scene.add_instance("plate", plate, grey, Mat4::IDENTITY);

@@ -1,4 +1,4 @@
-//! What resolve makes of hits, against analytic surfaces.
+//! What resolve makes of hit records, compared with analytic surfaces.
 
 use glam::{Mat4, Vec2, Vec3};
 use gpugi_scene::builtin::shapes;
@@ -68,7 +68,7 @@ fn box_scene(world_from_mesh: Mat4) -> Scene {
     let mut scene = Scene::new("box");
     let mesh = scene.add_mesh(shapes::cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 2));
     let material = scene.add_material(Material::matt("grey", Vec3::splat(0.5)));
-    // An instance before it, out of sight, so that its rows and vertices are not the first.
+    // An instance before it, out of sight, so that its own rows and vertices are not the first.
     scene.add_instance(
         "elsewhere",
         mesh,
@@ -98,7 +98,8 @@ fn points_lie_on_the_surface_and_face_the_viewer() {
         let mesh_from_world = world_from_mesh.inverse();
         let (mut hits, mut disagree) = (0, 0);
         for (point, origin, direction) in capture(&gpu, &box_scene(world_from_mesh), &camera) {
-            // Distances along the ray are the same in both spaces when the direction is not normalized anew.
+            // Distances along the ray are the same in both spaces as long as the transformed direction is not
+            // renormalized.
             let local = enter_box(
                 mesh_from_world.transform_point3(origin),
                 mesh_from_world.transform_vector3(direction),
@@ -116,7 +117,7 @@ fn points_lie_on_the_surface_and_face_the_viewer() {
                 "scale {scale}: {} is {error} m from {expected}",
                 point.position
             );
-            // Normals by the inverse transpose.
+            // Normals transform by the inverse transpose.
             let outward = mesh_from_world
                 .transpose()
                 .transform_vector3(normal)
@@ -135,7 +136,7 @@ fn points_lie_on_the_surface_and_face_the_viewer() {
                 "{}",
                 point.diffuse
             );
-            // A pixel's share of the plane, where no border cuts it.
+            // The area of the plane that a pixel covers, where no border cuts it.
             let (pixel, cosine) = if orthographic {
                 (2.5 / SIDE as f32, 1.0)
             } else {
@@ -161,7 +162,8 @@ fn points_lie_on_the_surface_and_face_the_viewer() {
     }
 }
 
-/// A unit square around the origin that faces +Z, with the given material and an image with or without coarser levels, and the camera `distance` before or behind it.
+/// A unit square around the origin that faces +Z, with the given material and an image with or without mip levels, and
+/// the camera at `distance` before or behind it.
 fn square(
     gpu: &Gpu,
     material: Material,
@@ -247,14 +249,15 @@ fn an_alpha_mask_cuts_what_its_texture_says() {
     let image = two_texels([255, 255, 255, 0], [255; 4]);
     for (point, origin, _) in square(&gpu, material, Some((image, true)), 2.0) {
         let inside = origin.truncate().abs().max_element() < 0.5 && origin.x > 0.0;
-        // Along the border between the texels the filter decides.
+        // Along the border between the texels, the result depends on the filter.
         if origin.x.abs() > 0.05 && (origin.x.abs() - 0.5).abs() > 0.03 {
             assert_eq!(point.instance, if inside { 0 } else { NONE }, "at {origin}");
         }
     }
 }
 
-/// Texture gradients: sharp texels where a texel covers many pixels, their mean where a pixel covers many texels, unless the texture has no coarser levels.
+/// Texture gradients: sharp texels where a texel covers many pixels; their mean where a pixel covers many texels,
+/// unless the texture has no mip levels.
 #[test]
 fn texture_gradients_choose_the_level() {
     let Some(gpu) = test_gpu() else { return };

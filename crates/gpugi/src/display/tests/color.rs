@@ -1,9 +1,9 @@
-//! Packed and encoded colours come back.
+//! Tests that packed and encoded colours survive a round trip.
 
 use super::*;
 use crate::gpu::Shader;
 
-/// Results of `color_test.wesl`: unpacked colour and luminance; sRGB round trip.
+/// Results of `color_test.wesl`: unpacked colour and luminance, and the sRGB round trip.
 fn color_round_trips(gpu: &Gpu, colors: &[[f32; 3]]) -> Vec<[[f32; 4]; 2]> {
     let shader: Shader = shader!("display.color_test");
     let kernel = Kernel::new(gpu, &shader, "round_trips", None).expect("the shader is valid");
@@ -31,7 +31,7 @@ fn color_round_trips(gpu: &Gpu, colors: &[[f32; 3]]) -> Vec<[[f32; 4]; 2]> {
 fn packed_colors_keep_nine_bits() {
     let gpu = gpu!();
     let mut colors = ramp();
-    // Mantissas that round up to the next exponent, the limits, and what lies beyond them.
+    // Mantissas that round up to the next exponent, the limits, and values beyond them.
     colors.extend([
         [1.999; 3],
         [0.9999, 0.5, 0.25],

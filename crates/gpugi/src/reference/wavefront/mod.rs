@@ -1,9 +1,12 @@
-//! The path tracer as a wavefront: a pool of paths in storage buffers, moved step by step by one kernel for rays and one for what happens where
-//! they end (Laine, Karras, Aila, "Megakernels Considered Harmful: Wavefront Path Tracing on GPUs", HPG 2013). Each kernel is small enough to keep a
-//! GPU's registers free for many lanes, and all lanes of a step do the same. Paths that end make room for new ones.
+//! The path tracer as a wavefront. Storage buffers hold a pool of paths. One kernel traces their rays and another
+//! processes the vertices where the rays end, step by step (Laine, Karras, Aila, "Megakernels Considered Harmful:
+//! Wavefront Path Tracing on GPUs", HPG 2013). Each kernel is small enough to leave a GPU's registers free for many
+//! lanes, and all lanes of a step do the same work. New paths replace those that end.
 //!
-//! A step is `plan` (one lane: how many paths and rays there are), `trace` (shadow rays of the step before and the paths' rays) and `shade` (the
-//! vertices; lists what goes on). Nothing is read back until a batch is done; then `resolve` adds its samples to the film.
+//! A step runs `plan` (one lane, which counts the paths and rays), `trace` (the shadow rays of the previous step and
+//! the paths' rays) and `shade` (the vertices; lists the paths and shadow rays to continue with). The host reads
+//! nothing back until it has submitted the estimated number of steps. It adds steps until the batch is done; then
+//! `resolve` adds the batch's samples to the film.
 
 #[cfg(test)]
 mod tests;
@@ -14,20 +17,22 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Rows of 16 bytes a path in `rows` of pool.wesl, without the results.
+/// Rows of 16 bytes per path in `rows` of pool.wesl, excluding the results.
 const ROWS: u64 = 13;
 const ROW_BYTES: u64 = 16;
-/// Paths in flight: enough to fill the largest GPUs for a millisecond; on a processor, what its caches hold.
+/// Paths in flight. On a GPU, enough to fill the largest GPUs for a millisecond; on a processor, as many as its caches
+/// hold.
 const PATHS: u64 = 1 << 20;
 const PATHS_IN_SOFTWARE: u64 = 1 << 13;
-/// Samples of a batch for each path in flight. The pool runs empty only at the end of a batch.
+/// Samples in a batch per path in flight. The pool runs empty only at the end of a batch.
 const ITEMS_PER_PATH: u64 = 16;
-/// Steps to go on with where a batch took more than the one before.
+/// Steps added if a batch takes more than the previous one.
 const MORE_STEPS: u32 = 8;
-/// Steps that a driver's watchdog sees as one piece of work: a millisecond each on a large GPU, some ten on a small one.
+/// Steps per submission, which a driver's watchdog sees as one piece of work. A step takes a millisecond on a large GPU
+/// and about ten on a small one.
 const STEPS_A_SUBMISSION: u32 = 16;
 
-/// `Pool` of pool.wesl, without its rows.
+/// `Pool` of pool.wesl, excluding its rows.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
 struct Header {
@@ -44,7 +49,7 @@ struct Header {
     padding: [u32; 2],
 }
 
-/// The kernels, the pool and what binds them.
+/// The kernels, the pool and their bind groups.
 #[derive(Debug)]
 pub(super) struct Wavefront {
     plan: Stage,
@@ -54,16 +59,16 @@ pub(super) struct Wavefront {
     resolve_pool: wgpu::BindGroup,
     lights: wgpu::BindGroup,
     pool: wgpu::Buffer,
-    /// What `plan` says of the workgroups of `trace` and `shade`.
+    /// Workgroup counts of `trace` and `shade`, written by `plan`.
     arguments: wgpu::Buffer,
     capacity: u32,
-    /// Samples that the results of a batch have room for.
+    /// Number of samples for which the results of a batch have room.
     items: u32,
-    /// Steps that the last batch took for as many items as the pool has paths.
+    /// Steps that the last batch took per round of as many items as the pool has paths.
     steps_per_round: f64,
 }
 
-/// A kernel with its groups 1 and 3.
+/// A kernel with its bind groups 1 and 3.
 #[derive(Debug)]
 struct Stage {
     kernel: Kernel,
@@ -71,7 +76,7 @@ struct Stage {
     pool: wgpu::BindGroup,
 }
 
-/// Buffers by the names that shaders give them.
+/// Buffers with their names in the shaders.
 pub(super) type Named<'a> = [(&'a str, &'a wgpu::Buffer)];
 
 fn bind(
@@ -90,8 +95,8 @@ fn bind(
 }
 
 impl Wavefront {
-    /// Kernels and memory for pictures of `pixels`. `constants` are those of path_state.wesl and bvh.wesl; `buffers` are `seen`, `settings`,
-    /// `automaton`, `light_table`, `emitter_rows` and `sky_grid`.
+    /// Kernels and memory for images of `pixels` pixels. `constants` are those of path_state.wesl and bvh.wesl;
+    /// `buffers` are `seen`, `settings`, `automaton`, `light_table`, `emitter_rows` and `sky_grid`.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
@@ -99,7 +104,7 @@ impl Wavefront {
         constants: &[(&str, f64)],
         buffers: &Named<'_>,
     ) -> Result<Self, GpuError> {
-        let limits = gpu.device.limits();
+        let limits = gpu.limits();
         let rows = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size)
@@ -109,7 +114,7 @@ impl Wavefront {
             wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
             _ => PATHS,
         };
-        // Small pictures take several samples of a pixel at once.
+        // Small images take several samples per pixel at once.
         let wanted = (4 * pixels.min(paths)).next_multiple_of(64).min(paths);
         let capacity = wanted.min(rows / (ROWS + 4)) & !63;
         let items = (rows - capacity * ROWS).min(capacity * ITEMS_PER_PATH) & !63;
@@ -129,9 +134,9 @@ impl Wavefront {
         let hot = |shader, constants: &[(&str, f64)]| -> Result<Stage, GpuError> {
             let options = KernelOptions {
                 constants,
-                // Worth 3 to 7 percent on an H200. Indices are in range: of the scene's tables because the host wrote them, of the traversal's
-                // stack because the host knows its depth, of the pool because `plan` keeps to its capacity. Loops end: traversal because a
-                // hierarchy is a tree.
+                // Worth 3 to 7 percent on an H200. Indices are in range: those of the scene's tables because the host
+                // wrote them, those of the traversal's stack because the host knows its depth, and those of the pool
+                // because `plan` respects its capacity. Loops terminate: traversal because a hierarchy is a tree.
                 unchecked: true,
             };
             let kernel = Kernel::with_options(gpu, &shader, "main", Some(&scene.layout), &options)?;
@@ -171,7 +176,7 @@ impl Wavefront {
         })
     }
 
-    /// What `run` needs of a film.
+    /// The bind group that `run` needs to write a film.
     pub fn film_group(
         &self,
         gpu: &Gpu,
@@ -182,12 +187,13 @@ impl Wavefront {
         bind(gpu, &self.resolve, 1, &buffers, &["settings", "pixels"])
     }
 
-    /// Pixel samples that a batch holds at most.
+    /// Maximum number of pixel samples in a batch.
     pub fn items(&self) -> u32 {
         self.items
     }
 
-    /// Takes the batch of samples that the settings describe, of `blocks` blocks and `samples` a pixel, and adds them to a film.
+    /// Takes the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel, and
+    /// adds them to a film.
     pub fn run(
         &mut self,
         gpu: &Gpu,

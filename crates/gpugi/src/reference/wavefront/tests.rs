@@ -1,4 +1,4 @@
-//! The wavefront against one kernel that follows each path to its end.
+//! Compares the wavefront with one kernel that follows each path to its end.
 
 use std::ops::ControlFlow;
 
@@ -10,12 +10,12 @@ use crate::reference::{Parameters, PathTracer, Progress, Settings};
 use crate::shader;
 use crate::testing::test_gpu;
 
-/// Not a multiple of a block.
+/// Not a multiple of the block size.
 const SIZE: [u32; 2] = [44, 36];
 const SAMPLES: u32 = 5;
 const SEED: u32 = 7;
 
-/// A scene with glass, alpha and lamps.
+/// A scene with glass, alpha and emitters.
 fn glass() -> Scene {
     let mut scene = builtin("shapes", 1).unwrap();
     for (index, material) in scene.materials.iter_mut().enumerate() {
@@ -31,25 +31,25 @@ fn glass() -> Scene {
     scene
 }
 
-/// A tracer whose pool is refilled many times in a batch.
+/// A tracer whose pool is refilled many times per batch.
 fn tracer(gpu: &Gpu, scene: &Scene, settings: &Settings) -> PathTracer {
     let mut tracer = PathTracer::new(gpu, scene, SIZE, settings).unwrap();
     tracer.restart(SEED).unwrap();
-    // The other passes take one sample each.
+    // The following passes take one sample each.
     tracer.pass.samples = 2;
     assert!(tracer.wavefront.capacity > 700);
     tracer.wavefront.capacity = 700;
     tracer
 }
 
-/// Mean and number of rays of each pixel.
+/// The film's eight floats per pixel, among them the mean and the number of rays.
 type Film = Vec<[f32; 8]>;
 
 fn film(gpu: &Gpu, buffer: &wgpu::Buffer) -> Film {
     read_buffer(gpu, buffer, u64::from(SIZE[0] * SIZE[1]) * 32).unwrap()
 }
 
-/// What testing/megakernel.wesl makes of the scene that `tracer` has rendered.
+/// The film that testing/megakernel.wesl renders of the scene that `tracer` has rendered.
 fn expected(gpu: &Gpu, tracer: &PathTracer, constants: &[(&str, f64)]) -> Film {
     let kernel = Kernel::with_options(
         gpu,
@@ -125,7 +125,7 @@ fn it_renders_what_one_kernel_renders() {
         let found = film(&gpu, &tracer.tiles[0].film);
         for (index, (a, b)) in found.iter().zip(&expected).enumerate() {
             let what = format!("{}, pixel {index}: {a:?}, not {b:?}", scene.name);
-            // Numbers of samples and of rays.
+            // Sample counts and ray counts.
             assert_eq!(
                 [3, 7].map(|at| a[at].to_bits()),
                 [3, 7].map(|at| b[at].to_bits()),
@@ -148,7 +148,7 @@ fn a_picture_that_was_broken_off_goes_on_where_it_was() {
     let mut on = |_: &Progress| ControlFlow::Continue(());
     whole.render(&scene.cameras[0], SAMPLES, &mut on).unwrap();
     let mut broken = tracer(&gpu, &scene, &settings);
-    // Room for ten of the 30 blocks in the first pass.
+    // The first pass has room for ten of the 30 blocks.
     broken.wavefront.items = 10 * 64 * 2;
     let mut reports = 0;
     while broken.samples() < SAMPLES {
@@ -161,7 +161,7 @@ fn a_picture_that_was_broken_off_goes_on_where_it_was() {
             .render(&scene.cameras[0], SAMPLES, &mut once)
             .unwrap();
     }
-    // Two batches in each of the other passes, and the report of the end.
+    // Three batches in the first pass, two in each of the other passes, and the final report.
     assert_eq!(reports, 3 + 2 * (SAMPLES - 2) + 1);
     assert_eq!(
         film(&gpu, &broken.tiles[0].film),

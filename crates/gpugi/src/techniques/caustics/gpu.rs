@@ -33,9 +33,9 @@ pub struct LitCube {
     pub padding: [u32; 3],
 }
 
-/// Bytes of `Photon` of photon.wesl.
+/// Size of `Photon` of photon.wesl [bytes].
 pub const PHOTON_BYTES: u64 = 32;
-/// Bytes of `LitTexel` of lit_texel.wesl.
+/// Size of `LitTexel` of lit_texel.wesl [bytes].
 pub const LIT_TEXEL_BYTES: u64 = 32;
-/// Bytes of a texel's counters.
+/// Size of one texel's counters [bytes].
 pub const COUNTER_BYTES: u64 = 24;

@@ -1,4 +1,4 @@
-//! Where lights see an object from: the views of caustic maps.
+//! Views of objects from lights, for caustic maps.
 
 use glam::{Vec2, Vec3};
 use gpugi_scene::{Bounds, Camera, Projection};
@@ -7,20 +7,22 @@ use super::gpu::CausticMap;
 use crate::capture::View;
 use crate::techniques::shadow_map::gpu::LightSample;
 
-/// Largest tangent of half a caustic map's field of view: 150 degrees, for lights beside or in an object.
+/// Largest tangent of half a caustic map's field of view: 150 degrees, for lights beside or inside an object.
 const LARGEST_TANGENT: f32 = 3.7;
 
 /// A light's view of an object.
 #[derive(Debug, Clone, Copy)]
 pub struct LightView {
-    /// What it captures.
+    /// Camera of the capture.
     pub view: View,
-    /// What photons need to know of it; what concerns the cube and the way its photons are spread is left to their owner.
+    /// Uniform for the photon passes. The caller sets the fields about the cube (`reference`, `cube_side`) and about
+    /// splatting (`first`, `end`, `counts`, `lanes`).
     pub map: CausticMap,
 }
 
 impl LightView {
-    /// The view of a box from a light, in `side` pixels squared; none if no light goes there. `jitter` in pixels, `diagonal` the scene's (m).
+    /// View of the box `bounds` from a light, `side` x `side` pixels; `None` if the light does not reach it. `jitter`
+    /// in pixels; `diagonal` of the scene (m).
     pub fn new(
         light: &LightSample,
         bounds: &Bounds,
@@ -36,7 +38,7 @@ impl LightView {
         let eye = if is_perspective {
             position
         } else {
-            // Far enough back for all that may stand in the way.
+            // Far enough back that every possible occluder lies in front.
             center - direction * diagonal
         };
         let intensity = Vec3::from_array(light.intensity).max_element();
@@ -55,7 +57,7 @@ impl LightView {
                 (true, false) => LARGEST_TANGENT,
             })
         });
-        // The outermost pixels have neighbours, and jitter does not move the object out.
+        // A margin: the outermost pixels need neighbours, and jitter must not move the object out of view.
         let half = half * (1.0 + 4.0 / side as f32);
         if !(half > 0.0 && half.is_finite()) {
             return None;
@@ -79,7 +81,7 @@ impl LightView {
                 end: 0,
                 is_perspective: u32::from(is_perspective),
                 pixel_area: pixel * pixel,
-                // Of a pixel in the middle of the map, straight before the light: no other has more.
+                // Flux of a pixel at the map's centre, straight in front of the light: no other pixel receives more.
                 unit: intensity * pixel * pixel,
                 counts: 0.0,
                 seed,
@@ -89,13 +91,13 @@ impl LightView {
         })
     }
 
-    /// More flux than all pixels together receive (W).
+    /// Upper bound on the flux that all pixels together receive (W).
     pub fn flux(&self) -> f64 {
         f64::from(self.map.unit) * f64::from(self.map.side).powi(2)
     }
 }
 
-/// Whether any light may fall into a box.
+/// Whether any of the light may reach the box.
 fn shines_on(light: &LightSample, bounds: &Bounds) -> bool {
     let away = bounds.center() - Vec3::from_array(light.position);
     let radius = bounds.diagonal() / 2.0;

@@ -1,8 +1,8 @@
-//! Caustics: light that objects mirror and refract onto what is around them (tutorial section 5.4).
+//! Caustics: light that objects mirror and refract onto their surroundings (tutorial section 5.4).
 //!
-//! Generate: each light sees each object in a caustic map, from whose pixels photons are followed through the object to its surroundings, in
-//! the same maps as distance impostors use; a cube around the object counts what arrives. Gather: looks the irradiance up there.
-//! docs/techniques/caustics.md.
+//! Generate: each light sees each object in a caustic map. From the map's pixels, photons are followed through the
+//! object to its surroundings, in the same maps that distance impostors use, and a cube around the object counts those
+//! that arrive. Gather: looks up the irradiance in the cube. docs/techniques/caustics.md.
 
 pub(crate) mod gpu;
 mod lights;
@@ -10,19 +10,18 @@ mod object;
 #[cfg(test)]
 mod tests;
 
-use serde::{Deserialize, Serialize};
-
 use super::shadow_map::gpu::LightSample;
 use super::shadow_map::lights::{on_emitters, punctual};
-use super::{Field, Info, Lit, MadeFor, Map, SettingError, Technique, settings};
-use crate::capture::{PerTarget, SurfacePoints, Target, View};
+use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Technique};
+use crate::capture::{PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene, Versions};
+use crate::settings::SettingSet;
 use crate::shader;
 use object::{Caustic, Making};
 
-/// What caustics say of themselves.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "caustics",
     summary: "light of point, spot, directional and area lights that mirrors and glass throw on their surroundings",
@@ -33,88 +32,39 @@ pub const INFO: Info = Info {
     ],
     suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
     keeps_texels: false,
+    lights_points: true,
 };
 
-/// Settings of caustics.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Settings {
-    /// Pixels a side of a light's caustic map of an object; all samples of area lights share as many.
-    pub resolution: u32,
-    /// Side of the faces of the cubes that hold what photons light (texels): a power of two.
-    pub cube_resolution: u32,
-    /// Side of the faces of refractors' shapes (texels): a power of two.
-    pub shape_resolution: u32,
-    /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
-    pub bounces: u32,
-    /// Sample points on all area lights together, in every frame others.
-    pub area_samples: u32,
-    /// Frames of a still scene whose photons are added up.
-    pub frames: u32,
-    /// Objects that throw caustics: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
-    pub objects: String,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            resolution: 256,
-            cube_resolution: 256,
-            shape_resolution: 256,
-            bounces: 4,
-            area_samples: 4,
-            frames: 16,
-            objects: AUTO.to_owned(),
-        }
+crate::settings! {
+    /// Settings of caustics.
+    pub struct Settings {
+        /// Side of the caustic map of one light and one object; all samples of area lights together have as many pixels
+        /// as one map.
+        pub resolution: u32 = 256 => in_range(LEAST_RESOLUTION as f64, 2048.0).unit("pixels"),
+        /// Side of the faces of the cubes that hold the photons' light, a power of two.
+        pub cube_resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
+        /// Side of the faces of refractors' shapes, a power of two.
+        pub shape_resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
+        /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
+        pub bounces: u32 = 4 => in_range(0.0, 16.0),
+        /// Sample points per frame on all area lights together; each frame has different points.
+        pub area_samples: u32 = 4 => in_range(1.0, 256.0),
+        /// Frames of a still scene over which photons accumulate.
+        pub frames: u32 = 16 => in_range(1.0, 256.0),
+        /// Objects that cast caustics: names separated by commas, * for any characters; auto: those with ideal
+        /// surfaces.
+        pub objects: String = AUTO.to_owned() => any(),
     }
 }
 
-const FIELDS: &[Field] = &[
-    Field {
-        name: "resolution",
-        summary: "side of a light's caustic map of an object; all samples of area lights share as many [pixels]",
-        range: Some((LEAST_RESOLUTION as f64, 2048.0)),
-    },
-    Field {
-        name: "cube-resolution",
-        summary: "side of the faces of the cubes that hold what photons light, a power of two [texels]",
-        range: Some((16.0, 1024.0)),
-    },
-    Field {
-        name: "shape-resolution",
-        summary: "side of the faces of refractors' shapes, a power of two [texels]",
-        range: Some((16.0, 1024.0)),
-    },
-    Field {
-        name: "bounces",
-        summary: "most surfaces that light meets inside a refractor; 0: it refracts once",
-        range: Some((0.0, 16.0)),
-    },
-    Field {
-        name: "area-samples",
-        summary: "sample points on all area lights, in every frame others",
-        range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "frames",
-        summary: "frames of a still scene whose photons are added up",
-        range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "objects",
-        summary: "objects that throw caustics, names with commas between and * for any letters; auto: those with ideal surfaces",
-        range: None,
-    },
-];
-
 /// The value of [`Settings::objects`] that leaves the choice to gpugi.
 const AUTO: &str = "auto";
-/// Most objects that throw caustics by themselves, and most that may be named.
+/// Most objects with caustics that `auto` chooses, and most that may be named.
 const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
 /// Most caustic maps: lights times objects.
 const MOST_MAPS: usize = 4096;
-/// Most pixels of all caustic maps, 56 bytes each: more lights and objects get smaller maps.
+/// Most pixels of all caustic maps, 56 bytes per pixel: with more lights and objects, maps are smaller.
 const MOST_PIXELS: f32 = 16.0 * 1024.0 * 1024.0;
 /// Least side of a caustic map (pixels).
 const LEAST_RESOLUTION: u32 = 8;
@@ -153,24 +103,23 @@ impl Kernels {
 pub struct Caustics {
     settings: Settings,
     kernels: Kernels,
-    paths: Vec<LightPaths>,
-    /// Instances that throw caustics.
+    /// Instances that cast caustics.
     claimed: Vec<u32>,
     made: Option<Made>,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
+    bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
 /// The caustics of all objects, and what they were made for.
 #[derive(Debug)]
 struct Made {
-    of: MadeFor<Settings>,
+    of: ObjectMapsKey<Settings>,
     caustics: Vec<Caustic>,
-    /// What the photons of so many frames were followed in: the scene, and the settings of techniques.
+    /// Versions of the scene, and of the settings of techniques, that the photons of `frames` frames were followed in.
     followed: Option<(Versions, u64)>,
     frames: u32,
-    /// The lights of each frame: points on emitters lie elsewhere in each.
+    /// The lights of each frame, which differ in the points on emitters.
     lights: Vec<Vec<LightSample>>,
-    refinements: u64,
+    revision: u64,
 }
 
 impl Caustics {
@@ -182,14 +131,13 @@ impl Caustics {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            paths: Vec::new(),
             claimed: Vec::new(),
             made: None,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 
-    /// Refuses what would take too many maps.
+    /// Returns an error if too many objects or maps are needed.
     fn check_counts(&self, gpu: &Gpu, lights: usize) -> Result<(), GpuError> {
         let objects = self.claimed.len();
         for (what, needed, limit) in [
@@ -221,7 +169,7 @@ impl Caustics {
         } = self.settings;
         let of_frame = |turn| {
             let samples = on_emitters(&scene.emitters, area_samples, turn);
-            // All frames' points share the emitters: each stands for a part of the area.
+            // The points of all frames share the emitters: each represents a part of the area.
             let samples = samples.into_iter().map(|sample| LightSample {
                 area: sample.area / frames as f32,
                 ..sample
@@ -232,7 +180,7 @@ impl Caustics {
     }
 
     fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
-        let of = MadeFor::new(&self.settings, &self.claimed, scene);
+        let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
         let caustics = of
             .objects()
             .map(|(one, object)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
@@ -243,7 +191,7 @@ impl Caustics {
             followed: None,
             frames: 0,
             lights: Vec::new(),
-            refinements: 0,
+            revision: 0,
         })
     }
 }
@@ -253,11 +201,7 @@ impl Technique for Caustics {
         &INFO
     }
 
-    fn paths(&self) -> &[LightPaths] {
-        &self.paths
-    }
-
-    fn claim(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Vec<Claims> {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
         self.claimed.clear();
         let mut most = 0;
@@ -267,7 +211,7 @@ impl Technique for Caustics {
                 AUTO => self.claimed.len() < MOST && (self.claimed.len() + 1) * lights <= MOST_MAPS,
                 list => object.is_named_by(list),
             };
-            // What rough surfaces mirror is no caustic.
+            // Only ideal reflection and refraction make caustics.
             if !(is_mine && object.is_smooth) {
                 continue;
             }
@@ -280,44 +224,29 @@ impl Technique for Caustics {
                 _ => 1,
             });
         }
-        self.paths.clear();
+        let mut paths = Vec::new();
         if most > 0 {
             for class in [LightClass::Punctual, LightClass::Area] {
                 let light = LightPaths::new(class, "LE");
-                self.paths
-                    .push(light.continued(&format!("S{{1,{most}}}[DG]")));
+                paths.push(light.continued(&format!("S{{1,{most}}}[DG]")));
             }
         }
-        claims
-    }
-
-    fn names(&self) -> &str {
-        match self.settings.objects.as_str() {
-            AUTO => "",
-            list => list,
+        Plan {
+            paths,
+            claims,
+            object_names: match self.settings.objects.as_str() {
+                AUTO => String::new(),
+                list => list.to_owned(),
+            },
         }
     }
 
-    fn refinements(&self) -> u64 {
-        self.made.as_ref().map_or(0, |made| made.refinements)
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn progress(&self) -> f32 {
-        let frames = self.made.as_ref().map_or(0, |made| made.frames);
-        frames as f32 / self.settings.frames as f32
-    }
-
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
-    }
-
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
-    }
-
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let sides = |all: &Settings| [all.cube_resolution, all.shape_resolution];
-        settings::set_with_sides(&mut self.settings, FIELDS, name, value, sides)
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
     fn generate(
@@ -325,14 +254,14 @@ impl Technique for Caustics {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
-        lit: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
-        let is_made = |made: &Made| made.of.is(&self.settings, &self.claimed, scene);
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        let is_made = |made: &Made| made.of.serves(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => self.make(frame.gpu, scene)?,
         };
-        let now = Some((scene.versions, lit.version));
+        let now = Some((scene.versions, earlier.settings_version));
         let is_fresh = made.followed != now;
         if is_fresh {
             made.followed = now;
@@ -348,49 +277,50 @@ impl Technique for Caustics {
                 lights: &made.lights,
                 first_area: scene.lights.len(),
                 objects: made.caustics.len(),
-                settings_version: lit.version,
+                settings_version: earlier.settings_version,
             };
             for caustic in &mut made.caustics {
-                caustic.generate(frame, making, lit.impostors, is_fresh)?;
+                caustic.generate(frame, making, earlier.impostors, is_fresh)?;
             }
             made.frames += 1;
-            // Whoever shows caustics need not follow every step.
+            // Dependents need not follow every step.
             let is_step = made.frames.is_power_of_two() || made.frames == self.settings.frames;
-            made.refinements += u64::from(is_step && !is_fresh);
+            made.revision += u64::from(is_step && !is_fresh);
         }
+        let generated = Generated {
+            revision: made.revision,
+            progress: made.frames as f32 / self.settings.frames as f32,
+            pending: None,
+        };
         self.made = Some(made);
-        Ok(())
+        Ok(generated)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(made) = self.made.as_ref().filter(|made| !made.caustics.is_empty()) else {
             return Ok(());
         };
         let (gpu, kernel) = (frame.gpu, &self.kernels.gather);
-        let groups = self.bound.of(points, target, || {
-            Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
-        })?;
+        let groups = self.bound.of(receiver, || receiver.bind(gpu, kernel))?;
         frame.compute("caustics.gather", |pass| {
             for caustic in &made.caustics {
-                caustic.gather(pass, scene, kernel, groups, points);
+                caustic.gather(pass, scene, kernel, groups, &receiver.points);
             }
         });
         Ok(())
     }
 
-    fn maps(&self) -> Vec<Map> {
-        let caustics = self.made.iter().flat_map(|made| &made.caustics);
-        caustics.map(Caustic::map).collect()
-    }
-
-    fn work_bytes(&self) -> u64 {
-        let caustics = self.made.iter().flat_map(|made| &made.caustics);
-        caustics.map(Caustic::work_bytes).sum()
+    fn inspect(&self) -> Inspection {
+        let caustics = || self.made.iter().flat_map(|made| &made.caustics);
+        Inspection {
+            maps: caustics().map(Caustic::map).collect(),
+            work_bytes: caustics().map(Caustic::work_bytes).sum(),
+            warnings: Vec::new(),
+        }
     }
 }

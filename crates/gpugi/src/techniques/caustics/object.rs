@@ -1,4 +1,5 @@
-//! The caustics of one object: caustic maps of the lights that shine on it, and the cube around it that holds what their photons light.
+//! The caustics of one object: caustic maps of the lights that shine on it, and the cube around it that holds the
+//! irradiance of their photons.
 
 use std::ops::Range;
 
@@ -11,14 +12,14 @@ use crate::capture::{Capture, CaptureKernels, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::scene::{Claims, GpuScene, Object};
+use crate::sequence::low_discrepancy;
 use crate::techniques::shadow_map::gpu::LightSample;
-use crate::techniques::shadow_map::lights::low_discrepancy;
 use crate::techniques::{Map, Texels};
 
-/// Most bytes of photons at a time: more are followed in several batches.
+/// Most bytes of photon buffers at a time: more photons are traced in several batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-/// Invocations that spread the photons of one bounce of a map: so many share a photon's texels that maps of few photons, whose kernels are
-/// large, also fill a GPU.
+/// Invocations that splat the photons of one bounce of a map. Each photon's texels are shared among enough invocations
+/// that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
 /// The caustics of one object.
@@ -26,7 +27,7 @@ const SPLAT_INVOCATIONS: u32 = 1 << 21;
 pub struct Caustic {
     wanted: Wanted,
     bounces: u32,
-    /// Photons of a pixel: one that is mirrored, and one for each bounce inside.
+    /// Photons per pixel: one mirrored, and one for each bounce inside.
     photons: u32,
     counters: wgpu::Buffer,
     lit_texels: wgpu::Buffer,
@@ -38,15 +39,15 @@ pub struct Caustic {
     bound: Option<Bound>,
     maps: Vec<CausticMapOf>,
     batches: Vec<Vec<Dispatch>>,
-    /// Of all batches, which share them.
+    /// Bytes of the photon buffers, which all batches share.
     photon_bytes: u64,
-    /// Frames whose photons are counted.
+    /// Frames whose photons the counters hold.
     frames: u32,
-    /// Flux of one count of one frame's sums (W); 0: no light shines on the object.
+    /// Flux per count of one frame's sums (W); 0: no light shines on the object.
     step: f64,
 }
 
-/// What reads the maps around the object.
+/// The maps around the object, and the bind groups that refer to them.
 #[derive(Debug)]
 struct Bound {
     maps: Maps,
@@ -62,14 +63,14 @@ struct CausticMapOf {
     seen: wgpu::BindGroup,
 }
 
-/// What a light sees of the object, if anything, in a map of `side` pixels.
+/// A light's view of the object, in a map of `side` x `side` pixels; `None` if it does not shine on the object.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     side: u32,
     view: Option<LightView>,
 }
 
-/// Photons of some of the bounces of a caustic map's pixels.
+/// Tracing and splatting of some of the bounces of one caustic map's pixels.
 #[derive(Debug)]
 struct Dispatch {
     /// Index of the caustic map.
@@ -80,17 +81,18 @@ struct Dispatch {
     splat: wgpu::BindGroup,
 }
 
-/// What the caustics of every object are made with.
+/// Inputs shared by the caustics of all objects.
 #[derive(Debug, Clone, Copy)]
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     pub settings: &'a Settings,
-    /// Of each frame.
+    /// Lights of each frame.
     pub lights: &'a [Vec<LightSample>],
-    /// First of the lights that share the pixels of one caustic map: sample points on area lights.
+    /// Index of the first light that shares one caustic map's pixels with the others after it: sample points on area
+    /// lights.
     pub first_area: usize,
-    /// How many objects throw caustics.
+    /// Number of objects that cast caustics.
     pub objects: usize,
     pub settings_version: u64,
 }
@@ -156,7 +158,7 @@ impl Caustic {
         })
     }
 
-    /// Traces and counts another frame's photons; `is_fresh`: the first since something changed.
+    /// Traces and counts the photons of one more frame; `is_fresh`: the first frame since something changed.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -183,7 +185,7 @@ impl Caustic {
             frame.clear(&self.counters);
         }
         if is_fresh {
-            // Counts are as fine as sums of all frames fit 31 bits and a sign.
+            // The finest step at which the sums of all frames still fit 31 bits and a sign.
             let flux: f64 = (0..settings.frames)
                 .flat_map(|number| self.views(making, number))
                 .filter_map(|seen| Some(seen.view?.flux()))
@@ -229,10 +231,10 @@ impl Caustic {
                     .claims(draw.instance as usize)
                     .contains(Claims::SHADOW)
                 {
-                    // What passes through that is its own caustic.
+                    // Light that passes through another such object belongs to that object's caustic.
                     scene.whole_class(draw).from_both_sides()
                 } else {
-                    // Light is kept out by both sides of what is in its way.
+                    // Occluders block light with both of their sides.
                     draw.seen.from_both_sides()
                 }
             })?;
@@ -283,7 +285,8 @@ impl Caustic {
         Ok(())
     }
 
-    /// What the lights of a frame see of the object: those that shine on it, and all points on emitters, whose number must not change.
+    /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
+    /// on an emitter, even if it does not shine on the object, because their number must not change.
     fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
         let Making {
             scene,
@@ -305,7 +308,7 @@ impl Caustic {
         } else {
             Vec2::ZERO
         };
-        // Points on emitters have as many pixels together as one other light.
+        // All sample points on emitters together get as many pixels as one other light.
         let emitters = lights.len() - first_area;
         let whole_maps = objects * (first_area + emitters.min(1));
         let affordable = (MOST_PIXELS / whole_maps.max(1) as f32).sqrt();
@@ -348,7 +351,7 @@ impl Caustic {
         Ok(())
     }
 
-    /// Makes room for the views' caustic maps.
+    /// Allocates the views' caustic maps and photon buffers, unless those that exist have the right sizes.
     fn resize(
         &mut self,
         gpu: &Gpu,
@@ -368,12 +371,13 @@ impl Caustic {
         }
         self.maps.clear();
         self.batches.clear();
-        let limits = gpu.device.limits();
+        let limits = gpu.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size)
             .min(PHOTONS_AT_ONCE);
-        // What is traced in a batch has photons of its own, so that nothing waits; the next batch has the same.
+        // Each dispatch of a batch has its own photon buffer, so that none waits for another; the next batch reuses the
+        // buffers.
         let mut sizes: Vec<u64> = Vec::new();
         let mut batches: Vec<Vec<(usize, Range<u32>)>> = Vec::new();
         let mut left = 0;
@@ -436,7 +440,7 @@ impl Caustic {
         Ok(())
     }
 
-    /// Irradiance in the cube, six faces below each other.
+    /// Irradiance in the cube, the six faces stacked vertically.
     pub fn map(&self) -> Map {
         let side = self.wanted.side;
         Map {
@@ -450,7 +454,7 @@ impl Caustic {
         }
     }
 
-    /// Bytes of what is no map: counters, photons, and caustic maps with their hits and depth.
+    /// Bytes that are not in maps: counters, photons, and caustic maps with their visibility buffers and depth.
     pub fn work_bytes(&self) -> u64 {
         let maps = self.maps.iter().map(|map| {
             let points = &map.capture.points;
@@ -479,7 +483,7 @@ impl Caustic {
     }
 }
 
-/// Invocations that share the texels of one photon of a map: a power of two, at most a workgroup's 64.
+/// Invocations that share the texels of one photon of a map: a power of two, at most 64, the size of a workgroup.
 fn lanes(side: u32) -> u32 {
     let lanes = SPLAT_INVOCATIONS / (side * side);
     (1 << lanes.max(1).ilog2()).clamp(4, 64)
@@ -487,7 +491,7 @@ fn lanes(side: u32) -> u32 {
 
 #[cfg(test)]
 impl Caustic {
-    /// All flux that the cube holds (W).
+    /// Total flux in the cube (W).
     pub fn flux(&self, gpu: &Gpu) -> glam::DVec3 {
         use crate::gpu::read_buffer;
 

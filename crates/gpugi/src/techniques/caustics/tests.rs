@@ -1,4 +1,4 @@
-//! That no light is lost or gained on its way into the cubes.
+//! Tests that no light is lost or gained on its way into the cubes.
 
 use std::f64::consts::PI;
 
@@ -11,7 +11,7 @@ use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::techniques::{Lit, Texels};
+use crate::techniques::{Earlier, Texels};
 use crate::testing::test_gpu;
 
 const CENTER: Vec3 = vec3(0.2, -0.3, 0.1);
@@ -56,12 +56,12 @@ fn mirror() -> Material {
     Material::metal("mirror", Vec3::ONE, 0.0)
 }
 
-/// Flux in the first object's cube after some frames.
+/// Flux in the first object's cube after `frames` frames.
 fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVec3 {
     fluxes(gpu, scene, settings, frames)[0]
 }
 
-/// Flux in each object's cube after some frames.
+/// Flux in each object's cube after `frames` frames.
 fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Vec<DVec3> {
     let caustics = generated(gpu, scene, settings, frames)
         .made
@@ -70,7 +70,7 @@ fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> V
     caustics.iter().map(|caustic| caustic.flux(gpu)).collect()
 }
 
-/// Caustics after some frames.
+/// The technique after `frames` frames.
 fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Caustics {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
@@ -83,9 +83,9 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     .iter()
     .chain(settings)
     {
-        technique.set(name, value).unwrap();
+        technique.settings_mut().set(name, value).unwrap();
     }
-    let claims = technique.claim(&scene, &[]);
+    let claims = technique.plan(&scene, &[]).claims;
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
@@ -94,7 +94,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     for _ in 0..frames {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+        let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
         technique
             .generate(&mut frame, &scene, &view, &mut lit)
             .unwrap();
@@ -103,7 +103,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     technique
 }
 
-/// Without a light, nothing.
+/// The map is dark without a light.
 #[test]
 fn the_map_of_a_cube_holds_its_irradiance() {
     let Some(gpu) = test_gpu() else { return };
@@ -113,7 +113,7 @@ fn the_map_of_a_cube_holds_its_irradiance() {
         let mut scene = room(mirror());
         scene.lights = lights;
         let technique = generated(&gpu, &scene, &[("resolution", "64")], 1);
-        let maps = technique.maps();
+        let maps = technique.inspect().maps;
         assert_eq!(maps.len(), 1);
         assert!(maps[0].name.ends_with(".irradiance"));
         let Texels::Buffer {
@@ -128,13 +128,13 @@ fn the_map_of_a_cube_holds_its_irradiance() {
         let texels: Vec<[f32; 8]> = read_buffer(&gpu, buffer, 32 * 192 * 32).unwrap();
         let lit = texels.iter().filter(|texel| texel[0] > 0.0).count();
         assert_eq!(lit > 500, is_lit, "{lit} texels");
-        // Counters at least, and of a caustic map its points.
+        // At least the counters and, with a light, the points of its caustic map.
         let least = if is_lit { 64 * 64 * 48 } else { 0 };
-        assert!(technique.work_bytes() >= 32 * 192 * 24 + least);
+        assert!(technique.inspect().work_bytes >= 32 * 192 * 24 + least);
     }
 }
 
-/// What falls on the ball from a distance: intensity times the solid angle of its disc.
+/// Flux that falls on the ball from a point light at a distance: intensity times the solid angle of the ball's disc.
 fn falling(distance: f64, intensity: f64) -> f64 {
     let sine = f64::from(RADIUS) / distance;
     2.0 * PI * (1.0 - (1.0 - sine * sine).sqrt()) * intensity
@@ -146,7 +146,7 @@ fn check(name: &str, found: DVec3, expected: DVec3, tolerance: f64) {
     assert!(off < tolerance, "{name}: {found} W, not {expected} W");
 }
 
-/// Mirrors send on all that falls on them, and so does clear glass, however often light goes round in it.
+/// A mirror sends on all light that falls on it, and so does clear glass, however often light is reflected inside.
 #[test]
 fn flux_of_points_arrives() {
     let Some(gpu) = test_gpu() else { return };
@@ -174,7 +174,7 @@ fn flux_of_spots_and_directions_arrives() {
         Light::new("", LightKind::Directional, vec3(1.0, 2.0, 3.0))
             .aimed(vec3(0.0, 1.0, 0.3), Vec3::ZERO),
     ];
-    // The walls are in the way of a light from outside.
+    // Remove the walls: they would block a light from outside.
     scene.instances.retain(|instance| instance.name == "ball");
     let floor = quad(
         vec3(-90.0, -1.0, 90.0),
@@ -185,7 +185,8 @@ fn flux_of_spots_and_directions_arrives() {
     let mesh = scene.add_mesh(floor);
     scene.add_instance("floor", mesh, 0, Mat4::IDENTITY);
     let disc = PI * f64::from(RADIUS * RADIUS);
-    // Of a disc's light a mirror ball sends as much into every direction; below the horizon go a half, less what the floor's end lets by.
+    // A mirror ball reflects a parallel beam equally into all directions. Half goes below the horizon, less what misses
+    // the floor beyond its edge.
     let found = flux(&gpu, &scene, &[("resolution", "128")], 1);
     check(
         "directional",
@@ -208,12 +209,12 @@ fn flux_of_spots_and_directions_arrives() {
         falling(f64::from((at - CENTER).length()), 2.0) * DVec3::ONE,
         0.01,
     );
-    // One that looks elsewhere.
+    // A spot that points away.
     scene.lights = vec![Light::new("", spot, Vec3::splat(2.0)).aimed(at, at + Vec3::Y)];
     assert_eq!(flux(&gpu, &scene, &[], 1), DVec3::ZERO);
 }
 
-/// A lamp of any shape: every one of its points is a small light.
+/// An area light is the sum of its sample points, each a small light.
 #[test]
 fn flux_of_lamps_arrives() {
     let Some(gpu) = test_gpu() else { return };
@@ -231,12 +232,13 @@ fn flux_of_lamps_arrives() {
     scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);
     let settings = [("resolution", "256"), ("area-samples", "64")];
     let found = flux(&gpu, &scene, &settings, 1);
-    // L A times the form factor of a sphere straight below a small square (Howell's catalogue, B-37): pi (R/h)^2 to the third digit.
+    // L A times the form factor of a sphere straight below a small square (Howell's catalogue, B-37): pi (R/h)^2 to
+    // three digits.
     let expected = 5.0 * f64::from(side * side) * PI * (f64::from(RADIUS) / 1.4).powi(2);
     check("lamp", found, expected * DVec3::ONE, 0.02);
 }
 
-/// What stands between a light and the ball keeps the light.
+/// An occluder between a light and the ball blocks the light.
 #[test]
 fn flux_is_kept_by_what_is_in_the_way() {
     let Some(gpu) = test_gpu() else { return };
@@ -257,7 +259,7 @@ fn flux_is_kept_by_what_is_in_the_way() {
     }
 }
 
-/// Glass in the way keeps light, too: what passes through it is its own caustic.
+/// Glass between a light and the ball blocks the light, too: what passes through it belongs to its own caustic.
 #[test]
 fn flux_is_not_counted_twice() {
     let Some(gpu) = test_gpu() else { return };
@@ -275,7 +277,8 @@ fn flux_is_not_counted_twice() {
     assert!(found[1].x > 0.1, "{found:?}");
 }
 
-/// Frames whose points lie on lamps that do not shine on the object count as frames without light, whichever comes first.
+/// Frames whose sample points lie on lamps that do not shine on the object count as frames without light, whichever
+/// comes first.
 #[test]
 fn flux_of_lamps_that_face_away_is_none() {
     let Some(gpu) = test_gpu() else { return };

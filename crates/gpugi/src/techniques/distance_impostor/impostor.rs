@@ -1,16 +1,16 @@
-//! The light around one object: a cube of radiance beside the maps of its surroundings and of its own shape.
+//! The light around one object: a radiance cube that goes with the maps of its surroundings and of its own shape.
 
 use wgpu::BindingResource::TextureView;
 
 use super::{Search, Settings, Show};
-use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::capture::{PerReceiver, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Maps, Wanted, cube_texture, cubes, gpu, layers_of_cube, layers_of_level};
 use crate::scene::{GpuScene, Object};
 use crate::shader;
-use crate::techniques::Lit;
+use crate::techniques::Earlier;
 
-/// The passes that fill the cubes and the one that reads them.
+/// The passes that fill the cubes, and those that read them.
 #[derive(Debug)]
 pub struct Kernels {
     store: Kernel,
@@ -21,7 +21,7 @@ pub struct Kernels {
 }
 
 impl Kernels {
-    /// Compiles them.
+    /// Compiles the passes.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -45,7 +45,7 @@ impl Kernels {
         })
     }
 
-    /// The pass that adds what is to be shown.
+    /// The gather pass for what is to be shown.
     pub fn gather(&self, show: Show) -> &Kernel {
         match show {
             Show::Light => &self.gather,
@@ -54,15 +54,15 @@ impl Kernels {
     }
 }
 
-/// What captures are made of.
+/// Inputs shared by the captures of all objects.
 #[derive(Debug, Clone, Copy)]
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     pub settings: &'a Settings,
-    /// Decides what chance decides in cubes.
+    /// Seed of random decisions in the captures of cubes.
     pub seed: u32,
-    /// Whether the light of other techniques became finer though nothing had changed.
+    /// Whether the light of other techniques was refined since the last frame, though nothing changed.
     pub is_refined: bool,
 }
 
@@ -70,29 +70,29 @@ pub struct Making<'a> {
 #[derive(Debug)]
 pub struct Impostor {
     wanted: Wanted,
-    /// Whether its surface is ideal: then emitters show in it, else other techniques add their light.
+    /// Whether its surface is ideal. Then its cube shows emitters; otherwise other techniques add their light.
     is_smooth: bool,
     radiance: wgpu::Texture,
     coarser: Vec<(wgpu::BindGroup, u32)>,
     target: Target,
     uniform: wgpu::Buffer,
-    /// What the uniform holds.
+    /// Contents of the uniform.
     written: Option<gpu::Impostor>,
     maps: Option<Bound>,
-    seen: PerTarget<wgpu::BindGroup>,
-    /// Whether all of the cube holds light.
+    seen: PerReceiver<wgpu::BindGroup>,
+    /// Whether the whole cube holds light.
     pub is_lit: bool,
-    /// The faces to be lit in this frame.
+    /// The faces to light in this frame.
     pub due: Option<SurfacePoints>,
-    /// The turn in which faces are lit once more, after others that they show.
+    /// The next turn of faces to light a second time, after the other objects that these faces show.
     pub next_turn: usize,
 }
 
-/// The maps around the object, and what reads them.
+/// The maps around the object, and the bind groups that refer to them.
 #[derive(Debug)]
 struct Bound {
     maps: Maps,
-    /// Of each layer.
+    /// One per layer.
     stored: Vec<wgpu::BindGroup>,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
@@ -112,7 +112,7 @@ impl Impostor {
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
         let is_refracting = object.is_transmissive && object.is_solid && object.is_smooth;
-        // Ideal lobes read the finest level alone.
+        // Ideal lobes read only the finest level.
         let levels = if object.is_smooth {
             1
         } else {
@@ -153,14 +153,14 @@ impl Impostor {
             uniform,
             written: None,
             maps: None,
-            seen: PerTarget::default(),
+            seen: PerReceiver::default(),
             is_lit: false,
             due: None,
             next_turn: usize::MAX,
         })
     }
 
-    /// Follows the object, and captures its surroundings as far as that is due.
+    /// Follows the object's motion, and captures those of its surroundings that are due.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -168,7 +168,7 @@ impl Impostor {
         &mut self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
-        lit: &mut Lit<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let Making {
             scene,
@@ -178,9 +178,9 @@ impl Impostor {
             is_refined,
         } = making;
         let gpu = frame.gpu;
-        let maps = lit
+        let maps = earlier
             .impostors
-            .of(frame, scene, self.wanted, lit.version, seed)?
+            .of(frame, scene, self.wanted, earlier.settings_version, seed)?
             .clone();
         self.due = if self.is_lit && !is_refined {
             maps.renewed.clone()
@@ -211,20 +211,20 @@ impl Impostor {
         Ok(())
     }
 
-    /// Whether no more than one of several turns is due.
+    /// Whether this frame lights only one of several turns of faces.
     pub fn is_in_turn(&self) -> bool {
         let count = 6 * self.wanted.side * self.wanted.side;
         self.due.as_ref().is_some_and(|due| due.count < count)
     }
 
-    /// Makes the faces of the next turn due once more, until all were.
+    /// Makes the faces of the next turn due a second time; none once all turns were.
     pub fn once_more(&mut self) {
         let turns = self.maps.as_ref().map(|bound| &bound.maps.turns);
         self.due = turns.and_then(|turns| turns.get(self.next_turn)).cloned();
         self.next_turn = self.next_turn.saturating_add(1);
     }
 
-    /// Lights the faces that are due. `add_others`: the light of other impostors on their objects.
+    /// Lights the faces that are due. `add_others` adds the light of other impostors on their objects.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -232,8 +232,8 @@ impl Impostor {
         &mut self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
-        lit: &mut Lit<'_>,
-        mut add_others: impl FnMut(&mut Frame<'_>, &SurfacePoints, &Target) -> Result<(), GpuError>,
+        earlier: &mut Earlier<'_>,
+        mut add_others: impl FnMut(&mut Frame<'_>, &Receiver) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Making { scene, kernels, .. } = making;
         let (Some(points), Some(bound)) = (&self.due, &self.maps) else {
@@ -242,9 +242,10 @@ impl Impostor {
         let gpu = frame.gpu;
         let layers = bound.maps.layers(points);
         for (points, stored) in layers.iter().zip(&bound.stored) {
-            lit.gather(frame, scene, points, &self.target, self.is_smooth)?;
-            add_others(frame, points, &self.target)?;
-            let seen = self.seen.of(points, &self.target, || {
+            let receiver = Receiver::new(points, &self.target);
+            earlier.gather(frame, scene, &receiver, self.is_smooth)?;
+            add_others(frame, &receiver)?;
+            let seen = self.seen.of(&receiver, || {
                 let seen = [("seen", points.view.as_entire_binding())];
                 kernels.store.bind(gpu, 1, &seen)
             })?;
@@ -319,7 +320,7 @@ impl Impostor {
         }
     }
 
-    /// Names and textures: radiance and distances of the surroundings, and, of a refractor, its normals.
+    /// Names and textures: radiance and distances of the surroundings, and a refractor's normals.
     pub fn textures(&self) -> Vec<(String, &wgpu::Texture)> {
         let mut textures = vec![("radiance", &self.radiance)];
         if let Some(Bound { maps, .. }) = &self.maps {

@@ -1,8 +1,9 @@
-//! Distance impostors: reflections and refractions of surroundings that are as near as they are (tutorial sections 5.1 to 5.3).
+//! Distance impostors: reflections and refractions of surroundings at their true distances (tutorial sections 5.1 to
+//! 5.3).
 //!
-//! Generate: for each object a cube around a reference point captures its surroundings, lit by the techniques before this one, with their
-//! distances; of a refractor also its own shape. Gather: reflected and refracted rays look for their hits in these maps.
-//! docs/techniques/distance-impostor.md.
+//! Generate: for each object, a cube around a reference point captures its surroundings, lit by the techniques before
+//! this one, with their distances; for a refractor also its own shape. Gather: reflected and refracted rays search for
+//! their hits in these maps. docs/techniques/distance-impostor.md.
 
 mod impostor;
 #[cfg(test)]
@@ -11,15 +12,16 @@ mod tests;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, MadeFor, Map, SettingError, Technique, Texels, settings};
-use crate::capture::{PerTarget, SurfacePoints, Target, View};
+use super::{Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, Plan, Technique, Texels};
+use crate::capture::{Output, PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Versions};
+use crate::settings::{Kind, SettingSet, SettingValue};
 use impostor::{Impostor, Kernels, Making};
 
-/// What distance impostors say of themselves.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "distance-impostor",
     summary: "localized reflections and multiple refractions of lit surroundings, on chosen objects",
@@ -31,24 +33,25 @@ pub const INFO: Info = Info {
     ],
     suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
     keeps_texels: false,
+    lights_points: true,
 };
 
-/// How hits are searched for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Search {
-    /// A walk through all cells that the ray may meet: finds everything that is as wide as a texel.
-    Walk,
-    /// The tutorial's first version: secant, then false position.
-    Secant,
-    /// The tutorial's second version.
-    FalsePosition,
-    /// None: surroundings count as infinitely far, as in classical environment mapping.
-    None,
+crate::choices! {
+    /// How hits are searched for.
+    pub enum Search {
+        /// A walk through all cells that the ray may meet: finds everything that is as wide as a texel.
+        Walk = "walk",
+        /// The tutorial's first version: secant, then false position.
+        Secant = "secant",
+        /// The tutorial's second version: false position.
+        FalsePosition = "false-position",
+        /// No search: surroundings count as infinitely far, as in classical environment mapping.
+        None = "none",
+    }
 }
 
 impl Search {
-    /// The `SEARCH_` constant of lookup.wesl; of none, that of the default, which is not read.
+    /// The `SEARCH_` constant of impostor/maps.wesl; for `None` that of the default, which is not read.
     fn number(self) -> u32 {
         match self {
             Self::Walk | Self::None => 0,
@@ -58,18 +61,19 @@ impl Search {
     }
 }
 
-/// What the gather adds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Show {
-    /// Light.
-    Light,
-    /// A colour for how sure it is what rays meet: green seen from the reference point, yellow seen at the end of a way that is not, red not
-    /// seen, blue found in the second layer, grey nothing.
-    Certainty,
+crate::choices! {
+    /// What the gather adds.
+    pub enum Show {
+        /// Light.
+        Light = "light",
+        /// A colour for the certainty of hits: green if the reference point sees the hit; yellow if it sees the hit,
+        /// but not all of the ray before it; red if it does not see the hit; blue if the second layer holds the hit;
+        /// grey if there is no hit.
+        Certainty = "certainty",
+    }
 }
 
-/// A point, or the middle of each object.
+/// A point, or the centre of each object.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reference(pub Option<Vec3>);
@@ -131,38 +135,48 @@ impl From<Often> for String {
     }
 }
 
-/// Settings of distance impostors.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Settings {
-    /// Side of the faces of the surroundings' cubes (texels): a power of two.
-    pub resolution: u32,
-    /// Side of the faces of refractors' shapes (texels): a power of two.
-    pub shape_resolution: u32,
-    /// How hits are searched for.
-    pub search: Search,
-    /// Steps of the tutorial's searches.
-    pub iterations: u32,
-    /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
-    pub bounces: u32,
-    /// 1, or 2: cubes also hold what is behind what their reference point sees.
-    pub layers: u32,
-    /// What the picture shows of it.
-    pub show: Show,
-    /// Where cubes are captured from (m).
-    pub reference: Reference,
-    /// When surroundings are captured and lit anew.
-    pub renew: Often,
-    /// An object's own way that leaves its surroundings as they are, if it is less (m).
-    pub threshold: f32,
-    /// Faces of a cube that are renewed in a frame.
-    pub faces_per_frame: u32,
-    /// Objects with impostors: names separated by commas, `*` for any characters. `auto`: those with ideal surfaces.
-    pub objects: String,
+impl SettingValue for Reference {
+    const KIND: Kind = Kind::Text;
+}
+
+impl SettingValue for Often {
+    const KIND: Kind = Kind::Text;
+}
+
+crate::settings! {
+    /// Settings of distance impostors.
+    pub struct Settings {
+        /// Side of the faces of the surroundings' cubes, a power of two.
+        pub resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
+        /// Side of the faces of refractors' shapes, a power of two.
+        pub shape_resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
+        /// How hits are searched for: walk, secant, false-position or none; none is classical environment mapping.
+        pub search: Search = Search::Walk => any(),
+        /// Steps of the searches secant and false-position.
+        pub iterations: u32 = 4 => in_range(0.0, 64.0),
+        /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
+        pub bounces: u32 = 4 => in_range(0.0, 16.0),
+        /// Layers of the cubes; 2: they also hold what lies behind the surfaces that the reference point sees, for
+        /// search=walk; 1: they do not.
+        pub layers: u32 = 1 => in_range(1.0, 2.0),
+        /// What the image shows: light, or certainty, colours for the certainty of hits.
+        pub show: Show = Show::Light => any(),
+        /// Point that cubes are captured from: x,y,z, or auto, the centre of each object.
+        pub reference: Reference = Reference(None) => any().unit("m"),
+        /// When surroundings are captured and lit again: every-frame; changed, when something changed; or a number of
+        /// frames, when something changed, but at most once in that many frames.
+        pub renew: Often = Often(Renew::Changed(1)) => any(),
+        /// If an object moves less than this, its surroundings stay as they are.
+        pub threshold: f32 = 0.0 => in_range(0.0, 1e9).unit("m"),
+        /// Faces of a cube that are renewed per frame; the others follow in the next frames.
+        pub faces_per_frame: u32 = 6 => in_range(1.0, 6.0),
+        /// Objects with impostors: names separated by commas, * for any characters; auto: those with ideal surfaces.
+        pub objects: String = AUTO.to_owned() => any(),
+    }
 }
 
 impl Settings {
-    /// Layers that the search reads: the tutorial's know one.
+    /// Layers that the search reads: the tutorial's searches have only one.
     fn layers_searched(&self) -> u32 {
         if self.search == Search::Walk {
             self.layers
@@ -180,94 +194,13 @@ impl Settings {
     }
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            resolution: 256,
-            shape_resolution: 256,
-            search: Search::Walk,
-            iterations: 4,
-            bounces: 4,
-            layers: 1,
-            show: Show::Light,
-            reference: Reference(None),
-            renew: Often(Renew::Changed(1)),
-            threshold: 0.0,
-            faces_per_frame: 6,
-            objects: AUTO.to_owned(),
-        }
-    }
-}
-
-const FIELDS: &[Field] = &[
-    Field {
-        name: "resolution",
-        summary: "side of the faces of the surroundings' cubes, a power of two [texels]",
-        range: Some((16.0, 1024.0)),
-    },
-    Field {
-        name: "shape-resolution",
-        summary: "side of the faces of refractors' shapes, a power of two [texels]",
-        range: Some((16.0, 1024.0)),
-    },
-    Field {
-        name: "search",
-        summary: "walk, secant, false-position or none: how hits are searched for; none is classical environment mapping",
-        range: None,
-    },
-    Field {
-        name: "iterations",
-        summary: "steps of the searches secant and false-position",
-        range: Some((0.0, 64.0)),
-    },
-    Field {
-        name: "bounces",
-        summary: "most surfaces that light meets inside a refractor; 0: it refracts once",
-        range: Some((0.0, 16.0)),
-    },
-    Field {
-        name: "layers",
-        summary: "2: also what is behind what the reference point sees, for search=walk; 1: without",
-        range: Some((1.0, 2.0)),
-    },
-    Field {
-        name: "show",
-        summary: "light, or certainty: colours for how sure it is what rays meet",
-        range: None,
-    },
-    Field {
-        name: "reference",
-        summary: "auto, the middle of each object, or x,y,z: where cubes are captured from [m]",
-        range: None,
-    },
-    Field {
-        name: "renew",
-        summary: "changed, every-frame, or a number: capture surroundings when something changed, at most every so many frames",
-        range: None,
-    },
-    Field {
-        name: "threshold",
-        summary: "an object's own way that leaves its surroundings as they are, if it is less [m]",
-        range: Some((0.0, 1e9)),
-    },
-    Field {
-        name: "faces-per-frame",
-        summary: "faces of a cube that are renewed in a frame, the others in the next",
-        range: Some((1.0, 6.0)),
-    },
-    Field {
-        name: "objects",
-        summary: "objects with impostors, names with commas between and * for any letters; auto: those with ideal surfaces",
-        range: None,
-    },
-];
-
 /// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
 const AUTO: &str = "auto";
-/// Most objects that get an impostor by themselves, and most that may be named.
+/// Most objects with impostors that `auto` chooses, and most that may be named.
 const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
-/// How often several objects are captured when the scene changed: those captured first do not see what the others show yet.
+/// How often the cubes of several objects are lit when the scene changed: those lit first do not show yet what the
+/// others reflect.
 const ROUNDS: u32 = 2;
 /// Most ideal reflections and refractions of a declared path.
 const MOST_BOUNCES: u32 = 32;
@@ -277,21 +210,20 @@ const MOST_BOUNCES: u32 = 32;
 pub struct DistanceImpostor {
     settings: Settings,
     kernels: Kernels,
-    paths: Vec<LightPaths>,
     /// Instances with an impostor.
     claimed: Vec<u32>,
     made: Option<Made>,
-    bound: PerTarget<[wgpu::BindGroup; 2]>,
+    bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
 /// The impostors, and what they were made for.
 #[derive(Debug)]
 struct Made {
-    of: MadeFor<Settings>,
-    /// The scene, and the settings of techniques, at the last frame.
+    of: ObjectMapsKey<Settings>,
+    /// Versions of the scene, and of the settings of techniques, in the last frame.
     seen: Option<(Versions, u64)>,
-    /// [`Lit::refinements`] of the last frame.
-    refinements: u64,
+    /// [`Earlier::revision`] of the last frame.
+    revision: u64,
     impostors: Vec<Impostor>,
 }
 
@@ -304,10 +236,9 @@ impl DistanceImpostor {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            paths: Vec::new(),
             claimed: Vec::new(),
             made: None,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 }
@@ -317,11 +248,7 @@ impl Technique for DistanceImpostor {
         &INFO
     }
 
-    fn paths(&self) -> &[LightPaths] {
-        &self.paths
-    }
-
-    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
         let objects = &scene.objects;
         let mut claims = vec![Claims::NONE; objects.len()];
         self.claimed.clear();
@@ -336,20 +263,21 @@ impl Technique for DistanceImpostor {
                 claims[index] = Claims::SPECULAR;
                 is_rough |= !object.is_smooth;
                 is_smooth |= object.is_smooth;
-                // The cubes of rough objects hold no emitters: what passes through them is left to others.
+                // The cubes of rough objects hold no emitters, so transmission through rough objects is left to other
+                // techniques.
                 if object.is_transmissive && object.is_solid && object.is_smooth {
                     claims[index] = Claims::SPECULAR | Claims::TRANSMISSION | Claims::REFRACTION;
                     refracts = true;
                 }
             }
         }
-        // What refracts once stands for what light does on its ways in and out.
+        // A single refraction represents those on the way in and out.
         let own = if refracts {
             self.settings.bounces.max(1) + 1
         } else {
             1
         };
-        // Cubes show other objects whose cubes show the first.
+        // Cubes show other objects, whose cubes in turn show this one.
         let objects = if self.claimed.len() > 1 {
             ROUNDS + 1
         } else {
@@ -359,45 +287,40 @@ impl Technique for DistanceImpostor {
             1 => "S".to_owned(),
             most => format!("S{{1,{most}}}"),
         };
-        self.paths.clear();
+        let mut paths = Vec::new();
         if !self.claimed.is_empty() {
-            // What lights the surroundings, and what is seen of lights themselves: in smooth objects alone.
+            // Light on the surroundings, and lights seen directly; the latter only in smooth objects.
             for one in covered {
                 if is_smooth {
-                    self.paths.push(one.continued(&bounces));
+                    paths.push(one.continued(&bounces));
                 }
                 if is_rough {
-                    self.paths.push(one.continued("G"));
+                    paths.push(one.continued("G"));
                 }
             }
             if is_smooth {
                 for class in [LightClass::Area, LightClass::Environment] {
                     let one = LightPaths::new(class, SEEN_DIRECTLY);
-                    self.paths.push(one.continued(&bounces));
+                    paths.push(one.continued(&bounces));
                 }
             }
         }
-        claims
-    }
-
-    fn names(&self) -> &str {
-        match self.settings.objects.as_str() {
-            AUTO => "",
-            list => list,
+        Plan {
+            paths,
+            claims,
+            object_names: match self.settings.objects.as_str() {
+                AUTO => String::new(),
+                list => list.to_owned(),
+            },
         }
     }
 
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
-    }
-
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        let sides = |all: &Settings| [all.resolution, all.shape_resolution];
-        settings::set_with_sides(&mut self.settings, FIELDS, name, value, sides)
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
     fn generate(
@@ -405,8 +328,8 @@ impl Technique for DistanceImpostor {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        lit: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
         if self.claimed.len() > MOST_NAMED {
             return Err(GpuError::TooLarge {
                 what: "objects with distance impostors (name fewer)".into(),
@@ -415,9 +338,9 @@ impl Technique for DistanceImpostor {
                 adapter: frame.gpu.adapter.name.clone(),
             });
         }
-        let is_made = |made: &Made| made.of.is(&self.settings, &self.claimed, scene);
+        let is_made = |made: &Made| made.of.serves(&self.settings, &self.claimed, scene);
         if !self.made.as_ref().is_some_and(is_made) {
-            let of = MadeFor::new(&self.settings, &self.claimed, scene);
+            let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
             let impostors = of.objects().map(|(one, object)| {
                 Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
             });
@@ -425,14 +348,14 @@ impl Technique for DistanceImpostor {
                 impostors: impostors.collect::<Result<_, _>>()?,
                 of,
                 seen: None,
-                refinements: 0,
+                revision: 0,
             });
         }
         let Some(made) = &mut self.made else {
-            return Ok(());
+            return Ok(Generated::FINAL);
         };
         let is_every_frame = self.settings.renew.0 == Renew::EveryFrame;
-        // Every frame another, so that what is decided by chance changes.
+        // A different seed in every frame, so that random decisions vary.
         let seed = if is_every_frame {
             let view = &view.uniform;
             view.seed
@@ -440,8 +363,8 @@ impl Technique for DistanceImpostor {
         } else {
             0
         };
-        let is_refined = made.refinements != lit.refinements();
-        made.refinements = lit.refinements();
+        let is_refined = made.revision != earlier.revision;
+        made.revision = earlier.revision;
         let making = Making {
             scene,
             kernels: &self.kernels,
@@ -449,12 +372,12 @@ impl Technique for DistanceImpostor {
             seed,
             is_refined,
         };
-        let now = Some((scene.versions, lit.version));
+        let now = Some((scene.versions, earlier.settings_version));
         let is_changed = made.seen != now;
         made.seen = now;
         let impostors = &mut made.impostors;
         for impostor in &mut *impostors {
-            impostor.follow(frame, making, lit)?;
+            impostor.follow(frame, making, earlier)?;
         }
         let are_several = impostors.len() > 1;
         if are_several && impostors.iter().any(Impostor::is_in_turn) {
@@ -466,7 +389,8 @@ impl Technique for DistanceImpostor {
                 impostor.once_more();
             }
         }
-        // What only became finer, or comes every frame, goes round in time.
+        // If light was only refined, or cubes are renewed in every frame, one round suffices: light passes on from
+        // frame to frame.
         let rounds = if are_several && (is_changed || !(is_every_frame || is_refined)) {
             ROUNDS
         } else {
@@ -483,65 +407,68 @@ impl Technique for DistanceImpostor {
                 }
                 let kernel = self.kernels.gather(self.settings.show);
                 let bound = &mut self.bound;
-                this.light(frame, making, lit, |frame, points, target| {
+                this.light(frame, making, earlier, |frame, receiver| {
                     let others = before.iter().chain(&*after);
                     let others = others.filter(|one| one.is_lit);
-                    add(frame, scene, kernel, bound, points, target, others)
+                    add(frame, scene, kernel, bound, receiver, others)
                 })?;
             }
         }
-        Ok(())
+        Ok(Generated::FINAL)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
+        // Reflections and refractions exist toward an eye only.
+        if receiver.points.output != Output::RadianceToEye {
+            return Ok(());
+        }
         let impostors = self.made.iter().flat_map(|made| &made.impostors);
         add(
             frame,
             scene,
             self.kernels.gather(self.settings.show),
             &mut self.bound,
-            points,
-            target,
+            receiver,
             impostors,
         )
     }
 
-    fn maps(&self) -> Vec<Map> {
+    fn inspect(&self) -> Inspection {
         let impostors = self.made.iter().flat_map(|made| &made.impostors);
-        impostors
+        let maps = impostors
             .flat_map(|impostor| {
                 impostor.textures().into_iter().map(|(name, texture)| Map {
                     name,
                     texels: Texels::Texture(texture.clone()),
                 })
             })
-            .collect()
+            .collect();
+        Inspection {
+            maps,
+            ..Inspection::default()
+        }
     }
 }
 
-/// Adds what the objects of `impostors` mirror and refract, by the pass `kernel`.
+/// Adds what the objects of `impostors` mirror and refract, with the pass `kernel`.
 fn add<'a>(
     frame: &mut Frame<'_>,
     scene: &GpuScene,
     kernel: &Kernel,
-    bound: &mut PerTarget<[wgpu::BindGroup; 2]>,
-    points: &SurfacePoints,
-    target: &Target,
+    bound: &mut PerReceiver<[wgpu::BindGroup; 2]>,
+    receiver: &Receiver,
     impostors: impl Iterator<Item = &'a Impostor>,
 ) -> Result<(), GpuError> {
     let gpu = frame.gpu;
-    let groups = bound.of(points, target, || {
-        Ok([points.bind(gpu, kernel)?, target.bind(gpu, kernel)?])
-    })?;
+    let groups = bound.of(receiver, || receiver.bind(gpu, kernel))?;
     frame.compute("distance-impostor.gather", |pass| {
         for impostor in impostors {
-            impostor.gather(pass, scene, kernel, groups, points);
+            impostor.gather(pass, scene, kernel, groups, &receiver.points);
         }
     });
     Ok(())

@@ -1,4 +1,4 @@
-//! What the maps hold, texel by texel, against an analytic room; and what host and shaders agree on.
+//! Compares the maps, texel by texel, with an analytic room; checks that host and shaders agree on constants.
 
 use glam::{DVec3, Mat4, Vec2, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{quad, sphere};
@@ -10,23 +10,23 @@ use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::Lit;
+use crate::techniques::Earlier;
 use crate::testing::{constant, on_face, test_gpu};
 
 const SIDE: usize = 32;
-/// Half the extents of the room, whose middle is the origin, where its ball is and how large that is (m).
+/// Half the room's extents, centred at the origin; the ball's centre and radius (m).
 const HALF: Vec3 = vec3(2.0, 1.5, 2.5);
 const CENTER: Vec3 = vec3(0.7, -0.3, 0.4);
 const RADIUS: f32 = 0.4;
 
-/// What a wall emits: +X, -X, +Y, -Y, +Z, -Z.
+/// Radiance that a wall emits: +X, -X, +Y, -Y, +Z, -Z.
 fn radiance(axis: usize, is_low: bool) -> Vec3 {
     let mut color = Vec3::splat(if is_low { 0.25 } else { 1.0 });
     color[axis] = 2.0;
     color
 }
 
-/// A room of six colours that holds one ball.
+/// A room with walls of six colours that holds one ball.
 fn room(material: Material) -> Scene {
     let mut scene = Scene::new("room");
     for axis in 0..3 {
@@ -53,12 +53,15 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = DistanceImpostor::new(gpu, &scene).unwrap();
     for name in ["resolution", "shape-resolution"] {
-        technique.set(name, &SIDE.to_string()).unwrap();
+        technique
+            .settings_mut()
+            .set(name, &SIDE.to_string())
+            .unwrap();
     }
     for (name, value) in settings {
-        technique.set(name, value).unwrap();
+        technique.settings_mut().set(name, value).unwrap();
     }
-    let claims = technique.claim(&scene, &[]);
+    let claims = technique.plan(&scene, &[]).claims;
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
@@ -66,7 +69,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
     scene.merge(&mut frame);
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -76,7 +79,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
 
 /// The texels of a map with their directions.
 fn texels<T: bytemuck::Pod>(gpu: &Gpu, technique: &DistanceImpostor, map: &str) -> Vec<(DVec3, T)> {
-    let maps = technique.maps();
+    let maps = technique.inspect().maps;
     let name = format!("distance-impostor.6.{map}");
     let map = maps.iter().find(|map| map.name == name).unwrap();
     let texture = map.texture().unwrap();
@@ -143,7 +146,7 @@ fn normals_of_a_refractor_face_outward() {
     }
 }
 
-/// Only lobes with a width read levels, and a Phong lobe has one whatever the roughness beside it.
+/// Only lobes with a width need mip levels. A Phong lobe always has a width, whatever the material's roughness.
 #[test]
 fn levels_and_impostors_go_by_lobes() {
     let Some(gpu) = test_gpu() else { return };
@@ -164,7 +167,7 @@ fn levels_and_impostors_go_by_lobes() {
     for (material, objects, expected) in cases {
         let name = material.name.clone();
         let technique = generated(&gpu, &room(material), &[("objects", objects)]);
-        let maps = technique.maps();
+        let maps = technique.inspect().maps;
         let levels: Vec<u32> = maps
             .iter()
             .filter(|map| map.name.ends_with("radiance"))

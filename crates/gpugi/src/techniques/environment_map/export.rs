@@ -1,5 +1,5 @@
-//! The environment's maps for other programs: cube maps in KTX2's axes, and what their numbers mean. docs/techniques/environment-map.md,
-//! "Export".
+//! Exports the environment's maps for other programs: cube maps in KTX2's axes, and a description of their numbers.
+//! docs/techniques/environment-map.md, "Export".
 
 use std::sync::Arc;
 
@@ -14,51 +14,52 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, TextureAspect, read_buffer, read_
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// One environment's maps, without rotation and intensity.
+/// The maps of one environment, without rotation and intensity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Baked {
     /// Radiance, a cube map with all levels [W/sr/m^2].
     pub radiance: HalfTexture,
-    /// Irradiance over the normal, a cube map of one level [W/m^2].
+    /// Irradiance as a function of the normal, a cube map of one level [W/m^2].
     pub irradiance: HalfTexture,
-    /// Mean radiance over GGX lobes, a cube map; [`Description::glossy_levels`] says which lobe a level holds [W/sr/m^2].
+    /// Mean radiance over GGX lobes, a cube map; [`Description::glossy_levels`] lists the lobe of each level
+    /// [W/sr/m^2].
     pub ggx: HalfTexture,
     /// Mean radiance over Phong lobes, likewise [W/sr/m^2].
     pub phong: HalfTexture,
-    /// Over n.v (across) and roughness (down), 0 and 1 in the middle of the outer texels: the factors A and B of f0 and f90 that make up
-    /// GGX's albedo, and a white Phong lobe's albedo.
+    /// Over n.v (across) and roughness (down), with 0 and 1 at the centres of the outermost texels: the factors A and B
+    /// of f0 and f90 that make up GGX's albedo, and the albedo of a white Phong lobe.
     pub albedo: HalfTexture,
-    /// What stands beside them.
+    /// Description of the maps.
     pub description: Description,
 }
 
-/// What a program needs to know to use the maps, as it stands in irradiance-sh.json.
+/// What a program needs to know to use the maps, as written to irradiance-sh.json.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Description {
-    /// Axes of the coefficients, and how directions of the cube maps follow.
+    /// Axes of the coefficients, and how the cube maps' directions relate to them.
     pub axes: &'static str,
-    /// The functions Y_i, of the unit direction (x, y, z).
+    /// The functions Y_i of the unit direction (x, y, z).
     pub basis: [&'static str; 9],
     /// L_i = integral of L Y_i over the sphere: red, green and blue [W/m^2].
     pub radiance_coefficients: [[f32; 3]; 9],
-    /// What the clamped cosine multiplies coefficient i by.
+    /// Factors by which the clamped cosine multiplies the coefficients.
     pub cosine_factors: [f32; 9],
-    /// How irradiance follows.
+    /// The formula for irradiance.
     pub irradiance: &'static str,
-    /// Whether the Phong maps hold means over cos^(n + 1), the surface's cosine included, or over cos^n.
+    /// Whether the Phong maps hold means over cos^(n + 1), with the surface's cosine, or over cos^n.
     pub phong_cosine: bool,
-    /// The glossy maps' levels, from the finest on.
+    /// Levels of the glossy maps, finest first.
     pub glossy_levels: Vec<GlossyLevel>,
 }
 
-/// What a level of the glossy maps holds.
+/// The lobe that one level of the glossy maps holds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GlossyLevel {
     /// Width and height of a face (texels).
     pub side: u32,
     /// Roughness of the GGX lobe; alpha is its square.
     pub roughness: f32,
-    /// Exponent n of the Phong lobe; none for an ideal mirror.
+    /// Exponent n of the Phong lobe; `None` for an ideal mirror.
     pub phong_exponent: Option<f32>,
 }
 
@@ -85,7 +86,7 @@ const COSINE_FACTORS: [f32; 9] = {
     [PI, ONE, ONE, ONE, TWO, TWO, TWO, TWO, TWO]
 };
 
-/// Makes the maps of an equirectangular image and reads them back.
+/// Generates the maps of an equirectangular image and reads them back.
 ///
 /// # Errors
 /// [`GpuError`].
@@ -140,8 +141,9 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
     })
 }
 
-/// Reads a cube map, all levels, and turns it from our right-handed axes to KTX2's left-handed ones, z -> -z: the faces of Z change places,
-/// those of Y turn over, the others are mirrored. So each shows the surroundings as seen from inside the cube, unmirrored.
+/// Reads all levels of a cube map, and converts it from gpugi's right-handed axes to KTX2's left-handed ones, z -> -z:
+/// the faces of Z swap places, those of Y are flipped vertically, and all others are mirrored. Each face then shows the
+/// surroundings as seen from inside the cube, not mirrored.
 fn cube(gpu: &Gpu, texture: &wgpu::Texture) -> Result<HalfTexture, GpuError> {
     let mut levels = Vec::new();
     for level in 0..texture.mip_level_count() {

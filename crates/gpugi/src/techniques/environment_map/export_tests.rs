@@ -1,4 +1,5 @@
-//! What is written for other programs: the GPU's texels in KTX2's axes, and numbers that mean what the description says.
+//! Tests of the export for other programs: texels equal the GPU's in KTX2's axes, and numbers mean what the description
+//! says.
 
 use glam::DVec3;
 use gpugi_scene::image::HalfTexture;
@@ -22,7 +23,7 @@ fn baked(gpu: &Gpu) -> Baked {
     bake(gpu, &sunny(20, 5).image, &settings()).unwrap()
 }
 
-/// Directions and values of a level, told by the Vulkan specification's table of cube faces.
+/// Directions and values of a level's texels, by the Vulkan specification's table of cube faces.
 fn texels(cube: &HalfTexture, level: usize) -> impl Iterator<Item = (DVec3, [f16; 4])> + '_ {
     let side = cube.size[0] as usize >> level;
     cube.levels[level]
@@ -82,7 +83,8 @@ fn the_exported_sun_stands_where_the_image_has_it() {
         let brighter = |a: &(DVec3, [f16; 4]), b: &(DVec3, [f16; 4])| a.1[0].total_cmp(&b.1[0]);
         texels(cube, 0).max_by(brighter).unwrap().0
     };
-    // The middle of texel (20, 5) of 32 x 16, in KTX2's axes: to the right of the middle, which lies ahead, and above the horizon.
+    // Centre of texel (20, 5) of 32 x 16, in KTX2's axes: right of the image's centre, which lies ahead, and above the
+    // horizon.
     let (phi, theta) = ((20.5_f64 / 32.0 - 0.5) * 360.0, 5.5_f64 / 16.0 * 180.0);
     let (phi, theta) = (phi.to_radians(), theta.to_radians());
     let sun = DVec3::new(
@@ -113,7 +115,7 @@ fn exported_harmonics_are_the_sum_over_the_image() {
         let off = (found - expected).abs().max_element() / largest;
         assert!(off < 3e-3, "coefficient {i}: {found}, not {expected}");
     }
-    // Irradiance as the description tells to compute it, beside the cube: within what nine harmonics can do.
+    // Irradiance, computed as the description says, agrees with the cube within the error of nine harmonics.
     let brightest = texels(&baked.irradiance, 0)
         .map(|(_, value)| f64::from(value[0]))
         .fold(0.0, f64::max);
@@ -129,7 +131,7 @@ fn exported_harmonics_are_the_sum_over_the_image() {
         let off = (sum - f64::from(value[0])).abs() / brightest;
         assert!(off < 0.09, "{normal}: {sum}, not {}", value[0]);
     }
-    // The same numbers as those that the technique itself looks up.
+    // The technique itself looks up the same numbers.
     let technique = generated(
         &gpu,
         &sunny(20, 5),
@@ -141,7 +143,7 @@ fn exported_harmonics_are_the_sum_over_the_image() {
     }
 }
 
-/// The basis as text, evaluated.
+/// Evaluates the basis from its text.
 #[test]
 fn the_description_spells_out_the_basis() {
     let Some(gpu) = test_gpu() else { return };

@@ -1,4 +1,4 @@
-//! The environment's maps: what `generate` fills and the gather reads.
+//! The environment's maps: `generate` fills them, and the gather reads them.
 
 use wgpu::BindingResource::{Sampler, TextureView};
 
@@ -14,7 +14,7 @@ pub const IRRADIANCE_SIDE: u32 = 32;
 const HARMONICS_SIDE: u32 = 64;
 /// Side of the coarsest level of the glossy maps (texels).
 const LAST_GLOSSY_SIDE: u32 = 8;
-/// Side of the table of albedos (texels).
+/// Side of the albedo table (texels).
 pub const TABLE_SIDE: u32 = 64;
 
 /// The passes that fill the maps.
@@ -30,7 +30,7 @@ pub struct Generator {
 }
 
 impl Generator {
-    /// Compiles them.
+    /// Compiles the passes.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -57,7 +57,7 @@ impl Generator {
     }
 }
 
-/// One dispatch of a generation.
+/// One dispatch of `generate`.
 #[derive(Debug)]
 struct Step {
     kernel: Kernel,
@@ -80,16 +80,16 @@ impl Step {
     }
 }
 
-/// The maps for one choice of settings. Without the environment's rotation and intensity.
+/// The maps for one choice of settings, without the environment's rotation and intensity.
 #[derive(Debug)]
 pub struct Maps {
     /// Radiance, all levels [W/sr/m^2].
     pub radiance: wgpu::Texture,
-    /// Irradiance over the normal [W/m^2].
+    /// Irradiance as a function of the normal [W/m^2].
     pub irradiance: wgpu::Texture,
     /// Radiance in nine spherical harmonics.
     pub harmonics: wgpu::Buffer,
-    /// Means over GGX lobes, over Phong lobes: by roughness from level to level.
+    /// Means over GGX lobes and over Phong lobes; each level has its own roughness.
     pub glossy: [wgpu::Texture; 2],
     /// Albedos of glossy lobes.
     pub albedo: wgpu::Texture,
@@ -99,7 +99,7 @@ pub struct Maps {
 }
 
 impl Maps {
-    /// Makes empty maps; `gather` is to read them.
+    /// Creates empty maps, and the bind group for the pass `gather`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -111,7 +111,8 @@ impl Maps {
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
         let levels = side.ilog2() + 1;
-        // From the finest to the coarsest whose lobes are wide enough; where even the finest is as small, two, for smooth and rough.
+        // Down to the level whose side is `LAST_GLOSSY_SIDE`, and at least two levels, smooth and rough, if the finest
+        // is that small already.
         let glossy_levels = (side / LAST_GLOSSY_SIDE).max(2).ilog2() + 1;
         let cube = |name, side, levels| texture(gpu, name, side, 6, levels);
         let maps = [
@@ -251,19 +252,19 @@ impl Maps {
         });
     }
 
-    /// Every map that is a texture.
+    /// All maps that are textures.
     pub fn textures(&self) -> [&wgpu::Texture; 5] {
         let [ggx, phong] = &self.glossy;
         [&self.radiance, &self.irradiance, ggx, phong, &self.albedo]
     }
 }
 
-/// The roughness that a level of the glossy maps stands for: glossy_level.wesl.
+/// Roughness of the lobe that a level of the glossy maps holds: glossy_level.wesl.
 pub fn level_roughness(level: u32, levels: u32) -> f32 {
     (level as f32 / (levels - 1) as f32).powf(1.5)
 }
 
-/// The exponent of the Phong lobe about as wide: glossy_level.wesl.
+/// Exponent of the Phong lobe of about the same width: glossy_level.wesl.
 pub fn phong_exponent(roughness: f32) -> f32 {
     2.0 / roughness.powi(4) - 2.0
 }
@@ -275,10 +276,10 @@ fn lobe(kind: u32, level: u32, levels: u32, settings: &Settings) -> Lobe {
         kind: if level > 0 { kind } else { Lobe::MIRROR },
         width: match kind {
             Lobe::GGX => roughness * roughness,
-            // The cosine of the surface, which faces the lobe, is one more.
+            // The cosine at the surface, which faces the lobe's axis, adds 1 to the exponent.
             _ => phong_exponent(roughness) + f32::from(u8::from(settings.phong_cosine)),
         },
-        // Wider lobes need more, and a coarser level has a quarter of the texels.
+        // Wider lobes need more samples, and a coarser level has a quarter of the texels.
         samples: settings.samples << level.saturating_sub(1),
         padding: 0,
     }

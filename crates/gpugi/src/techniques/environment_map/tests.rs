@@ -1,4 +1,4 @@
-//! The environment's maps against sums over its texels in double precision.
+//! Compares the environment's maps with sums over its texels in double precision.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2};
 use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
 use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
-use super::{EnvironmentMap, Lit, Technique};
+use super::{Earlier, EnvironmentMap, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::impostor::Impostors;
@@ -17,7 +17,7 @@ use crate::shader;
 use crate::shared::cpu::Case;
 use crate::testing::{Random, on_face, run_kernel, test_gpu};
 
-/// A map of `width` x `height` texels.
+/// An environment of `width` x `height` texels.
 fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32) -> Environment {
     Environment {
         image: Arc::new(Image {
@@ -38,7 +38,7 @@ fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32)
     }
 }
 
-/// A bright texel above a dim, uneven sky.
+/// A dim, uneven sky with one bright texel.
 pub(super) fn sunny(x: usize, y: usize) -> Environment {
     environment(32, 16, |u, v| {
         if (u, v) == (x, y) {
@@ -64,7 +64,7 @@ pub(super) fn generated(
     let scene = GpuScene::new(gpu, &scene).unwrap();
     let mut technique = EnvironmentMap::new(gpu, &scene).unwrap();
     for (name, value) in settings {
-        technique.set(name, value).unwrap();
+        technique.settings_mut().set(name, value).unwrap();
     }
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
@@ -72,7 +72,7 @@ pub(super) fn generated(
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -80,7 +80,7 @@ pub(super) fn generated(
     technique
 }
 
-/// A level of a cube map, or of a texture of one layer.
+/// One level of a cube map, or of a texture with one layer.
 pub(super) struct Level {
     side: usize,
     /// Layer by layer, row by row.
@@ -90,7 +90,7 @@ pub(super) struct Level {
 impl Level {
     pub fn read(gpu: &Gpu, technique: &EnvironmentMap, map: &str, level: u32) -> Self {
         let name = format!("environment-map.{map}");
-        let maps = technique.maps();
+        let maps = technique.inspect().maps;
         let map = maps.iter().find(|map| map.name == name).unwrap();
         let texture = map.texture().unwrap();
         let layers = 0..texture.depth_or_array_layers();
@@ -109,7 +109,7 @@ impl Level {
         }
     }
 
-    /// Every texel's direction, solid angle and value.
+    /// Direction, solid angle and value of each texel.
     pub fn of_cube(&self) -> impl Iterator<Item = (DVec3, f64, DVec3)> + '_ {
         self.texels.iter().enumerate().map(|(index, &value)| {
             let n = self.side;
@@ -133,8 +133,7 @@ impl Level {
     }
 }
 
-/// The point of a cube of half side 1: WebGPU's table of cube faces.
-/// An environment as the GPU holds it, and as points with their solid angle.
+/// An environment as the GPU holds it: its texels, and points with direction, solid angle and value.
 pub(super) struct Exact {
     width: usize,
     height: usize,
@@ -182,7 +181,7 @@ impl Exact {
         exact
     }
 
-    /// Interpolated between texels, around along the rows.
+    /// Radiance interpolated between texels; rows wrap around.
     fn at(&self, d: DVec3) -> DVec3 {
         let x = (d.x.atan2(-d.z) / TAU + 0.5) * self.width as f64 - 0.5;
         let y = d.y.clamp(-1.0, 1.0).acos() / PI * self.height as f64 - 0.5;
@@ -239,7 +238,8 @@ fn the_radiance_cube_holds_the_map() {
             println!("{name}: light in level {level} is off by {off:.1e}");
             assert!(off < 3e-3, "{name}, level {level}: {off}");
         }
-        // Texel by texel, against many points spread over it, relative to it and the mean.
+        // Compares texel by texel with the mean of many points spread over each; errors are relative to the texel plus
+        // the map's mean.
         let mean = total / (4.0 * PI);
         let found = Level::read(&gpu, &technique, "radiance", 0);
         let mut worst = 0.0_f64;
@@ -317,7 +317,7 @@ fn irradiance_is_the_sum_over_the_hemisphere() {
     }
 }
 
-/// Legendre polynomials and trigonometry, +Z up: real spherical harmonic i = l (l + 1) + m.
+/// Real spherical harmonic i = l (l + 1) + m from Legendre polynomials and trigonometry, +Z up.
 pub(super) fn harmonic(i: usize, d: DVec3) -> f64 {
     let (l, m) = [
         (0, 0),
@@ -363,7 +363,7 @@ fn glossy_maps_are_means_over_their_lobes() {
             ];
             let technique = generated(&gpu, &environment, &settings);
             let (mut random, mean) = (Random(7), exact.integral(|_| 1.0).x / (4.0 * PI));
-            // Levels of 64, 32, 16 and 8 texels a side.
+            // Levels of 64, 32, 16 and 8 texels per side.
             for level in 1..4_u32 {
                 let alpha = f64::from(level_roughness(level, 4)).powi(2);
                 for map in ["ggx", "phong"] {
@@ -377,7 +377,7 @@ fn glossy_maps_are_means_over_their_lobes() {
                         let lobe = |d: DVec3| {
                             let c = axis.dot(d).max(0.0);
                             if map == "ggx" {
-                                // D(h) n.l, of h halfway between the axis and the light: cos^2 = (1 + c) / 2.
+                                // D(h) n.l, with h halfway between the axis and the light: cos^2 = (1 + c) / 2.
                                 let q = (1.0 + c) / 2.0 * (alpha * alpha - 1.0) + 1.0;
                                 return c / (q * q);
                             }
@@ -398,7 +398,8 @@ fn glossy_maps_are_means_over_their_lobes() {
     }
 }
 
-/// The rule that the export describes: a level's roughness, and between two levels the one that mixes their alphas to the lobe's.
+/// The rule that the export describes: each level has its roughness, and between two levels their alphas mix to the
+/// lobe's alpha.
 #[test]
 fn lookups_read_between_the_levels_that_the_maps_have() {
     let Some(gpu) = test_gpu() else { return };
@@ -509,7 +510,7 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     before.environment = Some(constant());
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
     let mut technique = EnvironmentMap::new(&gpu, &scene).unwrap();
-    technique.set("resolution", "8").unwrap();
+    technique.settings_mut().set("resolution", "8").unwrap();
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
@@ -517,11 +518,11 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
         let mut emission = Emission::new(&gpu, scene).unwrap();
         let kernels = CaptureKernels::new(&gpu, scene).unwrap();
         let mut impostors = Impostors::new(&gpu, scene, &kernels).unwrap();
-        let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+        let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
         technique
             .generate(&mut frame, scene, &view, &mut lit)
             .unwrap();
-        frame.submit().unwrap().len()
+        frame.submit().unwrap().wait().unwrap().len()
     };
     if !gpu.has_timestamps {
         return;
@@ -537,7 +538,7 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     other.environment = Some(sunny(1, 1));
     scene.update(&gpu, &other).unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);
-    technique.set("resolution", "16").unwrap();
+    technique.settings_mut().set("resolution", "16").unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);
-    assert!(technique.set("resolution", "24").is_err());
+    assert!(technique.settings_mut().set("resolution", "24").is_err());
 }

@@ -1,52 +1,52 @@
-//! Directions in batches, each with an atlas of depth maps, and the gather over them.
+//! Batches of directions, each with an atlas of depth maps, and the gather over them.
 
 use super::Reflectivity;
 use super::gpu::{Direction, DirectionMap, Range};
 use crate::capture::depth::{DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec};
-use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::capture::{PerReceiver, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Direction x point products that one dispatch may hold: about 100 ms on a slow GPU.
+/// Most direction x point products per dispatch: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
 /// Radius of the disc over which neighbouring pixels spread their comparisons (texels).
 const RADIUS: f32 = 0.5;
 
-/// How far points are moved along their normals (texels). The rasterizer's own bias is a texel of slope; from 0.5 down surfaces shade themselves, and
-/// more loses shadows where things touch.
+/// Offset of points along their normals (texels). The rasterizer's own bias is one texel of slope. At 0.5 and below,
+/// surfaces shadow themselves; larger offsets lose shadows where objects touch.
 const NORMAL_OFFSET: f32 = 0.75;
 
-/// Texels at the border of a depth map that lie beside the scene: room for the disc.
+/// Border of a depth map, outside the scene, as room for the disc (texels).
 pub const GUTTER: u32 = 2;
 
-/// How depth maps are kept and drawn.
+/// How depth maps are stored and drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthMaps {
     /// Largest side of an atlas (texels).
     pub atlas_side: u32,
-    /// For all atlases together (bytes).
+    /// Memory for all atlases together (bytes).
     pub memory: u64,
-    /// Who draws, and what.
+    /// Rasterizer of the depth maps, and detail of the casters.
     pub drawing: DepthDrawing,
 }
 
-/// How directions are cut into batches.
+/// How directions are split into batches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Plan {
-    /// Directions of a batch; the last one may have fewer.
+    /// Directions per batch; the last one may have fewer.
     pub per_batch: u32,
-    /// Whether each batch keeps an atlas of its own. Otherwise all draw into one, every frame anew.
+    /// Whether each batch keeps its own atlas. Otherwise all are drawn into one atlas, again in every frame.
     pub is_kept: bool,
 }
 
 impl Plan {
-    /// For `count` maps of `side` texels squared in atlases of at most `atlas_side` texels squared and `memory` bytes together; a batch has
-    /// at least one map.
+    /// Plan for `count` maps of `side` x `side` texels, in atlases of at most `atlas_side` x `atlas_side` texels and
+    /// `memory` bytes together; a batch has at least one map.
     pub fn new(count: u32, side: u32, atlas_side: u32, memory: u64) -> Self {
         let map = u64::from(side) * u64::from(side) * 4;
         let columns = u64::from((atlas_side / side).max(1));
-        // Of batches as large as each other: atlases are square.
+        // Batches of equal size, in square atlases.
         let batches = u64::from(count).div_ceil(columns * columns).max(1);
         let per_batch = u64::from(count).div_ceil(batches).max(1);
         let used = (per_batch - 1).isqrt() + 1;
@@ -67,16 +67,16 @@ impl Plan {
 /// Directions with their depth maps, and the passes over them.
 #[derive(Debug)]
 pub struct Batches {
-    /// What the gather is compiled for.
+    /// Form of reflectivity that the gather is compiled for.
     pub reflectivity: Reflectivity,
     rasterizer: DepthRasterizer,
     gather: Kernel,
     comparison: wgpu::Sampler,
     made: Option<Made>,
-    bound: PerTarget<Bound>,
+    bound: PerReceiver<Bound>,
 }
 
-/// What a number of directions needs.
+/// Resources for a number of directions.
 #[derive(Debug)]
 struct Made {
     plan: Plan,
@@ -99,7 +99,7 @@ struct Batch {
 #[derive(Debug)]
 struct Bound {
     group: wgpu::BindGroup,
-    /// Of each batch, a dispatch each.
+    /// For each batch, one bind group per dispatch.
     ranges: Vec<Vec<wgpu::BindGroup>>,
 }
 
@@ -127,16 +127,30 @@ impl Batches {
                 label: Some("shadow comparison"),
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
-                // Lit where the point is at least as near as what the map holds.
+                // Lit if the point is at least as near as the stored depth (reversed).
                 compare: Some(wgpu::CompareFunction::GreaterEqual),
                 ..Default::default()
             }),
             made: None,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 
-    /// Takes over directions with the views of their depth maps, all of one size, and draws these where there is memory for all.
+    /// Prepares what depth maps draw. False while that takes more frames.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prepare(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        drawing: &DepthDrawing,
+    ) -> Result<bool, GpuError> {
+        self.rasterizer.prepare(frame, scene, drawing.caster_detail)
+    }
+
+    /// Sets the directions and the views of their depth maps, which all have one size, and draws the maps if there is
+    /// memory for all of them.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
@@ -157,7 +171,7 @@ impl Batches {
             return Ok(());
         };
         let plan = Plan::new(count, side, maps.atlas_side, maps.memory);
-        // Directions that moved need no new tiles: only what they see changes.
+        // Directions that moved need no new tiles: only the contents of their maps change.
         let reused = self.made.as_mut().is_some_and(|made| {
             made.plan == plan
                 && made.count == count
@@ -169,7 +183,7 @@ impl Batches {
                 })
         });
         if !reused {
-            // First gives back what there was.
+            // Frees the old resources first.
             self.made = None;
             self.bound.clear();
             self.made = Some(self.make(gpu, plan, drawing, views)?);
@@ -249,13 +263,13 @@ impl Batches {
         })
     }
 
-    /// An atlas of depth maps, once generated.
+    /// One atlas of depth maps, once generated.
     pub fn atlas(&self) -> Option<&DepthAtlas> {
         let made = self.made.as_ref()?;
         made.batches.first().map(|batch| &batch.atlas)
     }
 
-    /// Adds the light of every direction to `sums`: see gather.wesl.
+    /// Adds the light of every direction to the receiver's target: see gather.wesl.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -263,8 +277,7 @@ impl Batches {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        sums: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());
@@ -272,7 +285,7 @@ impl Batches {
         let (gpu, gather) = (frame.gpu, &self.gather);
         let bound = self
             .bound
-            .of(points, sums, || bind(gpu, gather, made, points, sums))?;
+            .of(receiver, || bind(gpu, gather, made, receiver))?;
         for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
             if !made.plan.is_kept {
                 batch.draw(frame, &mut self.rasterizer, made.drawing, scene)?;
@@ -287,7 +300,7 @@ impl Batches {
                             (2, &batch.group),
                             (3, range),
                         ],
-                        [points.count, 1, 1],
+                        [receiver.points.count, 1, 1],
                     );
                 }
             });
@@ -308,7 +321,7 @@ impl Batch {
         rasterizer.record(frame, name, scene, &mut self.atlas, drawing)
     }
 
-    /// How the shader reads its depth maps.
+    /// The batch's depth maps as the shader reads them.
     fn maps(&self) -> impl Iterator<Item = DirectionMap> {
         (0..self.directions.len()).map(|index| {
             let atlas_from_world = self.atlas.atlas_from_world(index);
@@ -321,14 +334,9 @@ impl Batch {
     }
 }
 
-/// Cuts directions x points into dispatches short enough for any driver's watchdog.
-fn bind(
-    gpu: &Gpu,
-    gather: &Kernel,
-    made: &Made,
-    points: &SurfacePoints,
-    sums: &Target,
-) -> Result<Bound, GpuError> {
+/// Splits directions x points into dispatches short enough for any driver's watchdog.
+fn bind(gpu: &Gpu, gather: &Kernel, made: &Made, receiver: &Receiver) -> Result<Bound, GpuError> {
+    let Receiver { points, target } = receiver;
     let group = points.bind(gpu, gather)?;
     let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
     let mut ranges = Vec::new();
@@ -347,7 +355,7 @@ fn bind(
                 3,
                 &[
                     ("range", range.as_entire_binding()),
-                    ("sums", sums.radiance.as_entire_binding()),
+                    ("sums", target.radiance.as_entire_binding()),
                 ],
             )?);
         }

@@ -1,4 +1,5 @@
-//! The spherical Delaunay mesh of domains, the dual of their Voronoi cells (figure 15 of the tutorial), read off the grid of cells.
+//! The spherical Delaunay mesh of domains, the dual of their Voronoi cells (figure 15 of the tutorial), extracted from
+//! the grid of cells.
 
 use std::collections::BTreeSet;
 
@@ -6,9 +7,9 @@ use super::Decomposition;
 use crate::gpu::{Gpu, GpuError, TextureAspect, read_texture};
 
 impl Decomposition {
-    /// Edges of the spherical Delaunay mesh: pairs of domains, by number, whose Voronoi cells share a border on the grid of [`Decomposition::owners`].
-    /// Each pair once, the smaller number first, in order. Where four domains meet in one corner of the grid the mesh has a quadrilateral.
-    /// Waits for the GPU.
+    /// Edges of the spherical Delaunay mesh: pairs of domain numbers whose Voronoi cells share a border on the grid of
+    /// [`Decomposition::owners`]. Each pair appears once, the smaller number first, in sorted order. Where four domains
+    /// meet in one corner of the grid, the mesh has a quadrilateral. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -21,8 +22,8 @@ impl Decomposition {
     }
 }
 
-/// Pairs of owners whose cells share a border: east of each cell, around the sphere, and south of it. At a pole all cells of a row meet in a
-/// point, which is no border: only those side by side share one.
+/// Pairs of owners whose cells share a border: tests the east neighbour of each cell, around the sphere, and the south
+/// one. At a pole all cells of a row meet in a point, which is no border: only cells side by side share one.
 pub(super) fn edges(owners: &[u32], width: usize) -> Vec<[u32; 2]> {
     let mut edges = BTreeSet::new();
     for (index, &here) in owners.iter().enumerate() {

@@ -1,21 +1,22 @@
-//! Directional domains of an environment, made on the GPU: domains.wesl says how.
+//! Directional domains of an environment, computed on the GPU: domains.wesl describes how.
 
 use glam::Vec3;
 
 use super::gpu;
 use super::{Settings, Spread};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Most cells along each axis. Larger maps are reduced to as many, their sums kept.
+/// Most cells along each axis. Larger maps are reduced to this many; their sums are preserved.
 const MOST_CELLS: [u32; 2] = [512, 256];
-/// Fewest cells along each axis: texels of smaller maps are cut, so that their light does not all come from few directions.
+/// Fewest cells along each axis: texels of smaller maps are split, so that their light does not all come from few
+/// directions.
 const FEWEST_CELLS: [u32; 2] = [64, 32];
-/// Rounds that find what one sample stands for: enough unless nearly all the power lies in fewer cells than there are samples, when some
-/// samples coincide and fall away.
+/// Iterations that find the power that one sample stands for. They suffice unless nearly all power lies in fewer cells
+/// than there are samples; then some samples coincide and are dropped.
 const SHARE_ROUNDS: u32 = 8;
-/// Relaxation ends when no sample moves by more than this part of the mean distance between samples.
+/// Relaxation ends when no sample moves by more than this fraction of the mean distance between samples.
 const LITTLE: f32 = 0.01;
 
 /// A directional domain.
@@ -23,15 +24,50 @@ const LITTLE: f32 = 0.01;
 pub struct Domain {
     /// Unit direction toward its light, in the map's own frame: before the environment's rotation.
     pub toward: Vec3,
-    /// Integral of the map's radiance over it, before the environment's intensity: irradiance of a facing surface (W/m^2).
+    /// Integral of the map's radiance over it, before the environment's intensity: irradiance of a surface that faces
+    /// it (W/m^2).
     pub flux_density: Vec3,
     /// Solid angle (sr).
     pub solid_angle: f32,
-    /// Solid angle of an even cap whose light is spread as widely as the domain's (sr): that of a sun is smaller than its domain.
+    /// Solid angle of a uniform cap whose light is spread as widely as the domain's (sr); a sun's is smaller than its
+    /// domain.
     pub lit_solid_angle: f32,
 }
 
-/// The kernels that decompose environments, and the last decomposition, from which the next one begins.
+/// Domains on their way from the GPU.
+#[derive(Debug)]
+pub struct DomainsOnTheWay {
+    rows: ReadBack<Vec<gpu::Domain>>,
+    count: usize,
+}
+
+impl DomainsOnTheWay {
+    /// The domains, one per sample, once they have arrived. Those without light belong to unused samples.
+    pub fn get(&self) -> Option<Result<Vec<Domain>, GpuError>> {
+        let rows = self.rows.get()?;
+        Some(rows.map(|rows| domains(&rows[..self.count])))
+    }
+
+    /// Blocks until they have arrived.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn wait(self) -> Result<Vec<Domain>, GpuError> {
+        Ok(domains(&self.rows.wait()?[..self.count]))
+    }
+}
+
+fn domains(rows: &[gpu::Domain]) -> Vec<Domain> {
+    let domain = |row: &gpu::Domain| Domain {
+        toward: row.direction.into(),
+        flux_density: row.flux_density.into(),
+        solid_angle: row.solid_angle,
+        lit_solid_angle: row.lit_solid_angle,
+    };
+    rows.iter().map(domain).collect()
+}
+
+/// The kernels that decompose environments, and the last decomposition, from which the next one starts.
 #[derive(Debug)]
 pub struct Decomposition {
     reduce: Kernel,
@@ -54,7 +90,7 @@ struct Steps {
     sum_domain: Kernel,
 }
 
-/// What a size of map and a choice of settings need.
+/// Resources for one size of map and one choice of settings.
 #[derive(Debug)]
 struct Made {
     map: [u32; 2],
@@ -67,7 +103,7 @@ struct Made {
     texture: wgpu::Texture,
     reduce_group: wgpu::BindGroup,
     group: wgpu::BindGroup,
-    /// Whether the samples lie where an earlier map left them.
+    /// Whether the samples are those of an earlier map.
     warm: bool,
 }
 
@@ -104,9 +140,9 @@ impl Decomposition {
         })
     }
 
-    /// Decomposes the scene's environment and waits for the domains, one a sample; those without light belong to samples that are not
-    /// in use. Begins where the last decomposition ended when size and settings are the same, so that samples follow a changing sky instead of
-    /// jumping. Hands in what `frame` holds so far.
+    /// Records the decomposition of the scene's environment into domains, which arrive some time after the frame is submitted, one per sample; domains without light belong to
+    /// samples that are not in use. If size and settings are unchanged, it starts from the last decomposition, so that
+    /// samples follow a changing sky instead of jumping. Submits what `frame` has recorded so far.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -115,10 +151,10 @@ impl Decomposition {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         settings: &Settings,
-    ) -> Result<Vec<Domain>, GpuError> {
+    ) -> Result<Option<DomainsOnTheWay>, GpuError> {
         let Some(environment) = &scene.environment else {
             self.made = None;
-            return Ok(Vec::new());
+            return Ok(None);
         };
         let map = [environment.image.width, environment.image.height];
         let is_kept = self
@@ -132,23 +168,16 @@ impl Decomposition {
             Some(made) => made,
             None => Made::new(frame.gpu, &self.reduce, &self.steps.assign, map, settings)?,
         };
-        let rows = self
-            .record(frame, scene, &made)
-            .and_then(|()| read_buffer(frame.gpu, &made.domains, made.domains.size()))?;
+        self.record(frame, scene, &made);
+        let rows = frame.read_back(&made.domains, made.domains.size())?;
         self.made = Some(Made { warm: true, ..made });
-        let rows: &[gpu::Domain] = &rows;
-        Ok(rows[..settings.samples as usize]
-            .iter()
-            .map(|row| Domain {
-                toward: row.direction.into(),
-                flux_density: row.flux_density.into(),
-                solid_angle: row.solid_angle,
-                lit_solid_angle: row.lit_solid_angle,
-            })
-            .collect())
+        Ok(Some(DomainsOnTheWay {
+            rows,
+            count: settings.samples as usize,
+        }))
     }
 
-    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &Made) -> Result<(), GpuError> {
+    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &Made) {
         let count = made.settings.samples;
         // The mean area of a domain is 4 pi / N.
         let tolerance = LITTLE * LITTLE * 4.0 * std::f32::consts::PI / count as f32;
@@ -196,7 +225,6 @@ impl Decomposition {
             run(&steps.sum_domain, count * LANES);
         });
         frame.fill(&made.texture, &made.owners, made.grid.stride * 4);
-        frame.flush()
     }
 
     /// The number of the domain of each cell of the map, once decomposed.
@@ -223,7 +251,7 @@ impl Made {
         let grid = gpu::Grid {
             width,
             height,
-            // Textures are copied from rows of whole 256 bytes.
+            // Texture copies require rows of a multiple of 256 bytes.
             stride: width.next_multiple_of(64),
             padding: 0,
         };
@@ -304,8 +332,8 @@ impl Made {
     }
 }
 
-/// Solid angles of the zones where rows of texels and rows of cells overlap, a full turn each, at texel row + cell row (sr): 2 pi (cos a - cos b), as a product,
-/// which keeps its digits near the poles.
+/// Solid angles of the zones in which rows of texels and rows of cells overlap, around the whole sphere, at index texel
+/// row + cell row (sr): 2 pi (cos a - cos b), as a product, which keeps its precision near the poles.
 fn zones(texels: u32, cells: u32) -> Vec<f32> {
     let mut zones = vec![0.0; (texels + cells) as usize];
     let all = u64::from(texels) * u64::from(cells);

@@ -1,4 +1,4 @@
-//! Structs that host and shaders share; a test compares them with the shaders'.
+//! Structs shared by host and shaders; a test compares them with the shaders'.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,8 +1,8 @@
 //! Image-based lighting: the environment as directional lights with shadows (tutorial section 3.2.3).
 //!
-//! Generate: the environment is cut into N directional domains (domains.rs), each with a depth map that covers the scene; maps lie in batches, an
-//! atlas each (batches.rs). Gather: sums over the domains visibility times light times average reflectivity.
-//! docs/techniques/image-based-lighting.md.
+//! Generate: splits the environment into N directional domains (domains.rs), each with a depth map that covers the
+//! scene; the maps lie in batches with one atlas per batch (batches.rs). Gather: sums visibility times light times
+//! average reflectivity over the domains. docs/techniques/image-based-lighting.md.
 
 mod batches;
 mod delaunay;
@@ -12,21 +12,20 @@ mod prefiltered;
 #[cfg(test)]
 mod tests;
 
-use glam::{Mat3, Vec3};
-use serde::{Deserialize, Serialize};
-
 use batches::{Batches, DepthMaps, GUTTER};
-pub use domains::{Decomposition, Domain};
+pub use domains::{Decomposition, Domain, DomainsOnTheWay};
+use glam::{Mat3, Vec3};
 use prefiltered::Prefiltered;
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
+use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
-use crate::capture::{SurfacePoints, Target, View};
+use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{GpuScene, Versions};
+use crate::settings::SettingSet;
 
-/// What image-based lighting says of itself.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "image-based-lighting",
     summary: "direct light of the environment with shadows",
@@ -34,121 +33,68 @@ pub const INFO: Info = Info {
     paths: &[LightPaths::new(LightClass::Environment, "L[DG]E")],
     suits: |_| true,
     keeps_texels: false,
+    lights_points: false,
 };
 
-/// How relaxation spreads directions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Spread {
-    /// In the end as densely as there is power: centroids weighted by the square of the radiance.
-    Power,
-    /// In the end as densely as the root of the power: centroids weighted by the radiance.
-    Root,
-}
-
-/// How the average reflectivity of a domain is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Reflectivity {
-    /// That of the domain's direction.
-    Sample = 0,
-    /// Glossy lobes blurred by the solid angle that the domain's light comes from.
-    Lobe = 1,
-    /// Environment-map's prefiltered light of each lobe, times the part of it that the domains see.
-    Ratio = 2,
-}
-
-/// Settings of image-based lighting.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Settings {
-    /// Directions.
-    pub samples: u32,
-    /// Most steps of relaxation.
-    pub iterations: u32,
-    /// What relaxation tends to.
-    pub spread: Spread,
-    /// How the average reflectivity of a domain is found.
-    pub reflectivity: Reflectivity,
-    /// Side of each direction's depth map (texels).
-    pub resolution: u32,
-    /// Memory for depth maps (MiB). Maps that do not fit together are drawn and gathered batch by batch, every frame anew.
-    pub memory: u32,
-    /// Who draws depth maps.
-    pub rasterizer: Rasterizer,
-    /// Part of the casters' triangles in depth maps.
-    pub caster_detail: f32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            samples: 128,
-            iterations: 4,
-            spread: Spread::Root,
-            reflectivity: Reflectivity::Lobe,
-            resolution: 512,
-            memory: 1024,
-            rasterizer: Rasterizer::Auto,
-            caster_detail: 1.0,
-        }
+crate::choices! {
+    /// How relaxation spreads directions.
+    pub enum Spread {
+        /// Tends to a density proportional to the power: centroids weighted by the square of the radiance.
+        Power = "power",
+        /// Tends to a density proportional to the root of the power: centroids weighted by the radiance.
+        Root = "root",
     }
 }
 
-const FIELDS: &[Field] = &[
-    Field {
-        name: "samples",
-        summary: "directions drawn from the environment",
-        range: Some((1.0, 2048.0)),
-    },
-    Field {
-        name: "iterations",
-        summary: "most steps of Lloyd's relaxation",
-        range: Some((0.0, 256.0)),
-    },
-    Field {
-        name: "spread",
-        summary: "relaxed directions lie as densely as the power, or as its root: power or root",
-        range: None,
-    },
-    Field {
-        name: "reflectivity",
-        summary: "of a domain: sample, its direction's; lobe, its average; ratio, prefiltered light times what is seen",
-        range: None,
-    },
-    Field {
-        name: "resolution",
-        summary: "side of a direction's depth map [texels]",
-        range: Some((16.0, 4096.0)),
-    },
-    Field {
-        name: "memory",
-        summary: "for depth maps; those beyond it are drawn anew every frame, batch by batch [MiB]",
-        range: Some((16.0, 65536.0)),
-    },
-    Field {
-        name: "rasterizer",
-        summary: "who draws depth maps: hardware, compute (for small triangles), or auto",
-        range: None,
-    },
-    Field {
-        name: "caster-detail",
-        summary: "part of the casters' triangles in depth maps: below 1, meshes are simplified",
-        range: Some((0.0, 1.0)),
-    },
-];
+crate::choices! {
+    /// How the average reflectivity of a domain is found.
+    pub enum Reflectivity {
+        /// Reflectivity in the domain's direction.
+        Sample = "sample",
+        /// Glossy lobes blurred by the solid angle that the domain's light comes from.
+        Lobe = "lobe",
+        /// Environment-map's prefiltered light of each lobe, times the fraction of it that the domains see.
+        Ratio = "ratio",
+    }
+}
+
+crate::settings! {
+    /// Settings of image-based lighting.
+    pub struct Settings {
+        /// Number of directions drawn from the environment.
+        pub samples: u32 = 128 => in_range(1.0, 2048.0),
+        /// Most steps of Lloyd's relaxation.
+        pub iterations: u32 = 4 => in_range(0.0, 256.0),
+        /// Density that relaxed directions tend to: power, proportional to the power, or root, to its root.
+        pub spread: Spread = Spread::Root => any(),
+        /// How the average reflectivity of a domain is found: sample, in its direction; lobe, the mean of each lobe;
+        /// ratio, prefiltered light times the fraction that the domains see.
+        pub reflectivity: Reflectivity = Reflectivity::Lobe => any(),
+        /// Side of each direction's depth map.
+        pub resolution: u32 = 512 => in_range(16.0, 4096.0).unit("texels"),
+        /// Memory for depth maps. Maps that do not fit together are drawn and gathered batch by batch, again in every
+        /// frame.
+        pub memory: u32 = 1024 => in_range(16.0, 65536.0).unit("MiB"),
+        /// Rasterizer of the depth maps: hardware, compute (for small triangles), or auto.
+        pub rasterizer: Rasterizer = Rasterizer::Auto => any(),
+        /// Fraction of the casters' triangles in depth maps: below 1, meshes are simplified.
+        pub caster_detail: f32 = 1.0 => in_range(0.0, 1.0),
+    }
+}
 
 /// Image-based lighting.
 #[derive(Debug)]
 pub struct ImageBasedLighting {
     settings: Settings,
     decomposition: Decomposition,
-    /// Of the environment's texels at a version, with settings.
-    domains: Option<(u64, Settings, Vec<Domain>)>,
+    /// The domains, with the version of the environment's texels and the settings that they were computed for.
+    domains: Option<((u64, Settings), Vec<Domain>)>,
+    /// The same, on their way from the GPU.
+    on_the_way: Option<((u64, Settings), DomainsOnTheWay)>,
     batches: Batches,
     /// Largest side of an atlas (texels).
     atlas_side: u32,
-    /// For [`Reflectivity::Ratio`], once it was asked for.
+    /// For [`Reflectivity::Ratio`], once generated.
     prefiltered: Option<Prefiltered>,
     made: Option<(Versions, Settings)>,
 }
@@ -163,6 +109,7 @@ impl ImageBasedLighting {
         Ok(Self {
             decomposition: Decomposition::new(gpu, scene)?,
             domains: None,
+            on_the_way: None,
             batches: Batches::new(gpu, scene, settings.reflectivity)?,
             atlas_side: ATLAS_SIDE,
             prefiltered: None,
@@ -171,33 +118,48 @@ impl ImageBasedLighting {
         })
     }
 
-    /// The domains, decomposed anew only when texels or settings changed: a rotation or another intensity leaves them.
-    fn domains(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<&[Domain], GpuError> {
-        let (version, settings) = (scene.versions.environment, &self.settings);
-        let kept = self
-            .domains
-            .take()
-            .filter(|(at, of, _)| *at == version && of == settings);
-        let domains = match kept {
-            Some((_, _, domains)) => domains,
-            None => self.decomposition.decompose(frame, scene, settings)?,
-        };
-        let (_, _, domains) = self.domains.insert((version, settings.clone(), domains));
-        Ok(domains)
+    /// The domains, decomposed again only when texels or settings have changed: a rotation or another intensity keeps them. `None` while they are on their way
+    /// from the GPU.
+    fn domains(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+    ) -> Result<Option<&[Domain]>, GpuError> {
+        let key = (scene.versions.environment, self.settings.clone());
+        if self.domains.as_ref().is_none_or(|(of, _)| *of != key) {
+            let on_the_way = match self.on_the_way.take() {
+                Some((of, domains)) if of == key => domains,
+                _ => {
+                    let started = self.decomposition.decompose(frame, scene, &self.settings)?;
+                    self.on_the_way = started.map(|domains| (key, domains));
+                    return Ok(None);
+                }
+            };
+            match on_the_way.get() {
+                Some(domains) => self.domains = Some((key, domains?)),
+                None => {
+                    self.on_the_way = Some((key, on_the_way));
+                    return Ok(None);
+                }
+            }
+        }
+        Ok(self.domains.as_ref().map(|(_, domains)| &domains[..]))
     }
 
-    /// Each domain that has light, in world space, and what its depth map sees.
+    /// Each domain that has light, in world space, and the view of its depth map.
     fn directions(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-    ) -> Result<(Vec<gpu::Direction>, Vec<DepthViewSpec>), GpuError> {
+    ) -> Result<Option<(Vec<gpu::Direction>, Vec<DepthViewSpec>)>, GpuError> {
         let side = self.settings.resolution;
         let Some(environment) = &scene.environment else {
-            return Ok(Default::default());
+            return Ok(Some(Default::default()));
         };
         let world_from_map = Mat3::from_rotation_y(environment.rotation);
-        let domains = self.domains(frame, scene)?;
+        let Some(domains) = self.domains(frame, scene)? else {
+            return Ok(None);
+        };
         let lit = domains.iter().filter_map(|domain| {
             let flux_density = domain.flux_density * environment.intensity;
             let toward = world_from_map * domain.toward;
@@ -212,7 +174,7 @@ impl ImageBasedLighting {
                 (direction, view)
             })
         });
-        Ok(lit.unzip())
+        Ok(Some(lit.unzip()))
     }
 }
 
@@ -221,16 +183,16 @@ impl Technique for ImageBasedLighting {
         &INFO
     }
 
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        settings::set(&mut self.settings, FIELDS, name, value)
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+        Plan::adding(INFO.paths, scene)
     }
 
     fn generate(
@@ -238,19 +200,38 @@ impl Technique for ImageBasedLighting {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
-        _: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
+        _: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
         let versions = Versions {
             lights: 0,
             ..scene.versions
         };
         let made = (versions, self.settings.clone());
         if self.made.as_ref() == Some(&made) {
-            return Ok(());
+            return Ok(Generated::FINAL);
         }
+        let pending = |what| Generated {
+            revision: 0,
+            progress: 0.0,
+            pending: Some(what),
+        };
         let reflectivity = self.settings.reflectivity;
         if self.batches.reflectivity != reflectivity {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
+        }
+        let maps = DepthMaps {
+            atlas_side: self.atlas_side,
+            memory: u64::from(self.settings.memory) << 20,
+            drawing: DepthDrawing {
+                rasterizer: self.settings.rasterizer,
+                caster_detail: self.settings.caster_detail,
+            },
+        };
+        let Some((directions, views)) = self.directions(frame, scene)? else {
+            return Ok(pending("the domains of the environment"));
+        };
+        if !self.batches.prepare(frame, scene, &maps.drawing)? {
+            return Ok(pending("simplified casters"));
         }
         if reflectivity != Reflectivity::Ratio {
             self.prefiltered = None;
@@ -261,40 +242,30 @@ impl Technique for ImageBasedLighting {
             };
             self.prefiltered.insert(prefiltered).generate(frame, scene);
         }
-        let (directions, views) = self.directions(frame, scene)?;
-        let maps = DepthMaps {
-            atlas_side: self.atlas_side,
-            memory: u64::from(self.settings.memory) << 20,
-            drawing: DepthDrawing {
-                rasterizer: self.settings.rasterizer,
-                caster_detail: self.settings.caster_detail,
-            },
-        };
         self.batches
             .generate(frame, scene, &directions, &views, &maps)?;
         self.made = Some(made);
-        Ok(())
+        Ok(Generated::FINAL)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(prefiltered) = &mut self.prefiltered else {
-            return self.batches.gather(frame, scene, points, target);
+            return self.batches.gather(frame, scene, receiver);
         };
-        let sums = prefiltered.begin(frame, points, target)?;
-        self.batches.gather(frame, scene, points, &sums)?;
-        prefiltered.apply(frame, scene, points, target)?;
+        let sums = prefiltered.begin(frame, receiver)?;
+        self.batches.gather(frame, scene, &sums)?;
+        prefiltered.apply(frame, scene, receiver)?;
         Ok(())
     }
 
-    fn maps(&self) -> Vec<Map> {
+    fn inspect(&self) -> Inspection {
         let atlas = self.batches.atlas().map(|atlas| &atlas.texture);
-        [
+        let maps = [
             ("image-based-lighting.atlas", atlas),
             ("image-based-lighting.domains", self.decomposition.owners()),
         ]
@@ -305,6 +276,10 @@ impl Technique for ImageBasedLighting {
                 texels: Texels::Texture(texture?.clone()),
             })
         })
-        .collect()
+        .collect();
+        Inspection {
+            maps,
+            ..Inspection::default()
+        }
     }
 }

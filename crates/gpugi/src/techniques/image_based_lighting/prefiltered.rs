@@ -1,9 +1,9 @@
-//! Reflectivity as a ratio: what prefiltered maps of the environment reflect, times the part that domains see.
+//! Reflectivity as a ratio: the reflection of prefiltered environment maps, times the fraction that domains see.
 
 use super::super::environment_map::Settings;
 use super::super::environment_map::maps::{Generator, Maps};
 use super::gpu::LobeSums;
-use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::capture::{PerReceiver, Receiver, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -13,12 +13,12 @@ use crate::shader;
 pub struct Prefiltered {
     apply: Kernel,
     maps: Maps,
-    /// The scene's count of environments when the maps were filled.
+    /// Version of the scene's environment that the maps were filled from.
     version: Option<u64>,
-    bound: PerTarget<Bound>,
+    bound: PerReceiver<Bound>,
 }
 
-/// For one set of points and one target.
+/// Sums and bind groups for one set of points and one target.
 #[derive(Debug)]
 struct Bound {
     sums: Target,
@@ -42,11 +42,11 @@ impl Prefiltered {
             maps: Maps::new(gpu, &generator, &apply, &Settings::default())?,
             apply,
             version: None,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 
-    /// Brings the maps up to date. Rotation and intensity are applied at lookup.
+    /// Updates the maps. Rotation and intensity are applied at lookup.
     pub fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) {
         let version = Some(scene.versions.environment);
         if self.version != version {
@@ -55,19 +55,18 @@ impl Prefiltered {
         }
     }
 
-    /// Zeroed room for the sums of each point: see lobe_sums.wesl.
+    /// The receiver's points with a cleared target for the sums of each: see lobe_sums.wesl.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn begin(
         &mut self,
         frame: &mut Frame<'_>,
-        points: &SurfacePoints,
-        target: &Target,
-    ) -> Result<Target, GpuError> {
-        let sums = self.bound(frame.gpu, points, target)?.sums.clone();
+        receiver: &Receiver,
+    ) -> Result<Receiver, GpuError> {
+        let sums = self.bound(frame.gpu, receiver)?.sums.clone();
         frame.clear(&sums.radiance);
-        Ok(sums)
+        Ok(Receiver::new(&receiver.points, &sums))
     }
 
     /// Adds the product, once the sums are complete.
@@ -78,10 +77,9 @@ impl Prefiltered {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let [seen, added] = self.bound(frame.gpu, points, target)?.groups.clone();
+        let [seen, added] = self.bound(frame.gpu, receiver)?.groups.clone();
         let groups = [
             (0, &scene.bind_group),
             (1, &seen),
@@ -89,18 +87,15 @@ impl Prefiltered {
             (3, &added),
         ];
         frame.compute("image-based-lighting.apply", |pass| {
-            self.apply.dispatch(pass, &groups, [points.count, 1, 1]);
+            self.apply
+                .dispatch(pass, &groups, [receiver.points.count, 1, 1]);
         });
         Ok(())
     }
 
-    fn bound(
-        &mut self,
-        gpu: &Gpu,
-        points: &SurfacePoints,
-        target: &Target,
-    ) -> Result<&Bound, GpuError> {
-        self.bound.of(points, target, || {
+    fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&Bound, GpuError> {
+        let Receiver { points, target } = receiver;
+        self.bound.of(receiver, || {
             let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
             let usage = wgpu::BufferUsages::STORAGE;
             let radiance = gpu.buffer("sums over directions [bytes]", size, usage)?;

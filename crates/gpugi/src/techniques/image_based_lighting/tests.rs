@@ -1,11 +1,11 @@
-//! Domains of environments whose light is known.
+//! Tests the domains of environments whose light is known.
 
 mod stability;
 
-use std::sync::Arc;
-
+use crate::capture::Receiver;
 use std::f32::consts::TAU;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::{Mat3, Mat4, Vec2, Vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
@@ -18,14 +18,14 @@ use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::techniques::{Lit, Technique as _};
+use crate::techniques::{Earlier, Technique as _};
 use crate::testing::{Random, test_gpu};
 
-/// A scene of nothing but an environment.
+/// A scene with nothing but an environment.
 fn sky([width, height]: [u32; 2], texel: impl Fn(u32, u32) -> Vec3) -> Scene {
     let texels = (0..width * height).flat_map(|index| {
         let Vec3 { x, y, z } = texel(index % width, index / width);
-        // What the GPU holds, so that sums can be compared.
+        // Rounded to half floats like the GPU's texels, so that sums can be compared.
         [x, y, z, 1.0].map(|value| half::f16::from_f32(value).to_f32())
     });
     let mut scene = Scene::new("sky");
@@ -54,7 +54,7 @@ fn direction([width, height]: [u32; 2], x: u32, y: u32) -> Vec3 {
     .as_vec3()
 }
 
-/// A smooth sky of every brightness, with a sun of a few texels.
+/// A smooth sky with a wide range of brightness, and a sun of a few texels.
 fn sunny(size: [u32; 2]) -> Scene {
     sky(size, |x, y| {
         let d = direction(size, x, y);
@@ -71,6 +71,23 @@ fn settings(samples: u32) -> Settings {
     }
 }
 
+/// The directions of a scene's environment, once they have arrived.
+fn directions(
+    gpu: &Gpu,
+    technique: &mut ImageBasedLighting,
+    scene: &GpuScene,
+) -> Vec<super::gpu::Direction> {
+    loop {
+        let mut frame = Frame::new(gpu, false);
+        let found = technique.directions(&mut frame, scene).unwrap();
+        frame.submit().unwrap();
+        match found {
+            Some((directions, _)) => return directions,
+            None => gpu.wait().unwrap(),
+        }
+    }
+}
+
 fn decompose(
     gpu: &Gpu,
     made: &mut Decomposition,
@@ -80,10 +97,11 @@ fn decompose(
     let mut frame = Frame::new(gpu, false);
     let domains = made.decompose(&mut frame, scene, settings).unwrap();
     frame.submit().unwrap();
-    domains
+    domains.unwrap().wait().unwrap()
 }
 
-/// The domains of a scene's environment from a fresh start, and the owner of each cell.
+/// The domains of a scene's environment from a fresh start, the owner of each cell, and the number of cells along each
+/// axis.
 fn domains(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Vec<Domain>, Vec<u32>, [u32; 2]) {
     let scene = GpuScene::new(gpu, scene).unwrap();
     let mut made = Decomposition::new(gpu, &scene).unwrap();
@@ -135,7 +153,7 @@ fn domains_hold_all_the_light() {
     let noise: Vec<f32> = (0..1024 * 512)
         .map(|_| (8.0 * random.next() - 4.0).exp() as f32)
         .collect();
-    // As large as the cells, smaller, reduced by whole numbers and not, and of strange shapes.
+    // Maps as large as the cells, smaller, reduced by integer and other factors, and of odd shapes.
     for (size, count) in [
         ([64, 32], 1),
         ([64, 32], 300),
@@ -167,7 +185,7 @@ fn domains_hold_all_the_light() {
 fn cells_belong_to_the_nearest_sample() {
     let Some(gpu) = test_gpu() else { return };
     let even = sky([64, 32], |_, _| Vec3::ONE);
-    // Of an even sky, relaxed samples lie at their domains' centres of power.
+    // Under a uniform sky, relaxed samples lie at their domains' centres of power.
     let relaxed = Settings {
         iterations: 256,
         ..settings(40)
@@ -178,11 +196,11 @@ fn cells_belong_to_the_nearest_sample() {
         let here = direction(cells, index as u32 % cells[0], index as u32 / cells[0]);
         let nearest = domains.iter().map(|one| one.toward.dot(here));
         let nearest = nearest.fold(-1.0, f32::max);
-        // Relaxation leaves samples a little beside the centres.
+        // Relaxation leaves samples slightly off the centres.
         wrong += usize::from(domains[owner as usize].toward.dot(here) < nearest - 2e-3);
     }
     assert!(wrong == 0, "{wrong} cells belong to a sample farther away");
-    // And domains are about as large as each other.
+    // Domains are also about equally large.
     let mean = 4.0 * PI as f32 / 40.0;
     for domain in &domains {
         let size = domain.solid_angle / mean;
@@ -190,7 +208,7 @@ fn cells_belong_to_the_nearest_sample() {
     }
 }
 
-/// The nearest of `samples` to the centre of each cell.
+/// Index of the sample nearest to the centre of each cell.
 fn nearest(samples: &[Vec3], cells: [u32; 2]) -> Vec<u32> {
     let cell = |index: u32| direction(cells, index % cells[0], index / cells[0]);
     let nearest = |here: Vec3| {
@@ -213,14 +231,14 @@ fn the_delaunay_mesh_of_known_directions() {
         Vec3::NEG_Z,
     ];
     let edges = delaunay::edges(&nearest(&axes, [64, 32]), 64);
-    // An octahedron: all but those opposite each other.
+    // An octahedron: all pairs except opposite directions.
     let octahedron: Vec<_> = (0..6)
         .flat_map(|a| (a + 1..6).map(move |b| [a, b]))
         .filter(|&[a, b]| a / 2 != b / 2)
         .collect();
     assert_eq!(octahedron.len(), 12);
     assert_eq!(edges, octahedron);
-    // A tetrahedron: all. Its domains meet at a pole, when one direction is away from it.
+    // A tetrahedron: all pairs. Three domains meet at one pole, because the fourth direction points away from it.
     let root = 8f32.sqrt() / 3.0;
     let tetrahedron = [0.0, TAU / 3.0, 2.0 * TAU / 3.0]
         .map(|turn| Vec3::new(root * turn.sin(), 1.0 / 3.0, root * turn.cos()));
@@ -249,7 +267,8 @@ fn the_delaunay_mesh_of_domains_is_one() {
     };
     let domains = decompose(&gpu, &mut made, &scene, &relaxed);
     let edges = made.delaunay_edges(&gpu).unwrap();
-    // Euler: triangles all over a sphere have 3 V - 6 edges; a corner of the grid in which four domains meet costs one.
+    // Euler: a triangulation of the sphere has 3 V - 6 edges; each corner of the grid in which four domains meet costs
+    // one.
     let whole = 3 * domains.len() - 6;
     println!("{} edges of {whole}", edges.len());
     assert!((whole - 4..=whole).contains(&edges.len()));
@@ -265,7 +284,8 @@ fn the_delaunay_mesh_of_domains_is_one() {
 #[test]
 fn relaxation_tends_to_the_density_asked_for() {
     let Some(gpu) = test_gpu() else { return };
-    // Two hemispheres, one 16 times as bright: as densely as power 16 : 1, as its root 4 : 1, which many steps only come nearer to.
+    // Two hemispheres, one 16 times as bright: a density proportional to power gives 16 : 1, to its root 4 : 1, which
+    // even many steps only approach.
     let scene = sky([128, 64], |_, y| {
         Vec3::splat(if y < 32 { 16.0 } else { 1.0 })
     });
@@ -293,7 +313,7 @@ fn a_sun_of_a_texel_takes_one_sample() {
         })
     };
     let toward = direction(size, 40, 9);
-    // Alone in the dark, whatever the number of samples.
+    // A sun alone in the dark gets one sample, whatever the number of samples.
     for count in [1, 16, 500] {
         let (domains, ..) = domains(&gpu, &sun(0.0), &settings(count));
         assert_conserved(&sun(0.0), &domains, "sun alone");
@@ -304,7 +324,7 @@ fn a_sun_of_a_texel_takes_one_sample() {
         assert_eq!(lit.len(), 1);
         assert!((lit[0].toward - toward).length() < 1e-5, "{lit:?}");
     }
-    // Above a dim sky: the samples that it does not take light the rest.
+    // Above a dim sky, the samples that the sun does not take light the rest.
     let (domains, ..) = domains(&gpu, &sun(0.5), &settings(64));
     let bright = domains
         .iter()
@@ -360,7 +380,7 @@ fn samples_follow_a_changing_sky() {
     if let Some(environment) = &mut after.environment
         && let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut environment.image).pixels
     {
-        // A cloud: a twentieth of the light less over a part of the sky.
+        // A cloud: a part of the sky loses a twentieth of its light.
         for (index, texel) in texels.chunks_exact_mut(4).enumerate() {
             if index % 128 < 30 {
                 texel[..3].iter_mut().for_each(|value| *value *= 0.95);
@@ -388,7 +408,7 @@ fn samples_follow_a_changing_sky() {
         "{} of {spacing}",
         jump(&second)
     );
-    // A fresh start shows that it is the earlier samples that keep them there.
+    // A fresh start shows that it is the previous samples that keep them in place.
     assert!(jump(&fresh) > 0.5 * spacing, "{}", jump(&fresh));
 }
 
@@ -403,15 +423,9 @@ fn a_turned_sky_keeps_its_domains() {
     }
     let mut scene = GpuScene::new(&gpu, &before).unwrap();
     let mut technique = ImageBasedLighting::new(&gpu, &scene).unwrap();
-    let directions = |technique: &mut ImageBasedLighting, scene: &GpuScene| {
-        let mut frame = Frame::new(&gpu, false);
-        let (directions, _) = technique.directions(&mut frame, scene).unwrap();
-        frame.submit().unwrap();
-        directions
-    };
-    let first = directions(&mut technique, &scene);
+    let first = directions(&gpu, &mut technique, &scene);
     scene.update(&gpu, &after).unwrap();
-    let second = directions(&mut technique, &scene);
+    let second = directions(&gpu, &mut technique, &scene);
     assert_eq!(first.len(), second.len());
     let turn = Mat3::from_rotation_y(0.02);
     for (before, after) in first.iter().zip(&second) {
@@ -430,7 +444,7 @@ fn batches_fit_an_atlas_and_the_memory() {
         (plan.per_batch, plan.is_kept)
     };
     assert_eq!(plan(128, 512, 1024), (128, true));
-    // Four atlases, as large as each other.
+    // Four atlases of equal size.
     assert_eq!(plan(1000, 512, 1024), (250, true));
     assert_eq!(plan(2048, 512, 1024), (256, false));
     assert_eq!(plan(2048, 256, 1024), (1024, true));
@@ -454,7 +468,7 @@ fn batches_fit_an_atlas_and_the_memory() {
 #[test]
 fn a_domain_knows_how_widely_its_light_is_spread() {
     let Some(gpu) = test_gpu() else { return };
-    // Of an even sky, a domain is about a cap.
+    // Under a uniform sky, a domain is about a cap.
     let relaxed = Settings {
         iterations: 64,
         ..settings(40)
@@ -464,7 +478,7 @@ fn a_domain_knows_how_widely_its_light_is_spread() {
         let spread = domain.lit_solid_angle / domain.solid_angle;
         assert!((0.98..1.2).contains(&spread), "{spread} of its solid angle");
     }
-    // A sun is as large as its texel, however much of a dim sky its domain holds.
+    // A sun is as large as its texel, however much of a dim sky its domain contains.
     let size = [64, 32];
     let sun = sky(size, |x, y| {
         Vec3::splat(if (x, y) == (40, 9) { 1e4 } else { 0.01 })
@@ -497,7 +511,7 @@ fn still(size: [u32; 2]) -> Scene {
     scene
 }
 
-/// What makes pictures of `still`.
+/// Renders images of `still`.
 struct Sight {
     view: View,
     capture: Capture,
@@ -530,13 +544,19 @@ impl Sight {
             .unwrap();
         let kernels = CaptureKernels::new(gpu, scene).unwrap();
         let mut impostors = Impostors::new(gpu, scene, &kernels).unwrap();
-        let mut lit = Lit::new(&mut self.emission, &mut [], &mut impostors, 0);
-        technique
-            .generate(&mut frame, scene, &self.view, &mut lit)
-            .unwrap();
-        technique
-            .gather(&mut frame, scene, &self.capture.points, &target)
-            .unwrap();
+        let mut earlier = Earlier::new(&mut self.emission, &mut [], &mut impostors, 0, 0, true);
+        while technique
+            .generate(&mut frame, scene, &self.view, &mut earlier)
+            .unwrap()
+            .pending
+            .is_some()
+        {
+            frame.submit().unwrap();
+            gpu.wait().unwrap();
+            frame = Frame::new(gpu, false);
+        }
+        let receiver = Receiver::new(&self.capture.points, &target);
+        technique.gather(&mut frame, scene, &receiver).unwrap();
         frame.submit().unwrap();
         read_buffer(gpu, &target.radiance, target.radiance.size()).unwrap()
     }
@@ -548,7 +568,8 @@ fn batches_make_the_same_picture() {
     let mut scene = GpuScene::new(&gpu, &still([64, 32])).unwrap();
     let mut sight = Sight::new(&gpu, &scene);
     for reflectivity in [Reflectivity::Lobe, Reflectivity::Ratio] {
-        // One atlas; five of eight maps; one for 16 maps at a time, the last time for eight; one for a map at a time.
+        // One atlas; five atlases of eight maps; one atlas for 16 maps at a time, the last time for eight; one atlas
+        // for one map at a time.
         let pictures =
             [(8192, 1024), (384, 1024), (8192, 1), (8192, 0)].map(|(atlas_side, memory)| {
                 let mut technique = ImageBasedLighting::new(&gpu, &scene).unwrap();
@@ -559,14 +580,14 @@ fn batches_make_the_same_picture() {
                     ..settings(40)
                 };
                 technique.atlas_side = atlas_side;
-                // For the second frame maps are kept or drawn anew.
+                // In the second frame, maps are either kept or redrawn.
                 sight.frame(&gpu, &mut scene, &mut technique);
                 sight.frame(&gpu, &mut scene, &mut technique)
             });
         assert!(pictures[0].iter().all(|value| value.is_finite()));
         assert!(pictures[0].iter().sum::<f32>() > 100.0);
         for other in &pictures[1..] {
-            // Lookups are rounded elsewhere in another atlas.
+            // Lookups round differently in a different atlas.
             let pairs = pictures[0].iter().zip(other);
             let far = pairs
                 .filter(|&(a, b)| (a - b).abs() > 0.01 * (b + 0.1))

@@ -1,4 +1,5 @@
-//! Obscurances in a renderer: computed in the texels of an atlas of their own, a few steps a frame, and the ambient term.
+//! Obscurances in a renderer: computed in the texels of an atlas of their own, a few steps per frame; and the ambient
+//! term.
 
 use std::sync::Arc;
 
@@ -6,16 +7,17 @@ use bytemuck::Zeroable;
 use gpugi_scene::Atlas;
 
 use super::gpu::{SettingsUniform, TEXEL_BYTES};
-use super::{Ambient, FIELDS, Settings, Solution};
+use super::{Ambient, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest, TexelGather};
-use crate::capture::{SurfacePoints, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::capture::{Receiver, Target, View};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{GpuScene, Versions};
+use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use crate::techniques::{Earlier, Generated, Info, Inspection, Plan, Technique};
 
-/// What obscurances say of themselves. They add light only where their ambient term is asked for.
+/// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
 pub const INFO: Info = Info {
     name: "obscurances",
     summary: "how much ambient light arrives in corners and folds, and its colour there: maps, and light on request",
@@ -27,34 +29,32 @@ pub const INFO: Info = Info {
     ],
     suits: |_| false,
     keeps_texels: true,
+    lights_points: true,
 };
 
-/// What the ambient term stands for.
+/// Light paths that the ambient term approximates.
 const INDIRECT: &str = "LDD+E";
 
-/// Rays that tell how open a scene is, of each piece of the atlas.
+/// Rays per piece of the atlas that measure how open a scene is.
 const OPENNESS_RAYS: u32 = 4096;
-/// Share of them that may get out (0 to 1).
+/// Largest share of these rays that may leave the scene without a warning (0 to 1).
 const MOST_ESCAPES: f32 = 0.02;
 
-/// Obscurances, and the ambient light that they let through.
+/// Obscurances, and the ambient light that they attenuate.
 #[derive(Debug, Default)]
 pub struct Obscurances {
     settings: Settings,
-    paths: Vec<LightPaths>,
-    /// Whether others add indirect light, too.
-    is_covered: bool,
     pub(super) made: Option<Made>,
-    /// Most texels in one buffer, if not as many as fit.
+    /// Most texels per buffer; `None`: as many as fit.
     pub(super) most_texels: Option<u32>,
 }
 
-/// The obscurances of a scene, and what they were made for.
+/// The obscurances of a scene, and what they were computed for.
 #[derive(Debug)]
 pub(super) struct Made {
     settings: Settings,
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`].
+    /// [`GpuScene::passages`] that the passes were compiled for.
     passages: [bool; 2],
     solution: Solution,
     pub(super) capture: AtlasCapture,
@@ -62,13 +62,15 @@ pub(super) struct Made {
     light: Kernel,
     openness: Kernel,
     gather: TexelGather,
-    /// The direct light of each piece's texels.
+    /// Direct light at the texels of each piece.
     direct: Vec<Target>,
-    /// Rays from all surfaces, and those that met nothing.
+    /// Number of rays from all surfaces, and of those that hit nothing.
     escapes: wgpu::Buffer,
+    /// The same, on their way to the host.
+    escaped: Option<ReadBack<Vec<u32>>>,
     lit: Option<(Versions, u64, u64)>,
-    refinements: u64,
-    /// Whether the maps show all samples.
+    revision: u64,
+    /// Whether the maps contain all samples.
     is_shown: bool,
 }
 
@@ -122,26 +124,28 @@ impl Obscurances {
             capture,
             atlas,
             escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
+            escaped: None,
             lit: None,
-            refinements: 0,
+            revision: 0,
             is_shown: false,
         })
     }
 
-    /// Sums up the direct light that surfaces send on, and counts how many rays get out: passes `obscurances.light` and `obscurances.openness`.
+    /// Sums the direct light that surfaces reflect, and counts the rays that leave the scene: passes
+    /// `obscurances.light` and `obscurances.openness`.
     fn sum_light(
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         made: &Made,
-        lit: &mut Lit<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let [_, mean] = made.solution.buffers();
         frame.clear(&made.escapes);
         for (piece, direct) in made.capture.pieces().iter().zip(&made.direct) {
             let points = &piece.points;
-            lit.gather(frame, scene, points, direct, false)?;
+            earlier.gather(frame, scene, &Receiver::new(points, direct), false)?;
             let uniform = SettingsUniform {
                 first_texel: piece.rows.start * made.capture.size,
                 end_point: points.count,
@@ -178,42 +182,23 @@ impl Technique for Obscurances {
         &INFO
     }
 
-    fn paths(&self) -> &[LightPaths] {
-        &self.paths
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+        // The ambient term derives from the direct light of other techniques: it covers only light classes that
+        // they cover.
+        let is_lit = |paths: &&LightPaths| {
+            self.settings.ambient != Ambient::Off
+                && overlap(covered, &[LightPaths::new(paths.class, "LDE")]).is_some()
+        };
+        let paths: Vec<LightPaths> = INFO.paths.iter().filter(is_lit).cloned().collect();
+        Plan::adding(paths, scene)
     }
 
-    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
-        self.paths.clear();
-        self.is_covered = false;
-        if self.settings.ambient != Ambient::Off {
-            self.is_covered = overlap(covered, INFO.paths).is_some();
-            // Ambient light is what others' direct light becomes.
-            let is_lit = |paths: &&LightPaths| {
-                overlap(covered, &[LightPaths::new(paths.class, "LDE")]).is_some()
-            };
-            self.paths.extend(INFO.paths.iter().filter(is_lit).cloned());
-        }
-        vec![Claims::NONE; scene.objects.len()]
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn refinements(&self) -> u64 {
-        self.made.as_ref().map_or(0, |made| made.refinements)
-    }
-
-    fn progress(&self) -> f32 {
-        self.solution().map_or(0.0, Solution::progress)
-    }
-
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
-    }
-
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
-    }
-
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        self.settings.set(name, value)
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
     fn generate(
@@ -221,13 +206,8 @@ impl Technique for Obscurances {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
-        lit: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
-        if self.is_covered {
-            return Err(refused(
-                "another technique adds indirect light, too: choose one of them, or ambient=off",
-            ));
-        }
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
         let Settings {
             resolution,
             density,
@@ -254,24 +234,29 @@ impl Technique for Obscurances {
         let is_done = made.solution.is_done();
         if is_done && !made.is_shown {
             made.solution.record_maps(frame)?;
-            made.refinements += 1;
+            made.revision += 1;
         }
         made.is_shown = is_done;
-        let now = Some((scene.versions, lit.version, lit.refinements()));
+        let now = Some((scene.versions, earlier.settings_version, earlier.revision));
         if self.settings.ambient != Ambient::Off && made.lit != now {
             made.lit = now;
-            self.sum_light(frame, scene, &made, lit)?;
+            self.sum_light(frame, scene, &made, earlier)?;
+            made.escaped = Some(frame.read_back(&made.escapes, 8)?);
         }
+        let generated = Generated {
+            revision: made.revision,
+            progress: made.solution.progress(),
+            pending: None,
+        };
         self.made = Some(made);
-        Ok(())
+        Ok(generated)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());
@@ -280,39 +265,35 @@ impl Technique for Obscurances {
             return Ok(());
         }
         let (name, texels) = ("obscurances.gather", &made.capture);
-        made.gather
-            .record(frame, name, scene, texels, points, target)
+        made.gather.record(frame, name, scene, texels, receiver)
     }
 
-    fn maps(&self) -> Vec<Map> {
-        self.solution().map_or(Vec::new(), Solution::maps)
-    }
-
-    fn work_bytes(&self) -> u64 {
-        let made = self.made.iter();
-        made.map(|made| {
-            let direct = made.direct.iter().map(|direct| direct.radiance.size());
-            let states = made.leaks.states().map(wgpu::Buffer::size);
-            let shared = made.capture.bytes + made.solution.work_bytes();
-            shared + direct.chain(states).sum::<u64>()
-        })
-        .sum()
-    }
-
-    fn warnings(&self, gpu: &Gpu) -> Result<Vec<String>, GpuError> {
-        let lit = self.made.iter().filter(|made| made.lit.is_some());
-        let mut warnings = Vec::new();
-        for made in lit {
-            let [all, out] = read_buffer::<[u32; 2]>(gpu, &made.escapes, 8)?[0];
-            let share = out as f32 / all.max(1) as f32;
-            if share > MOST_ESCAPES {
-                warnings.push(format!(
-                    "{:.0} % of the light that surfaces send on leaves the scene: ambient light, which is that of closed scenes, is too bright",
-                    share * 100.0
-                ));
-            }
+    fn inspect(&self) -> Inspection {
+        let Some(made) = &self.made else {
+            return Inspection::default();
+        };
+        let direct = made.direct.iter().map(|direct| direct.radiance.size());
+        let states = made.leaks.states().map(wgpu::Buffer::size);
+        let shared = made.capture.bytes + made.solution.work_bytes();
+        Inspection {
+            maps: made.solution.maps(),
+            work_bytes: shared + direct.chain(states).sum::<u64>(),
+            warnings: made.openness_warning().into_iter().collect(),
         }
-        Ok(warnings)
+    }
+}
+
+impl Made {
+    /// What to know of ambient light in a scene that is not closed, once the rays are counted.
+    fn openness_warning(&self) -> Option<String> {
+        let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;
+        let share = counts[1] as f32 / counts[0].max(1) as f32;
+        (share > MOST_ESCAPES).then(|| {
+            format!(
+                "{:.0} % of the light that surfaces reflect leaves the scene: ambient light, which is made for closed scenes, is too bright",
+                share * 100.0
+            )
+        })
     }
 }
 

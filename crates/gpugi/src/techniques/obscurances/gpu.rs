@@ -58,7 +58,7 @@ pub struct PageUniform {
     pub padding: u32,
 }
 
-/// Bytes of `Texel` of obscurance.wesl.
+/// Size of `Texel` of obscurance.wesl [bytes].
 pub const TEXEL_BYTES: u64 = 32;
 
 /// `AlphaView` of capture/raster.wesl.

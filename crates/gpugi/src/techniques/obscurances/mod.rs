@@ -1,8 +1,8 @@
-//! Obscurances: how much of the ambient light arrives at the texels of an atlas past what is near them, and in which colour (tutorial section 8.1).
-//! Plain ambient occlusion is the case of a step as falloff.
+//! Obscurances: the fraction of the ambient light that reaches the texels of an atlas past near surfaces, and its
+//! colour (tutorial section 8.1). Plain ambient occlusion is the special case of a step falloff.
 //!
-//! They are no light but a factor: two maps, one of numbers and one of colours ([`Solution`], which needs no renderer). The ambient term, a constant
-//! light that they let through, is a choice. docs/techniques/obscurances.md.
+//! Obscurances are not light but a factor: two maps, one of numbers and one of colours ([`Solution`], which needs no
+//! renderer). The ambient term, a constant light that they attenuate, is optional. docs/techniques/obscurances.md.
 
 mod ambient;
 pub(crate) mod gpu;
@@ -14,5 +14,5 @@ mod solution;
 mod tests;
 
 pub use ambient::{INFO, Obscurances};
-pub use settings::{Ambient, FIELDS, Falloff, Mode, Settings};
+pub use settings::{Ambient, Falloff, Mode, Settings};
 pub use solution::{ObscurancePage, ObscuranceState, Solution};

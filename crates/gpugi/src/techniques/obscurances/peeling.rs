@@ -1,4 +1,4 @@
-//! Bundles of parallel lines through the whole scene, whose hits are peeled one after the other.
+//! Sampling by bundles of parallel lines through the whole scene, whose hits are peeled one after the other.
 
 use std::f32::consts::TAU;
 
@@ -12,31 +12,31 @@ use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
 use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
+use crate::sequence::low_discrepancy;
 use crate::shader;
-use crate::techniques::shadow_map::lights::low_discrepancy;
 
-/// Fewest pixels a side of a bundle.
+/// Fewest pixels per side of a bundle.
 const LEAST_SIDE: u32 = 16;
-/// Words of a hit.
+/// Words per hit.
 const HIT_WORDS: u64 = 3;
 
 /// Takes samples by peeling.
 #[derive(Debug)]
 pub(super) struct Peeling {
-    /// Of opaque surfaces, and of those with alpha.
+    /// For opaque surfaces, and for those with alpha.
     peel: [RasterKernel; 2],
     transfer: Kernel,
-    /// Bind group of the texels that are looked up in `transfer`.
+    /// Bind group of the atlas lookup in `transfer`.
     corners: wgpu::BindGroup,
     side: u32,
-    /// Lines of a bundle that meet a texel of mean size head on.
+    /// Lines per bundle that meet a texel of mean size facing them.
     lines_of_texel: f32,
-    /// Room for what lines meet: hits.wesl.
+    /// Buffer for the lines' hits (hits.wesl), and its capacity in hits.
     hits: Option<(wgpu::Buffer, u32)>,
-    /// What the rasterizer wants; nothing is drawn onto it.
+    /// Attachment that the rasterizer requires; nothing is drawn to it.
     target: wgpu::TextureView,
     most_layers: u32,
-    /// Bundles; none where there are no texels.
+    /// Number of bundles; 0 if there are no texels.
     directions: u32,
     seed: u32,
 }
@@ -63,7 +63,7 @@ impl Peeling {
         let texels = scene.bounds.diagonal() / capture.texel_side.max(f32::MIN_POSITIVE);
         let most = settings
             .most_lines
-            .min(gpu.device.limits().max_texture_dimension_2d);
+            .min(gpu.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
         let target = gpu.texture(&wgpu::TextureDescriptor {
             label: Some("bundle of lines"),
@@ -110,29 +110,31 @@ impl Peeling {
         })
     }
 
-    /// Steps until every texel has all its samples: a bundle each.
+    /// Number of steps until every texel has all its samples: one per bundle.
     pub fn steps(&self) -> u64 {
         u64::from(self.directions)
     }
 
-    /// Of a texel, so that it needs no other's: a quarter of what one of mean size gets, to which lines come with a mean cosine of 1/2.
+    /// Samples that a texel needs to do without its neighbours' samples: a quarter of those of a texel of mean size,
+    /// which lines meet at a mean cosine of 1/2.
     pub fn least_samples(&self) -> u32 {
         (self.directions as f32 * self.lines_of_texel / 2.0 / 4.0).min(65_536.0) as u32
     }
 
-    /// Bytes of what lines meet, and of what nothing is drawn onto.
+    /// Bytes of the hits, and of the attachment that nothing is drawn to.
     pub fn bytes(&self) -> u64 {
         let hits = self.hits.as_ref().map_or(0, |(buffer, _)| buffer.size());
         hits + u64::from(self.side).pow(2) * 4
     }
 
-    /// Makes room for what lines meet of surfaces of `area` in all [m^2], as `scene` stands.
+    /// Makes room for the hits on surfaces with a total area of `area` [m^2], for the present state of `scene`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn make_room(&mut self, gpu: &Gpu, scene: &GpuScene, area: f64) -> Result<(), GpuError> {
         let lines = Lines::new(0, self.seed, &scene.bounds, self.side);
-        // However surfaces lie, lines meet no more of them than fit side by side, but for chance at edges.
+        // However surfaces are oriented, lines hit them at most as often as pixels fit on their area, except for chance
+        // at edges.
         let most = area / f64::from(lines.pixel()).powi(2) * 1.05 + 65_536.0;
         let most = most.min(f64::from(u32::MAX)) as u32;
         if self.hits.as_ref().is_some_and(|(_, room)| *room >= most) {
@@ -145,7 +147,7 @@ impl Peeling {
         Ok(())
     }
 
-    /// Takes one. `region`: around all texels that are computed, where not all are.
+    /// Takes one step: one bundle. `region`: box around all texels that are computed; `None` if all texels are.
     pub fn step(
         &self,
         frame: &mut Frame<'_>,
@@ -250,7 +252,7 @@ impl Peeling {
     }
 }
 
-/// Parallel lines, one through the middle of each pixel of a square around the scene.
+/// Parallel lines, one through each pixel of a square around the scene.
 struct Lines {
     clip_from_world: Mat4,
     bundle: Bundle,
@@ -260,9 +262,10 @@ struct Lines {
 }
 
 impl Lines {
-    /// Number `number` of a sequence that spreads directions evenly over the sphere, and the places of lines over pixels.
+    /// Element `number` of a sequence that spreads directions evenly over the sphere, and the lines' offsets evenly
+    /// over their pixels.
     fn new(number: u32, seed: u32, bounds: &Bounds, side: u32) -> Self {
-        // Lines are looked along both ways: half of the sphere is all of it.
+        // Each line serves both of its directions: a hemisphere covers the whole sphere.
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         const PLASTIC: f64 = 0.754_877_666_246_692_8;
         let [along, around, roll] = offsets(seed);
@@ -275,7 +278,7 @@ impl Lines {
         let (sin, cos) = (TAU * fraction(f64::from(number) * PLASTIC + roll)).sin_cos();
         let (right, up) = (right * cos + up * sin, up * cos - right * sin);
 
-        // The ball around everything, and a pixel for where lines begin in theirs.
+        // The scene's bounding sphere, and a margin of one pixel for the lines' offsets in their pixels.
         let radius = (bounds.diagonal() / 2.0).max(1e-6) * 1.001;
         let half = radius * (1.0 + 2.0 / side as f32);
         let pixel = 2.0 * half / side as f32;
@@ -312,7 +315,7 @@ impl Lines {
         2.0 * self.half / self.side as f32
     }
 
-    /// First column and row, width and height of the pixels whose lines may meet a box.
+    /// First column and row, width and height of the pixels whose lines may hit a box.
     fn pixels_of(&self, region: &Bounds) -> [u32; 4] {
         let seen = region.transformed(&self.view_from_world);
         let pixels = self.side as f32 / (2.0 * self.half);
@@ -325,7 +328,7 @@ impl Lines {
     }
 }
 
-/// Where the sequences of a seed begin, each in [0, 1): SplitMix64.
+/// Offsets at which the sequences of a seed start, each in [0, 1): SplitMix64.
 fn offsets(seed: u32) -> [f64; 3] {
     let mut state = u64::from(seed);
     [(); 3].map(|()| {

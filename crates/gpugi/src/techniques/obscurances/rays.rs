@@ -1,4 +1,4 @@
-//! Rays from every texel.
+//! Sampling by rays from every texel.
 
 use std::ops::Range;
 
@@ -9,20 +9,20 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Rays of a step: some 40 ms of a small GPU.
+/// Rays per step: about 40 ms on a small GPU.
 const RAYS_OF_STEP: u32 = 1 << 22;
-/// Most that a texel traces in one, however few texels there are.
+/// Most rays per texel and step, however few texels there are.
 const MOST_RAYS: u32 = 256;
 
 /// Takes samples by rays.
 #[derive(Debug)]
 pub(super) struct Rays {
     kernel: Kernel,
-    /// Bind group of the texels that are looked up.
+    /// Bind group of the atlas lookup, for the texels that are hit.
     corners: wgpu::BindGroup,
-    /// Points that one step is for: a piece's number and some of its points.
+    /// The points that each step handles: number of a piece and range of its points.
     chunks: Vec<(usize, Range<u32>)>,
-    /// Rays that a step traces from each.
+    /// Rays per point and step.
     at_once: u32,
     directions: u32,
 }
@@ -61,12 +61,12 @@ impl Rays {
         })
     }
 
-    /// Steps until every texel has all its samples.
+    /// Number of steps until every texel has all its samples.
     pub fn steps(&self) -> u64 {
         self.chunks.len() as u64 * u64::from(self.directions.div_ceil(self.at_once))
     }
 
-    /// Takes one.
+    /// Takes one step.
     pub fn step(
         &self,
         frame: &mut Frame<'_>,

@@ -1,4 +1,4 @@
-//! The obscurances of the texels of an atlas, computed in steps.
+//! The obscurances of an atlas's texels, computed in steps.
 
 use bytemuck::Zeroable;
 use glam::{Mat4, Vec3};
@@ -13,25 +13,28 @@ use crate::capture::Target;
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
+use crate::settings::SettingSet;
 use crate::shader;
 use crate::techniques::{Map, Texels};
 
-/// Below so much of the scene's size, positions are rounded.
+/// Rounding error of positions, relative to the scene's size.
 const ROUNDING: f32 = 1e-6;
 
-/// Every texel asks every box; where more moves, everything begins anew.
+/// Most boxes around what moved, since every texel is tested against every box; with more, everything is recomputed.
 const MOST_BOXES: usize = 512;
 
-/// A page's obscurances, a value a texel, row by row from the top. Texels that no surface lies in continue their neighbours.
+/// The obscurances of one page, one value per texel, row by row from the top. Texels without a surface continue their
+/// neighbours' values.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ObscurancePage {
-    /// W, 0 to 1: how much of the ambient light arrives.
+    /// W, 0 to 1: the fraction of the ambient light that arrives.
     pub obscurance: Vec<f32>,
-    /// W with the albedo of what obscures, or the scene's mean where nothing does; `None` when colours are not wanted.
+    /// W with the albedo of the obscuring surfaces, or the scene's mean albedo where nothing obscures; `None` if
+    /// colours are not wanted.
     pub colored: Option<Vec<Vec3>>,
 }
 
-/// What has been computed of the obscurances of an atlas: [`Solution::resume`] goes on from there.
+/// Saved progress of the obscurances of an atlas, from which [`Solution::resume`] continues.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct ObscuranceState {
     /// Steps taken.
@@ -40,28 +43,28 @@ pub struct ObscuranceState {
     texels: Vec<u32>,
 }
 
-/// Computes the obscurances of the texels of an atlas.
+/// Computes the obscurances of an atlas's texels.
 #[derive(Debug)]
 pub struct Solution {
     settings: Settings,
     size: u32,
     pages: u32,
-    /// Where triangles lie in the atlas.
+    /// Lookup of triangles in the atlas.
     pub lookup: AtlasLookup,
     /// `Texel` of obscurance.wesl, page after page.
     texels: wgpu::Buffer,
-    /// Sums over all surfaces: area times albedo, area; area times the direct light that they send on.
+    /// Sums over all surfaces: area times albedo, and area; area times the direct light that they reflect.
     mean: wgpu::Buffer,
     prepare: Kernel,
     average: Kernel,
     sampler: Sampler,
     pictures: Option<Pictures>,
-    /// Box and area (m^2) of each instance's mesh in its own space.
+    /// Bounding box and area (m^2) of each instance's mesh in its own space.
     meshes: Vec<(Bounds, f64)>,
     state: State,
 }
 
-/// Who takes samples.
+/// The method of sampling.
 #[derive(Debug)]
 enum Sampler {
     Rays(Rays),
@@ -69,7 +72,7 @@ enum Sampler {
 }
 
 impl Sampler {
-    /// Steps until every texel has all its samples.
+    /// Number of steps until every texel has all its samples.
     fn steps(&self) -> u64 {
         match self {
             Self::Rays(rays) => rays.steps(),
@@ -78,20 +81,20 @@ impl Sampler {
     }
 }
 
-/// What was computed, and how far it has come.
+/// What was computed, and how far it has progressed.
 #[derive(Debug, Default)]
 struct State {
-    /// Versions of geometry and materials.
+    /// Versions of geometry and materials that it was computed for.
     made: Option<[u64; 2]>,
-    /// World-space box of each instance then.
+    /// World-space box of each instance at that time.
     bounds: Vec<Bounds>,
-    /// Box around the texels that are computed, where not all are.
+    /// Box around the texels that are computed; `None` if all are.
     region: Option<Bounds>,
     /// Steps taken.
     steps: u64,
 }
 
-/// The images of a page, and the maps that are made of them.
+/// The images of one page, and the maps made from them.
 #[derive(Debug)]
 struct Pictures {
     plain: Target,
@@ -103,11 +106,12 @@ struct Pictures {
 }
 
 impl Solution {
-    /// Room for the obscurances of `capture`'s texels, whose lobes must be diffuse. `atlas` is one of `scene`, of which `on_gpu` is the upload, for rays
-    /// or captures as [`Settings::mode`] wants it.
+    /// Allocates the obscurances of `capture`'s texels, whose lobes must be diffuse. `atlas` belongs to `scene`, and
+    /// `on_gpu` is its upload, for rays or for captures as [`Settings::mode`] requires.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when settings are out of range or the upload does not fit the mode; [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    /// [`GpuError::Pass`] when settings are out of range or the upload does not fit the mode; [`GpuError::TooLarge`],
+    /// [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -172,15 +176,15 @@ impl Solution {
         })
     }
 
-    /// Sums that shaders look up: `Texel` of obscurance.wesl, and those over all surfaces.
+    /// Sums that shaders look up: `Texel` of obscurance.wesl, and the sums over all surfaces.
     pub(super) fn buffers(&self) -> [&wgpu::Buffer; 2] {
         [&self.texels, &self.mean]
     }
 
-    /// Constant of pipelines that look sums up.
+    /// Constant of the pipelines that look up the sums.
     pub(super) fn least_samples(&self) -> (&'static str, f64) {
         let least = match &self.sampler {
-            // All have as many.
+            // All texels have equally many samples.
             Sampler::Rays(_) => 0,
             Sampler::Peeling(peeling) => peeling.least_samples(),
         };
@@ -197,15 +201,17 @@ impl Solution {
         }
     }
 
-    /// Whether every texel has all its samples, of the scene as it was last recorded.
+    /// Whether every texel has all its samples, for the scene as it was last recorded.
     pub fn is_done(&self) -> bool {
         self.state.made.is_some() && self.state.steps >= self.sampler.steps()
     }
 
-    /// Takes a step: passes `obscurances.prepare`, when the scene has changed, and `obscurances.rays` or `obscurances.peel` and
-    /// `obscurances.transfer`. Before, `capture` has recorded the same scene and its vertices are merged.
+    /// Takes one step: passes `obscurances.prepare`, if the scene has changed, and `obscurances.rays` or
+    /// `obscurances.peel` and `obscurances.transfer`. Beforehand, `capture` must have recorded the same scene, and its
+    /// vertices must be merged.
     ///
-    /// Where instances have moved since the last call and nothing else changed, only texels within reach of where they were or are begin anew.
+    /// If instances have moved since the last call and nothing else has changed, only texels within reach of the
+    /// instances' previous and present positions are recomputed.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -233,7 +239,7 @@ impl Solution {
         Ok(())
     }
 
-    /// What has been computed so far. Waits for the GPU.
+    /// Saves the progress so far. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -247,10 +253,11 @@ impl Solution {
         })
     }
 
-    /// Goes on from what was saved of the same scene, atlas and settings: after the first [`Solution::record`], which says where there are texels.
+    /// Continues from progress saved for the same scene, atlas and settings. Call it after the first
+    /// [`Solution::record`], which finds the texels that have a surface.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when it is of others.
+    /// [`GpuError::Pass`] when it was saved for others.
     pub fn resume(&mut self, gpu: &Gpu, saved: &ObscuranceState) -> Result<(), GpuError> {
         if *saved == ObscuranceState::default() {
             return Ok(());
@@ -269,13 +276,13 @@ impl Solution {
         Ok(())
     }
 
-    /// Box around the texels that are computed; none: all may be.
+    /// Box around the texels that are computed; `None` if all may be.
     #[cfg(test)]
     pub(super) fn region(&self) -> Option<Bounds> {
         self.state.region
     }
 
-    /// Settings as shaders read them, of no points yet.
+    /// Settings as shaders read them, with an empty range of points.
     fn uniform(&self) -> SettingsUniform {
         SettingsUniform {
             distance: self.settings.distance,
@@ -285,7 +292,7 @@ impl Solution {
         }
     }
 
-    /// Finds the texels that are computed anew, and clears their sums.
+    /// Finds the texels to recompute, and clears their sums.
     fn begin(
         &mut self,
         frame: &mut Frame<'_>,
@@ -317,7 +324,7 @@ impl Solution {
             padding: 0,
         };
         let mut boxes: Vec<BoxRow> = changed.iter().flatten().map(BoxRow::new).collect();
-        // A buffer holds one at least.
+        // A buffer needs at least one element.
         boxes.resize(boxes.len().max(1), BoxRow::new(&Bounds::EMPTY));
         let renewal = gpu.uniform("what is computed anew", &renewal)?;
         let boxes = gpu.storage("boxes around what changed [bytes]", &boxes)?;
@@ -352,7 +359,7 @@ impl Solution {
                 self.average.dispatch(pass, &groups, [1, 1, 1]);
             });
         }
-        // Texels that were not done yet may lie anywhere.
+        // Texels that were not finished yet may lie anywhere.
         let changed = changed.filter(|_| was_done);
         let is_same = changed.as_ref().is_some_and(Vec::is_empty);
         self.state = State {
@@ -364,7 +371,8 @@ impl Solution {
         Ok(())
     }
 
-    /// Boxes of what is within reach of instances that have moved since `version` of the geometry, before or now.
+    /// Boxes around everything within reach of the previous and present positions of instances that have moved since
+    /// `version` of the geometry.
     fn changed(&self, scene: &GpuScene, version: u64, bounds: &[Bounds]) -> Vec<Bounds> {
         let reach = self.settings.distance + scene.diagonal() * ROUNDING;
         let placed = scene
@@ -380,7 +388,7 @@ impl Solution {
         boxes.collect()
     }
 
-    /// Images of one page, made when first asked for.
+    /// Images of one page, created on first use.
     fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
         if self.pictures.is_none() {
             let count = self.size * self.size;
@@ -405,7 +413,7 @@ impl Solution {
         Ok(self.pictures.as_mut().expect("just made"))
     }
 
-    /// The obscurances of all pages as they are now. Waits for the GPU.
+    /// The present obscurances of all pages. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -413,7 +421,7 @@ impl Solution {
         (0..self.pages).map(|page| self.page(gpu, page)).collect()
     }
 
-    /// As [`Solution::pages`], of one page.
+    /// As [`Solution::pages`], for one page.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -438,7 +446,8 @@ impl Solution {
         })
     }
 
-    /// Divides a page's sums by their samples, and fills what is empty: passes `obscurances.resolve` and `capture.atlas.dilate`.
+    /// Divides a page's sums by their sample counts, and fills empty texels: passes `obscurances.resolve` and
+    /// `capture.atlas.dilate`.
     fn resolve(&mut self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let size = self.size;
@@ -471,8 +480,8 @@ impl Solution {
         pictures.dilation.record(frame, &pictures.colored)
     }
 
-    /// Brings the maps up to date with the samples taken so far, for whoever looks them up: passes `obscurances.resolve`, `capture.atlas.dilate`
-    /// and `obscurances.store`.
+    /// Updates the maps that other techniques look up with the samples taken so far: passes `obscurances.resolve`,
+    /// `capture.atlas.dilate` and `obscurances.store`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -516,7 +525,7 @@ impl Solution {
         Ok(())
     }
 
-    /// Bytes of what is no map.
+    /// Bytes that are not in maps.
     pub(super) fn work_bytes(&self) -> u64 {
         let sampler = match &self.sampler {
             Sampler::Rays(_) => 0,
@@ -530,7 +539,7 @@ impl Solution {
         sampler + pictures.sum::<u64>() + self.texels.size() + self.lookup.words.size()
     }
 
-    /// The maps that [`Solution::record_maps`] made, one a page: rgb with colours, a without.
+    /// The maps that [`Solution::record_maps`] made, one per page: rgb colored, a plain.
     pub fn maps(&self) -> Vec<Map> {
         let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
         let named = maps.enumerate().map(|(page, texture)| Map {
@@ -541,14 +550,15 @@ impl Solution {
     }
 }
 
-/// No area becomes larger by more than this: the product of the two largest factors by which lengths do is at most half the sum of the squares of all.
+/// Upper bound of the factor by which the matrix scales areas: the product of the two largest factors by which it
+/// scales lengths is at most half the sum of the squares of all three.
 fn most_stretch(matrix: &Mat4) -> f64 {
     let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let squares = axes.map(|axis| f64::from(axis.truncate().length_squared()));
     squares.iter().sum::<f64>() / 2.0
 }
 
-/// Constant of pipelines that take samples.
+/// Constant of the pipelines that take samples.
 pub(super) fn colored(settings: &Settings) -> (&'static str, f64) {
     ("COLORED", f64::from(u8::from(settings.colored)))
 }

@@ -1,4 +1,4 @@
-//! Obscurances against closed forms and a direct evaluation of their integral in double precision.
+//! Compares obscurances with closed forms and with a direct evaluation of their integral in double precision.
 
 mod ambient;
 mod sampling;
@@ -14,7 +14,7 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::testing::read_points;
 
-/// A texel with a surface: where, and what was found there.
+/// A texel with a surface: its place, and the values found there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Found {
     instance: u32,
@@ -56,7 +56,7 @@ impl Bench {
         })
     }
 
-    /// One step.
+    /// Takes one step.
     fn step(&mut self, gpu: &Gpu) {
         let mut frame = Frame::new(gpu, false);
         self.on_gpu.merge(&mut frame);
@@ -67,7 +67,7 @@ impl Bench {
         frame.submit().unwrap();
     }
 
-    /// Steps until all is done.
+    /// Takes steps until all are done.
     fn finish(&mut self, gpu: &Gpu) -> Vec<ObscurancePage> {
         self.step(gpu);
         while !self.obscurances.is_done() {
@@ -119,7 +119,7 @@ fn found(gpu: &Gpu, scene: &Scene, size: u32, settings: &Settings) -> Vec<Found>
     bench.found(gpu, &pages)
 }
 
-/// Root of the mean of squares.
+/// Root mean square.
 fn rms(errors: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = errors.fold((0.0, 0), |(sum, count), one| (sum + one * one, count + 1));
     assert!(count > 0, "nothing is compared");

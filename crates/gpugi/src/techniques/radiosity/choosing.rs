@@ -1,4 +1,4 @@
-//! Texels chosen by their power, on the GPU alone: those that shoot, and those that rays are aimed at.
+//! Texels chosen by their power, on the GPU alone: those that shoot, and those that light-sampled rays are aimed at.
 
 use super::gpu::{CHILDREN, Chosen, Level, MOST_CHOSEN};
 use super::solution::ForStep;
@@ -17,7 +17,8 @@ pub(super) struct Choosing {
     pieces: Vec<PieceGroups>,
 }
 
-/// By the buffer that has the last iterate, where texels' light is bound.
+/// Bind groups for one piece. `power_texels` and `choose_texels`: by the index of the buffer that holds the last
+/// iterate.
 #[derive(Debug)]
 struct PieceGroups {
     count: u32,
@@ -27,7 +28,7 @@ struct PieceGroups {
     choose_texels: [wgpu::BindGroup; 2],
 }
 
-/// Room for the texels that are chosen: as many as one iterate may choose.
+/// Creates the buffer for the chosen texels, large enough for one iterate.
 ///
 /// # Errors
 /// [`GpuError::OutOfMemory`].
@@ -38,7 +39,7 @@ pub(super) fn room(gpu: &Gpu) -> Result<wgpu::Buffer, GpuError> {
 }
 
 impl Choosing {
-    /// Chooses among `texels` texels and writes them to `chosen`; `steps`: what each piece's passes read.
+    /// Prepares to choose among `texels` texels and write them to `chosen`; `steps`: the inputs of each piece's passes.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -115,7 +116,7 @@ impl Choosing {
         })
     }
 
-    /// Chooses `count` texels: pass `radiosity.choose`. `last`: the buffer that has the last iterate.
+    /// Chooses `count` texels: pass `radiosity.choose`. `last`: index of the buffer that holds the last iterate.
     pub fn record(&self, frame: &mut Frame<'_>, last: usize, count: u32) {
         frame.compute("radiosity.choose", |pass| {
             for piece in &self.pieces {

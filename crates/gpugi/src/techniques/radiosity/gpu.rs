@@ -30,7 +30,7 @@ pub struct Level {
 /// `CHILDREN` of pyramid.wesl.
 pub const CHILDREN: u32 = 16;
 
-/// Bytes of `Texel` of texel.wesl.
+/// Size of `Texel` of texel.wesl [bytes].
 pub const TEXEL_BYTES: u64 = 32;
 
 /// `Chosen` of chosen.wesl.

@@ -1,7 +1,9 @@
-//! Radiosity: diffuse light that was reflected by diffuse surfaces before, kept in the texels of an atlas (tutorial section 6.1).
+//! Radiosity: light that diffuse surfaces reflect after other diffuse surfaces did, stored in the texels of an atlas
+//! (tutorial section 6.1).
 //!
-//! Generate: the techniques before it light the atlas's texels; from that direct light a stochastic iteration finds the indirect one, a few steps a
-//! frame, as the average of the iterates. Gather: looks the irradiance up where a point lies in the atlas. docs/techniques/radiosity.md.
+//! Generate: earlier techniques light the atlas's texels; from that direct light a stochastic iteration, a few steps
+//! per frame, finds the indirect light as the average of its iterates. Gather: looks up the irradiance at a point's
+//! place in the atlas. docs/techniques/radiosity.md.
 
 mod choosing;
 pub(crate) mod gpu;
@@ -15,18 +17,19 @@ use std::sync::Arc;
 use gpugi_scene::Atlas;
 use serde::{Deserialize, Serialize};
 
-use super::{Field, Info, Lit, Map, SettingError, Technique, settings};
+use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::atlas::TexelGather;
-use crate::capture::{SurfacePoints, Target, View};
+use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{GpuScene, Versions};
+use crate::settings::SettingSet;
 use crate::shader;
 use shooting::Batch;
 use solution::Kernels;
 pub use solution::Solution;
 
-/// What radiosity says of itself.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "radiosity",
     summary: "indirect light between diffuse surfaces, kept in the texels of an atlas",
@@ -36,125 +39,58 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, INDIRECT),
         LightPaths::new(LightClass::Environment, INDIRECT),
     ],
-    // Unwrapping may take minutes: nobody should wait for that unasked.
+    // Unwrapping may take minutes, so the technique is never chosen automatically.
     suits: |_| false,
     keeps_texels: true,
+    lights_points: true,
 };
 
-/// Texels that one dispatch works at, so that none keeps a GPU busy for long.
+/// Most texels per dispatch, so that none keeps a GPU busy for long.
 const MOST_TEXELS: u32 = 1 << 20;
 
-/// What it adds to the direct light of others, and what it adds alone.
+/// Light paths that it adds beside the direct light of other techniques, and those that it adds alone.
 const INDIRECT: &str = "LDD+E";
 const ALL: &str = "LD+E";
 
-/// How an iterate is made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mode {
-    /// Every texel follows rays.
-    Rays,
-    /// Some texels shoot the power of all through hemicubes.
-    Shooting,
-}
-
-/// Settings of radiosity.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Settings {
-    /// How an iterate is made.
-    pub mode: Mode,
-    /// Side of the atlas's pages (texels).
-    pub resolution: u32,
-    /// Texels per metre (1/m), in as many pages as it takes; 0: as many as one page holds.
-    pub density: f32,
-    /// Rays of a texel in a step.
-    pub rays: u32,
-    /// Rays, besides, that are aimed at texels chosen by their power, at most as many as those; 0: none.
-    pub aimed_rays: u32,
-    /// Texels that shoot in a step.
-    pub shooters: u32,
-    /// Side of their hemicubes (texels).
-    pub hemicube_resolution: u32,
-    /// Steps of the iteration in a frame.
-    pub steps: u32,
-    /// Steps after which a still scene's light is final.
-    pub iterations: u32,
-    /// First steps that are dropped: light has spread so often before iterates count.
-    pub burn_in: u32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            mode: Mode::Rays,
-            resolution: 512,
-            density: 0.0,
-            rays: 4,
-            aimed_rays: 1,
-            shooters: 16,
-            hemicube_resolution: 256,
-            steps: 1,
-            iterations: 256,
-            burn_in: 8,
-        }
+crate::choices! {
+    /// How an iterate is computed.
+    pub enum Mode {
+        /// Every texel traces rays.
+        Rays = "rays",
+        /// Some texels shoot the power of all texels through hemicubes.
+        Shooting = "shooting",
     }
 }
 
-const FIELDS: &[Field] = &[
-    Field {
-        name: "mode",
-        summary: "rays: every texel follows rays; shooting: some texels shoot the power of all through hemicubes",
-        range: None,
-    },
-    Field {
-        name: "resolution",
-        summary: "side of the atlas's pages [texels]",
-        range: Some((16.0, 8192.0)),
-    },
-    Field {
-        name: "density",
-        summary: "texels per metre, in as many pages as it takes; 0: as many as one page holds [1/m]",
-        range: Some((0.0, 1e6)),
-    },
-    Field {
-        name: "rays",
-        summary: "rays of a texel in a step, of mode=rays",
-        range: Some((1.0, 64.0)),
-    },
-    Field {
-        name: "aimed-rays",
-        summary: "rays, besides, that are aimed at texels chosen by their power, at most as many as those; 0: none, of mode=rays",
-        range: Some((0.0, 64.0)),
-    },
-    Field {
-        name: "shooters",
-        summary: "texels that shoot in a step, of mode=shooting",
-        range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "hemicube-resolution",
-        summary: "side of their hemicubes [texels]",
-        range: Some((16.0, 1024.0)),
-    },
-    Field {
-        name: "steps",
-        summary: "steps of the iteration in a frame",
-        range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "iterations",
-        summary: "steps after which a still scene's light is final",
-        range: Some((1.0, 65_536.0)),
-    },
-    Field {
-        name: "burn-in",
-        summary: "first steps that are dropped, so that light has spread so often before iterates count",
-        range: Some((0.0, 256.0)),
-    },
-];
+crate::settings! {
+    /// Settings of radiosity.
+    pub struct Settings {
+        /// How an iterate is computed: rays, every texel traces rays; shooting, some texels shoot the power of all
+        /// texels through hemicubes.
+        pub mode: Mode = Mode::Rays => any(),
+        /// Side of the atlas's pages.
+        pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),
+        /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.
+        pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
+        /// Rays per texel and step, for mode=rays.
+        pub rays: u32 = 4 => in_range(1.0, 64.0),
+        /// Additional light-sampled rays per texel and step, aimed at texels chosen by their power, at most as many as
+        /// rays; 0: none; for mode=rays.
+        pub aimed_rays: u32 = 1 => in_range(0.0, 64.0),
+        /// Texels that shoot per step, for mode=shooting.
+        pub shooters: u32 = 16 => in_range(1.0, 256.0),
+        /// Side of their hemicubes.
+        pub hemicube_resolution: u32 = 256 => in_range(16.0, 1024.0).unit("texels"),
+        /// Steps of the iteration per frame.
+        pub steps: u32 = 1 => in_range(1.0, 256.0),
+        /// Steps that count; a still scene's light is final after these and the dropped ones.
+        pub iterations: u32 = 256 => in_range(1.0, 65_536.0),
+        /// First steps, which are dropped, so that light has spread this often before iterates count.
+        pub burn_in: u32 = 8 => in_range(0.0, 256.0),
+    }
+}
 
-/// Direct light that nobody before radiosity adds, so that it begins in texels itself.
+/// Direct light that no technique before radiosity adds, so that it starts in the texels themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Own {
     emission: bool,
@@ -165,46 +101,45 @@ struct Own {
 #[derive(Debug)]
 pub struct Radiosity {
     settings: Settings,
-    paths: Vec<LightPaths>,
     own: Own,
     made: Option<Made>,
     most_texels: u32,
 }
 
-/// The light of a scene, and what it was found for.
+/// The light of a scene, and what it was computed for.
 #[derive(Debug)]
 struct Made {
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`].
+    /// [`GpuScene::passages`] that the passes were compiled for.
     passages: [bool; 2],
     kernels: Kernels,
     solution: Solution,
     gather: TexelGather,
     lit: Option<LitAs>,
-    refinements: u64,
+    revision: u64,
 }
 
-/// What [`Technique::save`] gives.
+/// What [`Technique::save`] stores.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct Saved {
-    /// How often the direct light had become finer.
-    refinements_of_light: u64,
-    /// How often this light had.
-    refinements: u64,
+    /// Revision of the direct light.
+    revision_of_light: u64,
+    /// Revision of this light.
+    revision: u64,
     iterates: u32,
     light: Vec<u32>,
 }
 
-/// What direct light and its reflections depend on.
+/// Everything that direct light and its reflections depend on.
 #[derive(Debug, Clone, PartialEq)]
 struct LitAs {
     versions: Versions,
     settings: u64,
-    refinements: u64,
+    revision: u64,
     own: Own,
 }
 
-/// Of what was saved for something else.
+/// Error for saved progress that does not fit.
 fn unfit(reason: impl std::fmt::Display) -> GpuError {
     GpuError::Pass {
         pass: INFO.name.into(),
@@ -216,7 +151,6 @@ impl Default for Radiosity {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
-            paths: INFO.paths.to_vec(),
             own: Own::default(),
             made: None,
             most_texels: MOST_TEXELS,
@@ -248,7 +182,7 @@ impl Radiosity {
             kernels,
             solution,
             lit: None,
-            refinements: 0,
+            revision: 0,
         })
     }
 }
@@ -258,93 +192,34 @@ impl Technique for Radiosity {
         &INFO
     }
 
-    fn paths(&self) -> &[LightPaths] {
-        &self.paths
-    }
-
-    fn claim(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Vec<Claims> {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
         let is_covered = |class| overlap(covered, &[LightPaths::new(class, "LDE")]).is_some();
         self.own = Own {
             emission: !is_covered(LightClass::Area),
-            // Hemicubes hold no sky.
+            // Hemicubes do not contain the sky.
             environment: self.settings.mode == Mode::Rays && !is_covered(LightClass::Environment),
         };
-        self.paths.clear();
+        let mut paths = Vec::new();
         for (class, is_own) in [
             (LightClass::Punctual, false),
             (LightClass::Area, self.own.emission),
             (LightClass::Environment, self.own.environment),
         ] {
             if is_own {
-                self.paths.push(LightPaths::new(class, ALL));
+                paths.push(LightPaths::new(class, ALL));
             } else if is_covered(class) {
-                self.paths.push(LightPaths::new(class, INDIRECT));
+                paths.push(LightPaths::new(class, INDIRECT));
             }
         }
-        vec![Claims::NONE; scene.objects.len()]
+        Plan::adding(paths, scene)
     }
 
-    fn refinements(&self) -> u64 {
-        self.made.as_ref().map_or(0, |made| made.refinements)
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn progress(&self) -> f32 {
-        let done = self.made.as_ref().map_or(0, |made| made.solution.iterates);
-        done as f32 / (self.settings.burn_in + self.settings.iterations) as f32
-    }
-
-    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(made) = &self.made else {
-            return Ok(None);
-        };
-        let Some(lit) = &made.lit else {
-            return Ok(None);
-        };
-        let saved = Saved {
-            refinements_of_light: lit.refinements,
-            refinements: made.refinements,
-            iterates: made.solution.iterates,
-            light: made.solution.light(gpu)?,
-        };
-        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
-    }
-
-    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
-        let Some(made) = &mut self.made else {
-            return Ok(false);
-        };
-        let light = made.lit.as_ref().map(|lit| lit.refinements);
-        if light != Some(saved.refinements_of_light) {
-            return Ok(false);
-        }
-        // The first frame drops iterates and makes one that counts.
-        let Settings {
-            burn_in,
-            iterations,
-            ..
-        } = self.settings;
-        if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
-            return Err(unfit("another number of iterates"));
-        }
-        let solution = &mut made.solution;
-        if !solution.resume(gpu, &made.kernels, saved.iterates, &saved.light)? {
-            return Err(unfit("another number of texels"));
-        }
-        made.refinements = saved.refinements;
-        Ok(true)
-    }
-
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
-    }
-
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
-    }
-
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        settings::set(&mut self.settings, FIELDS, name, value)
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
     fn generate(
@@ -352,8 +227,8 @@ impl Technique for Radiosity {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        lit: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
         let Settings {
             resolution,
             density,
@@ -369,8 +244,8 @@ impl Technique for Radiosity {
         made.solution.capture(frame, scene)?;
         let lit_as = LitAs {
             versions: scene.versions,
-            settings: lit.version,
-            refinements: lit.refinements(),
+            settings: earlier.settings_version,
+            revision: earlier.revision,
             own: self.own,
         };
         let Settings {
@@ -383,7 +258,8 @@ impl Technique for Radiosity {
         if is_fresh {
             made.lit = Some(lit_as);
             for (points, direct) in made.solution.direct() {
-                lit.gather(frame, scene, points, direct, self.own.emission)?;
+                let receiver = Receiver::new(points, direct);
+                earlier.gather(frame, scene, &receiver, self.own.emission)?;
             }
             let work = gpu::Work {
                 rays: self.settings.rays,
@@ -406,37 +282,90 @@ impl Technique for Radiosity {
             let first = if is_fresh { burn_in } else { 0 };
             let now = (first + steps).min(all - made.solution.iterates);
             made.solution.iterate(frame, scene, &made.kernels, now)?;
-            // Whoever shows the light need not follow every step.
+            // Dependents need not follow every step.
             let counted = made.solution.iterates - burn_in;
             let was = counted - now.min(counted);
             let is_step =
                 counted.ilog2() > was.checked_ilog2().unwrap_or(0) || made.solution.iterates == all;
-            made.refinements += u64::from(is_step && !is_fresh);
+            made.revision += u64::from(is_step && !is_fresh);
         }
+        let done = made.solution.iterates as f32 / all as f32;
+        let generated = Generated {
+            revision: made.revision,
+            progress: done,
+            pending: None,
+        };
         self.made = Some(made);
-        Ok(())
+        Ok(generated)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());
         };
         let (name, texels) = ("radiosity.gather", &made.solution.texels);
-        made.gather
-            .record(frame, name, scene, texels, points, target)
+        made.gather.record(frame, name, scene, texels, receiver)
     }
 
-    fn maps(&self) -> Vec<Map> {
-        self.solution().map_or(Vec::new(), Solution::maps)
+    fn inspect(&self) -> Inspection {
+        self.solution()
+            .map_or_else(Inspection::default, |solution| Inspection {
+                maps: solution.maps(),
+                work_bytes: solution.work_bytes(),
+                warnings: Vec::new(),
+            })
     }
 
-    fn work_bytes(&self) -> u64 {
-        self.solution().map_or(0, Solution::work_bytes)
+    fn resumable(&mut self) -> Option<&mut dyn Resume> {
+        Some(self)
+    }
+}
+
+impl Resume for Radiosity {
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let Some(lit) = &made.lit else {
+            return Ok(None);
+        };
+        let saved = Saved {
+            revision_of_light: lit.revision,
+            revision: made.revision,
+            iterates: made.solution.iterates,
+            light: made.solution.light(gpu)?,
+        };
+        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+    }
+
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
+        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let Some(made) = &mut self.made else {
+            return Ok(false);
+        };
+        let light = made.lit.as_ref().map(|lit| lit.revision);
+        if light != Some(saved.revision_of_light) {
+            return Ok(false);
+        }
+        // The first frame computes the dropped iterates and at least one that counts.
+        let Settings {
+            burn_in,
+            iterations,
+            ..
+        } = self.settings;
+        if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
+            return Err(unfit("another number of iterates"));
+        }
+        let solution = &mut made.solution;
+        if !solution.resume(gpu, &made.kernels, saved.iterates, &saved.light)? {
+            return Err(unfit("another number of texels"));
+        }
+        made.revision = saved.revision;
+        Ok(true)
     }
 }

@@ -1,4 +1,4 @@
-//! Iterates by shooting: texels chosen by their power shoot the power of all to whatever their hemicubes see.
+//! Iterates by shooting: texels chosen by their power shoot the power of all texels through their hemicubes.
 
 use super::solution::ForStep;
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
@@ -8,19 +8,19 @@ use crate::shader;
 use crate::techniques::shadow_map::gpu::LightSample;
 use glam::{Mat4, Vec3};
 
-/// Texels by which faces reach beyond their field of view: one comparison reads four.
+/// Texels by which faces extend beyond their field of view: one comparison reads four.
 const GUTTER: u32 = 2;
 
-/// How texels shoot.
+/// Number and resolution of shooters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Batch {
-    /// Texels that shoot in an iterate.
+    /// Texels that shoot per iterate.
     pub shooters: u32,
     /// Side of their hemicubes (texels).
     pub side: u32,
 }
 
-/// Shooters, and what they see.
+/// Shooters, and their hemicubes.
 #[derive(Debug)]
 pub(super) struct Shooting {
     pub batch: Batch,
@@ -39,12 +39,12 @@ pub(super) struct Shooting {
 struct PieceGroups {
     count: u32,
     receive: wgpu::BindGroup,
-    /// By the buffer that has the last iterate.
+    /// By the index of the buffer that holds the last iterate.
     receive_texels: [wgpu::BindGroup; 2],
 }
 
 impl Shooting {
-    /// The first of `chosen` shoot; `steps`: what each piece's passes read.
+    /// The first texels of `chosen` shoot; `steps`: the inputs of each piece's passes.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
@@ -57,7 +57,7 @@ impl Shooting {
         let depth = DepthKernels::new(gpu, scene)?;
         let near = scene.diagonal() * 1e-4;
         let hemicube = DepthViewSpec::hemicube(Vec3::ZERO, Vec3::Z, Vec3::X, near, side, GUTTER);
-        // What they see is decided on the GPU: the host culls nothing.
+        // The GPU sets the views, so the host cannot cull.
         let unseen = hemicube.map(|face| DepthViewSpec {
             clip_from_world: Mat4::ZERO,
             ..face
@@ -136,7 +136,8 @@ impl Shooting {
         })
     }
 
-    /// Makes one iterate of texels that are chosen: passes `radiosity.hemicubes` and `radiosity.receive`. `last`: the buffer that has the one before.
+    /// Computes one iterate by shooting from the chosen texels: passes `radiosity.hemicubes` and `radiosity.receive`.
+    /// `last`: index of the buffer that holds the previous iterate.
     pub fn iterate(&self, frame: &mut Frame<'_>, scene: &GpuScene, last: usize) {
         let name = "radiosity.hemicubes";
         frame.compute(name, |pass| {

@@ -1,4 +1,5 @@
-//! The light in the texels of an atlas: direct light from others, and the iteration that finds the indirect one.
+//! The light in the texels of an atlas: direct light from other techniques, and the iteration that computes the
+//! indirect light.
 
 use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
@@ -37,33 +38,34 @@ impl Kernels {
 /// The light in the texels of an atlas.
 #[derive(Debug)]
 pub struct Solution {
-    /// Indirect irradiance [W/m^2] of the texels of all rows, row by row, 1 in a; empty ones are filled from those around them.
+    /// Indirect irradiance [W/m^2] of the texels of all rows, row by row, with 1 in a; empty texels are filled from
+    /// their neighbours.
     pub irradiance: Target,
-    /// Where triangles lie in it.
+    /// Lookup of triangles in the atlas.
     pub lookup: AtlasLookup,
     /// The texels.
     pub texels: AtlasCapture,
-    /// Iterates so far, dropped ones among them.
+    /// Iterates so far, including dropped ones.
     pub iterates: u32,
     leaks: LeakTest,
     pieces: Vec<Piece>,
-    /// Bind group of the texels that are looked up in `rays`.
+    /// Bind group of the atlas lookup and of the chosen texels in `rays`.
     corners: wgpu::BindGroup,
     dilation: Dilation,
     seams: SeamFilter,
-    /// Two in turn.
+    /// Two buffers of iterates, used in turn.
     light: [wgpu::Buffer; 2],
-    /// Which of them has the last iterate.
+    /// Index of the buffer that holds the last iterate.
     last: usize,
     choosing: Choosing,
     chosen: wgpu::Buffer,
-    /// How many texels each iterate chooses.
+    /// Number of texels that each iterate chooses.
     chosen_count: u32,
-    /// What made the last iterates, if not rays.
+    /// Shooters and hemicubes; `None` in the mode that traces rays.
     shooting: Option<Shooting>,
 }
 
-/// What the passes of one step read of a piece.
+/// Inputs of one step's passes for a piece.
 #[derive(Debug)]
 pub(super) struct ForStep<'a> {
     pub count: u32,
@@ -72,7 +74,7 @@ pub(super) struct ForStep<'a> {
     pub direct: &'a wgpu::Buffer,
 }
 
-/// What the passes need for one piece of the atlas.
+/// Resources of the passes for one piece of the atlas.
 #[derive(Debug)]
 struct Piece {
     first_texel: u32,
@@ -82,7 +84,7 @@ struct Piece {
     begin: wgpu::BindGroup,
     rays: wgpu::BindGroup,
     average: wgpu::BindGroup,
-    /// By the buffer that has the last iterate.
+    /// By the index of the buffer that holds the last iterate.
     begin_texels: [wgpu::BindGroup; 2],
     rays_texels: [wgpu::BindGroup; 2],
     average_texels: [wgpu::BindGroup; 2],
@@ -144,7 +146,8 @@ impl Solution {
         })
     }
 
-    /// Irradiance of all rows; direct light, and what became of texels (0 empty, 1 good, 2 moved, 3 invalid), of each piece.
+    /// Irradiance of all rows; for each piece, its direct light and the states of its texels (0 empty, 1 good, 2 moved,
+    /// 3 invalid).
     pub(super) fn maps(&self) -> Vec<Map> {
         let width = self.texels.size;
         let colors = |name: String, of: &Target, rows: u32| Map {
@@ -175,7 +178,7 @@ impl Solution {
         maps
     }
 
-    /// Bytes of what is no map.
+    /// Bytes that are not in maps.
     pub(super) fn work_bytes(&self) -> u64 {
         let light = self.light.iter().map(wgpu::Buffer::size).sum::<u64>();
         let shooting = self.shooting.as_ref().map_or(0, |shooting| shooting.bytes);
@@ -184,7 +187,7 @@ impl Solution {
         light + self.texels.bytes + lookup + around + self.choosing.bytes + shooting
     }
 
-    /// Brings the texels' points up to date.
+    /// Updates the texels' points.
     pub(super) fn capture(
         &mut self,
         frame: &mut Frame<'_>,
@@ -195,14 +198,14 @@ impl Solution {
         Ok(())
     }
 
-    /// The texels' points, and where their direct light goes.
+    /// The texels' points, and the targets of their direct light.
     pub(super) fn direct(&self) -> impl Iterator<Item = (&SurfacePoints, &Target)> {
         let direct = self.pieces.iter().map(|piece| &piece.direct);
         self.texels.points().zip(direct)
     }
 
-    /// Forgets all iterates but the light of the last, which is where the next begins: pass `radiosity.begin`. `batch`: who shoots, if not rays are
-    /// followed.
+    /// Restarts the iteration from the light of the last iterate and discards all else: pass `radiosity.begin`.
+    /// `batch`: number and resolution of shooters; `None` to trace rays.
     pub(super) fn begin(
         &mut self,
         frame: &mut Frame<'_>,
@@ -247,8 +250,8 @@ impl Solution {
         Ok(())
     }
 
-    /// Makes `count` iterates, and the average of all: passes `radiosity.choose`, `radiosity.rays` or those of shooting, `radiosity.average`, `capture.atlas.dilate` and
-    /// `capture.atlas.seams`.
+    /// Computes `count` iterates and the average of all: passes `radiosity.choose`, `radiosity.rays` or those of
+    /// shooting, `radiosity.average`, `capture.atlas.dilate` and `capture.atlas.seams`.
     pub(super) fn iterate(
         &mut self,
         frame: &mut Frame<'_>,
@@ -282,7 +285,7 @@ impl Solution {
         self.average(frame, kernels)
     }
 
-    /// The average of the iterates, for whoever looks it up.
+    /// Averages the iterates into the irradiance that other passes look up.
     fn average(&self, frame: &mut Frame<'_>, kernels: &Kernels) -> Result<(), GpuError> {
         frame.compute("radiosity.average", |pass| {
             for piece in &self.pieces {
@@ -295,13 +298,14 @@ impl Solution {
         Ok(())
     }
 
-    /// All that the next iterate reads of those before it: `Texel` of texel.wesl. Waits for the GPU.
+    /// The state from which the next iterate continues: `Texel` of texel.wesl. Waits for the GPU.
     pub(super) fn light(&self, gpu: &Gpu) -> Result<Vec<u32>, GpuError> {
         let last = &self.light[self.last];
         read_buffer(gpu, last, last.size())
     }
 
-    /// Goes on from what [`Solution::light`] gave after so many iterates, begun from the same direct light. False when that has another number of texels.
+    /// Continues from the state that [`Solution::light`] returned after `iterates` iterates, which started from the
+    /// same direct light. Returns false if `light` has a different number of texels.
     pub(super) fn resume(
         &mut self,
         gpu: &Gpu,
@@ -322,7 +326,7 @@ impl Solution {
     }
 }
 
-/// What the passes of one step read of each piece.
+/// Inputs of one step's passes for each piece.
 fn for_steps<'a>(texels: &'a AtlasCapture, pieces: &'a [Piece]) -> Vec<ForStep<'a>> {
     let of_piece = |(points, piece): (&'a SurfacePoints, &'a Piece)| ForStep {
         count: piece.count,

@@ -1,4 +1,4 @@
-//! Energy, of all texels together, and their irradiance against that of the path tracer's rays.
+//! Tests the energy of all texels together, and their irradiance against that of many rays.
 
 use std::f32::consts::PI;
 
@@ -11,12 +11,12 @@ use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
-use crate::techniques::{Lit, Technique, Texels};
+use crate::techniques::{Earlier, Resume, Technique, Texels};
 use crate::testing::{read_points, test_gpu};
 
 const ALBEDO: f32 = 0.6;
 
-/// A mesh seen from within.
+/// A mesh seen from inside.
 fn inside_out(mut mesh: Mesh) -> Mesh {
     for triangle in mesh.indices.as_chunks_mut::<3>().0 {
         triangle.swap(1, 2);
@@ -27,7 +27,7 @@ fn inside_out(mut mesh: Mesh) -> Mesh {
     mesh
 }
 
-/// A closed room with a box in it that shines and reflects nothing.
+/// A closed room with a box in it that emits light and reflects nothing.
 fn room() -> Scene {
     let [min, max] = [vec3(-0.2, 0.6, -0.3), vec3(0.3, 0.9, 0.2)];
     room_with_lamp(min, max, 3.0)
@@ -48,10 +48,10 @@ fn room_with_lamp(min: Vec3, max: Vec3, radiance: f32) -> Scene {
     scene
 }
 
-/// A texel: instance, area (m^2) and irradiance of its first channel (W/m^2).
+/// A texel: instance, area (m^2) and the first channel of its irradiance (W/m^2).
 type Texel = (u32, f32, f32);
 
-/// The texels of a scene's first frame, all pieces of at most `most_texels` one after the other.
+/// The texels after a scene's first frame: those of all pieces, of at most `most_texels` each, in order.
 fn texels(
     gpu: &Gpu,
     scene: &Scene,
@@ -91,9 +91,9 @@ fn solved(
         ..Default::default()
     };
     for (name, value) in settings {
-        radiosity.set(name, value).unwrap();
+        radiosity.settings_mut().set(name, value).unwrap();
     }
-    radiosity.claim(&on_gpu, &[]);
+    radiosity.plan(&on_gpu, &[]);
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
     let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
@@ -101,7 +101,7 @@ fn solved(
     let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
     radiosity
         .generate(&mut frame, &on_gpu, &view, &mut lit)
         .unwrap();
@@ -125,7 +125,8 @@ const SHOOTING: &[(&str, &str)] = &[
     ("steps", "96"),
 ];
 
-/// The part of a lamp's power that is absorbed in the end: sum (1 - rho) E A / (pi L_e A_lamp), which is 1 in a closed room.
+/// The fraction of a lamp's power that is absorbed in the end: sum (1 - rho) E A / (pi L_e A_lamp), which is 1 in a
+/// closed room.
 fn absorbed_part(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> f32 {
     let texels = texels(gpu, scene, settings, 0, u32::MAX);
     let lamp = scene.instances.len() as u32 - 1;
@@ -146,7 +147,7 @@ fn all_power_is_absorbed_in_a_closed_room() {
     assert!((part - 1.0).abs() < 0.01, "{part}");
 }
 
-/// The bound on the light of near texels takes less and less away as they shrink.
+/// The bound on the light of near texels loses less and less light as texels shrink.
 #[test]
 fn shooting_conserves_power_as_texels_shrink() {
     let Some(gpu) = test_gpu() else { return };
@@ -162,7 +163,7 @@ fn shooting_conserves_power_as_texels_shrink() {
     );
 }
 
-/// The mean over seeds is what many rays find, and its distance to that falls as the number of seeds grows; so for both modes.
+/// The mean over seeds is what many rays find: its error keeps falling as the number of seeds grows.
 #[test]
 fn the_mean_over_seeds_converges() {
     let Some(gpu) = test_gpu() else { return };
@@ -171,7 +172,7 @@ fn the_mean_over_seeds_converges() {
     exact.extend([("rays", "64"), ("iterations", "64"), ("steps", "64")]);
     let exact = texels(&gpu, &scene, &exact, 1000, u32::MAX);
     let total: f32 = exact.iter().map(|texel| texel.1 * texel.2 * texel.2).sum();
-    // What mean light differs by, relative, with as few rays as leave much noise.
+    // Relative mean square errors of the mean light, with so few rays that much noise remains.
     let few = [
         ("rays", "1"),
         ("iterations", "2"),
@@ -192,11 +193,11 @@ fn the_mean_over_seeds_converges() {
         errors.push(sums.iter().zip(&exact).map(off).sum::<f32>() / total);
     }
     println!("{errors:?}");
-    // Variance falls as one over the number of seeds; a bias would stay.
+    // Variance falls in proportion to 1 / seeds; a bias would remain.
     assert!(errors[0] > 12.0 * errors[15], "{errors:?}");
 }
 
-/// Where light comes from little, most rays miss it, unless some are aimed at it; the light is the same.
+/// If light comes from a small source, most rays miss it unless some are aimed at it; the mean light is the same.
 #[test]
 fn rays_aimed_at_bright_texels_find_them() {
     let Some(gpu) = test_gpu() else { return };
@@ -239,7 +240,7 @@ fn what_was_not_saved_for_it_is_refused() {
         assert!(changed(&|saved| saved.iterates = iterates).is_err());
     }
     assert!(changed(&|saved| saved.light.truncate(8)).is_err());
-    assert_eq!(changed(&|saved| saved.refinements_of_light += 1), Ok(false));
+    assert_eq!(changed(&|saved| saved.revision_of_light += 1), Ok(false));
     assert!(radiosity.resume(&gpu, &bytes[..7]).is_err());
 }
 
@@ -252,7 +253,7 @@ fn pieces_make_no_difference_and_pages_hold_the_same_light() {
         let [whole, pieces] = [u32::MAX, 500].map(|most| texels(&gpu, &scene, settings, 0, most));
         assert!(whole.len() > 500 && whole == pieces);
     }
-    // Things that light does not reach, but that take pages of their own.
+    // Objects that light does not reach, but that need pages of their own.
     let mut scene = room();
     for x in [5.0, 9.0] {
         let mesh = scene.add_mesh(cuboid(vec3(x, 0.0, 0.0), vec3(x + 2.0, 2.0, 2.0), 1));
@@ -278,7 +279,7 @@ fn pieces_make_no_difference_and_pages_hold_the_same_light() {
     assert!((part - 1.0).abs() < 0.01, "{part}");
 }
 
-/// A room of walls of their own, each of which may lie in another page.
+/// A room whose walls are separate meshes, each of which may lie in another page.
 fn room_of_walls() -> Scene {
     let (width, height, depth) = (Vec3::X * 2.0, Vec3::Y * 1.5, Vec3::Z * 3.0);
     let [low, high] = [vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5)];
@@ -306,7 +307,7 @@ fn room_of_walls() -> Scene {
 fn several_pages_hold_the_light_of_one() {
     let Some(gpu) = test_gpu() else { return };
     let scene = room_of_walls();
-    // Noise of shooting is that of few shooters, which all texels share.
+    // The noise of shooting stems from few shooters, which all texels share.
     for (mode, most, most_of_all) in [(RAYS, 0.01, 0.005), (SHOOTING, 0.06, 0.015)] {
         let of = |resolution, seed| {
             let more = [("resolution", resolution), ("density", "16")];
@@ -340,7 +341,7 @@ fn maps_are_those_of_all_pages() {
     let settings = [RAYS, &[("resolution", "64"), ("density", "16")]].concat();
     let (_, radiosity) = solved(&gpu, &room_of_walls(), &settings, 0, 64 * 64);
     let pages = radiosity.solution().unwrap().texels.pages;
-    let maps = radiosity.maps();
+    let maps = radiosity.inspect().maps;
     assert_eq!(maps.len() as u32, 1 + 2 * pages);
     let mut rows = [0; 3];
     for map in &maps {
@@ -372,6 +373,6 @@ fn maps_are_those_of_all_pages() {
         }
     }
     assert_eq!(rows, [64 * pages; 3]);
-    // Points and two iterates at least.
-    assert!(radiosity.work_bytes() > u64::from(64 * 64 * pages) * (48 + 64));
+    // At least the points and two iterates.
+    assert!(radiosity.inspect().work_bytes > u64::from(64 * 64 * pages) * (48 + 64));
 }

@@ -12,13 +12,12 @@ pub(crate) mod shadows;
 mod tests;
 mod warp;
 
-use serde::{Deserialize, Serialize};
-
-use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
-use crate::capture::{SurfacePoints, Target, View};
+use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{GpuScene, Versions};
+use crate::settings::SettingSet;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
 use lights::LightList;
@@ -35,123 +34,48 @@ pub const INFO: Info = Info {
     ],
     suits: |_| true,
     keeps_texels: false,
+    lights_points: false,
 };
 
-/// How shadows are smoothed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Filter {
-    /// One comparison, interpolated by the hardware.
-    None,
-    /// Percentage-closer filtering over a disc.
-    Pcf,
-    /// Percentage-closer soft shadows: the disc grows with the penumbra.
-    Pcss,
-}
-
-/// Settings of shadow mapping.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Settings {
-    /// Side of a depth map (texels).
-    pub resolution: u32,
-    /// Smoothing.
-    pub filter: Filter,
-    /// Radius of the filter disc (texels).
-    pub filter_radius: f32,
-    /// Comparisons a lookup.
-    pub taps: u32,
-    /// Normal offset (texels).
-    pub normal_offset: f32,
-    /// Whether punctual lights draw closed meshes by their back faces: needs no bias, but light leaks where such a mesh stands on something.
-    pub second_depth: bool,
-    /// Whether spot lights warp their depth view toward what the camera sees.
-    pub warp: bool,
-    /// Cascades of a directional light.
-    pub cascades: u32,
-    /// Sample points on all area lights together.
-    pub area_samples: u32,
-    /// Side of an area sample's hemicube (texels).
-    pub area_resolution: u32,
-    /// Comparisons a lookup in an area sample's map.
-    pub area_taps: u32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            resolution: 1024,
-            filter: Filter::Pcf,
-            filter_radius: 1.5,
-            taps: 16,
-            normal_offset: 1.5,
-            second_depth: false,
-            warp: false,
-            cascades: 4,
-            area_samples: 64,
-            area_resolution: 256,
-            area_taps: 4,
-        }
+crate::choices! {
+    /// How shadows are smoothed.
+    pub enum Filter {
+        /// One comparison, interpolated by the hardware.
+        None = "none",
+        /// Percentage-closer filtering over a disc.
+        Pcf = "pcf",
+        /// Percentage-closer soft shadows: the disc grows with the penumbra.
+        Pcss = "pcss",
     }
 }
 
-const FIELDS: &[Field] = &[
-    Field {
-        name: "resolution",
-        summary: "side of a depth map [texels]",
-        range: Some((16.0, 8192.0)),
-    },
-    Field {
-        name: "filter",
-        summary: "none, pcf or pcss",
-        range: None,
-    },
-    Field {
-        name: "filter-radius",
-        summary: "radius of the filter disc [texels]",
-        range: Some((0.0, 16.0)),
-    },
-    Field {
-        name: "taps",
-        summary: "comparisons a lookup",
-        range: Some((1.0, 256.0)),
-    },
-    Field {
-        name: "normal-offset",
-        summary: "bias along the normal [texels]",
-        range: Some((0.0, 16.0)),
-    },
-    Field {
-        name: "second-depth",
-        summary: "true: closed meshes cast by their back faces, without bias but with light leaks at their feet",
-        range: None,
-    },
-    Field {
-        name: "warp",
-        summary: "true: spot lights spend their texels where the camera looks",
-        range: None,
-    },
-    Field {
-        name: "cascades",
-        summary: "depth maps of a directional light",
-        range: Some((1.0, 4.0)),
-    },
-    Field {
-        name: "area-samples",
-        summary: "sample points on all area lights",
-        range: Some((1.0, 4096.0)),
-    },
-    Field {
-        name: "area-resolution",
-        summary: "side of an area sample's hemicube [texels]",
-        range: Some((16.0, 2048.0)),
-    },
-    Field {
-        name: "area-taps",
-        summary: "comparisons a lookup for area lights",
-        range: Some((1.0, 256.0)),
-    },
-];
+crate::settings! {
+    /// Settings of shadow mapping.
+    pub struct Settings {
+        /// Side of a depth map.
+        pub resolution: u32 = 1024 => in_range(16.0, 8192.0).unit("texels"),
+        /// None, pcf or pcss.
+        pub filter: Filter = Filter::Pcf => any(),
+        /// Radius of the filter disc.
+        pub filter_radius: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
+        /// Comparisons a lookup.
+        pub taps: u32 = 16 => in_range(1.0, 256.0),
+        /// Bias along the normal.
+        pub normal_offset: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
+        /// True: closed meshes cast by their back faces, without bias but with light leaks at their feet.
+        pub second_depth: bool = false => any(),
+        /// True: spot lights spend their texels where the camera looks.
+        pub warp: bool = false => any(),
+        /// Depth maps of a directional light.
+        pub cascades: u32 = 4 => in_range(1.0, 4.0),
+        /// Sample points on all area lights.
+        pub area_samples: u32 = 64 => in_range(1.0, 4096.0),
+        /// Side of an area sample's hemicube.
+        pub area_resolution: u32 = 256 => in_range(16.0, 2048.0).unit("texels"),
+        /// Comparisons a lookup for area lights.
+        pub area_taps: u32 = 4 => in_range(1.0, 256.0),
+    }
+}
 
 impl Settings {
     /// Texels by which the views of a light of a given radius reach beyond their field of view, for the filter.
@@ -195,7 +119,8 @@ struct Made {
 /// Shadow mapping.
 #[derive(Debug)]
 pub struct ShadowMap {
-    settings: Settings,
+    /// What can be set.
+    pub settings: Settings,
     shadows: Shadows,
     made: Option<Made>,
 }
@@ -212,11 +137,6 @@ impl ShadowMap {
             made: None,
         })
     }
-
-    /// The settings, typed.
-    pub fn settings_mut(&mut self) -> &mut Settings {
-        &mut self.settings
-    }
 }
 
 impl Technique for ShadowMap {
@@ -224,16 +144,16 @@ impl Technique for ShadowMap {
         &INFO
     }
 
-    fn settings(&self) -> serde_json::Value {
-        settings::to_json(&self.settings)
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
     }
 
-    fn fields(&self) -> &'static [Field] {
-        FIELDS
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
     }
 
-    fn set(&mut self, name: &str, value: &str) -> Result<(), SettingError> {
-        settings::set(&mut self.settings, FIELDS, name, value)
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+        Plan::adding(INFO.paths, scene)
     }
 
     fn generate(
@@ -241,8 +161,8 @@ impl Technique for ShadowMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        _: &mut Lit<'_>,
-    ) -> Result<(), GpuError> {
+        _: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
             LightKind::Spot { .. } => self.settings.warp,
@@ -259,7 +179,7 @@ impl Technique for ShadowMap {
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
         if self.made.as_ref() == Some(&made) {
-            return Ok(());
+            return Ok(Generated::FINAL);
         }
         let mut list = LightList::default();
         for light in &scene.lights {
@@ -282,28 +202,28 @@ impl Technique for ShadowMap {
             &settings.gather(),
         )?;
         self.made = Some(made);
-        Ok(())
+        Ok(Generated::FINAL)
     }
 
     fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         self.shadows
-            .gather(frame, scene, "shadow-map.gather", points, target)
+            .gather(frame, scene, "shadow-map.gather", receiver)
     }
 
-    fn maps(&self) -> Vec<Map> {
+    fn inspect(&self) -> Inspection {
         let atlas = self.shadows.atlas();
-        atlas
-            .map(|atlas| Map {
-                name: "shadow-map.atlas".into(),
-                texels: Texels::Texture(atlas.texture.clone()),
-            })
-            .into_iter()
-            .collect()
+        let maps = atlas.map(|atlas| Map {
+            name: "shadow-map.atlas".into(),
+            texels: Texels::Texture(atlas.texture.clone()),
+        });
+        Inspection {
+            maps: maps.into_iter().collect(),
+            ..Inspection::default()
+        }
     }
 }

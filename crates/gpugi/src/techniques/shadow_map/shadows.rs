@@ -1,7 +1,7 @@
 //! Light samples with depth maps, and the gather over them.
 
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
-use crate::capture::{PerTarget, SurfacePoints, Target};
+use crate::capture::{PerReceiver, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -18,7 +18,7 @@ pub struct Shadows {
     gather: Kernel,
     comparison: wgpu::Sampler,
     made: Option<Made>,
-    bound: PerTarget<Bound>,
+    bound: PerReceiver<Bound>,
 }
 
 /// What a set of lights needs.
@@ -61,7 +61,7 @@ impl Shadows {
                 ..Default::default()
             }),
             made: None,
-            bound: PerTarget::default(),
+            bound: PerReceiver::default(),
         })
     }
 
@@ -153,21 +153,20 @@ impl Shadows {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         pass: &str,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let Some(made) = &self.made else {
             return Ok(());
         };
         let (gpu, gather) = (frame.gpu, &self.gather);
-        let bound = self.bound.of(points, target, || {
+        let bound = self.bound.of(receiver, || {
             let settings = &made.settings;
             let taps = if settings.kind == 0 {
                 1
             } else {
                 settings.taps.max(settings.area_taps)
             };
-            bind(gpu, gather, points, target, made.light_count, taps)
+            bind(gpu, gather, receiver, made.light_count, taps)
         })?;
         frame.compute(pass, |compute| {
             for (count, range) in &bound.chunks {
@@ -188,11 +187,11 @@ impl Shadows {
 fn bind(
     gpu: &Gpu,
     gather: &Kernel,
-    points: &SurfacePoints,
-    target: &Target,
+    receiver: &Receiver,
     light_count: u32,
     taps: u32,
 ) -> Result<Bound, GpuError> {
+    let Receiver { points, target } = receiver;
     let group = points.bind(gpu, gather)?;
     let per_light = u64::from(points.count) * u64::from(taps);
     let lights_at_once = (DISPATCH_WORK / per_light.max(1)).clamp(1, u64::from(light_count)) as u32;

@@ -1,4 +1,4 @@
-//! Materials and their extensions as JSON says them.
+//! Materials and their extensions, as represented in JSON.
 
 use serde::Deserialize;
 use serde_json::Value;
@@ -53,7 +53,7 @@ pub struct TextureInfo {
     pub index: usize,
     #[serde(default)]
     pub tex_coord: u32,
-    /// Of normal textures only.
+    /// For normal textures only.
     #[serde(default = "one", deserialize_with = "finite")]
     pub scale: f32,
     #[serde(default)]
@@ -61,7 +61,7 @@ pub struct TextureInfo {
 }
 
 impl TextureInfo {
-    /// The number of the UV set that the texture is read with.
+    /// The UV set used to sample the texture.
     pub fn uv_set(&self) -> u32 {
         let transform = self.extensions.transform.as_ref();
         transform

@@ -1,4 +1,4 @@
-//! What alpha makes of texels.
+//! How alpha affects texels.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::super::AtlasCaptureOptions;
 use super::{atlas, captured};
 use crate::testing::test_gpu;
 
-/// A square of 2 m, whose right half has alpha 51 of 255 and whose left half has 153, beside an opaque one.
+/// A square of 2 m whose right half has an alpha of 51 of 255 and whose left half has 153, beside an opaque square.
 fn two_alphas(alpha_mode: AlphaMode) -> Scene {
     let mut scene = Scene::new("alpha");
     scene.images.push(Arc::new(Image {
@@ -72,7 +72,7 @@ fn what_is_cut_out_has_no_area() {
             .iter()
             .zip(shares)
         {
-            // Texels that the border runs through belong to one side.
+            // A texel on the border belongs to one side.
             assert!((found - 2.0 * share).abs() < 0.15, "{mode:?}: {found} m^2");
         }
         assert!((area(1, |_| true) - 4.0).abs() < 1e-3);

@@ -1,4 +1,4 @@
-//! Points inside other things, and filled gutters.
+//! Points inside other objects, and filled gutters.
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
@@ -19,13 +19,13 @@ fn tested(gpu: &Gpu, scene: &Scene) -> (LeakReport, Vec<super::Point>, Vec<u8>) 
     let rays = GpuScene::with_rays(gpu, scene).unwrap();
     let atlas = atlas(scene, SIZE);
     let options = AtlasCaptureOptions {
-        // More than one piece.
+        // Forces more than one piece.
         most_texels: SIZE * SIZE / 2,
         ..Default::default()
     };
     let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, &atlas, &options).unwrap();
     let mut test = LeakTest::new(gpu, &rays, &capture).unwrap();
-    // A second time changes nothing.
+    // Running it a second time changes nothing.
     for _ in 0..2 {
         let mut frame = Frame::new(gpu, false);
         capture.record(&mut frame, &on_gpu).unwrap();
@@ -37,7 +37,7 @@ fn tested(gpu: &Gpu, scene: &Scene) -> (LeakReport, Vec<super::Point>, Vec<u8>) 
     (report, unpacked(gpu, &on_gpu, &capture), map)
 }
 
-/// A floor, on which a box stands.
+/// A box standing on a floor.
 fn box_on_floor(material: Material) -> Scene {
     let mut scene = Scene::new("box on floor");
     let floor = shapes::cuboid(Vec3::new(-1.0, -0.1, -1.0), Vec3::new(1.0, 0.0, 1.0), 1);
@@ -53,7 +53,7 @@ fn box_on_floor(material: Material) -> Scene {
     scene
 }
 
-/// Of the floor's upper side, what has points (m^2).
+/// Area of the points on the floor's upper side (m^2).
 fn area_of_top(points: &[super::Point]) -> f32 {
     let top = |point: &&super::Point| point.instance == 0 && point.normal.y > 0.5;
     points.iter().filter(top).map(|point| point.area).sum()
@@ -69,12 +69,12 @@ fn points_inside_things_are_moved_out_or_taken_away() {
     assert!(report.moved > 0 && report.invalid > 50, "{report:?}");
     let under = |at: Vec3| at.y.abs() < 1e-4 && at.x.abs().max(at.z.abs()) < 0.4 - 1e-5;
     for point in &points {
-        // The box's own lower side is where the floor is.
+        // The box's own underside lies in the floor's plane.
         if point.instance == 0 && point.normal.y > 0.5 {
             assert!(!under(point.position), "{point:?}");
         }
     }
-    // The box stands on 0.64 of 4 m^2; texels at its border keep their area.
+    // The box covers 0.64 of 4 m^2; texels at its border keep their area.
     let left = area_of_top(&points);
     assert!((3.34..3.6).contains(&left), "{left} m^2");
     let count = |color: [u8; 4]| map.chunks(4).filter(|&pixel| pixel == color).count() as u64;
@@ -93,7 +93,7 @@ fn light_under_glass_and_between_boxes_is_no_leak() {
         roughness: 0.0,
         ..Material::default()
     };
-    // The floor is seen through the box, whose own lower side lies in the floor.
+    // The floor is visible through the box, whose own underside lies in the floor.
     let (_, points, _) = tested(&gpu, &box_on_floor(glass));
     assert!((area_of_top(&points) - 4.0).abs() < 1e-3);
     let (report, _, _) = tested(&gpu, &boxes());
@@ -106,7 +106,7 @@ fn dilation_fills_what_is_empty_and_nothing_else() {
     let Some(gpu) = test_gpu() else { return };
     for [width, height] in [[64, 64], [37, 90], [1, 5], [1, 1]] {
         let dilation = Dilation::new(&gpu, [width, height]).unwrap();
-        // Two colours, left and right, in sums of three samples; holes between them and in the middle of each.
+        // Two colours, left and right, as sums of three samples; holes between them and in the middle of each.
         let colors = [[3.0, 0.0, 6.0_f32], [0.0, 9.0, 0.0]];
         let texel = |index: u32| {
             let (x, y) = (index % width, index / width);
@@ -131,14 +131,14 @@ fn dilation_fills_what_is_empty_and_nothing_else() {
                 continue;
             }
             assert_eq!(after[3], 1.0);
-            // Between the two colours, and near their own side far from the middle.
+            // Between the two colours; far from the middle, close to the colour of its own side.
             let share = after[1] / 3.0;
             let sum = [1.0 - share, 3.0 * share, 2.0 * (1.0 - share)];
             for (found, wanted) in after.iter().zip(sum) {
                 assert!((found - wanted).abs() < 1e-4, "{after:?}");
             }
             let (x, y) = (index as u32 % width, index as u32 / width);
-            // Beside one colour, that alone.
+            // A texel that touches only one colour has that colour alone.
             let beside = (x.saturating_sub(1)..=(x + 1).min(width - 1))
                 .flat_map(|x| (y.saturating_sub(1)..=(y + 1).min(height - 1)).map(move |y| (x, y)))
                 .map(|(x, y)| texel(y * width + x))

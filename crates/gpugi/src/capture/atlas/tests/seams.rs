@@ -21,7 +21,7 @@ fn both_sides_of_seams_agree_and_nothing_else_changes() {
     let atlas = atlas(&scene, 64);
     let seams = Seams::new(&scene, &atlas);
     assert!(!seams.is_empty());
-    // Stripes that are far apart, and noise.
+    // Stripes far apart, and noise.
     let mut random = Random(1);
     let mut number = || random.next() as f32;
     let texels: Vec<[f32; 4]> = (0..64 * 64)

@@ -1,5 +1,6 @@
-//! How far samples and pictures jump from frame to frame while the sky turns: by its rotation, and texel by texel, warm and cold. The figures of
-//! docs/techniques/image-based-lighting.md: `cargo test --package gpugi --lib stability -- --nocapture`.
+//! Measures how far samples and images jump from frame to frame while the sky turns: by its rotation, or texel by texel
+//! with a warm or cold start. Prints the figures of docs/techniques/image-based-lighting.md: `cargo test --package
+//! gpugi --lib stability -- --nocapture`.
 
 use std::sync::Arc;
 
@@ -9,15 +10,15 @@ use glam::Vec3;
 use gpugi_scene::{Pixels, Scene};
 
 use super::{Decomposition, ImageBasedLighting, Settings, Sight, settings, still};
-use crate::gpu::{Frame, Gpu};
+use crate::gpu::Gpu;
 use crate::scene::GpuScene;
 use crate::testing::test_gpu;
 
-/// Texels around the sky, one of which it turns a frame.
+/// Columns of the sky's texels; it turns by one per frame.
 const COLUMNS: usize = 128;
 const FRAMES: usize = 5;
 
-/// How the sky is turned, and where samples begin.
+/// How the sky is turned, and where samples start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Turn {
     Rotation,
@@ -25,7 +26,7 @@ enum Turn {
     Cold,
 }
 
-/// What is seen under `sky`, its texels moved `texels` eastward.
+/// The scene `sky` with the environment moved eastward by `texels`.
 fn turned(sky: &Scene, texels: usize) -> Scene {
     let mut scene = sky.clone();
     if let Some(environment) = &mut scene.environment
@@ -38,7 +39,7 @@ fn turned(sky: &Scene, texels: usize) -> Scene {
     scene
 }
 
-/// Samples in world space, and the picture.
+/// Samples in world space, and the image.
 type Seen = (Vec<Vec3>, Vec<f32>);
 
 fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> {
@@ -50,7 +51,7 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
         let mut after = turned(sky, if turn == Turn::Rotation { 0 } else { frame });
         let environment = after.environment.as_mut().unwrap();
         if turn == Turn::Rotation {
-            // Eastward is from -Z to +X, against a rotation about +Y.
+            // Eastward means from -Z to +X, against a rotation about +Y.
             environment.rotation = -TAU * frame as f32 / COLUMNS as f32;
         }
         scene.update(gpu, &after).unwrap();
@@ -58,9 +59,7 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
             technique.decomposition = Decomposition::new(gpu, &scene).unwrap();
         }
         let picture = sight.frame(gpu, &mut scene, &mut technique);
-        let mut frame = Frame::new(gpu, false);
-        let (directions, _) = technique.directions(&mut frame, &scene).unwrap();
-        frame.submit().unwrap();
+        let directions = super::directions(gpu, &mut technique, &scene);
         let samples = directions.iter().map(|one| one.toward.into()).collect();
         (samples, picture)
     };
@@ -81,13 +80,14 @@ fn movement(frames: &[Seen], count: u32) -> [f32; 2] {
     [largest, moved.iter().sum::<f32>() / moved.len() as f32]
 }
 
-/// Mean square of the change from frame to frame, beyond that of `truth` where it is given, relative to what is there, as rel-mse.
+/// Mean square of the change from frame to frame, or of its difference from that of `truth` if given, relative to the
+/// values, as in rel-mse.
 fn change(frames: &[Seen], truth: Option<&[Seen]>) -> f32 {
     let mut sum = 0.0;
     let mut count = 0;
     for at in 1..frames.len() {
         let colors = frames[at].1.iter().enumerate();
-        // The fourth channel holds nothing.
+        // The fourth channel is unused.
         for (index, &value) in colors.filter(|(index, _)| index % 4 < 3) {
             let mut step = value - frames[at - 1].1[index];
             if let Some(truth) = truth {
@@ -123,7 +123,8 @@ fn a_turning_sky_does_not_flicker() {
         );
         (largest, mean, beyond)
     });
-    // What turns exactly moves by a texel of the sky at most; what follows it moves and flickers far less than what is drawn anew.
+    // A rotated sky moves samples by at most one of its texels. With a warm start, samples move and flicker far less
+    // than with a cold one.
     let texel = TAU / COLUMNS as f32 / (4.0 * PI / settings.samples as f32).sqrt();
     assert!(rotation.0 < 1.01 * texel, "{rotation:?}");
     assert!(warm.0 < 0.6 * cold.0, "{warm:?}, {cold:?}");

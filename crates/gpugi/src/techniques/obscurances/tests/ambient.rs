@@ -1,5 +1,6 @@
-//! The ambient term.
+//! Tests of the ambient term.
 
+use crate::capture::Receiver;
 use glam::{Mat4, Vec2, Vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{AlphaMode, Camera, Light, LightKind, Material, Scene};
@@ -11,17 +12,17 @@ use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
-use crate::techniques::{Lit, Technique};
+use crate::techniques::{Earlier, Technique};
 use crate::testing::test_gpu;
-use crate::{RenderError, Renderer};
+use crate::{LightingError, Renderer};
 
-/// The picture from within a scene, after all steps.
+/// The image from inside a scene, after all steps.
 fn radiance(
     gpu: &Gpu,
     scene: &Scene,
     techniques: &[&str],
     settings: &[(&str, &str)],
-) -> Result<Vec<f32>, RenderError> {
+) -> Result<Vec<f32>, LightingError> {
     let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
     let mut renderer = Renderer::new(gpu, scene, [16; 2], &names)?;
     for (name, value) in settings {
@@ -30,10 +31,10 @@ fn radiance(
     rendered(&mut renderer)
 }
 
-fn rendered(renderer: &mut Renderer) -> Result<Vec<f32>, RenderError> {
+fn rendered(renderer: &mut Renderer) -> Result<Vec<f32>, LightingError> {
     let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
     renderer.render_sample(&camera, 1, None, false)?;
-    renderer.radiance()
+    Ok(renderer.radiance()?)
 }
 
 #[test]
@@ -46,10 +47,11 @@ fn who_asks_for_ambient_light_in_the_open_is_warned() {
         let mut renderer = Renderer::new(&gpu, &scene, [8; 2], &names).unwrap();
         renderer.set("obscurances", "resolution", "32").unwrap();
         rendered(&mut renderer).unwrap();
-        assert!(renderer.warnings().unwrap().is_empty());
+        assert!(renderer.warnings().is_empty());
         renderer.set("obscurances", "ambient", "plain").unwrap();
         rendered(&mut renderer).unwrap();
-        let warnings = renderer.warnings().unwrap();
+        gpu.wait().unwrap();
+        let warnings = renderer.warnings();
         assert_eq!(warnings.len(), usize::from(is_open), "{warnings:?}");
         assert!(
             warnings.iter().all(|one| one.contains("100 %")),
@@ -58,7 +60,7 @@ fn who_asks_for_ambient_light_in_the_open_is_warned() {
     }
 }
 
-/// A ball seen from inside, with a lamp in its middle.
+/// A ball seen from inside, with a lamp at its centre.
 fn lit_ball(albedo: Vec3) -> Scene {
     let mut scene = matt([(hollow_sphere(1.0, 32), albedo)]);
     let light = Light::new("lamp", LightKind::Point, Vec3::splat(2.0));
@@ -74,7 +76,7 @@ fn in_an_even_room_ambient_light_is_the_sum_of_all_bounces() {
     let albedo = Vec3::new(0.8, 0.5, 0.2);
     let scene = lit_ball(albedo);
     let direct = radiance(&gpu, &scene, &["shadow-map"], &[]).unwrap();
-    // Nothing is near, so that W = 1: L = a / pi R E / (1 - R), and L_direct = a E / pi.
+    // Nothing is near, so W = 1: L = a / pi R E / (1 - R), and L_direct = a E / pi.
     for (ambient, mode) in [("plain", "rays"), ("colored", "rays"), ("plain", "peeling")] {
         let settings = [("ambient", ambient), ("distance", "0.001"), ("mode", mode)];
         let settings = [&settings[..], &SETTINGS].concat();
@@ -103,7 +105,7 @@ fn ambient_light_is_obscured_and_off_unless_asked_for() {
         let added = all.iter().zip(&direct).map(|(all, direct)| all - direct);
         added.sum::<f32>()
     };
-    // As many as inside a sphere.
+    // The same W as in the test inside a sphere.
     let share = of("2.5") / of("0.001");
     let known = 0.8 * (2.0_f32 / 2.5).sqrt();
     assert!((share - known).abs() < 0.03, "{share}, not {known}");
@@ -115,8 +117,13 @@ fn indirect_light_is_added_once() {
     let scene = lit_ball(Vec3::splat(0.5));
     let all = ["shadow-map", "radiosity", "obscurances"];
     let refused = radiance(&gpu, &scene, &all, &[("ambient", "colored")]);
-    assert!(refused.unwrap_err().to_string().contains("ambient=off"));
-    // As maps, obscurances go with everything.
+    assert!(
+        refused
+            .unwrap_err()
+            .to_string()
+            .contains("choose one of them")
+    );
+    // As maps alone, obscurances combine with all techniques.
     let settings = [("resolution", "16"), ("directions", "1")];
     assert!(radiance(&gpu, &scene, &all, &settings).is_ok());
 }
@@ -222,7 +229,8 @@ fn ambient_light_follows_materials() {
     }
 }
 
-/// The ambient term beside a lamp's light at the pixels of a camera, and at the texels themselves; the atlas in pieces of at most so many texels.
+/// The ambient term beside a lamp's light, at the pixels of a camera and at the texels themselves, with the atlas in
+/// pieces of at most `most_texels` texels.
 fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec<f32>; 2] {
     let mut on_gpu = GpuScene::with_texels(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
@@ -234,9 +242,10 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     technique.most_texels = most_texels;
     let settings = [("ambient", "colored"), ("distance", "0.5")];
     for (name, value) in [&settings[..], &SETTINGS].concat() {
-        technique.set(name, value).unwrap();
+        technique.settings_mut().set(name, value).unwrap();
     }
-    technique.claim(&on_gpu, earlier[0].paths());
+    let covered = earlier[0].plan(&on_gpu, &[]).paths;
+    technique.plan(&on_gpu, &covered);
     let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
     let mut capture = Capture::of_camera(gpu, &kernels, [16; 2]).unwrap();
     let view = View::new(&camera, [16; 2], Vec2::ZERO, 0, 0, on_gpu.diagonal());
@@ -245,11 +254,11 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     capture
         .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
         .unwrap();
-    let mut lit = Lit::new(&mut emission, &mut [], &mut impostors, 0);
+    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
     earlier[0]
         .generate(&mut frame, &on_gpu, &view, &mut lit)
         .unwrap();
-    let mut lit = Lit::new(&mut emission, &mut earlier, &mut impostors, 0);
+    let mut lit = Earlier::new(&mut emission, &mut earlier, &mut impostors, 0, 0, true);
     technique
         .generate(&mut frame, &on_gpu, &view, &mut lit)
         .unwrap();
@@ -261,7 +270,7 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
             let target = Target::new(gpu, points.count).unwrap();
             frame.clear(&target.radiance);
             technique
-                .gather(&mut frame, &on_gpu, &points, &target)
+                .gather(&mut frame, &on_gpu, &Receiver::new(&points, &target))
                 .unwrap();
             (target, points.count)
         });
@@ -293,7 +302,7 @@ fn pieces_make_no_difference_to_ambient_light() {
         assert!(sum > 0.01 * whole.len() as f32, "{sum}");
         assert_eq!(whole.len(), parts.len());
         for (index, (a, b)) in whole.iter().zip(parts).enumerate() {
-            // What is stochastic in a lamp's shadow looks different in each piece.
+            // Random decisions in the lamp's shadow differ from piece to piece.
             assert!(
                 (a - b).abs() < 2e-3 * a.max(0.1),
                 "{index}: {a}, in pieces {b}"

@@ -1,4 +1,5 @@
-//! How samples are taken: by rays and by peeling alike, in steps, where something moved anew; and what is refused.
+//! Tests of sampling: rays and peeling agree, steps resume, moving instances recompute what is near; and of what is
+//! refused.
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::atlas::{AtlasOptions, TexelDensity};
@@ -13,7 +14,7 @@ use super::{Bench, Falloff, Found, Mode, Settings, Solution, found, rms};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions};
 use crate::gpu::GpuError;
 use crate::scene::GpuScene;
-use crate::techniques::SettingError;
+use crate::settings::{SettingError, SettingSet};
 use crate::testing::test_gpu;
 
 fn peeling(distance: f32, falloff: Falloff) -> Settings {
@@ -36,7 +37,7 @@ fn peeling_finds_a_floor_before_a_wall_too() {
     }
 }
 
-/// Also where little of a texel is covered, and so few lines meet it.
+/// Also where surfaces cover little of a texel, so that few lines meet it.
 #[test]
 fn peeling_looks_around_inside_a_sphere() {
     let Some(gpu) = test_gpu() else { return };
@@ -75,7 +76,7 @@ fn rays_and_peeling_agree() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
     let diagonal = scene.bounds().diagonal();
-    // Where blocks touch the floor, rays would start beyond it.
+    // Where blocks touch the floor, rays would start on its far side.
     for instance in &mut scene.instances {
         if instance.name.contains("block") {
             let lift = Mat4::from_translation(Vec3::Y * diagonal * 0.01);
@@ -89,7 +90,8 @@ fn rays_and_peeling_agree() {
         };
         found(&gpu, &scene, 64, &settings)
     });
-    // By rays, W is that of a point, by peeling the mean of a texel, which is less in corners: it bends.
+    // Rays sample W at a point, peeling its mean over a texel. In corners, where W is curved, that mean is smaller;
+    // texels near edges are left out.
     let faces = faces(&scene);
     let [rays, peeled] = [rays, peeled].map(|all| -> Vec<Found> {
         let inner = all
@@ -106,7 +108,7 @@ fn rays_and_peeling_agree() {
     assert!((mean(&rays) - mean(&peeled)).abs() < 0.006);
 }
 
-/// Where nothing touches anything, W is the same at a texel's point and over its area, and what differs is noise, at each texel.
+/// Where no surfaces touch, W at a texel's point equals its mean over the texel, and only noise differs, at each texel.
 #[test]
 fn rays_and_peeling_agree_at_every_texel_of_what_floats() {
     let Some(gpu) = test_gpu() else { return };
@@ -133,8 +135,8 @@ fn rays_and_peeling_agree_at_every_texel_of_what_floats() {
             continue;
         }
         let difference = by_rays.plain - by_peeling.plain;
-        // The variance of what lies between 0 and 1, over a sample for each line: 4 of a bundle meet a texel head on, half as many on average. They
-        // are evenly spread, which halves it at least.
+        // Variance of a value between 0 and 1, with one sample per line: 4 lines of each bundle meet a texel that faces
+        // them, half as many on average. The lines' even spread at least halves the noise.
         let samples = 512.0 * 4.0 / 2.0 * by_rays.area / mean;
         let noise = (by_rays.plain * (1.0 - by_rays.plain) / samples).sqrt() / 2.0;
         assert!(
@@ -154,7 +156,7 @@ fn rays_and_peeling_agree_at_every_texel_of_what_floats() {
 #[test]
 fn surfaces_on_each_other_are_neither_lost_nor_met_twice() {
     let Some(gpu) = test_gpu() else { return };
-    // Below a plane that faces down, at a distance, several others that face up and lie on each other.
+    // Below a plane that faces down, several coincident planes that face up.
     let quad = || shapes::quad(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0, 1);
     let sheets = |count: usize| {
         let above = shapes::quad(Vec3::Y * 0.5, Vec3::X * 2.0, Vec3::Z * 2.0, 1);
@@ -175,9 +177,10 @@ fn surfaces_on_each_other_are_neither_lost_nor_met_twice() {
         some.iter().sum::<f64>() / some.len() as f64
     };
     let (one, three) = (of(1), of(3));
-    // What faces them sees no difference.
+    // The plane above sees no difference.
     assert!((mean(&one, 0) - mean(&three, 0)).abs() < 0.01);
-    // Of the three, the one that comes last on lines from below sees the plane; the others meet their neighbour at once.
+    // Of the three coincident planes, the one that comes last on lines from below sees the plane above; the others hit
+    // their neighbour at once.
     let seen: Vec<f64> = (1..4).map(|instance| mean(&three, instance)).collect();
     let open = mean(&one, 1);
     let sum: f64 = seen.iter().sum();
@@ -202,7 +205,7 @@ fn blocks(at: f32) -> Scene {
 #[test]
 fn what_moves_changes_what_is_near_and_nothing_else() {
     let Some(gpu) = test_gpu() else { return };
-    // The same texels wherever the block stands.
+    // The texels are the same wherever the block stands.
     let atlas = AtlasOptions {
         size: 64,
         ..Default::default()
@@ -242,7 +245,7 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         let same = moving.scene.clone();
         moving.follow(&gpu, same);
         assert!(moving.obscurances.is_done());
-        // Interrupted: what was begun is finished, too.
+        // When interrupted, earlier work is finished, too.
         moving.follow(&gpu, blocks(-2.0));
         moving.step(&gpu);
         moving.follow(&gpu, blocks(0.5));
@@ -288,7 +291,7 @@ fn pieces_and_pages_make_no_difference() {
 #[test]
 fn light_passes_glass_and_leaves_gaps_open() {
     let Some(gpu) = test_gpu() else { return };
-    // A sheet over a floor, opaque, of glass, half transparent.
+    // A sheet above a floor: opaque, of glass, half transparent.
     let of = |mode, change: fn(&mut Material)| {
         let floor = shapes::quad(Vec3::ZERO, Vec3::Z, Vec3::X, 1);
         let mut scene = matt([(floor, FLOOR)]);

@@ -1,4 +1,4 @@
-//! Obscurances of scenes in which they are known.
+//! Scenes whose obscurances are known.
 
 use glam::{DVec3, Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
@@ -7,7 +7,7 @@ use gpugi_scene::{Material, Mesh, Scene};
 use super::{Falloff, Found, Mode, Settings, found, rms};
 use crate::testing::test_gpu;
 
-/// A scene of meshes, each of a matt colour.
+/// A scene of meshes, each in one matt colour.
 pub fn matt(parts: impl IntoIterator<Item = (Mesh, Vec3)>) -> Scene {
     let mut scene = Scene::new("matt");
     for (mesh, albedo) in parts {
@@ -21,14 +21,14 @@ pub fn matt(parts: impl IntoIterator<Item = (Mesh, Vec3)>) -> Scene {
 pub const FLOOR: Vec3 = Vec3::splat(0.5);
 pub const WALL: Vec3 = Vec3::new(0.8, 0.2, 0.1);
 
-/// A floor, and beside it, at x = 0, a wall.
+/// A floor, and a wall at its edge x = 0.
 pub fn floor_and_wall() -> Scene {
     let floor = shapes::quad(Vec3::new(0.0, 0.0, -3.0), Vec3::Z * 6.0, Vec3::X * 4.0, 4);
     let wall = shapes::quad(Vec3::new(0.0, 0.0, -3.0), Vec3::Y * 2.0, Vec3::Z * 6.0, 4);
     matt([(floor, FLOOR), (wall, WALL)])
 }
 
-/// A floor between two walls, and a box in the corner, none of them parallel to it.
+/// A floor between two walls, and a box in the corner, turned against the walls.
 pub fn corner() -> Scene {
     let at = Vec3::splat(-1.0);
     let turned = Mat4::from_rotation_y(0.5) * Mat4::from_translation(Vec3::new(0.1, 0.05, 0.2));
@@ -60,8 +60,9 @@ pub fn settings(mode: Mode, distance: f32, falloff: Falloff) -> Settings {
     }
 }
 
-/// Of a point at `x` before an endless wall, with reach 1: the share of cosine-distributed directions that meet it, and the mean of rho over them,
-/// which counts 0 elsewhere. On the unit disc that the directions project to, d = x / p: what is met lies beyond p = x.
+/// For a point at distance `x` from an endless wall, with reach 1: the share of cosine-distributed directions that hit
+/// the wall, and the mean of rho over all directions, which is 0 for those that miss. On the unit disc onto which the
+/// directions project, with p the component toward the wall, d = x / p: those with p above x hit.
 fn before_wall(x: f64, falloff: Falloff) -> (f64, f64) {
     if x >= 1.0 {
         return (0.0, 0.0);
@@ -73,7 +74,7 @@ fn before_wall(x: f64, falloff: Falloff) -> (f64, f64) {
         Falloff::Step => 0.0,
     };
     const STEPS: usize = 4000;
-    // p = cos a takes the root out of the integral.
+    // The substitution p = cos a removes the root from the integral.
     let end = x.acos();
     let sum: f64 = (0..STEPS)
         .map(|step| {
@@ -84,12 +85,12 @@ fn before_wall(x: f64, falloff: Falloff) -> (f64, f64) {
     (met, sum * end / STEPS as f64 * 2.0 / std::f64::consts::PI)
 }
 
-/// Compares the floor before a wall.
+/// Compares the floor in front of a wall with the closed form.
 pub fn check_floor_and_wall(all: &[Found], falloff: Falloff, most: f64) {
     let areas = [24.0, 12.0];
     let mean = (FLOOR.as_dvec3() * areas[0] + WALL.as_dvec3() * areas[1]) / (areas[0] + areas[1]);
     let floor = all.iter().filter(|one| one.instance == 0);
-    // The wall ends at z = 3: nearer to its end it is not endless.
+    // The wall ends at z = 3: closer to its end it does not count as endless.
     let floor: Vec<_> = floor.filter(|one| one.position.z.abs() < 1.9).collect();
     assert!(floor.len() > 100, "{}", floor.len());
     let known = |one: &Found| {
@@ -105,7 +106,7 @@ pub fn check_floor_and_wall(all: &[Found], falloff: Falloff, most: f64) {
         plain < most && colored < most,
         "{falloff:?}: {plain}, {colored}"
     );
-    // The mean tells of bias.
+    // The mean error shows bias.
     let bias: f64 = floor.iter().map(|one| one.plain - known(one).0).sum();
     let bias = bias / floor.len() as f64;
     assert!(bias.abs() < most / 5.0, "{falloff:?}: bias {bias}");
@@ -181,7 +182,7 @@ pub fn faces(scene: &Scene) -> Vec<Face> {
     scene.instances.iter().flat_map(of_instance).collect()
 }
 
-/// Distance of a point to the nearest edge of any triangle.
+/// Distance from a point to the nearest edge of any triangle.
 pub fn to_edge(faces: &[Face], at: DVec3) -> f64 {
     let edges = faces.iter().flat_map(|face| {
         let [b, c] = face.edges;
@@ -207,7 +208,7 @@ fn distance(face: &Face, origin: DVec3, direction: DVec3) -> Option<f64> {
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 1e-6).then_some(t)
 }
 
-/// W and colored W at a point: the integral over the hemisphere by midpoints in cosine-distributed cells.
+/// W and colored W at a point: the integral over the hemisphere by midpoints of cosine-distributed cells.
 fn evaluated(faces: &[Face], mean: DVec3, reach: f64, at: &Found) -> (f64, DVec3) {
     const CELLS: [usize; 2] = [48, 96];
     let tangent = at.normal.any_orthonormal_vector();
@@ -231,7 +232,7 @@ fn evaluated(faces: &[Face], mean: DVec3, reach: f64, at: &Found) -> (f64, DVec3
     (sums.0 / count, sums.1 / count)
 }
 
-/// Compares some texels with the integral; those too near to edges, where the floor's texels begin under walls, are left out.
+/// Compares every `every`-th texel with the integral.
 pub fn check_integral(scene: &Scene, all: &[Found], reach: f64, every: usize, most: f64) {
     let faces = faces(scene);
     let area = |face: &Face| face.edges[0].cross(face.edges[1]).length();
@@ -273,7 +274,7 @@ fn an_open_plane_receives_all_and_reflects_its_own_color() {
     }
 }
 
-/// Ratios of the floor's colours at the wall to those far from it.
+/// Checks colour bleeding: ratio of the floor's colours near the wall to those far from it.
 pub fn check_bleeding(all: &[Found]) {
     let mean = |near: fn(f64) -> bool| {
         let some = all
@@ -284,7 +285,7 @@ pub fn check_bleeding(all: &[Found]) {
     };
     let (near, far) = (mean(|x| x < 0.3), mean(|x| x > 2.0));
     let ratio = near / far;
-    // The wall is red: less of everything, of red the least less.
+    // The wall is red: every channel is darker near it, red the least.
     assert!(ratio.max_element() < 1.0, "{ratio}");
     assert!(ratio.x > ratio.y + 0.1 && ratio.y > ratio.z, "{ratio}");
 }

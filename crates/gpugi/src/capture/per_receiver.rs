@@ -1,11 +1,11 @@
 //! What passes over points keep from frame to frame.
 
-use super::{SurfacePoints, Target};
+use super::Receiver;
 use crate::gpu::GpuError;
 
-/// What a pass keeps for the points that it is run at and the targets that it writes: the picture's, and those of cubes.
+/// What a pass keeps, such as bind groups, for each receiver that it runs on.
 #[derive(Debug)]
-pub struct PerTarget<T> {
+pub struct PerReceiver<T> {
     kept: Vec<Kept<T>>,
     calls: u64,
 }
@@ -15,12 +15,12 @@ struct Kept<T> {
     points: wgpu::Buffer,
     view: wgpu::Buffer,
     target: wgpu::Buffer,
-    /// Number of the call that asked for it last.
-    asked: u64,
-    made: T,
+    /// Number of the call that last used the entry.
+    last_used: u64,
+    value: T,
 }
 
-impl<T> Default for PerTarget<T> {
+impl<T> Default for PerReceiver<T> {
     fn default() -> Self {
         Self {
             kept: Vec::new(),
@@ -29,23 +29,24 @@ impl<T> Default for PerTarget<T> {
     }
 }
 
-impl<T> PerTarget<T> {
-    /// What nobody asked for in as many calls is forgotten, so that buffers go that are used no more.
+impl<T> PerReceiver<T> {
+    /// An entry that was not used in this many calls is dropped, so that unused buffers are freed.
     const PATIENCE: u64 = 256;
 
-    /// What was made for these points and this target, or is made now.
+    /// The value for a receiver; `make` creates it on first use.
     ///
     /// # Errors
     /// Those of `make`.
     pub fn of(
         &mut self,
-        points: &SurfacePoints,
-        target: &Target,
+        receiver: &Receiver,
         make: impl FnOnce() -> Result<T, GpuError>,
     ) -> Result<&T, GpuError> {
         self.calls += 1;
         let now = self.calls;
-        self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
+        self.kept
+            .retain(|one| now - one.last_used <= Self::PATIENCE);
+        let Receiver { points, target } = receiver;
         let is_this = |one: &Kept<T>| {
             one.points == points.points && one.view == points.view && one.target == target.radiance
         };
@@ -56,18 +57,18 @@ impl<T> PerTarget<T> {
                     points: points.points.clone(),
                     view: points.view.clone(),
                     target: target.radiance.clone(),
-                    asked: now,
-                    made: make()?,
+                    last_used: now,
+                    value: make()?,
                 });
                 self.kept.len() - 1
             }
         };
         let found = &mut self.kept[index];
-        found.asked = now;
-        Ok(&found.made)
+        found.last_used = now;
+        Ok(&found.value)
     }
 
-    /// Forgets everything.
+    /// Drops all entries.
     pub fn clear(&mut self) {
         self.kept.clear();
     }

@@ -1,0 +1,451 @@
+//! The light of a scene: a set of techniques and what they share. [`Lighting::prepare`] brings their maps up to date, [`Lighting::gather`] lights a
+//! receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are thin loops around these two.
+
+use std::collections::BTreeMap;
+
+use gpugi_scene::Scene;
+use gpugi_scene::names::check_names;
+
+use crate::capture::{CaptureKernels, Emission, Receiver, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::impostor::Impostors;
+use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
+use crate::scene::{Claims, GpuScene};
+use crate::settings::SettingError;
+use crate::techniques::{Earlier, Generated, Inspection, Map, Plan, Registry, Technique};
+
+/// Lighting that cannot do what it was asked.
+#[derive(Debug, Clone, thiserror::Error, PartialEq)]
+pub enum LightingError {
+    /// The GPU failed, or the scene does not fit it.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A setting does not fit.
+    #[error("{technique}: {source}")]
+    Setting {
+        /// Technique.
+        technique: String,
+        /// Why.
+        source: SettingError,
+    },
+    /// There is no such technique.
+    #[error("there is no technique {name:?}; there are: {known}")]
+    UnknownTechnique {
+        /// The name asked for.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// Two techniques would add the same light twice.
+    #[error("{first} and {second} both add light of path {path} ({class}): choose one of them")]
+    Overlap {
+        /// One technique.
+        first: String,
+        /// The other.
+        second: String,
+        /// A path that both add.
+        path: String,
+        /// Its class of lights.
+        class: LightClass,
+    },
+}
+
+/// How far the maps are after [`Lighting::prepare`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Readiness {
+    /// The maps of this still scene are final.
+    Ready,
+    /// The maps can be gathered and become better with every frame.
+    Refining {
+        /// Share of the work that is done (0 to 1).
+        progress: f32,
+    },
+    /// What is gathered now lacks light, or shows the scene as it was.
+    Pending {
+        /// Share of the work that is done (0 to 1).
+        progress: f32,
+        /// What is waited for.
+        what: &'static str,
+    },
+}
+
+impl Readiness {
+    /// Whether what is gathered shows the scene as it is.
+    pub fn is_usable(&self) -> bool {
+        !matches!(self, Self::Pending { .. })
+    }
+}
+
+/// Techniques that light one scene, and the resources that they share.
+#[derive(Debug)]
+pub struct Lighting {
+    gpu: Gpu,
+    capture: CaptureKernels,
+    emission: Emission,
+    impostors: Impostors,
+    techniques: Vec<Box<dyn Technique>>,
+    plans: Vec<Plan>,
+    generated: Vec<Generated>,
+    /// Grows with every setting.
+    settings_version: u64,
+    lights_elsewhere: bool,
+}
+
+impl Lighting {
+    /// Uploads a scene with what the named techniques need of it.
+    ///
+    /// # Errors
+    /// [`LightingError::UnknownTechnique`], [`LightingError::Gpu`].
+    pub fn upload(
+        gpu: &Gpu,
+        scene: &Scene,
+        names: &[String],
+        registry: &Registry,
+    ) -> Result<GpuScene, LightingError> {
+        let mut keeps_texels = false;
+        for name in names {
+            let found = registry
+                .find(name)
+                .ok_or_else(|| LightingError::UnknownTechnique {
+                    name: name.clone(),
+                    known: registry.names(),
+                })?;
+            keeps_texels |= found.info.keeps_texels;
+        }
+        Ok(if keeps_texels {
+            GpuScene::with_texels(gpu, scene)?
+        } else {
+            GpuScene::new(gpu, scene)?
+        })
+    }
+
+    /// The named techniques of `registry`, in its order; none named means every technique of the scene's default set.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &mut GpuScene,
+        names: &[String],
+        registry: &Registry,
+    ) -> Result<Self, LightingError> {
+        let default_set = default_set(scene, registry);
+        let is_wanted = |name: &str| {
+            if names.is_empty() {
+                default_set.contains(&name)
+            } else {
+                names.iter().any(|one| one == name)
+            }
+        };
+        let wanted = registry.all().iter().filter(|one| is_wanted(one.info.name));
+        let techniques: Vec<_> = wanted
+            .map(|one| (one.make)(gpu, scene))
+            .collect::<Result<_, _>>()?;
+        let capture = CaptureKernels::new(gpu, scene)?;
+        let mut lighting = Self {
+            gpu: gpu.clone(),
+            emission: Emission::new(gpu, scene)?,
+            impostors: Impostors::new(gpu, scene, &capture)?,
+            capture,
+            plans: Vec::new(),
+            generated: vec![Generated::FINAL; techniques.len()],
+            lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
+            techniques,
+            settings_version: 0,
+        };
+        lighting.validate(scene)?;
+        Ok(lighting)
+    }
+
+    /// Declares that receivers will be lit that the camera need not see, such as texels and probes: maps then cover the whole scene.
+    pub fn light_elsewhere(&mut self) {
+        self.lights_elsewhere = true;
+    }
+
+    /// Plans what each technique does in the scene, and hands each object to the techniques that claim it. To be called after changes of the scene; after
+    /// changes of settings it is called by itself.
+    ///
+    /// # Errors
+    /// [`LightingError::Overlap`]; the plans are made all the same, and their light is added twice.
+    pub fn validate(&mut self, scene: &mut GpuScene) -> Result<(), LightingError> {
+        let mut claims = vec![Claims::NONE; scene.objects.len()];
+        let mut covered: Vec<LightPaths> = Vec::new();
+        self.plans.clear();
+        for technique in &mut self.techniques {
+            let plan = technique.plan(scene, &covered);
+            for (all, own) in claims.iter_mut().zip(&plan.claims) {
+                *all = *all | *own;
+            }
+            covered.extend_from_slice(&plan.paths);
+            self.plans.push(plan);
+        }
+        scene.assign(&self.gpu, &claims);
+        // Techniques that claim objects add their light there alone.
+        let claims_nothing = |plan: &Plan| plan.claims.iter().all(|claim| *claim == Claims::NONE);
+        let unclaimed = self
+            .techniques
+            .iter()
+            .zip(&self.plans)
+            .filter(|(_, plan)| claims_nothing(plan));
+        for (index, (second, plan)) in unclaimed.clone().enumerate() {
+            for (first, earlier) in unclaimed.clone().take(index) {
+                if let Some((class, path)) = overlap(&earlier.paths, &plan.paths) {
+                    return Err(LightingError::Overlap {
+                        first: first.info().name.into(),
+                        second: second.info().name.into(),
+                        path,
+                        class,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Sets one setting of one technique from text. What is refused is not kept.
+    ///
+    /// # Errors
+    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`], [`LightingError::Overlap`].
+    pub fn set(
+        &mut self,
+        scene: &mut GpuScene,
+        technique: &str,
+        name: &str,
+        value: &str,
+    ) -> Result<(), LightingError> {
+        let known = || {
+            let names: Vec<&str> = self.techniques.iter().map(|one| one.info().name).collect();
+            names.join(", ")
+        };
+        let found = self
+            .techniques
+            .iter()
+            .position(|one| one.info().name == technique);
+        let index = found.ok_or_else(|| LightingError::UnknownTechnique {
+            name: technique.to_owned(),
+            known: known(),
+        })?;
+        let fail = |source| LightingError::Setting {
+            technique: technique.to_owned(),
+            source,
+        };
+        let before = self.techniques[index].settings().to_json();
+        let named_before = self.plans[index].object_names.clone();
+        self.techniques[index]
+            .settings_mut()
+            .set(name, value)
+            .map_err(fail)?;
+        self.settings_version += 1;
+        let planned = self.validate(scene);
+        let named = &self.plans[index].object_names;
+        let objects = scene.objects.iter().map(|object| object.name.as_str());
+        // Names that were known once may have gone from the scene since: only new ones are checked.
+        let names = if *named == named_before {
+            Ok(())
+        } else {
+            check_names(named, objects).map_err(|unknown| {
+                fail(SettingError::Value {
+                    name: name.to_owned(),
+                    value: value.to_owned(),
+                    reason: unknown.to_string(),
+                })
+            })
+        };
+        let result = names.and(planned);
+        if result.is_err() {
+            // These values were valid a moment ago.
+            let _ = self.techniques[index].settings_mut().replace(before);
+            let _ = self.validate(scene);
+        }
+        result
+    }
+
+    /// The technique of this type, to set its settings as a struct. [`Lighting::validate`] has to follow.
+    pub fn technique_mut<T: Technique>(&mut self) -> Option<&mut T> {
+        self.settings_version += 1;
+        let mut techniques = self.techniques.iter_mut();
+        techniques.find_map(|technique| {
+            let technique: &mut dyn std::any::Any = technique.as_mut();
+            technique.downcast_mut()
+        })
+    }
+
+    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: what takes several frames is pending, and goes on in the
+    /// next call. Whoever loses interest stops calling.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prepare(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &mut GpuScene,
+        view: &View,
+    ) -> Result<Readiness, GpuError> {
+        scene.merge(frame);
+        self.impostors.begin_frame();
+        let mut revision = 0;
+        for index in 0..self.techniques.len() {
+            let (techniques, rest) = self.techniques.split_at_mut(index);
+            let mut earlier = Earlier::new(
+                &mut self.emission,
+                techniques,
+                &mut self.impostors,
+                self.settings_version,
+                revision,
+                self.lights_elsewhere,
+            );
+            let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
+            self.generated[index] = generated;
+            if let Some(what) = generated.pending {
+                // Later techniques would take the light of maps that are stale.
+                return Ok(Readiness::Pending {
+                    progress: generated.progress,
+                    what,
+                });
+            }
+            revision += generated.revision;
+        }
+        let progress = self
+            .generated
+            .iter()
+            .map(|one| one.progress)
+            .fold(1.0, f32::min);
+        Ok(if progress < 1.0 {
+            Readiness::Refining { progress }
+        } else {
+            Readiness::Ready
+        })
+    }
+
+    /// Lights a receiver: what emitters and the environment send straight to it, and what all techniques add.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        self.gather_some(frame, scene, receiver, |_| true)
+    }
+
+    /// As [`Lighting::gather`], of the techniques whose names `adds` accepts. The others light only what these see.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather_some(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        adds: impl Fn(&str) -> bool,
+    ) -> Result<(), GpuError> {
+        self.emission.record(frame, scene, receiver)?;
+        for technique in &mut self.techniques {
+            if adds(technique.info().name) {
+                technique.gather(frame, scene, receiver)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Saved progress of techniques, by name. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&mut self) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
+        let mut saved = BTreeMap::new();
+        for technique in &mut self.techniques {
+            let name = technique.info().name;
+            if let Some(resumable) = technique.resumable()
+                && let Some(bytes) = resumable.save(&self.gpu)?
+            {
+                saved.insert(name.to_owned(), bytes);
+            }
+        }
+        Ok(saved)
+    }
+
+    /// Lets techniques continue from saved progress, after a [`Lighting::prepare`]; returns what has to wait for the next one.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn resume(
+        &mut self,
+        mut saved: BTreeMap<String, Vec<u8>>,
+    ) -> Result<BTreeMap<String, Vec<u8>>, GpuError> {
+        for technique in &mut self.techniques {
+            let name = technique.info().name;
+            if let Some(bytes) = saved.get(name)
+                && let Some(resumable) = technique.resumable()
+                && resumable.resume(&self.gpu, bytes)?
+            {
+                saved.remove(name);
+            }
+        }
+        Ok(saved)
+    }
+
+    /// The pipelines of captures, compiled for the scene.
+    pub fn capture_kernels(&self) -> &CaptureKernels {
+        &self.capture
+    }
+
+    /// The techniques in use.
+    pub fn techniques(&self) -> &[Box<dyn Technique>] {
+        &self.techniques
+    }
+
+    /// Light that the techniques in use add.
+    pub fn light_paths(&self) -> Vec<LightPaths> {
+        self.plans
+            .iter()
+            .flat_map(|plan| &plan.paths)
+            .cloned()
+            .collect()
+    }
+
+    /// Light that exists in the scene and that no technique in use adds: a few words each.
+    pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
+        left_out(&self.light_paths(), &light_classes(scene))
+    }
+
+    /// Every map that exists now.
+    pub fn maps(&self) -> Vec<Map> {
+        self.inspect()
+            .flat_map(|(_, inspection)| inspection.maps)
+            .collect()
+    }
+
+    /// What exists of each technique on the GPU, with its name.
+    pub fn inspect(&self) -> impl Iterator<Item = (&'static str, Inspection)> {
+        self.techniques
+            .iter()
+            .map(|technique| (technique.info().name, technique.inspect()))
+    }
+}
+
+/// The names of a scene's default set: the techniques that add light of a class that the scene has, and that suit it.
+pub fn default_set(scene: &GpuScene, registry: &Registry) -> Vec<&'static str> {
+    let present = light_classes(scene);
+    let infos = registry.all().iter().map(|one| one.info);
+    let in_set = infos.filter(|info| {
+        let mut classes = info.paths.iter().map(|paths| paths.class);
+        classes.any(|class| present.contains(&class)) && (info.suits)(scene)
+    });
+    in_set.map(|info| info.name).collect()
+}
+
+/// Classes of light that a scene has.
+pub fn light_classes(scene: &GpuScene) -> Vec<LightClass> {
+    let punctual = !scene.lights.is_empty();
+    [
+        (punctual, LightClass::Punctual),
+        (!scene.emitters.is_empty(), LightClass::Area),
+        (scene.environment.is_some(), LightClass::Environment),
+    ]
+    .into_iter()
+    .filter_map(|(present, class)| present.then_some(class))
+    .collect()
+}

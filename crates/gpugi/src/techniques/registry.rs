@@ -1,0 +1,102 @@
+//! The techniques there are.
+
+use super::{
+    Info, Technique, caustics, distance_impostor, environment_map, image_based_lighting,
+    obscurances, radiosity, shadow_map,
+};
+use crate::gpu::{Gpu, GpuError};
+use crate::scene::GpuScene;
+use crate::settings::Field;
+
+/// How the registry makes a technique.
+type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
+
+/// A technique that can be used by its name.
+#[derive(Debug, Clone, Copy)]
+pub struct Registration {
+    /// What it says of itself.
+    pub info: &'static Info,
+    /// What can be set.
+    pub fields: fn() -> &'static [Field],
+    /// Makes one for a scene.
+    pub make: Make,
+}
+
+/// Techniques in the order of the frame: those that light the maps of others come first.
+#[derive(Debug, Clone)]
+pub struct Registry(Vec<Registration>);
+
+impl Default for Registry {
+    /// gpugi's own techniques.
+    fn default() -> Self {
+        Self(vec![
+            Registration {
+                info: &shadow_map::INFO,
+                fields: shadow_map::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &image_based_lighting::INFO,
+                fields: image_based_lighting::Settings::fields,
+                make: |gpu, scene| {
+                    Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
+                        gpu, scene,
+                    )?))
+                },
+            },
+            Registration {
+                info: &environment_map::INFO,
+                fields: environment_map::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &radiosity::INFO,
+                fields: radiosity::Settings::fields,
+                make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
+            },
+            Registration {
+                info: &obscurances::INFO,
+                fields: obscurances::Settings::fields,
+                make: |_, _| Ok(Box::new(obscurances::Obscurances::default())),
+            },
+            Registration {
+                info: &caustics::INFO,
+                fields: caustics::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(caustics::Caustics::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &distance_impostor::INFO,
+                fields: distance_impostor::Settings::fields,
+                make: |gpu, scene| {
+                    Ok(Box::new(distance_impostor::DistanceImpostor::new(
+                        gpu, scene,
+                    )?))
+                },
+            },
+        ])
+    }
+}
+
+impl Registry {
+    /// The techniques, in the order of the frame.
+    pub fn all(&self) -> &[Registration] {
+        &self.0
+    }
+
+    /// The technique of this name.
+    pub fn find(&self, name: &str) -> Option<&Registration> {
+        self.0.iter().find(|one| one.info.name == name)
+    }
+
+    /// The names, separated by commas.
+    pub fn names(&self) -> String {
+        let names: Vec<&str> = self.0.iter().map(|one| one.info.name).collect();
+        names.join(", ")
+    }
+
+    /// Adds a technique before that of the name `before`, whose points it lights; at the end when there is none of that name.
+    pub fn insert_before(&mut self, before: &str, registration: Registration) {
+        let at = self.0.iter().position(|one| one.info.name == before);
+        self.0.insert(at.unwrap_or(self.0.len()), registration);
+    }
+}

@@ -1,0 +1,203 @@
+//! Every Rust struct that is shared with a shader has the shader's layout: names and offsets of all fields, and the size. The structs are found in the sources: they are
+//! `#[repr(C)]`, and their doc comment says which struct they mirror (`View` of capture/view.wesl).
+
+use std::path::{Path, PathBuf};
+
+use regex::Regex;
+
+use crate::gpu::{Shader, all_shaders};
+
+/// Structs of this module are read word by word, not as structs: scene/tests.rs tests them.
+const READ_BY_WORDS: &str = "scene/tables.wesl";
+
+/// A Rust struct, as its source declares it.
+#[derive(Debug)]
+struct Declared {
+    name: String,
+    file: PathBuf,
+    /// The mirrored struct, and its module below `src`.
+    mirrored: String,
+    module: PathBuf,
+    size: u32,
+    /// Names and offsets (bytes).
+    fields: Vec<(String, u32)>,
+}
+
+/// Size of a plain type: 32-bit numbers and arrays of them.
+fn size_of(ty: &str) -> Option<u32> {
+    let ty = ty.trim();
+    match ty {
+        "f32" | "u32" | "i32" => Some(4),
+        _ => {
+            let (element, count) = ty.strip_prefix('[')?.strip_suffix(']')?.rsplit_once(';')?;
+            Some(size_of(element)? * count.trim().parse::<u32>().ok()?)
+        }
+    }
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap().flatten() {
+        let path = entry.path();
+        let is_test = path.to_string_lossy().contains("test");
+        if path.is_dir() && !is_test {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") && !is_test {
+            files.push(path);
+        }
+    }
+}
+
+fn declared() -> Vec<Declared> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    collect(&root, &mut files);
+    files.sort();
+    let structs = Regex::new(
+        r"(?m)((?:^ *///.*\n)*)((?:^ *#\[.*\].*\n)*)^ *(?:pub(?:\(\w+\))? )?struct (\w+) \{\n((?:.*\n)*?)^ *\}",
+    )
+    .unwrap();
+    let mirrors = Regex::new(r"`(\w+)` of `?([\w/]+\.wesl)").unwrap();
+    let field = Regex::new(r"(?m)^ *(?:pub(?:\(\w+\))? )?(\w+): (.*),$").unwrap();
+    let mut all = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        for found in structs.captures_iter(&text) {
+            let (doc, attributes, name, body) = (&found[1], &found[2], &found[3], &found[4]);
+            if !(attributes.contains("repr(C)") && attributes.contains("Pod")) {
+                continue;
+            }
+            let doc = doc.replace("\n", " ").replace("///", "");
+            let Some(mirrored) = mirrors.captures(&doc) else {
+                panic!(
+                    "{}: which shader's struct does {name} mirror?",
+                    file.display()
+                );
+            };
+            if &mirrored[2] == READ_BY_WORDS {
+                continue;
+            }
+            // Paths without a folder are beside the file.
+            let below_source = root.join(&mirrored[2]);
+            let module = if below_source.exists() {
+                below_source
+            } else {
+                file.with_file_name(&mirrored[2])
+            };
+            assert!(
+                module.exists(),
+                "{}: {name}: there is no {}",
+                file.display(),
+                module.display()
+            );
+            let mut size = 0;
+            let mut fields = Vec::new();
+            for field in field.captures_iter(body) {
+                fields.push((field[1].to_owned(), size));
+                size += size_of(&field[2])
+                    .unwrap_or_else(|| panic!("{name}.{}: {}", &field[1], &field[2]));
+            }
+            all.push(Declared {
+                name: name.to_owned(),
+                file: file.clone(),
+                mirrored: mirrored[1].to_owned(),
+                module: module.strip_prefix(&root).unwrap().with_extension(""),
+                size,
+                fields,
+            });
+        }
+    }
+    all
+}
+
+impl Declared {
+    /// The struct's name in a linked shader: plain in its own module, else behind the module's path.
+    fn linked_in(&self, shader: &Shader) -> String {
+        let parts: Vec<String> = self
+            .module
+            .components()
+            .map(|part| part.as_os_str().to_string_lossy().into())
+            .collect();
+        if shader.name == parts.join(".") {
+            return self.mirrored.clone();
+        }
+        let mangled = parts.iter().map(|part| match part.matches('_').count() {
+            0 => part.clone(),
+            count => format!("_{count}{part}"),
+        });
+        let mangled: Vec<String> = mangled.collect();
+        format!("package_{}_{}", mangled.join("_"), self.mirrored)
+    }
+}
+
+fn flatten(module: &naga::Module, ty: &naga::Type, base: u32, fields: &mut Vec<(String, u32)>) {
+    let naga::TypeInner::Struct { members, .. } = &ty.inner else {
+        return;
+    };
+    for member in members {
+        let inner = &module.types[member.ty];
+        if matches!(inner.inner, naga::TypeInner::Struct { .. }) {
+            flatten(module, inner, base + member.offset, fields);
+        } else {
+            fields.push((
+                member.name.clone().unwrap_or_default(),
+                base + member.offset,
+            ));
+        }
+    }
+}
+
+#[test]
+fn every_struct_shared_with_a_shader_has_one_layout() {
+    let declared = declared();
+    assert!(declared.len() > 30, "{} structs", declared.len());
+    let mut found = vec![0; declared.len()];
+    for &(name, source) in all_shaders() {
+        let shader = Shader {
+            name,
+            source: source.into(),
+        };
+        let module = shader.parse().unwrap();
+        for (index, one) in declared.iter().enumerate() {
+            let linked = one.linked_in(&shader);
+            let mut types = module.types.iter().map(|(_, ty)| ty);
+            let Some(ty) = types.find(|ty| ty.name.as_deref() == Some(&linked)) else {
+                continue;
+            };
+            let naga::TypeInner::Struct { span, members } = &ty.inner else {
+                panic!("{linked} is no struct");
+            };
+            let mut fields = Vec::new();
+            flatten(&module, ty, 0, &mut fields);
+            // A runtime-sized array behind the fields belongs to the shader alone.
+            let is_open = members.last().is_some_and(|last| {
+                let ty = &module.types[last.ty].inner;
+                matches!(
+                    ty,
+                    naga::TypeInner::Array {
+                        size: naga::ArraySize::Dynamic,
+                        ..
+                    }
+                )
+            });
+            if is_open {
+                fields.pop();
+            }
+            let context = format!("{} ({}) in {name}", one.name, one.file.display());
+            assert_eq!(fields, one.fields, "{context}");
+            assert!(
+                is_open || *span == one.size,
+                "{context}: {span} bytes, not {}",
+                one.size
+            );
+            found[index] += 1;
+        }
+    }
+    for (one, found) in declared.iter().zip(found) {
+        assert!(
+            found > 0,
+            "no shader has {} of {}",
+            one.mirrored,
+            one.module.display()
+        );
+    }
+}
