@@ -17,11 +17,13 @@ pub mod display;
 pub mod gpu;
 pub mod impostor;
 pub mod light_paths;
+pub mod lights;
 pub mod measure;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;
 pub mod scene;
+mod sequences;
 #[cfg(test)]
 mod shared;
 pub mod techniques;

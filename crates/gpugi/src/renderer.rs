@@ -353,7 +353,7 @@ impl Renderer {
         let jitter = if of <= 1 {
             Vec2::ZERO
         } else {
-            crate::techniques::shadow_map::lights::low_discrepancy(self.samples) - 0.5
+            crate::sequences::low_discrepancy(self.samples) - 0.5
         };
         let view = View::new(
             camera,
@@ -368,7 +368,7 @@ impl Renderer {
         self.scene.merge(&mut frame);
         self.capture
             .record(&mut frame, &self.scene, &view, |draw| draw.seen)?;
-        self.generate(&mut frame, &view)?;
+        self.generate(&mut frame, &view, false)?;
         let points = &self.capture.points;
         self.emission
             .record(&mut frame, &self.scene, points, &self.target)?;
@@ -383,9 +383,16 @@ impl Renderer {
         Ok(frame.submit()?)
     }
 
-    /// Brings the maps of all techniques up to date.
-    fn generate(&mut self, frame: &mut Frame<'_>, view: &View) -> Result<(), GpuError> {
+    /// Brings the maps of all techniques up to date; `in_bake`: for texels that the camera does not see.
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        view: &View,
+        in_bake: bool,
+    ) -> Result<(), GpuError> {
         self.impostors.begin_frame();
+        let mut techniques = self.techniques.iter();
+        let beyond_camera = in_bake || techniques.any(|one| one.lights_own_points());
         for index in 0..self.techniques.len() {
             let (earlier, rest) = self.techniques.split_at_mut(index);
             let mut lit = Lit::new(
@@ -394,6 +401,7 @@ impl Renderer {
                 &mut self.impostors,
                 self.settings_version,
             );
+            lit.beyond_camera = beyond_camera;
             rest[0].generate(frame, &self.scene, view, &mut lit)?;
         }
         Ok(())
@@ -408,7 +416,7 @@ impl Renderer {
         let gpu = self.gpu.clone();
         let mut frame = Frame::new(&gpu, false);
         self.scene.merge(&mut frame);
-        self.generate(&mut frame, view)?;
+        self.generate(&mut frame, view, true)?;
         frame.submit()?;
         let progress = self.techniques.iter().map(|one| one.progress());
         Ok(progress.fold(1.0, f32::min))
@@ -463,7 +471,7 @@ impl Renderer {
         tile.capture.look(frame.gpu, tile.samples, self.seed);
         tile.capture.record(frame, &self.scene)?;
         tile.leaks.record(frame, &self.scene, &tile.capture);
-        self.generate(frame, view)?;
+        self.generate(frame, view, true)?;
         for (points, target) in tile.capture.points().zip(&tile.targets) {
             self.emission.record(frame, &self.scene, points, target)?;
             for technique in &mut self.techniques {

@@ -13,6 +13,7 @@ use crate::capture::depth::compute::{self, ParallelView};
 use crate::capture::{SURFACE_POINT_BYTES, ViewUniform};
 use crate::gpu::Shader;
 use crate::impostor::gpu::Impostor;
+use crate::lights::gpu::LightSample;
 use crate::ray_bench;
 use crate::shader;
 use crate::techniques::caustics::gpu::{CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
@@ -20,7 +21,7 @@ use crate::techniques::environment_map::gpu::{Lobe, LookupSettings};
 use crate::techniques::image_based_lighting::gpu as domains;
 use crate::techniques::obscurances::gpu as obscurances;
 use crate::techniques::radiosity::gpu::{CHILDREN, Chosen, Level, MOST_CHOSEN, TEXEL_BYTES, Work};
-use crate::techniques::shadow_map::gpu::{GatherRange, GatherSettings, LightSample};
+use crate::techniques::shadow_map::gpu::GatherSettings;
 use crate::testing::{constant, run_kernel, test_gpu};
 
 /// Size and members (name, offset) of the struct whose linked name ends in `name`; structs inside it are taken apart.
@@ -110,8 +111,6 @@ fn uniforms_and_storage_structs_have_one_layout() {
     let sample = layout!(LightSample: position kind direction first_view intensity view_count tangent radius
         cone_scale cone_offset inverse_range_squared area);
     assert_eq!(reflected(&gather, "LightSample"), sample);
-    let range = layout!(GatherRange: first_light end_light first_point end_point);
-    assert_eq!(reflected(&gather, "GatherRange"), range);
     let piece =
         layout!(PieceUniform: size first_row end_row phase block_count lobes area_unit padding);
     let triangle = layout!(AtlasTriangle: instance primitive a b c);
@@ -142,7 +141,8 @@ fn uniforms_and_storage_structs_have_one_layout() {
     assert_eq!(reflected(&seams, "Term"), layout!(TermRow: index weight));
     let bench = layout!(ray_bench::Settings: eye width direction height direction_dx offset direction_dy seed light padding);
     assert_eq!(reflected(&shader!("ray_bench.rays"), "Settings"), bench);
-    let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding);
+    let settings = layout!(GatherSettings: kind radius taps normal_offset cascade_blend second_depth area_taps padding
+        first_light end_light first_point end_point);
     assert_eq!(reflected(&gather, "GatherSettings"), settings);
     let reduce = shader!("techniques.image_based_lighting.reduce");
     let grid = layout!(domains::Grid: width height stride padding);

@@ -120,6 +120,11 @@ pub trait Technique: std::fmt::Debug {
         Ok(None)
     }
 
+    /// Whether it has earlier techniques light points of its own, [`Lit::gather`].
+    fn lights_own_points(&self) -> bool {
+        false
+    }
+
     /// Goes on from what was saved for the same scene and settings; asked after each `generate` until it has. False: not yet, the light that its maps are
     /// made of is not what it was then.
     ///
@@ -192,6 +197,8 @@ pub struct Lit<'a> {
     pub impostors: &'a mut Impostors,
     /// Grows when a setting of any technique changes: what was captured before is out of date.
     pub version: u64,
+    /// Whether points are lit that the camera does not see: by techniques at points of their own, or in a bake. True unless it is set.
+    pub beyond_camera: bool,
 }
 
 impl<'a> Lit<'a> {
@@ -207,6 +214,7 @@ impl<'a> Lit<'a> {
             earlier,
             impostors,
             version,
+            beyond_camera: true,
         }
     }
 

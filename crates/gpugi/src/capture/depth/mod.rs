@@ -103,6 +103,12 @@ impl DepthDraw {
 }
 
 impl DepthAtlas {
+    /// Whether one atlas has room for `specs`.
+    pub fn has_room(specs: &[DepthViewSpec]) -> bool {
+        let (_, size) = pack(specs);
+        size.iter().all(|&side| side <= ATLAS_SIDE)
+    }
+
     /// An atlas for `specs`, packed into rows.
     ///
     /// # Errors
@@ -113,7 +119,7 @@ impl DepthAtlas {
         specs: Vec<DepthViewSpec>,
     ) -> Result<Self, GpuError> {
         let (_, [width, height]) = pack(&specs);
-        if height > ATLAS_SIDE || width > ATLAS_SIDE {
+        if !Self::has_room(&specs) {
             return Err(GpuError::TooLarge {
                 what: format!(
                     "a shadow atlas of {} views, texels a side (lower the resolution or the number of samples)",
@@ -187,11 +193,15 @@ impl DepthAtlas {
                 .all(|(old, new)| old.size == new.size);
         if same {
             self.specs = specs.to_vec();
-            let uniforms = uniforms(&self.specs, &self.corners, self.texture.width());
             gpu.queue
-                .write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
+                .write_buffer(&self.views, 0, bytemuck::cast_slice(&self.uniforms()));
         }
         same
+    }
+
+    /// What `views` holds.
+    pub(crate) fn uniforms(&self) -> Vec<DepthViewUniform> {
+        uniforms(&self.specs, &self.corners, self.texture.width())
     }
 
     /// The atlas's texture coordinates and depth from world space, of an orthographic view.

@@ -12,12 +12,12 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-use super::shadow_map::gpu::LightSample;
-use super::shadow_map::lights::{on_emitters, punctual};
 use super::{Field, Info, Lit, MadeFor, Map, SettingError, Technique, settings};
 use crate::capture::{PerTarget, SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::lights::gpu::LightSample;
+use crate::lights::samples::{on_emitters, punctual};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::shader;
 use object::{Caustic, Making};

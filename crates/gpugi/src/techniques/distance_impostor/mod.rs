@@ -387,6 +387,10 @@ impl Technique for DistanceImpostor {
         }
     }
 
+    fn lights_own_points(&self) -> bool {
+        !self.claimed.is_empty()
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }

@@ -204,6 +204,10 @@ impl Technique for Obscurances {
         self.solution().map_or(0.0, Solution::progress)
     }
 
+    fn lights_own_points(&self) -> bool {
+        self.settings.ambient != Ambient::Off
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }

@@ -12,8 +12,8 @@ use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
 use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
+use crate::sequences::low_discrepancy;
 use crate::shader;
-use crate::techniques::shadow_map::lights::low_discrepancy;
 
 /// Fewest pixels a side of a bundle.
 const LEAST_SIDE: u32 = 16;

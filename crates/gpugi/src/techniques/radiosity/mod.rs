@@ -335,6 +335,10 @@ impl Technique for Radiosity {
         Ok(true)
     }
 
+    fn lights_own_points(&self) -> bool {
+        true
+    }
+
     fn settings(&self) -> serde_json::Value {
         settings::to_json(&self.settings)
     }

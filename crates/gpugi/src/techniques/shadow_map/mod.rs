@@ -5,12 +5,8 @@
 //! the samples' reflected light times visibility. Differences to the tutorial: point lights and area lights are complete, depth is
 //! reversed floating point, bias is a normal offset, filters follow the receiver's plane, and the second depth value is a choice. docs/techniques/shadow-map.md.
 
+mod gather;
 pub(crate) mod gpu;
-pub(crate) mod lights;
-pub(crate) mod shadows;
-#[cfg(test)]
-mod tests;
-mod warp;
 
 use serde::{Deserialize, Serialize};
 
@@ -18,11 +14,11 @@ use super::{Field, Info, Lit, Map, SettingError, Technique, Texels, settings};
 use crate::capture::{SurfacePoints, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::lights::{LightList, MapSettings, Shadows};
 use crate::scene::{GpuScene, Versions};
+use gather::Gather;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
-use lights::LightList;
-use shadows::Shadows;
 
 /// What shadow mapping says of itself.
 pub const INFO: Info = Info {
@@ -154,10 +150,10 @@ const FIELDS: &[Field] = &[
 ];
 
 impl Settings {
-    /// Texels by which the views of a light of a given radius reach beyond their field of view, for the filter.
-    fn gutter(&self, light_radius: f32) -> u32 {
+    /// Texels by which the views of a light reach beyond their field of view, for the filter.
+    fn gutter(&self, has_radius: bool) -> u32 {
         // The largest disc of lookup.wesl, where discs grow.
-        let disc = if self.filter == Filter::Pcss && light_radius > 0.0 {
+        let disc = if self.filter == Filter::Pcss && has_radius {
             64.0
         } else {
             self.filter_radius
@@ -165,7 +161,22 @@ impl Settings {
         (disc.ceil() as u32 + 2).min(self.resolution / 8)
     }
 
-    pub(crate) fn gather(&self) -> GatherSettings {
+    /// The maps that lights get; with `beyond_camera` for points, too, that the camera does not see.
+    fn maps(&self, beyond_camera: bool) -> MapSettings {
+        MapSettings {
+            resolution: self.resolution,
+            gutters: [false, true].map(|has_radius| self.gutter(has_radius)),
+            second_depth: self.second_depth,
+            warp: self.warp,
+            cascades: self.cascades,
+            area_samples: self.area_samples,
+            area_resolution: self.area_resolution,
+            beyond_camera,
+        }
+    }
+
+    /// What the gather reads, all but the range.
+    fn gather(&self) -> GatherSettings {
         GatherSettings {
             kind: match self.filter {
                 Filter::None => 0,
@@ -178,7 +189,7 @@ impl Settings {
             cascade_blend: 0.1,
             second_depth: u32::from(self.second_depth),
             area_taps: self.area_taps,
-            padding: 0,
+            ..bytemuck::Zeroable::zeroed()
         }
     }
 }
@@ -187,8 +198,8 @@ impl Settings {
 #[derive(Debug, Clone, PartialEq)]
 struct Made {
     versions: Versions,
-    settings: Settings,
-    /// The camera, where cascades follow it. Jitter does not count.
+    maps: MapSettings,
+    /// The camera, where maps follow it. Jitter does not count.
     camera: Option<(glam::Mat4, glam::Vec2)>,
 }
 
@@ -197,7 +208,10 @@ struct Made {
 pub struct ShadowMap {
     settings: Settings,
     shadows: Shadows,
+    gather: Gather,
     made: Option<Made>,
+    looked_up: Option<GatherSettings>,
+    notes: Vec<String>,
 }
 
 impl ShadowMap {
@@ -209,7 +223,10 @@ impl ShadowMap {
         Ok(Self {
             settings: Settings::default(),
             shadows: Shadows::new(gpu, scene)?,
+            gather: Gather::new(gpu, scene)?,
             made: None,
+            looked_up: None,
+            notes: Vec::new(),
         })
     }
 
@@ -241,7 +258,7 @@ impl Technique for ShadowMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        _: &mut Lit<'_>,
+        lit: &mut Lit<'_>,
     ) -> Result<(), GpuError> {
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
@@ -250,33 +267,23 @@ impl Technique for ShadowMap {
         });
         let made = Made {
             versions: scene.versions,
-            settings: self.settings.clone(),
+            maps: self.settings.maps(lit.beyond_camera),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
-        if self.made.as_ref() == Some(&made) {
-            return Ok(());
+        if self.made.as_ref() != Some(&made) {
+            let mut list = LightList::new(scene, view, &made.maps);
+            self.notes = std::mem::take(&mut list.notes);
+            let pass = "shadow-map.generate";
+            if self.shadows.generate(frame, scene, pass, list)? {
+                self.looked_up = None;
+            }
+            self.made = Some(made);
         }
-        let mut list = LightList::default();
-        for light in &scene.lights {
-            list.add_light(light, &self.settings, &scene.bounds, view);
+        let settings = self.settings.gather();
+        if self.looked_up != Some(settings) {
+            self.gather.look_up(frame.gpu, &self.shadows, settings)?;
+            self.looked_up = Some(settings);
         }
-        let settings = &self.settings;
-        list.add_emitters(
-            &scene.emitters,
-            settings.area_samples,
-            settings.area_resolution,
-            settings.gutter(0.0).min(settings.area_resolution / 8),
-            scene.diagonal(),
-        );
-        self.shadows.generate(
-            frame,
-            scene,
-            "shadow-map.generate",
-            &list.samples,
-            list.views,
-            &settings.gather(),
-        )?;
-        self.made = Some(made);
         Ok(())
     }
 
@@ -287,8 +294,8 @@ impl Technique for ShadowMap {
         points: &SurfacePoints,
         target: &Target,
     ) -> Result<(), GpuError> {
-        self.shadows
-            .gather(frame, scene, "shadow-map.gather", points, target)
+        self.gather
+            .record(frame, scene, "shadow-map.gather", points, target)
     }
 
     fn maps(&self) -> Vec<Map> {
@@ -300,5 +307,9 @@ impl Technique for ShadowMap {
             })
             .into_iter()
             .collect()
+    }
+
+    fn warnings(&self, _: &Gpu) -> Result<Vec<String>, GpuError> {
+        Ok(self.notes.clone())
     }
 }
