@@ -17,7 +17,7 @@ pub mod display;
 pub mod gpu;
 pub mod impostor;
 pub mod light_paths;
-pub mod lights;
+mod lights;
 pub mod measure;
 pub mod ray_bench;
 pub mod reference;

@@ -6,8 +6,9 @@ use gpugi_scene::Bounds;
 use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
 
-/// `count` cascades of `side` texels of a directional light (one if rays are parallel), fitted to what the camera sees of the scene. Each covers a sphere around its slice of the view, so that its
-/// size does not change when the camera turns, and moves in whole texels, so that its edges do not crawl.
+/// `count` cascades of `side` texels of a directional light (one if rays are parallel), fitted to what the camera sees
+/// of the scene. Each covers a sphere around its slice of the view, so that its size does not change when the camera
+/// turns, and moves in whole texels, so that its edges do not crawl.
 pub fn cascades(
     direction: Vec3,
     count: u32,
@@ -44,8 +45,8 @@ pub fn cascades(
             } else {
                 (center, radius)
             };
-            // Room for the filter; in steps of a sixth of an octave, because a texel that grew a little with every step of the camera
-            // would make edges crawl.
+            // Room for the filter; in steps of a sixth of an octave, because a texel that grew a little with every step
+            // of the camera would make edges crawl.
             let half = (((half * 1.05).log2() * 6.0).ceil() / 6.0).exp2();
             let texel = 2.0 * half / side as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;

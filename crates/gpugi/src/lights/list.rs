@@ -1,16 +1,16 @@
 //! Light samples with the depth views that they need.
 
+use glam::Vec3;
 use gpugi_scene::{Light, LightKind};
 
 use super::cascades::cascades;
 use super::gpu::LightSample;
 use super::samples::{on_emitters, punctual};
-use super::sharing::{Claim, share};
+use super::sharing::{Demand, share};
 use super::warp::warped;
 use crate::capture::View;
 use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthViewSpec};
 use crate::scene::GpuScene;
-use glam::Vec3;
 
 /// Which depth maps lights get.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,8 +51,8 @@ enum Source<'a> {
 }
 
 impl LightList {
-    /// The lights of `scene`, and views that cover what `view` sees; with [`MapSettings::beyond_camera`], all there is. Views are smaller than asked for
-    /// where one atlas has not room for all.
+    /// The lights of `scene`, and views that cover what `view` sees; with [`MapSettings::beyond_camera`], all there is.
+    /// Views are smaller than asked for where one atlas is too small for all.
     pub fn new(scene: &GpuScene, view: &View, settings: &MapSettings) -> Self {
         let area = on_emitters(&scene.emitters, settings.area_samples, 0);
         let sources: Vec<Source<'_>> = scene
@@ -72,18 +72,18 @@ impl LightList {
         let mut views = views_at(&sides);
         if !DepthAtlas::has_room(&views.concat()) {
             let radius = scene.diagonal() / 2.0;
-            let claims: Vec<Claim> = sources
+            let demands: Vec<Demand> = sources
                 .iter()
                 .zip(&asked)
                 .zip(&views)
-                .map(|((source, &side), views)| Claim {
+                .map(|((source, &side), views)| Demand {
                     side,
                     squares: squares(views, side),
                     power: source.sample().power(radius),
                 })
                 .collect();
             let area = (ATLAS_SIDE as f32).powi(2);
-            sides = share(&claims, area, |sides| {
+            sides = share(&demands, area, |sides| {
                 DepthAtlas::has_room(&views_at(sides).concat())
             });
             views = views_at(&sides);
@@ -147,8 +147,8 @@ impl Source<'_> {
         }
     }
 
-    /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light has those first that follow the
-    /// camera, then one of all that it may light.
+    /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
+    /// has those first that follow the camera, then one of all that it may light.
     fn views(
         &self,
         scene: &GpuScene,

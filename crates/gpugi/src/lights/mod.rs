@@ -1,7 +1,9 @@
-//! The lights of a scene as techniques see them: samples that light comes from, and depth maps of what each of them sees.
+//! The lights of a scene as techniques see them: samples that light comes from, and depth maps of what each of them
+//! sees.
 //!
-//! Points, spots, directions and pieces of area lights end in one list of [`gpu::LightSample`]s (`samples.rs`). [`LightList`] adds the depth views that each
-//! needs, as large as one atlas has room for (`sharing.rs`); [`Shadows`] draws them and keeps them for gathers, which import `table.wesl` and `lookup.wesl`.
+//! Points, spots, directions and pieces of area lights end in one list of [`gpu::LightSample`]s (`samples.rs`).
+//! [`LightList`] adds the depth views that each needs, as large as one atlas has room for (`sharing.rs`); [`Shadows`]
+//! draws them and keeps them for gathers, which import `table.wesl` and `lookup.wesl`.
 
 mod cascades;
 pub(crate) mod gpu;

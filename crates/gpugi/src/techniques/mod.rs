@@ -197,7 +197,8 @@ pub struct Lit<'a> {
     pub impostors: &'a mut Impostors,
     /// Grows when a setting of any technique changes: what was captured before is out of date.
     pub version: u64,
-    /// Whether points are lit that the camera does not see: by techniques at points of their own, or in a bake. True unless it is set.
+    /// Whether points are lit that the camera does not see: by techniques at points of their own, or in a bake. True
+    /// unless it is set.
     pub beyond_camera: bool,
 }
 
