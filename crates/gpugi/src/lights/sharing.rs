@@ -38,8 +38,8 @@ pub fn share(demands: &[Demand], area: f32, fits: impl Fn(&[u32]) -> bool) -> Ve
     let widest = demands.iter().map(|demand| demand.side).max().unwrap_or(0) as f32;
     let at = |step: u32| -> Vec<u32> {
         let side = widest * WIDEST_RATIO * (-(step as f32) / STEPS_AN_OCTAVE).exp2();
-        let of_claims = demands.iter().zip(&weights);
-        of_claims
+        let of_demands = demands.iter().zip(&weights);
+        of_demands
             .map(|(demand, weight)| {
                 let side = (side * weight / 4.0) as u32 * 4;
                 side.max(SMALLEST).min(demand.side)
