@@ -128,9 +128,9 @@ mod tests {
         let demands: Vec<Demand> = powers.map(demand).to_vec();
         let sides = share(&demands, 1e9, |sides| sides.iter().sum::<u32>() < 200);
         assert!(sides.iter().all(|side| *side >= SMALLEST), "{sides:?}");
-        let none = share(&vec![demand(1.0); 9], 1e9, |_| false);
+        let none = share(&[demand(1.0); 9], 1e9, |_| false);
         assert_eq!(none, [SMALLEST; 9]);
-        let zeros = share(&vec![demand(0.0); 40], 8192.0 * 8192.0, |_| true);
+        let zeros = share(&[demand(0.0); 40], 8192.0 * 8192.0, |_| true);
         assert!(zeros.iter().all(|side| *side == zeros[0]));
     }
 }
