@@ -21,12 +21,13 @@ pub mod gpu;
 pub mod impostor;
 pub mod light_paths;
 pub mod lighting;
+mod lights;
 pub mod measure;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;
 pub mod scene;
-mod sequence;
+mod sequences;
 pub mod settings;
 #[cfg(test)]
 mod shared;

@@ -11,7 +11,7 @@ use crate::gpu::{Frame, Gpu, GpuError, ReadBack, Timings, begin_read_part, read_
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
-use crate::sequence::low_discrepancy;
+use crate::sequences::low_discrepancy;
 use crate::techniques::{Map, Registry, Technique};
 
 /// Renders one scene with a set of techniques at one size.

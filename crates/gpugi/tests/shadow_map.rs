@@ -273,6 +273,57 @@ fn lit_surfaces_have_no_acne() {
     }
 }
 
+/// More point lights than one atlas has room for at the resolution asked for.
+#[test]
+fn two_hundred_and_fifty_six_point_lights_cast_shadows() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    let (min, max) = (vec3(-0.5, 0.0, -0.4), vec3(0.3, 0.6, 0.5));
+    place(
+        &mut scene,
+        cuboid(min, max, 1),
+        Material::matt("box", Vec3::splat(0.5)),
+    );
+    // In a line, so that the box's shadow has a core that few of them light.
+    for index in 0..256 {
+        let part = index as f32 / 255.0;
+        let at = vec3(1.0 + part, 2.0, 1.5 - 3.0 * part);
+        scene.lights.push(point_light(at, 0.02 + 0.18 * part));
+    }
+    let mut renderer = renderer(&gpu, &scene, 48, &[]);
+    let picture = picture(&mut renderer, &from_above(3.8, 5.0));
+    let notes = renderer.warnings();
+    assert_eq!(notes.len(), 1, "{notes:?}");
+    assert!(
+        notes[0].starts_with("shadow-map: 256 lights share the shadow atlas: ")
+            && notes[0].ends_with(" texels per face instead of 1024"),
+        "{notes:?}"
+    );
+    println!("{}", notes[0]);
+    let mut darkest: f32 = 1.0;
+    for lit in picture.lit().filter(|lit| lit.instance == 0) {
+        // Between what a box that is larger and one that is smaller by three texels let through.
+        let [mut all, mut least, mut most] = [0.0; 3];
+        for light in &scene.lights {
+            let own = GREY_BRDF * irradiance(light, lit.position, Vec3::Y);
+            let hidden = |grow: f32| {
+                let from = lit.position + Vec3::Y * 1e-4;
+                meets(from, light.position(), min - grow, max + grow)
+            };
+            all += own;
+            least += if hidden(0.06) { 0.0 } else { own };
+            most += if hidden(-0.06) { 0.0 } else { own };
+        }
+        let found = lit.radiance.x;
+        assert!(
+            found >= 0.99 * least && found <= 1.01 * most,
+            "{lit:?}, not {least} to {most} of {all}"
+        );
+        darkest = darkest.min(found / all);
+    }
+    assert!(darkest < 0.2, "no shadow: {darkest}");
+}
+
 /// A plane of 200 m with a post every ten metres.
 fn avenue() -> (Scene, Light) {
     let light = sun(vec3(2.0, 2.0, 0.4), 3.0);

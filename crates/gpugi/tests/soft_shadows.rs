@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use std::f64::consts::PI;
 
-use common::{Lit, floor, from_above, gpu, lit_by, meets, place, render};
+use common::{Lit, floor, from_above, gpu, lit_by, meets, picture, place, render, renderer};
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::image::metrics::rel_mse;
@@ -87,6 +87,23 @@ fn an_area_light_is_its_form_factor() {
     println!("largest relative error at 16, 64, 256 samples: {errors:?}");
     assert!(errors[2] < 0.01, "{errors:?}");
     assert!(errors[0] > errors[1] && errors[1] > errors[2], "{errors:?}");
+}
+
+/// Five more faces for each sample: more than one atlas has room for at the default side.
+#[test]
+fn samples_of_a_lamp_that_shines_to_both_sides_share_the_atlas() {
+    let Some(gpu) = gpu() else { return };
+    let scene = under_a_lamp(true);
+    let mut renderer = renderer(&gpu, &scene, 32, &[&samples(256)]);
+    let picture = picture(&mut renderer, &below_the_lamp(3.0));
+    let notes = renderer.warnings();
+    println!("{notes:?}");
+    assert_eq!(notes.len(), 1);
+    for lit in picture.lit().filter(|lit| floor_of(lit)) {
+        let expected = 0.5 / PI * lamp_irradiance(lit.position, -0.5, 0.5);
+        let error = (f64::from(lit.radiance.x) / expected - 1.0).abs();
+        assert!(error < 0.01, "{lit:?}, not {expected}");
+    }
 }
 
 #[test]

@@ -10,8 +10,8 @@ use gpugi_scene::{Camera, Projection};
 
 use super::View;
 use super::depth::{DepthViewSpec, DepthViewUniform};
+use crate::lights::gpu::LightSample;
 use crate::shader;
-use crate::techniques::shadow_map::gpu::LightSample;
 use crate::testing::{Random, run_kernel, test_gpu};
 
 /// Runs `light_sample::face` for random points around a light and checks the views against its results. `axes`: the

@@ -127,6 +127,23 @@ fn every_shader_stays_within_the_default_limits() {
     }
 }
 
+/// Gathers leave room for maps that others look up in them.
+#[test]
+fn every_gather_leaves_two_storage_buffers_free() {
+    let gathers = [shader!("techniques.shadow_map.gather")];
+    for shader in gathers {
+        let (_, declared) = layout_of(&shader);
+        let is_storage = |one: &&super::shader::Declared| {
+            matches!(
+                one.kind,
+                BindingKind::Storage | BindingKind::ReadOnlyStorage
+            )
+        };
+        let storage = declared.iter().filter(is_storage).count();
+        assert!(storage <= 6, "{}: {storage} storage buffers", shader.name);
+    }
+}
+
 #[test]
 fn every_entry_point_becomes_a_pipeline() {
     let Some(gpu) = own_gpu() else { return };

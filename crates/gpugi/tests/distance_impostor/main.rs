@@ -8,6 +8,7 @@ mod layers;
 mod renewal;
 mod scenes;
 mod shares;
+mod sunlight;
 
 use std::f32::consts::FRAC_PI_2;
 

@@ -104,6 +104,12 @@ impl DepthDraw {
 }
 
 impl DepthAtlas {
+    /// Whether one atlas has room for `specs`.
+    pub fn has_room(specs: &[DepthViewSpec]) -> bool {
+        let (_, size) = pack(specs);
+        size.iter().all(|&side| side <= ATLAS_SIDE)
+    }
+
     /// An atlas for `specs`, packed into rows.
     ///
     /// # Errors
@@ -114,7 +120,7 @@ impl DepthAtlas {
         specs: Vec<DepthViewSpec>,
     ) -> Result<Self, GpuError> {
         let (_, [width, height]) = pack(&specs);
-        if height > ATLAS_SIDE || width > ATLAS_SIDE {
+        if !Self::has_room(&specs) {
             return Err(GpuError::TooLarge {
                 what: format!(
                     "a shadow atlas of {} views, texels a side (lower the resolution or the number of samples)",
@@ -189,14 +195,18 @@ impl DepthAtlas {
                 .all(|(old, new)| old.size == new.size);
         if same {
             self.specs = specs.to_vec();
-            let uniforms = uniforms(&self.specs, &self.corners, self.texture.width());
             gpu.queue
-                .write_buffer(&self.views, 0, bytemuck::cast_slice(&uniforms));
+                .write_buffer(&self.views, 0, bytemuck::cast_slice(&self.uniforms()));
         }
         same
     }
 
-    /// Transforms world space to the atlas's texture coordinates and depth, for an orthographic view.
+    /// What `views` holds.
+    pub(crate) fn uniforms(&self) -> Vec<DepthViewUniform> {
+        uniforms(&self.specs, &self.corners, self.texture.width())
+    }
+
+    /// The atlas's texture coordinates and depth from world space, of an orthographic view.
     pub fn atlas_from_world(&self, index: usize) -> Mat4 {
         let spec = &self.specs[index];
         let scale = 1.0 / self.texture.width() as f32;

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::techniques::shadow_map::gpu::LightSample;
+use crate::lights::gpu::LightSample;
 
 /// `CausticMap` of photon.wesl.
 #[repr(C)]

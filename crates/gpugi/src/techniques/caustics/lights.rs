@@ -5,7 +5,7 @@ use gpugi_scene::{Bounds, Camera, Projection};
 
 use super::gpu::CausticMap;
 use crate::capture::View;
-use crate::techniques::shadow_map::gpu::LightSample;
+use crate::lights::gpu::LightSample;
 
 /// Largest tangent of half a caustic map's field of view: 150 degrees, for lights beside or inside an object.
 const LARGEST_TANGENT: f32 = 3.7;

@@ -10,12 +10,12 @@ mod object;
 #[cfg(test)]
 mod tests;
 
-use super::shadow_map::gpu::LightSample;
-use super::shadow_map::lights::{on_emitters, punctual};
 use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Technique};
 use crate::capture::{PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::lights::gpu::LightSample;
+use crate::lights::samples::{on_emitters, punctual};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
@@ -32,7 +32,7 @@ pub const INFO: Info = Info {
     ],
     suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
     keeps_texels: false,
-    lights_points: true,
+    lights_points: false,
 };
 
 crate::settings! {

@@ -11,9 +11,9 @@ use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
 use crate::capture::{Capture, CaptureKernels, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
+use crate::lights::gpu::LightSample;
 use crate::scene::{Claims, GpuScene, Object};
-use crate::sequence::low_discrepancy;
-use crate::techniques::shadow_map::gpu::LightSample;
+use crate::sequences::low_discrepancy;
 use crate::techniques::{Map, Texels};
 
 /// Most bytes of photon buffers at a time: more photons are traced in several batches.

@@ -12,7 +12,7 @@ use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
 use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
-use crate::sequence::low_discrepancy;
+use crate::sequences::low_discrepancy;
 use crate::shader;
 
 /// Fewest pixels per side of a bundle.

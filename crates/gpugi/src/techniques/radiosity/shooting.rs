@@ -3,9 +3,9 @@
 use super::solution::ForStep;
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::shadow_map::gpu::LightSample;
 use glam::{Mat4, Vec3};
 
 /// Texels by which faces extend beyond their field of view: one comparison reads four.

@@ -1,27 +1,24 @@
 //! Shadow mapping: direct light of punctual and area lights, with shadows from depth maps (tutorial section 3.1).
 //!
-//! Generate: every light becomes one or more light samples with depth views in one atlas: six cube faces for a point light, one
-//! view for a spot light, cascades for a directional one, five hemicube faces for each sample of an area light. Gather: sums
-//! the samples' reflected light times visibility. Differences to the tutorial: point lights and area lights are complete, depth is
-//! reversed floating point, bias is a normal offset, filters follow the receiver's plane, and the second depth value is a choice. docs/techniques/shadow-map.md.
+//! Generate: every light becomes one or more light samples with depth views in one atlas (../../lights): six cube faces for a point light,
+//! one view for a spot light, cascades for a directional one, five hemicube faces for each sample of an area light. Gather: sums
+//! the samples' reflected light times visibility. Differences from the tutorial: point lights and area lights are complete, depth is
+//! reversed floating point, bias is a normal offset, filters follow the receiver's plane, and the second depth value is
+//! an option. docs/techniques/shadow-map.md.
 
+mod gather;
 pub(crate) mod gpu;
-pub(crate) mod lights;
-pub(crate) mod shadows;
-#[cfg(test)]
-mod tests;
-mod warp;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::lights::{LightList, MapSettings, Shadows};
 use crate::scene::{GpuScene, Versions};
 use crate::settings::SettingSet;
+use gather::ShadowGather;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
-use lights::LightList;
-use shadows::Shadows;
 
 /// What shadow mapping says of itself.
 pub const INFO: Info = Info {
@@ -78,10 +75,10 @@ crate::settings! {
 }
 
 impl Settings {
-    /// Texels by which the views of a light of a given radius reach beyond their field of view, for the filter.
-    fn gutter(&self, light_radius: f32) -> u32 {
+    /// Texels by which the views of a light reach beyond their field of view, for the filter.
+    fn gutter(&self, has_radius: bool) -> u32 {
         // The largest disc of lookup.wesl, where discs grow.
-        let disc = if self.filter == Filter::Pcss && light_radius > 0.0 {
+        let disc = if self.filter == Filter::Pcss && has_radius {
             64.0
         } else {
             self.filter_radius
@@ -89,7 +86,22 @@ impl Settings {
         (disc.ceil() as u32 + 2).min(self.resolution / 8)
     }
 
-    pub(crate) fn gather(&self) -> GatherSettings {
+    /// The maps that lights get; with `beyond_camera` for points, too, that the camera does not see.
+    fn maps(&self, beyond_camera: bool) -> MapSettings {
+        MapSettings {
+            resolution: self.resolution,
+            gutters: [false, true].map(|has_radius| self.gutter(has_radius)),
+            second_depth: self.second_depth,
+            warp: self.warp,
+            cascades: self.cascades,
+            area_samples: self.area_samples,
+            area_resolution: self.area_resolution,
+            beyond_camera,
+        }
+    }
+
+    /// What the gather reads, all but the range.
+    fn gather(&self) -> GatherSettings {
         GatherSettings {
             kind: match self.filter {
                 Filter::None => 0,
@@ -102,17 +114,17 @@ impl Settings {
             cascade_blend: 0.1,
             second_depth: u32::from(self.second_depth),
             area_taps: self.area_taps,
-            padding: 0,
+            ..bytemuck::Zeroable::zeroed()
         }
     }
 }
 
-/// What the maps depend on: they are made again when it changes.
+/// What the maps depend on: they are regenerated when it changes.
 #[derive(Debug, Clone, PartialEq)]
-struct Made {
+struct MapsKey {
     versions: Versions,
-    settings: Settings,
-    /// The camera, where cascades follow it. Jitter does not count.
+    maps: MapSettings,
+    /// The camera, where maps follow it. Jitter does not count.
     camera: Option<(glam::Mat4, glam::Vec2)>,
 }
 
@@ -122,7 +134,13 @@ pub struct ShadowMap {
     /// What can be set.
     pub settings: Settings,
     shadows: Shadows,
-    made: Option<Made>,
+    gather: ShadowGather,
+    /// What the maps were generated for.
+    generated_for: Option<MapsKey>,
+    /// What the gather was bound with.
+    bound_with: Option<GatherSettings>,
+    /// What to know of the maps.
+    warnings: Vec<String>,
 }
 
 impl ShadowMap {
@@ -134,7 +152,10 @@ impl ShadowMap {
         Ok(Self {
             settings: Settings::default(),
             shadows: Shadows::new(gpu, scene)?,
-            made: None,
+            gather: ShadowGather::new(gpu, scene)?,
+            generated_for: None,
+            bound_with: None,
+            warnings: Vec::new(),
         })
     }
 }
@@ -161,47 +182,37 @@ impl Technique for ShadowMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        _: &mut Earlier<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
             LightKind::Spot { .. } => self.settings.warp,
             LightKind::Point => false,
         });
-        let made = Made {
-            // The environment casts no shadow here.
+        let key = MapsKey {
+            // The environment casts no shadows here.
             versions: Versions {
                 sky: 0,
                 environment: 0,
                 ..scene.versions
             },
-            settings: self.settings.clone(),
+            maps: self.settings.maps(earlier.lights_elsewhere),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
-        if self.made.as_ref() == Some(&made) {
-            return Ok(Generated::FINAL);
+        if self.generated_for.as_ref() != Some(&key) {
+            let mut list = LightList::new(scene, view, &key.maps);
+            self.warnings = std::mem::take(&mut list.notes);
+            let pass = "shadow-map.generate";
+            if self.shadows.generate(frame, scene, pass, list)? {
+                self.bound_with = None;
+            }
+            self.generated_for = Some(key);
         }
-        let mut list = LightList::default();
-        for light in &scene.lights {
-            list.add_light(light, &self.settings, &scene.bounds, view);
+        let settings = self.settings.gather();
+        if self.bound_with != Some(settings) {
+            self.gather.look_up(frame.gpu, &self.shadows, settings)?;
+            self.bound_with = Some(settings);
         }
-        let settings = &self.settings;
-        list.add_emitters(
-            &scene.emitters,
-            settings.area_samples,
-            settings.area_resolution,
-            settings.gutter(0.0).min(settings.area_resolution / 8),
-            scene.diagonal(),
-        );
-        self.shadows.generate(
-            frame,
-            scene,
-            "shadow-map.generate",
-            &list.samples,
-            list.views,
-            &settings.gather(),
-        )?;
-        self.made = Some(made);
         Ok(Generated::FINAL)
     }
 
@@ -211,8 +222,8 @@ impl Technique for ShadowMap {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        self.shadows
-            .gather(frame, scene, "shadow-map.gather", receiver)
+        self.gather
+            .record(frame, scene, "shadow-map.gather", receiver)
     }
 
     fn inspect(&self) -> Inspection {
@@ -223,7 +234,8 @@ impl Technique for ShadowMap {
         });
         Inspection {
             maps: maps.into_iter().collect(),
-            ..Inspection::default()
+            work_bytes: 0,
+            warnings: self.warnings.clone(),
         }
     }
 }

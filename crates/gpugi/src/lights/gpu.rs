@@ -1,0 +1,58 @@
+//! Structs shared with the shaders of this folder.
+
+use std::f32::consts::{PI, TAU};
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::capture::depth::DepthViewUniform;
+
+/// `LightSample` of light_sample.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct LightSample {
+    pub position: [f32; 3],
+    pub kind: u32,
+    pub direction: [f32; 3],
+    pub first_view: u32,
+    pub intensity: [f32; 3],
+    pub view_count: u32,
+    pub tangent: [f32; 3],
+    pub radius: f32,
+    pub cone_scale: f32,
+    pub cone_offset: f32,
+    pub inverse_range_squared: f32,
+    pub area: f32,
+}
+
+impl LightSample {
+    pub const POINT: u32 = 0;
+    pub const SPOT: u32 = 1;
+    pub const DIRECTIONAL: u32 = 2;
+    pub const AREA: u32 = 3;
+    pub const AREA_TWO_SIDED: u32 = 4;
+}
+
+impl LightSample {
+    /// Luminous power (W) that goes into a scene of a radius (m).
+    pub fn power(&self, scene_radius: f32) -> f32 {
+        let [r, g, b] = self.intensity;
+        let intensity = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        intensity
+            * match self.kind {
+                Self::POINT => 4.0 * PI,
+                // The cosine at which the cone ends: cos x scale + offset = 0.
+                Self::SPOT => TAU * (1.0 + self.cone_offset / self.cone_scale),
+                Self::DIRECTIONAL => PI * scene_radius * scene_radius,
+                Self::AREA_TWO_SIDED => TAU,
+                _ => PI,
+            }
+    }
+}
+
+/// `light_table` of table.wesl: a row that says where the views begin, the samples, the views.
+pub(super) fn table(samples: &[LightSample], views: &[DepthViewUniform]) -> Vec<[u32; 4]> {
+    let samples: &[[u32; 4]] = bytemuck::cast_slice(samples);
+    let views = bytemuck::cast_slice(views);
+    let header = [1 + samples.len() as u32, 0, 0, 0];
+    [&[header], samples, views].concat()
+}

@@ -1,0 +1,206 @@
+//! Light samples with the depth views that they need.
+
+use glam::Vec3;
+use gpugi_scene::{Light, LightKind};
+
+use super::cascades::cascades;
+use super::gpu::LightSample;
+use super::samples::{on_emitters, punctual};
+use super::sharing::{Demand, share};
+use super::warp::warped;
+use crate::capture::View;
+use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthViewSpec};
+use crate::scene::GpuScene;
+
+/// Which depth maps lights get.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapSettings {
+    /// Side of a punctual light's maps where the atlas has room (texels).
+    pub resolution: u32,
+    /// Texels by which a view reaches beyond its field of view, for filters: of lights without a radius, and with one.
+    pub gutters: [u32; 2],
+    /// Whether punctual lights draw closed meshes by their back faces.
+    pub second_depth: bool,
+    /// Whether spot lights warp a view toward what the camera sees.
+    pub warp: bool,
+    /// Cascades of a directional light.
+    pub cascades: u32,
+    /// Sample points on all area lights together.
+    pub area_samples: u32,
+    /// Side of an area sample's hemicube where the atlas has room (texels).
+    pub area_resolution: u32,
+    /// Whether points are lit that the camera does not see: then each light has a view of all that it may light, too.
+    pub beyond_camera: bool,
+}
+
+/// Light samples and their depth views.
+#[derive(Debug, Default)]
+pub struct LightList {
+    /// What gathers sum over.
+    pub samples: Vec<LightSample>,
+    /// What the depth atlas holds.
+    pub views: Vec<DepthViewSpec>,
+    /// In words, which lights have smaller maps than asked for.
+    pub notes: Vec<String>,
+}
+
+/// What lights the scene: a punctual light, or a sample point of an area light.
+enum Source<'a> {
+    Punctual(&'a Light),
+    Area(LightSample),
+}
+
+impl LightList {
+    /// The lights of `scene`, and views that cover what `view` sees; with [`MapSettings::beyond_camera`], all there is.
+    /// Views are smaller than asked for where one atlas is too small for all.
+    pub fn new(scene: &GpuScene, view: &View, settings: &MapSettings) -> Self {
+        let area = on_emitters(&scene.emitters, settings.area_samples, 0);
+        let sources: Vec<Source<'_>> = scene
+            .lights
+            .iter()
+            .map(Source::Punctual)
+            .chain(area.into_iter().map(Source::Area))
+            .collect();
+        let views_at = |sides: &[u32]| -> Vec<Vec<DepthViewSpec>> {
+            let of_sources = sources.iter().zip(sides);
+            of_sources
+                .map(|(source, &side)| source.views(scene, view, settings, side))
+                .collect()
+        };
+        let asked: Vec<u32> = sources.iter().map(|one| one.side(settings)).collect();
+        let mut sides = asked.clone();
+        let mut views = views_at(&sides);
+        if !DepthAtlas::has_room(&views.concat()) {
+            let radius = scene.diagonal() / 2.0;
+            let demands: Vec<Demand> = sources
+                .iter()
+                .zip(&asked)
+                .zip(&views)
+                .map(|((source, &side), views)| Demand {
+                    side,
+                    squares: squares(views, side),
+                    power: source.sample().power(radius),
+                })
+                .collect();
+            let area = (ATLAS_SIDE as f32).powi(2);
+            sides = share(&demands, area, |sides| {
+                DepthAtlas::has_room(&views_at(sides).concat())
+            });
+            views = views_at(&sides);
+        }
+        let (punctual, area) = sides.split_at(scene.lights.len());
+        let notes = [
+            note("lights", punctual, settings.resolution),
+            note("samples of area lights", area, settings.area_resolution),
+        ];
+        let mut list = Self {
+            notes: notes.into_iter().flatten().collect(),
+            ..Self::default()
+        };
+        for (source, views) in sources.iter().zip(views) {
+            list.samples.push(LightSample {
+                first_view: list.views.len() as u32,
+                view_count: views.len() as u32,
+                ..source.sample()
+            });
+            list.views.extend(views);
+        }
+        list
+    }
+}
+
+/// Area of views in squares of `side` texels.
+fn squares(views: &[DepthViewSpec], side: u32) -> f32 {
+    let texels = |view: &DepthViewSpec| view.size[0] as f32 * view.size[1] as f32;
+    views.iter().map(texels).sum::<f32>() / (side as f32).powi(2)
+}
+
+/// Which sides lights share the atlas with, if those are smaller than `asked`.
+fn note(lights: &str, sides: &[u32], asked: u32) -> Option<String> {
+    let (least, most) = (sides.iter().min()?, sides.iter().max()?);
+    let texels = if least == most {
+        least.to_string()
+    } else {
+        format!("{least} to {most}")
+    };
+    (*least < asked).then(|| {
+        let count = sides.len();
+        format!(
+            "{count} {lights} share the shadow atlas: {texels} texels per face instead of {asked}"
+        )
+    })
+}
+
+impl Source<'_> {
+    fn sample(&self) -> LightSample {
+        match self {
+            Self::Punctual(light) => punctual(light),
+            Self::Area(sample) => *sample,
+        }
+    }
+
+    /// Side of its views where there is room (texels).
+    fn side(&self, settings: &MapSettings) -> u32 {
+        match self {
+            Self::Punctual(_) => settings.resolution,
+            Self::Area(_) => settings.area_resolution,
+        }
+    }
+
+    /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
+    /// has those first that follow the camera, then one of all that it may light.
+    fn views(
+        &self,
+        scene: &GpuScene,
+        view: &View,
+        settings: &MapSettings,
+        side: u32,
+    ) -> Vec<DepthViewSpec> {
+        let near = scene.diagonal() * 1e-4;
+        let gutter = |gutter: u32| gutter.min(side / 8);
+        let light = match self {
+            Self::Punctual(light) => light,
+            Self::Area(sample) => {
+                let [position, normal, tangent] =
+                    [sample.position, sample.direction, sample.tangent].map(Vec3::from_array);
+                let gutter = gutter(settings.gutters[0]);
+                return if sample.kind == LightSample::AREA_TWO_SIDED {
+                    DepthViewSpec::hemicubes(position, normal, tangent, near, side, gutter).to_vec()
+                } else {
+                    DepthViewSpec::hemicube(position, normal, tangent, near, side, gutter).to_vec()
+                };
+            }
+        };
+        let (position, direction) = (light.position(), light.direction());
+        let bounds = &scene.bounds;
+        let gutter = gutter(settings.gutters[usize::from(light.radius > 0.0)]);
+        let mut views = match light.kind {
+            LightKind::Point => DepthViewSpec::cube(position, near, side, gutter).to_vec(),
+            LightKind::Spot {
+                outer_cone_angle, ..
+            } => {
+                let tangent = outer_cone_angle.clamp(0.01, 1.55).tan();
+                let up = direction.any_orthonormal_vector();
+                let all = DepthViewSpec::perspective(
+                    position, direction, up, tangent, near, side, gutter,
+                );
+                match (settings.warp, settings.beyond_camera) {
+                    (false, _) => vec![all],
+                    (true, false) => vec![warped(all, direction, bounds, view, gutter)],
+                    (true, true) => vec![warped(all, direction, bounds, view, gutter), all],
+                }
+            }
+            LightKind::Directional => {
+                let mut views = cascades(direction, settings.cascades, side, bounds, view);
+                if settings.beyond_camera {
+                    views.push(DepthViewSpec::fitted(direction, bounds, side, gutter));
+                }
+                views
+            }
+        };
+        for view in &mut views {
+            view.second_depth = settings.second_depth;
+        }
+        views
+    }
+}

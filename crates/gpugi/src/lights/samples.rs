@@ -1,0 +1,90 @@
+//! From a scene's lights to light samples.
+
+use glam::Vec3;
+use gpugi_scene::{Light, LightKind};
+
+use super::gpu::LightSample;
+use crate::scene::Emitter;
+use crate::sequences::{R2, R3, additive};
+
+/// A punctual light as a sample without views.
+pub fn punctual(light: &Light) -> LightSample {
+    let mut sample = LightSample {
+        position: light.position().to_array(),
+        kind: LightSample::POINT,
+        direction: light.direction().to_array(),
+        intensity: light.intensity.to_array(),
+        radius: light.radius,
+        inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
+        ..bytemuck::Zeroable::zeroed()
+    };
+    match light.kind {
+        LightKind::Point => {}
+        LightKind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        } => {
+            let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
+            sample.kind = LightSample::SPOT;
+            sample.cone_scale = 1.0 / (inner - outer).max(1e-3);
+            sample.cone_offset = -outer * sample.cone_scale;
+        }
+        LightKind::Directional => {
+            sample.kind = LightSample::DIRECTIONAL;
+            sample.radius = light.radius.tan();
+        }
+    }
+    sample
+}
+
+/// `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it. A sample's L A is the power
+/// share over pi in the triangle's colour. Without views. Another `turn` has other points.
+pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSample> {
+    let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
+    let total: f64 = weights.iter().sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return Vec::new();
+    }
+    // All points of a turn are shifted alike: they lie as evenly over the emitters as those of the first, and so do those of one number in
+    // all turns.
+    let shift = additive(R3, turn);
+    let mut before = 0.0;
+    let mut index = 0;
+    let sample = |number| {
+        let at = (f64::from(number) + (0.5 + shift[0]).fract()) / f64::from(count) * total;
+        while index + 1 < emitters.len() && before + weights[index] <= at {
+            before += weights[index];
+            index += 1;
+        }
+        let emitter = &emitters[index];
+        let [a, b, c] = emitter.corners;
+        let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
+        let [x, y] = additive(R2, number);
+        let [x, y] = [x + shift[1], y + shift[2]].map(|one| (0.5 + one).fract() as f32);
+        // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
+        let (u, v) = if y > x {
+            (x / 2.0, y - x / 2.0)
+        } else {
+            (x - y / 2.0, y / 2.0)
+        };
+        let sides = if emitter.two_sided { 2.0 } else { 1.0 };
+        let share = total / f64::from(count) / std::f64::consts::PI;
+        let area = share as f32 / (emitter.luminance() * sides);
+        LightSample {
+            position: (a + (b - a) * u + (c - a) * v).to_array(),
+            kind: if emitter.two_sided {
+                LightSample::AREA_TWO_SIDED
+            } else {
+                LightSample::AREA
+            },
+            direction: normal.to_array(),
+            intensity: (emitter.radiance * area).to_array(),
+            tangent: (b - a)
+                .normalize_or(normal.any_orthonormal_vector())
+                .to_array(),
+            area,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    };
+    (0..count).map(sample).collect()
+}
