@@ -11,7 +11,7 @@ use gpugi::gpu::Gpu;
 use crate::output::write_json;
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
-use crate::{Common, Usage, bench_path_tracer, bench_rays};
+use crate::{Common, Usage, bench_edits, bench_path_tracer, bench_rays};
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
@@ -36,7 +36,8 @@ pub struct Arguments {
     /// Width and height in pixels (default: 1280x1024, or 1920x1080 for bvh)
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
-    /// Techniques, or path-tracer, or bvh for rays per second (default: the best real-time set)
+    /// Techniques, or path-tracer, or bvh for rays per second, or edits for changes of ten thousand instances (default:
+    /// the best real-time set)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -48,7 +49,7 @@ pub struct Arguments {
     /// Keep only the first N punctual lights, and no other light
     #[arg(long, value_name = "N")]
     lights: Option<usize>,
-    /// Frames to measure; for path-tracer, samples per pixel
+    /// Frames to measure; for path-tracer, samples per pixel; for edits, edits of each kind
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: u32,
     /// Write the table as JSON
@@ -81,6 +82,10 @@ struct Measured {
 
 /// Measures.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.technique == ["edits"] {
+        let gpu = Gpu::open(&common.adapter)?;
+        return bench_edits::run(&gpu, arguments.frames, arguments.json.as_deref());
+    }
     let rays = arguments.technique == ["bvh"];
     let size = match (&arguments.size, rays) {
         (Some(size), _) => size,
@@ -202,7 +207,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
+pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -2,6 +2,7 @@
 
 mod bake;
 mod bench;
+mod bench_edits;
 mod bench_path_tracer;
 mod bench_rays;
 mod compare;

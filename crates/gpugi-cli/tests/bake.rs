@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -287,8 +289,8 @@ fn a_baked_scene_looks_as_it_is_lit() {
     let [one, four] = ["lightmap-0.exr", "more-0.exr"].map(|name| {
         let limits = gpugi_scene::Limits::default();
         let sky = gpugi_scene::import_environment(&folder.join(name), &limits);
-        match sky.expect("an image").image.pixels {
-            gpugi_scene::Pixels::Rgba32Float(texels) => texels,
+        match &sky.expect("an image").image.pixels {
+            gpugi_scene::Pixels::Rgba32Float(texels) => texels.clone(),
             _ => panic!("an .exr holds floats"),
         }
     });
@@ -422,12 +424,12 @@ fn unlit_bakes_keep_alpha() {
     }
     let folder = folder("bake-alpha");
     let mut scene = Scene::new("leaf");
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: "leaf".to_owned(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![200, 200, 200, 255, 200, 200, 200, 0]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],

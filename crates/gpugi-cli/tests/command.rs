@@ -175,6 +175,32 @@ fn measures_rays_a_second() {
 }
 
 #[test]
+fn measures_edits() {
+    if skip_gpu() {
+        return;
+    }
+    let json = folder("edits").join("edits.json");
+    let path = json.display().to_string();
+    let few = ["--frames", "2", "--json", &path];
+    let output = gpugi(&[&["bench", "--technique", "edits"], &few[..]].concat());
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let json = std::fs::read_to_string(json).expect("the table as JSON");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["instances"], 10_000);
+    let edits = json["edits"].as_array().expect("rows");
+    assert_eq!(edits.len(), 10);
+    for edit in edits {
+        let is_all = edit["edit"] == "move all instances";
+        let bytes = edit["bytes"].as_u64().expect("a number");
+        assert_eq!(bytes > 1000, is_all, "{edit}");
+    }
+}
+
+#[test]
 fn wrong_arguments_exit_with_2_and_say_what_there_is() {
     for (arguments, part) in [
         (vec!["render", "nowhere", "-o", "x.png"], "cornell"),

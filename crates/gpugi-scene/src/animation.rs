@@ -4,6 +4,8 @@
 //! and meshes that deform (by skin or morph targets) are rewritten in world or mesh space. Techniques know nothing of
 //! animation: they see a scene that has changed.
 
+use std::sync::Arc;
+
 use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
 
 use crate::{Mesh, Scene};
@@ -345,7 +347,7 @@ impl Scene {
         let skins: Vec<Vec<Mat4>> = rig.skins.iter().map(|skin| skin.matrices(&pose)).collect();
         for deformer in &rig.deformers {
             let instance = &mut self.instances[deformer.instance];
-            let mesh = &mut self.meshes[instance.mesh];
+            let mesh = Arc::make_mut(&mut self.meshes[instance.mesh]);
             deformer.morph(&pose.weights[deformer.node], mesh);
             if let Some((skin, influences)) = &deformer.skin {
                 bend(&skins[*skin], influences, mesh);

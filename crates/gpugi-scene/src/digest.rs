@@ -4,6 +4,8 @@
 //! Structs are destructured field by field, so adding a field breaks the build until somebody decides whether the hash
 //! includes it.
 
+use std::sync::Arc;
+
 use blake3::Hasher;
 use bytemuck::NoUninit;
 use glam::{Affine2, Mat4};
@@ -114,6 +116,12 @@ impl<T: Feed> Feed for Option<T> {
         if let Some(value) = self {
             value.feed(hasher);
         }
+    }
+}
+
+impl<T: Feed> Feed for Arc<T> {
+    fn feed(&self, hasher: &mut Hasher) {
+        T::feed(self, hasher);
     }
 }
 

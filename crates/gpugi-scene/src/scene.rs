@@ -1,5 +1,7 @@
 //! The scene: everything that a technique may light.
 
+use std::sync::Arc;
+
 use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
@@ -40,7 +42,7 @@ pub struct Origin {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Linear radiance.
-    pub image: Image,
+    pub image: Arc<Image>,
     /// Rotation about +Y (rad).
     pub rotation: f32,
     /// Factor applied to the radiance.
@@ -80,12 +82,12 @@ impl Environment {
             }
         }
         Self {
-            image: Image {
+            image: Arc::new(Image {
                 name: "default sky".to_owned(),
                 width: WIDTH,
                 height: HEIGHT,
                 pixels: crate::Pixels::Rgba32Float(texels),
-            },
+            }),
             rotation: 0.0,
             intensity: 1.0,
         }
@@ -172,16 +174,16 @@ impl Bounds {
 pub struct Scene {
     /// File or built-in name.
     pub name: String,
-    /// Triangle meshes, each in its own mesh space.
-    pub meshes: Vec<Mesh>,
+    /// Triangle meshes, each in its own mesh space. Copies of the scene share them; to edit a mesh, replace it.
+    pub meshes: Vec<Arc<Mesh>>,
     /// Placed meshes.
     pub instances: Vec<Instance>,
     /// Materials.
     pub materials: Vec<Material>,
     /// Images with their sampling modes.
     pub textures: Vec<Texture>,
-    /// Decoded images.
-    pub images: Vec<Image>,
+    /// Decoded images, shared like meshes.
+    pub images: Vec<Arc<Image>>,
     /// Punctual lights.
     pub lights: Vec<Light>,
     /// Cameras, the default one first.
@@ -243,8 +245,8 @@ impl Scene {
     }
 
     /// Adds a mesh; returns its index.
-    pub fn add_mesh(&mut self, mesh: Mesh) -> usize {
-        self.meshes.push(mesh);
+    pub fn add_mesh(&mut self, mesh: impl Into<Arc<Mesh>>) -> usize {
+        self.meshes.push(mesh.into());
         self.meshes.len() - 1
     }
 
@@ -307,7 +309,7 @@ impl Scene {
 
     /// Bounding box of all instances.
     pub fn bounds(&self) -> Bounds {
-        let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(Mesh::bounds).collect();
+        let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(|mesh| mesh.bounds()).collect();
         self.instances.iter().fold(Bounds::EMPTY, |all, instance| {
             all.union(mesh_bounds[instance.mesh].transformed(&instance.world_from_mesh))
         })

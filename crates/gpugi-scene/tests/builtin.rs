@@ -63,7 +63,7 @@ fn every_scene_is_complete() {
         assert!(!scene.cameras.is_empty(), "{} has no camera", entry.name);
         assert!(scene.has_light(), "{} is dark", entry.name);
         assert!(scene.warnings.is_empty());
-        scene.meshes.iter().for_each(check_mesh);
+        scene.meshes.iter().for_each(|mesh| check_mesh(mesh));
         for instance in &scene.instances {
             assert!(
                 instance.mesh < scene.meshes.len() && instance.material < scene.materials.len()
@@ -307,12 +307,8 @@ fn chamber_is_closed_and_of_moderate_size() {
     let triangles = scene.statistics().triangles;
     assert!((3000..=4000).contains(&triangles), "{triangles}");
     let shell = ["floor", "walls"].map(|name| {
-        scene
-            .meshes
-            .iter()
-            .find(|mesh| mesh.name == name)
-            .unwrap()
-            .clone()
+        let mesh = scene.meshes.iter().find(|mesh| mesh.name == name);
+        Mesh::clone(mesh.unwrap())
     });
     let middle = vec3(0.0, 4.5, 0.0);
     for name in ["floor", "walls"] {

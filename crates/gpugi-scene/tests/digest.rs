@@ -1,5 +1,7 @@
 //! The hash of a scene: every field that a picture depends on changes it, and nothing else does.
 
+use std::sync::Arc;
+
 use glam::{Affine2, Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::{
     AlphaMode, Camera, Environment, Image, Light, LightKind, Material, MaterialModel, Mesh, Pixels,
@@ -51,7 +53,7 @@ fn scene() -> Scene {
         height: 1,
         pixels: Pixels::Rgba8(vec![7; 8]),
     };
-    scene.images = vec![image.clone(); 2];
+    scene.images = [&image; 2].map(|one| Arc::new(one.clone())).into();
     let spot = LightKind::Spot {
         inner_cone_angle: 0.1,
         outer_cone_angle: 0.2,
@@ -61,10 +63,10 @@ fn scene() -> Scene {
         ..Light::new("spot", spot, Vec3::ONE)
     });
     scene.environment = Some(Environment {
-        image: Image {
+        image: Arc::new(Image {
             pixels: Pixels::Rgba32Float(vec![0.5; 8]),
             ..image
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     });
@@ -85,17 +87,29 @@ fn sky(scene: &mut Scene) -> &mut Environment {
     scene.environment.as_mut().expect("an environment")
 }
 
+fn mesh(scene: &mut Scene) -> &mut Mesh {
+    Arc::make_mut(&mut scene.meshes[0])
+}
+
+fn image(scene: &mut Scene) -> &mut Image {
+    Arc::make_mut(&mut scene.images[0])
+}
+
+fn texels(scene: &mut Scene) -> &mut Image {
+    Arc::make_mut(&mut sky(scene).image)
+}
+
 const MATTERS: &[Change] = &[
-    ("position", |s| s.meshes[0].positions[2].y = 1.5),
-    ("normal", |s| s.meshes[0].normals[0].x = 0.1),
-    ("tangent", |s| s.meshes[0].tangents[0].w = -1.0),
-    ("no tangents", |s| s.meshes[0].tangents.clear()),
-    ("uv", |s| s.meshes[0].uvs[0][1].x = 0.5),
-    ("second uv", |s| s.meshes[0].uvs[1][1].x = 0.5),
-    ("uv sets exchanged", |s| s.meshes[0].uvs.swap(0, 1)),
-    ("color", |s| s.meshes[0].colors[0].x = 0.5),
-    ("index", |s| s.meshes[0].indices.swap(0, 1)),
-    ("another mesh", |s| s.meshes.push(Mesh::default())),
+    ("position", |s| mesh(s).positions[2].y = 1.5),
+    ("normal", |s| mesh(s).normals[0].x = 0.1),
+    ("tangent", |s| mesh(s).tangents[0].w = -1.0),
+    ("no tangents", |s| mesh(s).tangents.clear()),
+    ("uv", |s| mesh(s).uvs[0][1].x = 0.5),
+    ("second uv", |s| mesh(s).uvs[1][1].x = 0.5),
+    ("uv sets exchanged", |s| mesh(s).uvs.swap(0, 1)),
+    ("color", |s| mesh(s).colors[0].x = 0.5),
+    ("index", |s| mesh(s).indices.swap(0, 1)),
+    ("another mesh", |s| s.meshes.push(Mesh::default().into())),
     ("instance mesh", |s| s.instances[0].mesh = 1),
     ("instance material", |s| s.instances[0].material = 1),
     ("instance place", |s| {
@@ -186,13 +200,13 @@ const MATTERS: &[Change] = &[
     ("mirrored", |s| s.textures[0].wrap[0] = Wrap::MirroredRepeat),
     ("nearest", |s| s.textures[0].nearest = true),
     ("levels", |s| s.textures[0].has_levels = false),
-    ("texel", |s| s.images[0].pixels = Pixels::Rgba8(vec![8; 8])),
+    ("texel", |s| image(s).pixels = Pixels::Rgba8(vec![8; 8])),
     ("float texels", |s| {
-        s.images[0].pixels = Pixels::Rgba32Float(vec![7.0; 8])
+        image(s).pixels = Pixels::Rgba32Float(vec![7.0; 8])
     }),
     ("image shape", |s| {
-        s.images[0].width = 1;
-        s.images[0].height = 2;
+        image(s).width = 1;
+        image(s).height = 2;
     }),
     ("point light", |s| s.lights[0].kind = LightKind::Point),
     ("directional light", |s| {
@@ -219,7 +233,7 @@ const MATTERS: &[Change] = &[
     }),
     ("no light", |s| s.lights.clear()),
     ("sky texel", |s| {
-        sky(s).image.pixels = Pixels::Rgba32Float(vec![0.6; 8])
+        texels(s).pixels = Pixels::Rgba32Float(vec![0.6; 8])
     }),
     ("sky rotation", |s| sky(s).rotation = 1.0),
     ("sky intensity", |s| sky(s).intensity = 2.0),
@@ -228,11 +242,11 @@ const MATTERS: &[Change] = &[
 
 const DOES_NOT: &[Change] = &[
     ("scene name", |s| s.name = "other".into()),
-    ("mesh name", |s| s.meshes[0].name = "other".into()),
+    ("mesh name", |s| mesh(s).name = "other".into()),
     ("instance name", |s| s.instances[0].name = "other".into()),
     ("material name", |s| s.materials[0].name = "other".into()),
-    ("image name", |s| s.images[0].name = "other".into()),
-    ("sky name", |s| sky(s).image.name = "other".into()),
+    ("image name", |s| image(s).name = "other".into()),
+    ("sky name", |s| texels(s).name = "other".into()),
     ("light name", |s| s.lights[0].name = "other".into()),
     ("camera", |s| s.cameras.clear()),
     ("warning", |s| s.warnings.push("other".into())),

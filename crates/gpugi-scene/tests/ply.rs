@@ -19,7 +19,7 @@ fn read(bytes: &[u8]) -> Result<Scene, ImportError> {
 }
 
 fn mesh(bytes: &[u8]) -> Mesh {
-    read(bytes).unwrap().meshes.remove(0)
+    Mesh::clone(&read(bytes).unwrap().meshes[0])
 }
 
 fn error(bytes: &[u8]) -> String {

@@ -10,7 +10,7 @@ use crate::display::{Display, DisplaySettings, Part, Present};
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, Timings, begin_read_part, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
-use crate::scene::GpuScene;
+use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Map, Registry, Technique};
 
@@ -157,13 +157,28 @@ impl Renderer {
         &self.scene
     }
 
-    /// Follows changes of the scene; accumulation restarts.
+    /// Follows the scene to its state `after` ([`GpuScene::update`]); accumulation restarts.
     ///
     /// # Errors
     /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is now.
-    pub fn update(&mut self, before: &Scene, after: &Scene) -> Result<(), LightingError> {
+    pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
         self.samples = 0;
-        self.scene.update(&self.gpu, before, after)?;
+        self.scene.update(&self.gpu, after)?;
+        self.lighting.validate(&mut self.scene)
+    }
+
+    /// Edits the scene ([`GpuScene::edit`]); accumulation restarts.
+    ///
+    /// # Errors
+    /// As [`Renderer::update`].
+    pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
+        let planned_for = |scene: &GpuScene| (scene.versions.objects, light_classes(scene));
+        let before = planned_for(&self.scene);
+        self.samples = 0;
+        self.scene.edit(&self.gpu, edits)?;
+        if planned_for(&self.scene) == before {
+            return Ok(());
+        }
         self.lighting.validate(&mut self.scene)
     }
 

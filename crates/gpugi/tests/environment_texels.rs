@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::f32::consts::PI;
 
 use common::{Picture, floor, from_above, gpu, picture, place};
@@ -20,12 +22,12 @@ const SETS: [&[&str]; 2] = [
 fn environment([width, height]: [u32; 2], texels: Vec<Vec3>) -> Environment {
     let values = texels.iter().flat_map(|texel| texel.extend(1.0).to_array());
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".into(),
             width,
             height,
             pixels: Pixels::Rgba32Float(values.collect()),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }
@@ -172,7 +174,7 @@ fn numbers_that_are_no_intensity_or_angle_are_refused() {
             assert!(what.contains(part), "{what}");
         }
         let mut renderer = renderer(&gpu, &before, SETS[1]).expect("a renderer");
-        let refused = renderer.update(&before, &scene);
+        let refused = renderer.update(&scene);
         assert!(
             matches!(refused, Err(LightingError::Gpu(GpuError::Input { .. }))),
             "{part}"

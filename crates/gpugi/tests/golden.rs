@@ -164,7 +164,7 @@ fn environment_maps() {
         samples: 32,
         ..Settings::default()
     };
-    let baked = export::bake(&gpu, &uneven_sky(), &settings).expect("maps");
+    let baked = export::bake(&gpu, &uneven_sky().into(), &settings).expect("maps");
     let found = json!({
         "radiance": samples(&baked.radiance),
         "irradiance": samples(&baked.irradiance),

@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::ops::ControlFlow;
 
@@ -20,7 +22,7 @@ const HEIGHT: usize = 32;
 fn environment(texel: impl Fn(usize, usize) -> f32) -> Environment {
     let value = |index: usize| texel(index % WIDTH, index / WIDTH);
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".into(),
             width: WIDTH as u32,
             height: HEIGHT as u32,
@@ -29,7 +31,7 @@ fn environment(texel: impl Fn(usize, usize) -> f32) -> Environment {
                     .flat_map(|index| [value(index), value(index), value(index), 1.0])
                     .collect(),
             ),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }
@@ -159,9 +161,10 @@ fn black_and_dim_skies_are_no_trouble() {
     assert!(below.lit().all(|lit| lit.radiance == Vec3::ZERO));
     // A single texel is equally bright in all directions.
     let mut tiny = environment(|_, _| 0.0);
-    tiny.image.width = 1;
-    tiny.image.height = 1;
-    tiny.image.pixels = Pixels::Rgba32Float(vec![3.0, 3.0, 3.0, 1.0]);
+    let texel = Arc::make_mut(&mut tiny.image);
+    texel.width = 1;
+    texel.height = 1;
+    texel.pixels = Pixels::Rgba32Float(vec![3.0, 3.0, 3.0, 1.0]);
     let grey = render(
         &gpu,
         &under(floor(1.0), tiny),

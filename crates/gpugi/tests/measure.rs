@@ -3,6 +3,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -40,12 +42,12 @@ fn scene() -> Scene {
     light.world_from_light.w_axis = Vec3::new(-1.2, 1.5, 0.3).extend(1.0);
     scene.lights.push(light);
     scene.environment = Some(Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "grey".into(),
             width: 4,
             height: 2,
             pixels: Pixels::Rgba32Float([0.2, 0.3, 0.4, 1.0].repeat(8)),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     });
@@ -234,7 +236,7 @@ fn a_reference_is_rendered_once_and_again_when_something_changed() {
     assert!(warm * 4 < cold, "{warm:?} after {cold:?}");
 
     let mut renamed = scene.clone();
-    renamed.meshes[0].name = "other".into();
+    Arc::make_mut(&mut renamed.meshes[0]).name = "other".into();
     assert!(traced(&gpu, &renamed, &camera, &parts, &kept).is_cached());
 
     let mut changed = scene.clone();

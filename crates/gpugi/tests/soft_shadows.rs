@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::f64::consts::PI;
 
 use common::{Lit, floor, from_above, gpu, lit_by, meets, picture, place, render, renderer};
@@ -182,12 +184,12 @@ fn emitters_light_the_sides_that_emit() {
 
 /// A 2 x 2 checker, not repeated, in the red, green, blue and alpha channels.
 fn checker(scene: &mut Scene, dark: [u8; 4], light: [u8; 4]) -> TextureRef {
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: "checker".into(),
         width: 2,
         height: 2,
         pixels: Pixels::Rgba8([dark, light, light, dark].concat()),
-    });
+    }));
     scene.textures.push(Texture {
         image: scene.images.len() - 1,
         wrap: [Wrap::ClampToEdge; 2],

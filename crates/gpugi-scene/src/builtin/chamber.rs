@@ -81,7 +81,7 @@ pub(super) fn build(detail: u32) -> Scene {
 
 /// A matt material with a generated texture of 256 x 256 texels.
 fn textured(scene: &mut Scene, name: &str, make: fn(&str, u32) -> Image) -> usize {
-    scene.images.push(make(name, 256));
+    scene.images.push(make(name, 256).into());
     scene.textures.push(Texture {
         image: scene.images.len() - 1,
         wrap: [Wrap::Repeat; 2],

@@ -28,7 +28,7 @@ pub(super) fn build(detail: u32) -> Scene {
         scene.add_instance(&format!("{name} ball"), ball, material, place);
     }
     scene.environment = Some(Environment {
-        image: square(),
+        image: square().into(),
         rotation: 0.0,
         intensity: 1.0,
     });

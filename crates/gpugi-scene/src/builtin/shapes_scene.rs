@@ -18,7 +18,7 @@ pub(super) fn build(detail: u32) -> Scene {
         40.0_f32.to_radians(),
     ));
     let image = scene.images.len();
-    scene.images.push(leaf("leaf", 64));
+    scene.images.push(leaf("leaf", 64).into());
     let texture = scene.textures.len();
     scene.textures.push(Texture {
         image,

@@ -10,12 +10,14 @@ mod binary;
 mod node;
 #[cfg(test)]
 mod tests;
+mod top;
 pub mod traverse;
 mod tree;
 
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 pub use node::NODE_ROWS;
+pub use top::TopLevel;
 use tree::Tree;
 
 use crate::Bounds;
@@ -83,15 +85,6 @@ pub struct BvhInstance {
     pub flags: u32,
 }
 
-/// A top level: the hierarchy over instances.
-#[derive(Debug, Clone)]
-pub struct TopLevel {
-    /// Its rows, to be placed after the meshes' rows.
-    pub rows: Vec<Row>,
-    /// Where rays start: a row and bits, see [`traverse`]. If there is a single instance, rays start in that instance.
-    pub start: [u32; 2],
-}
-
 /// The hierarchies of meshes, as far as building top levels over them requires.
 #[derive(Debug, Clone, Default)]
 pub struct BottomLevel {
@@ -123,36 +116,6 @@ impl BottomLevel {
     /// The first row of the top level, which is the total number of rows of all meshes.
     pub fn end(&self) -> u32 {
         self.rows
-    }
-
-    /// Builds a top level over `instances`. Skips instances of meshes without triangles and instances whose transform
-    /// has no inverse in 32-bit floats.
-    ///
-    /// # Errors
-    /// [`BvhTooLarge`].
-    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, BvhTooLarge> {
-        let mut boxes = Vec::new();
-        let mut items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
-        for (number, instance) in instances.iter().enumerate() {
-            let mesh = &self.meshes[instance.mesh];
-            let Some((matrix, bounds)) = placed(mesh, &instance.world_from_mesh) else {
-                continue;
-            };
-            let row = |index: usize| matrix.row(index).to_array().map(f32::to_bits);
-            let links = [mesh.root, number as u32, instance.flags, 0];
-            boxes.push(bounds);
-            items.push([row(0), row(1), row(2), links]);
-        }
-        let tree = Tree::new(&boxes, TOP_LEVELS, 1);
-        at_most("levels", tree.depth as usize, TOP_LEVELS)?;
-        let mut rows = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
-        rows.extend(tree.order.iter().flat_map(|&item| items[item as usize]));
-        row_number(self.rows as usize + rows.len())?;
-        let start = match items.len() {
-            1 => [self.rows + NODE_ROWS, 1],
-            _ => [self.rows, traverse::FIRST_NODE],
-        };
-        Ok(TopLevel { rows, start })
     }
 }
 
@@ -192,7 +155,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         .collect();
     let tree = Tree::new(&boxes, MESH_LEVELS, 3);
     at_most("levels", tree.depth as usize, MESH_LEVELS)?;
-    rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS));
+    rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS).0);
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
         for (corner, last) in corners.into_iter().zip([number, 0, 0]) {

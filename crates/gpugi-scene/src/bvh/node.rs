@@ -20,68 +20,100 @@ use crate::Bounds;
 /// Rows per node.
 pub const NODE_ROWS: u32 = 5;
 
-/// Encodes the nodes of a tree. `boxes`: boxes of the primitives by number. `first_row`: row of the first node. Leaf
-/// items of `item_rows` rows each follow the nodes.
-pub(super) fn encode(tree: &Tree, boxes: &[Bounds], first_row: u32, item_rows: u32) -> Vec<Row> {
-    let first_item = first_row + tree.nodes.len() as u32 * NODE_ROWS;
+/// Encodes a tree's nodes; returns their rows and their boxes. `boxes`: of the primitives by number. `first_row`: where the nodes lie; leaf
+/// items of `item_rows` rows each follow them.
+pub(super) fn encode(
+    tree: &Tree,
+    boxes: &[Bounds],
+    first_row: u32,
+    item_rows: u32,
+) -> (Vec<Row>, Vec<Bounds>) {
     let mut bounds = vec![Bounds::EMPTY; tree.nodes.len()];
     let mut rows = vec![Row::default(); tree.nodes.len() * NODE_ROWS as usize];
-    // Children follow their parents, so in reverse order the boxes of all children are known when needed.
-    for (index, node) in tree.nodes.iter().enumerate().rev() {
-        let mut children = [Bounds::EMPTY; 8];
-        for (slot, child) in children.iter_mut().enumerate() {
-            if node.is_child_empty(slot) {
-                continue;
-            }
-            *child = if node.is_leaf(slot) {
-                let (first, count) = node.child_primitives(slot);
-                let items = &tree.order[first as usize..(first + count) as usize];
-                items
-                    .iter()
-                    .fold(Bounds::EMPTY, |all, &item| all.union(boxes[item as usize]))
-            } else {
-                bounds[node.child_node_index(slot) as usize]
-            };
-            bounds[index] = bounds[index].union(*child);
-        }
-        let grid = Grid::around(&bounds[index]);
-        let mut planes = [[0_u8; 8]; 6];
-        for (slot, child) in children.iter().enumerate() {
-            if child.is_empty() {
-                continue;
-            }
-            let [min, max] = grid.cells(child);
-            for axis in 0..3 {
-                planes[axis * 2][slot] = min[axis];
-                planes[axis * 2 + 1][slot] = max[axis];
-            }
-        }
-        let words = |bytes: [u8; 8]| {
-            let (low, high) = bytes.split_at(4);
-            [low, high].map(|four| u32::from_le_bytes([four[0], four[1], four[2], four[3]]))
-        };
-        let [meta_low, meta_high] = words(node.child_meta);
+    // Children follow their parents, so that backwards every child's box is known in time.
+    for index in (0..tree.nodes.len()).rev() {
+        let children = child_bounds(tree, boxes, &bounds, index);
+        bounds[index] = children.into_iter().fold(Bounds::EMPTY, Bounds::union);
+        let encoded = encode_node(tree, index, &children, first_row, item_rows);
         let at = index * NODE_ROWS as usize;
-        let [x, y, z] = grid.origin.map(f32::to_bits);
-        let [ex, ey, ez] = grid.exponents.map(u32::from);
-        rows[at] = [
-            x,
-            y,
-            z,
-            ex | ey << 8 | ez << 16 | u32::from(node.imask) << 24,
-        ];
-        rows[at + 1] = [
+        rows[at..at + encoded.len()].copy_from_slice(&encoded);
+    }
+    (rows, bounds)
+}
+
+/// The boxes of a node's children, from `boxes` of the primitives and `bounds` of the nodes below it.
+pub(super) fn child_bounds(
+    tree: &Tree,
+    boxes: &[Bounds],
+    bounds: &[Bounds],
+    index: usize,
+) -> [Bounds; 8] {
+    let node = &tree.nodes[index];
+    std::array::from_fn(|slot| {
+        if node.is_child_empty(slot) {
+            Bounds::EMPTY
+        } else if node.is_leaf(slot) {
+            let (first, count) = node.child_primitives(slot);
+            let items = &tree.order[first as usize..(first + count) as usize];
+            items
+                .iter()
+                .fold(Bounds::EMPTY, |all, &item| all.union(boxes[item as usize]))
+        } else {
+            bounds[node.child_node_index(slot) as usize]
+        }
+    })
+}
+
+/// The rows of one node around its children's boxes.
+pub(super) fn encode_node(
+    tree: &Tree,
+    index: usize,
+    children: &[Bounds; 8],
+    first_row: u32,
+    item_rows: u32,
+) -> [Row; NODE_ROWS as usize] {
+    let node = &tree.nodes[index];
+    let first_item = first_row + tree.nodes.len() as u32 * NODE_ROWS;
+    let grid = Grid::around(
+        &children
+            .iter()
+            .fold(Bounds::EMPTY, |all, one| all.union(*one)),
+    );
+    let mut planes = [[0_u8; 8]; 6];
+    for (slot, child) in children.iter().enumerate() {
+        if child.is_empty() {
+            continue;
+        }
+        let [min, max] = grid.cells(child);
+        for axis in 0..3 {
+            planes[axis * 2][slot] = min[axis];
+            planes[axis * 2 + 1][slot] = max[axis];
+        }
+    }
+    let words = |bytes: [u8; 8]| {
+        let (low, high) = bytes.split_at(4);
+        [low, high].map(|four| u32::from_le_bytes([four[0], four[1], four[2], four[3]]))
+    };
+    let [x, y, z] = grid.origin.map(f32::to_bits);
+    let [ex, ey, ez] = grid.exponents.map(u32::from);
+    let frame = ex | ey << 8 | ez << 16 | u32::from(node.imask) << 24;
+    let [meta_low, meta_high] = words(node.child_meta);
+    let along = |axis: usize| {
+        let [min, max] = [words(planes[axis * 2]), words(planes[axis * 2 + 1])];
+        [min[0], min[1], max[0], max[1]]
+    };
+    [
+        [x, y, z, frame],
+        [
             first_row + node.child_base_idx * NODE_ROWS,
             first_item + node.primitive_base_idx * item_rows,
             meta_low,
             meta_high,
-        ];
-        for axis in 0..3 {
-            let [min, max] = [words(planes[axis * 2]), words(planes[axis * 2 + 1])];
-            rows[at + 2 + axis] = [min[0], min[1], max[0], max[1]];
-        }
-    }
-    rows
+        ],
+        along(0),
+        along(1),
+        along(2),
+    ]
 }
 
 /// The grid, with 256 planes per axis, on which the boxes of a node's children are quantized.

@@ -347,3 +347,81 @@ fn nothing_to_hit_is_nothing_hit() {
         assert_eq!(built.closest(direction * f32::NAN, toward.1).hit, None);
     }
 }
+
+#[test]
+fn a_refitted_top_level_finds_what_a_new_one_finds() {
+    let mut random = Random(7);
+    let meshes = [soup(20, 0.5, &mut random)];
+    let (bottom, rows) = BottomLevel::new(meshes.iter().cloned()).unwrap();
+    for scale in [1e-9, 1.0, 1e12] {
+        let size = Mat4::from_scale(Vec3::splat(scale * 0.1));
+        let placed = |random: &mut Random, reach: f32| {
+            let turn = Quat::from_scaled_axis(random.vector() * 3.0);
+            Mat4::from_translation(random.vector() * scale * reach) * Mat4::from_quat(turn) * size
+        };
+        let instance = |world_from_mesh| BvhInstance {
+            mesh: 0,
+            world_from_mesh,
+            flags: 0,
+        };
+        let mut instances: Vec<BvhInstance> = (0..300)
+            .map(|_| instance(placed(&mut random, 1.0)))
+            .collect();
+        instances[5].world_from_mesh = Mat4::from_scale(Vec3::ZERO);
+        let mut top = bottom.top_level(&instances).unwrap();
+        // One that leaves the others far behind, some, all.
+        for moved in [vec![0], (0..300).step_by(7).collect(), (0..300).collect()] {
+            let before = top.rows.clone();
+            let reach = if moved.len() == 1 { 50.0 } else { 2.0 };
+            for &number in moved.iter().filter(|&&number| number != 5) {
+                instances[number].world_from_mesh = placed(&mut random, reach);
+            }
+            let places = moved
+                .iter()
+                .map(|&number| (number, 0, instances[number].world_from_mesh));
+            let can_refit = |(number, mesh, place)| bottom.can_refit(&top, number, mesh, &place);
+            assert!(places.clone().all(can_refit));
+            let changed = bottom.refit(&mut top, places);
+            if moved.len() == 1 {
+                // Its own three rows, and five of each node on the way up.
+                let rows: usize = changed.iter().map(ExactSizeIterator::len).sum();
+                assert!(rows <= 3 + 5 * TOP_LEVELS as usize, "{rows}");
+            }
+            for (row, (before, now)) in before.iter().zip(&top.rows).enumerate() {
+                let is_changed = changed.iter().any(|range| range.contains(&row));
+                assert!(is_changed || before == now, "row {row}");
+            }
+            let of = |top: &TopLevel| Built {
+                rows: [&rows[..], &top.rows].concat(),
+                start: top.start,
+                bottom: bottom.clone(),
+            };
+            let (refitted, new) = (of(&top), of(&bottom.top_level(&instances).unwrap()));
+            let mut hits = 0;
+            for number in 0..600 {
+                // Half of them at an instance.
+                let origin = random.vector() * scale * 4.0;
+                let aim = instances[number % 300].world_from_mesh.w_axis.truncate();
+                let at = if number < 300 {
+                    aim
+                } else {
+                    random.vector() * scale
+                };
+                let found = [&refitted, &new].map(|built| built.closest(origin, at - origin).hit);
+                let [found, expected] = found.map(|hit| hit.map(|hit| (hit.t, hit.instance)));
+                assert_eq!(found, expected, "ray {number} at scale {scale}");
+                hits += usize::from(found.is_some());
+            }
+            assert!(hits > 150, "{hits} hits");
+        }
+        let gone = Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0));
+        assert!(
+            !bottom.can_refit(&top, 0, 0, &gone),
+            "it has no inverse now"
+        );
+        assert!(
+            !bottom.can_refit(&top, 5, 0, &size),
+            "it has an inverse now"
+        );
+    }
+}

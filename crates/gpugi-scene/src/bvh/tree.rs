@@ -7,6 +7,7 @@ use super::binary;
 use crate::Bounds;
 
 /// An eight-wide tree. The boxes of its nodes are encoded elsewhere.
+#[derive(Debug, Clone)]
 pub(super) struct Tree {
     /// Only the topology of obvhs' nodes is used: which slots are filled, and with what. Children follow their parents.
     pub nodes: Vec<CwBvhNode>,

@@ -1,5 +1,7 @@
 //! Scenes that come from no glTF file.
 
+use std::sync::Arc;
+
 use glam::{Affine2, Vec2, Vec3, Vec4, vec2, vec3};
 use gpugi_scene::export::{BakedLight, BakedPage, export_bake, export_scene};
 use gpugi_scene::{
@@ -92,12 +94,12 @@ fn other_formats_can_be_baked() {
 /// A scene with everything that glTF can say.
 fn everything() -> Scene {
     let mut scene = Scene::new("everything");
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: "checks".to_owned(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![1, 2, 3, 4, 5, 6, 7, 8]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::MirroredRepeat, Wrap::ClampToEdge],

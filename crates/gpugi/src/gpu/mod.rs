@@ -10,6 +10,7 @@ mod read_back;
 mod shader;
 #[cfg(test)]
 mod tests;
+mod upload;
 
 pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
@@ -21,6 +22,7 @@ pub(crate) use quad::Quad;
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
 pub use shader::{BindingKind, Shader, all_shaders};
+use upload::Uploads;
 pub use wgpu::TextureAspect;
 
 use std::borrow::Cow;
@@ -48,6 +50,7 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     /// Pipelines that are being compiled.
     compiling: Arc<AtomicUsize>,
+    uploads: Arc<Uploads>,
 }
 
 /// What the GPU API reported outside of any call that could return it.
@@ -152,6 +155,7 @@ impl Gpu {
             faults.error.get_or_insert(GpuError::uncaptured(&error));
         }));
         Self {
+            uploads: Arc::new(Uploads::new(&device)),
             limits: device.limits(),
             device,
             queue,
@@ -302,13 +306,30 @@ impl Gpu {
         let buffer = self.buffer(label, bytes.len() as u64, usage)?;
         // Writes are whole words; the buffer has room for the last one.
         let (whole, rest) = bytes.split_at(bytes.len() & !3);
-        self.queue.write_buffer(&buffer, 0, whole);
+        self.write(&buffer, 0, whole);
         if !rest.is_empty() {
             let mut word = [0; 4];
             word[..rest.len()].copy_from_slice(rest);
-            self.queue.write_buffer(&buffer, whole.len() as u64, &word);
+            self.write(&buffer, whole.len() as u64, &word);
         }
         Ok(buffer)
+    }
+
+    /// Writes the texels of a region of `size` of a texture, in rows of `bytes_per_row`, and counts them.
+    pub(crate) fn write_texture(
+        &self,
+        region: wgpu::TexelCopyTextureInfo<'_>,
+        texels: &[u8],
+        bytes_per_row: u32,
+        size: wgpu::Extent3d,
+    ) {
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(bytes_per_row),
+            rows_per_image: None,
+        };
+        self.queue.write_texture(region, texels, layout, size);
+        self.count_uploaded(texels);
     }
 
     /// A storage buffer that holds `data`.

@@ -58,7 +58,10 @@ impl Made {
     }
 
     fn is_lit_as(&self, other: &Self) -> bool {
-        let of = |one: &Self| (one.versions.lights, one.versions.environment);
+        let of = |one: &Self| {
+            let versions = one.versions;
+            (versions.lights, versions.sky, versions.environment)
+        };
         of(self) == of(other)
     }
 

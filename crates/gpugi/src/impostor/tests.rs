@@ -1,5 +1,7 @@
 //! When maps are captured, and which ones.
 
+use std::sync::Arc;
+
 use glam::{Mat4, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
 use gpugi_scene::{Material, Scene, Volume};
@@ -108,9 +110,8 @@ impl<'a> Watched<'a> {
     }
 
     fn after(&mut self, change: impl FnOnce(&mut Scene)) -> Done {
-        let before = self.scene.clone();
         change(&mut self.scene);
-        self.on_gpu.update(self.gpu, &before, &self.scene).unwrap();
+        self.on_gpu.update(self.gpu, &self.scene).unwrap();
         self.frame()
     }
 
@@ -187,7 +188,7 @@ fn maps_are_captured_when_what_they_show_changes() {
     let bend = |instance: usize| {
         move |scene: &mut Scene| {
             let mesh = scene.instances[instance].mesh;
-            for position in &mut scene.meshes[mesh].positions {
+            for position in &mut Arc::make_mut(&mut scene.meshes[mesh]).positions {
                 position.y *= 0.9;
             }
         }

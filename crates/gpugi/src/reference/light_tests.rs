@@ -1,5 +1,7 @@
 //! Lights are sampled according to their densities.
 
+use std::sync::Arc;
+
 use std::f64::consts::PI;
 
 use bytemuck::{Pod, Zeroable};
@@ -128,12 +130,12 @@ fn sky() -> Environment {
         texels.extend([value, value * 0.5, 0.1 * value, 1.0]);
     }
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: String::new(),
             width: 24,
             height: 12,
             pixels: Pixels::Rgba32Float(texels),
-        },
+        }),
         rotation: 0.7,
         intensity: 2.0,
     }

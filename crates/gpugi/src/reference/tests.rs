@@ -1,5 +1,7 @@
 //! Tests that need access to internals: albedos against the quadratures of shared/cpu.rs, and different tile sizes.
 
+use std::sync::Arc;
+
 use std::ops::ControlFlow;
 
 use glam::{Vec3, Vec4, vec3};
@@ -16,12 +18,12 @@ use crate::testing::test_gpu;
 
 fn white() -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "white".to_owned(),
             width: 1,
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

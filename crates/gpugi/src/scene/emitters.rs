@@ -35,38 +35,43 @@ impl Emitter {
     }
 }
 
-/// Every emissive triangle, in world space, with the mean of its emissive texture.
+/// Every emissive triangle of the scene in world space, by instance.
 pub(super) fn emitters(scene: &Scene) -> Vec<Emitter> {
-    let mut emitters = Vec::new();
-    for (instance_index, instance) in (0..).zip(&scene.instances) {
-        let material = &scene.materials[instance.material];
-        if material.emissive == Vec3::ZERO {
-            continue;
-        }
-        let mesh = &scene.meshes[instance.mesh];
-        let mirrored = is_mirrored(&instance.world_from_mesh);
-        for (primitive, triangle) in (0..).zip(mesh.indices.chunks_exact(3)) {
-            let mut corners = [0, 1, 2].map(|corner| {
-                instance
-                    .world_from_mesh
-                    .transform_point3(mesh.positions[triangle[corner] as usize])
-            });
-            if mirrored {
-                corners.swap(1, 2);
-            }
-            let radiance = material.emissive * mean_emission(scene, material, mesh, triangle);
-            if radiance.max_element() > 0.0 {
-                emitters.push(Emitter {
-                    instance: instance_index,
-                    primitive,
-                    corners,
-                    radiance,
-                    two_sided: material.double_sided,
-                });
-            }
-        }
+    let instances = 0..scene.instances.len();
+    instances
+        .flat_map(|index| emitters_of(scene, index))
+        .collect()
+}
+
+/// The emissive triangles of one instance in world space, with the mean of its emissive texture over each.
+pub(super) fn emitters_of(scene: &Scene, index: usize) -> Vec<Emitter> {
+    let instance = &scene.instances[index];
+    let material = &scene.materials[instance.material];
+    if material.emissive == Vec3::ZERO {
+        return Vec::new();
     }
-    emitters
+    let mesh = &scene.meshes[instance.mesh];
+    let mirrored = is_mirrored(&instance.world_from_mesh);
+    let triangles = (0..).zip(mesh.indices.chunks_exact(3));
+    let emitters = triangles.map(|(primitive, triangle)| {
+        let mut corners = [0, 1, 2].map(|corner| {
+            instance
+                .world_from_mesh
+                .transform_point3(mesh.positions[triangle[corner] as usize])
+        });
+        if mirrored {
+            corners.swap(1, 2);
+        }
+        Emitter {
+            instance: index as u32,
+            primitive,
+            corners,
+            radiance: material.emissive * mean_emission(scene, material, mesh, triangle),
+            two_sided: material.double_sided,
+        }
+    });
+    let emitters = emitters.filter(|emitter| emitter.radiance.max_element() > 0.0);
+    emitters.collect()
 }
 
 /// Mean of the emissive texture over a triangle, at a fixed pattern of 36 points.

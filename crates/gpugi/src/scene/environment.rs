@@ -60,14 +60,10 @@ pub(super) fn environment_texture(
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })?;
-    gpu.queue.write_texture(
+    gpu.write_texture(
         texture.as_image_copy(),
         bytemuck::cast_slice(&halves),
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(image.width * 8),
-            rows_per_image: None,
-        },
+        image.width * 8,
         size,
     );
     Ok(texture.create_view(&Default::default()))

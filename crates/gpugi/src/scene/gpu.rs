@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 /// `SceneHeader` of scene/bindings.wesl.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct SceneHeader {
     pub instance_row: u32,
     pub material_row: u32,

@@ -2,6 +2,7 @@
 
 use gpugi_scene::{Image, Pixels, Scene};
 
+use super::rows::texture_slots;
 use crate::gpu::{Blit, Gpu, GpuError};
 
 /// Size classes for each colour space.
@@ -15,7 +16,7 @@ pub struct ImagePlace {
 }
 
 /// Texture arrays, and the place of every image in them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ImageArrays {
     /// Views of the eight arrays in binding order.
     pub views: Vec<wgpu::TextureView>,
@@ -56,7 +57,7 @@ impl ImageArrays {
                     });
                 }
                 let images: Vec<&Image> =
-                    members.iter().map(|&image| &scene.images[image]).collect();
+                    members.iter().map(|&image| &*scene.images[image]).collect();
                 bytes += u64::from(size) * u64::from(size) * 16 / 3 * images.len() as u64;
                 views.push(upload(gpu, &images, size, format)?);
             }
@@ -70,26 +71,12 @@ impl ImageArrays {
 }
 
 /// Images that materials read as colour (space 0) or as data (space 1).
-fn images_used(scene: &Scene, space: usize) -> Vec<usize> {
-    let mut used: Vec<usize> = scene
-        .materials
-        .iter()
-        .flat_map(|material| match space {
-            0 => vec![
-                material.base_color_texture,
-                material.emissive_texture,
-                material.specular_color_texture,
-            ],
-            _ => vec![
-                material.metallic_roughness_texture,
-                material.normal_texture,
-                material.specular_texture,
-                material.transmission_texture,
-            ],
-        })
-        .flatten()
-        .map(|reference| scene.textures[reference.texture].image)
-        .collect();
+pub(super) fn images_used(scene: &Scene, space: usize) -> Vec<usize> {
+    let slots = scene.materials.iter().flat_map(texture_slots);
+    let in_space = slots.filter(|(_, of_slot)| *of_slot == space);
+    let references = in_space.filter_map(|(texture, _)| texture.as_ref());
+    let images = references.map(|reference| scene.textures[reference.texture].image);
+    let mut used: Vec<usize> = images.collect();
     used.sort_unstable();
     used.dedup();
     used
@@ -173,7 +160,7 @@ fn upload(
                 &level_view(layer, level),
             )?;
         }
-        gpu.queue.submit([encoder.finish()]);
+        gpu.submit(encoder.finish());
     }
     Ok(texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),
@@ -196,28 +183,21 @@ fn write_image(
         return Ok(());
     };
     let write = |texture: &wgpu::Texture, layer: u32| {
-        gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture,
-                mip_level: 0,
-                origin: wgpu::Origin3d {
-                    z: layer,
-                    ..Default::default()
-                },
-                aspect: wgpu::TextureAspect::All,
+        let copy = wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d {
+                z: layer,
+                ..Default::default()
             },
-            texels,
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(image.width * 4),
-                rows_per_image: None,
-            },
-            wgpu::Extent3d {
-                width: image.width,
-                height: image.height,
-                depth_or_array_layers: 1,
-            },
-        );
+            aspect: wgpu::TextureAspect::All,
+        };
+        let size = wgpu::Extent3d {
+            width: image.width,
+            height: image.height,
+            depth_or_array_layers: 1,
+        };
+        gpu.write_texture(copy, texels, image.width * 4, size);
     };
     if image.width == size && image.height == size {
         write(texture, layer);
@@ -245,6 +225,6 @@ fn write_image(
         &original.create_view(&Default::default()),
         target,
     )?;
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder.finish());
     Ok(())
 }

@@ -3,9 +3,14 @@
 #[cfg(test)]
 mod atlas_tests;
 mod atlases;
+mod bounds_tree;
 mod casters;
+mod edit;
+#[cfg(test)]
+mod edit_tests;
 mod emitters;
 mod environment;
+mod geometry;
 pub(crate) mod gpu;
 mod images;
 mod motion;
@@ -14,23 +19,30 @@ mod objects;
 mod ray_tests;
 mod rays;
 mod rows;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod upload;
 
-use glam::Vec3;
-use gpugi_scene::{AlphaMode, Bounds, Environment, Instance, Light, Scene};
+use std::sync::Arc;
+
+use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Scene};
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use atlases::Atlases;
+use bounds_tree::BoundsTree;
 pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
+pub use edit::Edit;
 pub use emitters::Emitter;
 pub(crate) use environment::check_environment;
+use geometry::Geometry;
+use images::ImageArrays;
 pub use motion::Placement;
-use motion::{moved, same_meshes};
 use objects::seen_class;
 pub use objects::{Claims, Object};
 use rays::Rays;
+use tables::Tables;
+use upload::Bindings;
 
 /// How captures draw an instance. Merged triangles are sorted in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -83,8 +95,10 @@ pub struct Versions {
     pub geometry: u64,
     /// Materials.
     pub materials: u64,
-    /// Lights, emitters and the environment.
+    /// Punctual lights and emitters.
     pub lights: u64,
+    /// How the environment is turned, and its intensity.
+    pub sky: u64,
     /// Only the environment's texels.
     pub environment: u64,
     /// Which triangles there are and how they are drawn, however they move.
@@ -93,6 +107,8 @@ pub struct Versions {
     pub meshes: u64,
     /// Which instances there are, of which mesh and material, however they move and deform.
     pub instances: u64,
+    /// [`GpuScene::objects`]: what techniques know of instances before they claim them.
+    pub objects: u64,
 }
 
 /// A scene on the GPU.
@@ -126,17 +142,26 @@ pub struct GpuScene {
     pub placements: Vec<Placement>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
-    pub(crate) claims: Vec<Claims>,
     header: wgpu::Buffer,
-    tables: wgpu::Buffer,
+    header_values: gpu::SceneHeader,
+    tables: Tables,
+    geometry: Arc<Geometry>,
+    images: ImageArrays,
+    environment_view: wgpu::TextureView,
+    hierarchy: wgpu::Buffer,
+    bindings: Bindings,
+    /// By instance, its entry of `draws`.
+    draw_of: Vec<u32>,
+    /// World-space boxes by instance.
+    bounds_tree: BoundsTree,
     alpha_modes: Vec<AlphaMode>,
     vertex_count: u32,
-    merge: Kernel,
     merge_group: wgpu::BindGroup,
     merged_version: u64,
     rays: Option<Rays>,
     use_of: Use,
-    host: Option<Scene>,
+    /// The scene without lights, cameras, environment and what moves it.
+    host: Scene,
     atlases: Atlases,
 }
 
@@ -178,9 +203,9 @@ impl GpuScene {
         Self::upload(gpu, scene, Use::Texels, None)
     }
 
-    /// The current meshes and instances, without anything else, if light is kept in texels.
+    /// The current meshes, instances and materials, if light is kept in texels.
     pub fn host(&self) -> Option<&Scene> {
-        self.host.as_ref()
+        (self.use_of == Use::Texels).then_some(&self.host)
     }
 
     /// Whether shaders may trace rays in the scene.
@@ -230,82 +255,12 @@ impl GpuScene {
         }
         self.merged_version = self.versions.geometry;
         frame.compute("capture.merge", |pass| {
-            self.merge.dispatch(
+            self.bindings.merge.dispatch(
                 pass,
                 &[(0, &self.bind_group), (1, &self.merge_group)],
                 [self.vertex_count, 1, 1],
             );
         });
-    }
-
-    /// Follows changes of the scene's instances, lights, materials, meshes and environment; increases the versions of
-    /// what changed.
-    ///
-    /// # Errors
-    /// As [`GpuScene::new`].
-    pub fn update(&mut self, gpu: &Gpu, before: &Scene, after: &Scene) -> Result<(), GpuError> {
-        check_environment(after.environment.as_ref())?;
-        let same_meshes = same_meshes(before, after);
-        let meshes = before.meshes.len() != after.meshes.len() || same_meshes.contains(&false);
-        let geometry = meshes || before.instances != after.instances;
-        let materials = before.materials != after.materials
-            || before.textures != after.textures
-            || before.images != after.images;
-        let lights = before.lights != after.lights || before.environment != after.environment;
-        // A material decides how its instances are drawn, and therefore in which order.
-        let mesh = |one: &Instance| one.mesh;
-        let [old, new] = [before, after].map(|one| one.instances.iter().map(mesh));
-        let triangles = meshes || !old.eq(new);
-        let mesh_and_material = |one: &Instance| (one.mesh, one.material);
-        let [old, new] = [before, after].map(|one| one.instances.iter().map(mesh_and_material));
-        let instances = materials || !old.eq(new);
-        let topology = meshes || instances;
-        let texels = before.environment.as_ref().map(|one| &one.image)
-            != after.environment.as_ref().map(|one| &one.image);
-        if !(geometry || materials || lights) {
-            return Ok(());
-        }
-        let versions = self.versions;
-        let environment = before.environment != after.environment;
-        if geometry && !topology && !environment && self.move_instances(gpu, before, after) {
-            self.lights = after.lights.clone();
-        } else if geometry || materials || environment {
-            let kept = self.rays.take().filter(|_| !meshes);
-            let uploaded = Self::upload(gpu, after, self.use_of, kept)?;
-            *self = Self {
-                placements: std::mem::take(&mut self.placements),
-                claims: std::mem::take(&mut self.claims),
-                atlases: std::mem::take(&mut self.atlases),
-                ..uploaded
-            };
-        } else {
-            self.lights = after.lights.clone();
-        }
-        if triangles {
-            self.atlases = Atlases::default();
-        }
-        let grown = |count: u64, changed: bool| count + u64::from(changed);
-        let version = grown(versions.geometry, geometry);
-        if instances {
-            self.placements.clear();
-            self.claims = vec![Claims::NONE; after.instances.len()];
-        }
-        let placements = std::mem::take(&mut self.placements);
-        self.placements = moved(placements, after, &same_meshes, version);
-        // Emitters move with their instances.
-        let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;
-        let mut placed = self.placements.iter().zip(&after.instances);
-        let emitters = geometry && placed.any(|(at, one)| at.moved == version && is_emitting(one));
-        self.versions = Versions {
-            geometry: version,
-            materials: grown(versions.materials, materials),
-            lights: grown(versions.lights, lights || instances || emitters),
-            environment: grown(versions.environment, texels),
-            topology: grown(versions.topology, topology),
-            meshes: grown(versions.meshes, triangles),
-            instances: grown(versions.instances, instances),
-        };
-        Ok(())
     }
 
     /// How a technique that follows the light passing through a draw's surface draws it: whole, from both sides.
@@ -320,27 +275,31 @@ impl GpuScene {
         )
     }
 
+    /// What techniques claim of an instance.
+    pub(crate) fn claims(&self, instance: usize) -> Claims {
+        Claims(self.tables.instances[instance].claims)
+    }
+
     /// Assigns each instance to the techniques that claim it: `claims` has one entry per object.
     pub fn assign(&mut self, gpu: &Gpu, claims: &[Claims]) {
-        for draw in &mut self.draws {
-            let index = draw.instance as usize;
-            let object = &self.objects[index];
-            let of_object = claims[index];
-            if self.claims[index] != of_object {
+        let mut changed = Vec::new();
+        for (index, (row, of_object)) in self.tables.instances.iter_mut().zip(claims).enumerate() {
+            if row.claims != of_object.0 {
+                row.claims = of_object.0;
+                changed.push(index);
                 // Shadow maps and cubes hold what was seen through other surfaces: they become stale.
-                self.claims[index] = of_object;
                 self.versions.materials += 1;
             }
+        }
+        self.tables.write_instances(gpu, changed);
+        for draw in &mut self.draws {
+            let index = draw.instance as usize;
             draw.seen = seen_class(
                 draw.class,
                 self.alpha_modes[index],
-                object.is_transmissive,
-                of_object,
+                self.objects[index].is_transmissive,
+                claims[index],
             );
-            let row = index * size_of::<gpu::Instance>();
-            let at = (row + std::mem::offset_of!(gpu::Instance, claims)) as u64;
-            let word = of_object.0.to_le_bytes();
-            gpu.queue.write_buffer(&self.tables, at, &word);
         }
     }
 
@@ -349,6 +308,7 @@ impl GpuScene {
         self.invalidate_geometry();
         self.versions.materials += 1;
         self.versions.lights += 1;
+        self.versions.sky += 1;
         self.versions.environment += 1;
         self.versions.topology += 1;
         self.versions.instances += 1;

@@ -5,7 +5,7 @@
 
 use std::ops::BitOr;
 
-use gpugi_scene::{AlphaMode, Instance, MaterialModel, Scene, names};
+use gpugi_scene::{AlphaMode, Material, MaterialModel, names};
 
 use super::DrawClass;
 
@@ -24,10 +24,9 @@ pub struct Object {
 }
 
 impl Object {
-    pub(super) fn new(scene: &Scene, instance: &Instance) -> Self {
-        let material = &scene.materials[instance.material];
+    pub(super) fn new(name: &str, material: &Material) -> Self {
         Self {
-            name: instance.name.clone(),
+            name: name.to_owned(),
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
             is_smooth: !matches!(material.model, MaterialModel::Phong { .. })

@@ -1,5 +1,7 @@
 //! Rays traced by the shader, compared with the CPU twin and with every triangle of the scene.
 
+use std::sync::Arc;
+
 use glam::{DVec2, Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::bvh::traverse::{Ray, closest_hit};
 use gpugi_scene::bvh::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, STACK_SIZE, TRIANGLE_ROWS};
@@ -15,10 +17,10 @@ use crate::testing::{Random, constant, test_gpu};
 /// What testing/rays.wesl writes per ray.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Found {
-    t: f32,
-    instance: u32,
-    primitive: u32,
+pub(super) struct Found {
+    pub t: f32,
+    pub instance: u32,
+    pub primitive: u32,
     padding_0: u32,
     barycentrics: [f32; 2],
     any: u32,
@@ -26,7 +28,7 @@ struct Found {
 }
 
 /// Traces rays on the GPU.
-fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
+pub(super) fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
     let packed: Vec<[f32; 8]> = rays
         .iter()
         .map(|ray| {
@@ -115,7 +117,7 @@ fn check(gpu: &Gpu, scene: &Scene, rays: &[Ray]) -> usize {
     let rows: Vec<Row> = read_buffer(gpu, &hierarchy.buffer, hierarchy.buffer.size()).unwrap();
     let mut hits = 0;
     for (ray, found) in rays.iter().zip(found) {
-        let twin = closest_hit(&rows, hierarchy.start, ray, |_, _, _| true);
+        let twin = closest_hit(&rows, hierarchy.start(), ray, |_, _, _| true);
         assert!(twin.stack <= STACK_SIZE as usize);
         let t = f64::from(found.t);
         match twin.hit {
@@ -381,12 +383,12 @@ fn alpha_decides_what_rays_hit() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = Scene::new("alpha");
     // Alpha: 0.25 in the left half, 0.75 in the right half.
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: String::new(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![255, 255, 255, 64, 255, 255, 255, 191]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],
@@ -451,9 +453,8 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     let buffer = |scene: &GpuScene| scene.rays.as_ref().unwrap().buffer.clone();
     let first = buffer(&uploaded);
 
-    let before = scene.clone();
     scene.instances[0].world_from_mesh = Mat4::from_translation(Vec3::new(0.0, 0.0, 0.5));
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert_eq!(buffer(&uploaded), first, "meshes were built again");
     assert!(
         trace(&gpu, &uploaded, &rays)
@@ -462,12 +463,11 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     );
 
     // More instances than the buffer had room for.
-    let before = scene.clone();
     for index in 0..40 {
         let place = Mat4::from_translation(Vec3::new(0.0, 0.0, 0.75 - index as f32));
         scene.add_instance("", mesh, material, place);
     }
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     let found = trace(&gpu, &uploaded, &rays);
     assert!(
         found
@@ -475,9 +475,8 @@ fn instances_move_come_and_go_under_the_same_meshes() {
             .all(|found| (found.t, found.instance) == (0.25, 1))
     );
 
-    let before = scene.clone();
     scene.instances.clear();
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert!(
         trace(&gpu, &uploaded, &rays)
             .iter()
@@ -485,12 +484,11 @@ fn instances_move_come_and_go_under_the_same_meshes() {
     );
 
     // A changed mesh: everything is rebuilt.
-    let before = scene.clone();
     scene.add_instance("", mesh, material, Mat4::IDENTITY);
-    for position in &mut scene.meshes[mesh].positions {
+    for position in &mut Arc::make_mut(&mut scene.meshes[mesh]).positions {
         position.z = -1.0;
     }
-    uploaded.update(&gpu, &before, &scene).unwrap();
+    uploaded.update(&gpu, &scene).unwrap();
     assert!(
         trace(&gpu, &uploaded, &rays)
             .iter()

@@ -1,45 +1,48 @@
 //! The scene's bounding volume hierarchies on the GPU, for scenes in which shaders trace rays.
 
+use std::sync::Arc;
+
+use glam::Mat4;
 use gpugi_scene::bvh::{
-    BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row,
+    BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, TopLevel,
 };
 use gpugi_scene::{AlphaMode, Scene};
 
-use super::upload::PlacedMesh;
+use super::geometry::Geometry;
+use super::tables::joined;
 use crate::gpu::{Gpu, GpuError};
 
 /// Hierarchies of all meshes, followed by a top level over the instances.
 #[derive(Debug)]
 pub(super) struct Rays {
-    bottom: BottomLevel,
+    bottom: Arc<BottomLevel>,
+    pub top: TopLevel,
     pub buffer: wgpu::Buffer,
-    /// Where rays start: `bvh_start` of the scene's header.
-    pub start: [u32; 2],
 }
 
 impl Rays {
-    /// Builds the hierarchies of meshes placed in the geometry buffer's `words`, and the top level.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &Scene,
-        meshes: &[PlacedMesh],
-        words: &[u32],
-    ) -> Result<Self, GpuError> {
-        let triangles = meshes.iter().map(|mesh| mesh.triangles(words));
+    /// Builds the hierarchies of meshes, and the top level.
+    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
+        let meshes = geometry.meshes.iter().zip(&scene.meshes);
+        let triangles = meshes.map(|(placed, mesh)| placed.triangles(mesh));
         let (bottom, rows) = BottomLevel::new(triangles).map_err(|error| refused(gpu, error))?;
         let buffer = hierarchy_buffer(gpu, rows.len() + usual_rows(scene))?;
-        gpu.queue
-            .write_buffer(&buffer, 0, bytemuck::cast_slice(&rows));
-        let rays = Self {
-            bottom,
-            buffer,
-            start: [0; 2],
-        };
-        rays.moved(gpu, scene)
+        gpu.write(&buffer, 0, &rows);
+        Self::over(gpu, scene, Arc::new(bottom), buffer)
     }
 
-    /// Follows instances that moved, were added or were removed; the meshes must be the same as before.
-    pub fn moved(mut self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+    /// The hierarchies of the same meshes under a top level over other instances.
+    pub fn with_instances(&self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        Self::over(gpu, scene, self.bottom.clone(), self.buffer.clone())
+    }
+
+    /// Builds the top level. `buffer` begins with the rows of `bottom`.
+    fn over(
+        gpu: &Gpu,
+        scene: &Scene,
+        bottom: Arc<BottomLevel>,
+        mut buffer: wgpu::Buffer,
+    ) -> Result<Self, GpuError> {
         let instances: Vec<BvhInstance> = scene
             .instances
             .iter()
@@ -52,22 +55,47 @@ impl Rays {
                 },
             })
             .collect();
-        let top = self
-            .bottom
+        let top = bottom
             .top_level(&instances)
             .map_err(|error| refused(gpu, error))?;
-        let end = self.bottom.end() as usize;
-        if self.buffer.size() < bytes(end + top.rows.len()) {
+        let end = bottom.end() as usize;
+        if buffer.size() < bytes(end + top.rows.len()) {
             let larger = hierarchy_buffer(gpu, end + top.rows.len().max(usual_rows(scene)))?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            encoder.copy_buffer_to_buffer(&self.buffer, 0, &larger, 0, Some(bytes(end)));
-            gpu.queue.submit([encoder.finish()]);
-            self.buffer = larger;
+            encoder.copy_buffer_to_buffer(&buffer, 0, &larger, 0, Some(bytes(end)));
+            gpu.submit(encoder.finish());
+            buffer = larger;
         }
-        gpu.queue
-            .write_buffer(&self.buffer, bytes(end), bytemuck::cast_slice(&top.rows));
-        self.start = top.start;
-        Ok(self)
+        gpu.write(&buffer, bytes(end), &top.rows);
+        Ok(Self {
+            bottom,
+            top,
+            buffer,
+        })
+    }
+
+    /// Where rays start: `bvh_start` of the scene's header.
+    pub fn start(&self) -> [u32; 2] {
+        self.top.start
+    }
+
+    /// Whether an instance neither comes nor goes when it is moved there: without an inverse of its transform, nothing hits it.
+    pub fn can_refit(&self, number: usize, mesh: usize, world_from_mesh: &Mat4) -> bool {
+        self.bottom
+            .can_refit(&self.top, number, mesh, world_from_mesh)
+    }
+
+    /// Follows instances that moved.
+    pub fn refit(&mut self, gpu: &Gpu, scene: &Scene, moved: &[usize]) {
+        let instances = moved.iter().map(|&number| {
+            let instance = &scene.instances[number];
+            (number, instance.mesh, instance.world_from_mesh)
+        });
+        let changed = self.bottom.refit(&mut self.top, instances);
+        let end = self.bottom.end() as usize;
+        for rows in joined(changed) {
+            gpu.write(&self.buffer, bytes(end + rows.start), &self.top.rows[rows]);
+        }
     }
 }
 

@@ -3,47 +3,71 @@
 use glam::{Mat4, Vec3};
 use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, TextureRef, Wrap};
 
+use super::geometry::PlacedMesh;
 use super::gpu;
 use super::images::{ImageArrays, ImagePlace};
-use super::upload::PlacedMesh;
 
 pub(super) fn instance_row(
     instance: &Instance,
     mesh: &PlacedMesh,
     first_merged_vertex: u32,
 ) -> gpu::Instance {
-    let matrix = instance.world_from_mesh;
-    gpu::Instance {
-        world_from_mesh_0: matrix.row(0).to_array(),
-        world_from_mesh_1: matrix.row(1).to_array(),
-        world_from_mesh_2: matrix.row(2).to_array(),
+    let mut row = gpu::Instance {
         first_vertex_word: mesh.first_vertex_word,
         first_index_word: mesh.first_index_word,
         first_merged_vertex,
         material: instance.material as u32,
-        vertex_count: mesh.vertex_count,
-        mirrored: u32::from(is_mirrored(&matrix)),
+        vertex_count: mesh.vertex_count(),
         closed: u32::from(mesh.closed),
-        claims: 0,
-    }
+        ..bytemuck::Zeroable::zeroed()
+    };
+    set_place(&mut row, &instance.world_from_mesh);
+    row
+}
+
+/// Writes into an instance's row where it is.
+pub(super) fn set_place(row: &mut gpu::Instance, world_from_mesh: &Mat4) {
+    row.world_from_mesh_0 = world_from_mesh.row(0).to_array();
+    row.world_from_mesh_1 = world_from_mesh.row(1).to_array();
+    row.world_from_mesh_2 = world_from_mesh.row(2).to_array();
+    row.mirrored = u32::from(is_mirrored(world_from_mesh));
 }
 
 pub(super) fn is_mirrored(matrix: &Mat4) -> bool {
     glam::Mat3::from_mat4(*matrix).determinant() < 0.0
 }
 
+/// Textures that a material may read.
+pub(super) const TEXTURE_SLOTS: usize = 7;
+
+/// A material's textures, and whether each holds colours (space 0) or data (space 1).
+pub(super) fn texture_slots(material: &Material) -> [(&Option<TextureRef>, usize); TEXTURE_SLOTS] {
+    [
+        (&material.base_color_texture, 0),
+        (&material.metallic_roughness_texture, 1),
+        (&material.normal_texture, 1),
+        (&material.emissive_texture, 0),
+        (&material.specular_texture, 1),
+        (&material.specular_color_texture, 0),
+        (&material.transmission_texture, 1),
+    ]
+}
+
+/// The row of a material and those of its textures; zeros for the textures that it does not read.
 pub(super) fn material_row(
     scene: &Scene,
-    material: &Material,
+    index: usize,
     images: &ImageArrays,
-    textures: &mut Vec<gpu::TextureReference>,
-) -> gpu::Material {
-    let mut reference = |texture: &Option<TextureRef>, space: usize| match texture {
+) -> (gpu::Material, [gpu::TextureReference; TEXTURE_SLOTS]) {
+    let material = &scene.materials[index];
+    let slots = texture_slots(material);
+    let textures = slots.map(|(texture, space)| match texture {
+        None => bytemuck::Zeroable::zeroed(),
+        Some(texture) => texture_row(scene, texture, images, space),
+    });
+    let reference = |slot: usize| match slots[slot].0 {
         None => u32::MAX,
-        Some(texture) => {
-            textures.push(texture_row(scene, texture, images, space));
-            textures.len() as u32 - 1
-        }
+        Some(_) => (index * TEXTURE_SLOTS + slot) as u32,
     };
     let (model, model_a, model_b, shininess) = match material.model {
         MaterialModel::MetallicRoughness => (0, Vec3::ZERO, Vec3::ZERO, 0.0),
@@ -61,7 +85,7 @@ pub(super) fn material_row(
         AlphaMode::Mask { cutoff } => (1, cutoff),
         AlphaMode::Blend => (2, 0.0),
     };
-    gpu::Material {
+    let row = gpu::Material {
         base_color: material.base_color.to_array(),
         emissive: material.emissive.to_array(),
         alpha_cutoff,
@@ -78,13 +102,13 @@ pub(super) fn material_row(
         model,
         alpha_mode,
         double_sided: u32::from(material.double_sided),
-        base_color_texture: reference(&material.base_color_texture, 0),
-        metallic_roughness_texture: reference(&material.metallic_roughness_texture, 1),
-        normal_texture: reference(&material.normal_texture, 1),
-        emissive_texture: reference(&material.emissive_texture, 0),
-        specular_texture: reference(&material.specular_texture, 1),
-        specular_color_texture: reference(&material.specular_color_texture, 0),
-        transmission_texture: reference(&material.transmission_texture, 1),
+        base_color_texture: reference(0),
+        metallic_roughness_texture: reference(1),
+        normal_texture: reference(2),
+        emissive_texture: reference(3),
+        specular_texture: reference(4),
+        specular_color_texture: reference(5),
+        transmission_texture: reference(6),
         solid: u32::from(material.volume.is_some()),
         padding: 0,
         absorption: material
@@ -92,7 +116,8 @@ pub(super) fn material_row(
             .map_or(Vec3::ZERO, |volume| volume.absorption())
             .to_array(),
         ior: material.ior,
-    }
+    };
+    (row, textures)
 }
 
 fn texture_row(

@@ -1,54 +1,34 @@
 //! Uploads a scene to the GPU: geometry in provoking-vertex order, merged indices sorted by class, tables, images,
 //! hierarchies.
 
-use glam::Vec3;
-use gpugi_scene::{AlphaMode, Bounds, Instance, Scene, bvh::NODE_ROWS, provoking::provoking_order};
+use std::sync::Arc;
+
+use gpugi_scene::bvh::NODE_ROWS;
+use gpugi_scene::{AlphaMode, Bounds, Environment, Instance, Material, Scene};
 
 use super::atlases::Atlases;
+use super::bounds_tree::BoundsTree;
 use super::emitters::emitters;
 use super::environment::{check_environment, environment_texture};
-use super::images::ImageArrays;
+use super::geometry::{Geometry, PlacedMesh};
+use super::images::{ImageArrays, images_used};
 use super::rays::{Rays, hierarchy_buffer};
-use super::rows::{instance_row, material_row};
-use super::{Claims, Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
+use super::rows::instance_row;
+use super::tables::Tables;
+use super::{Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
 use crate::gpu::{Gpu, GpuError, Kernel};
 use crate::shader;
 
 /// Surface points store a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;
 
-/// Where a mesh lies in the geometry buffer, and what captures need to know about it.
-pub(super) struct PlacedMesh {
-    pub first_vertex_word: u32,
-    pub first_index_word: u32,
-    pub vertex_count: u32,
-    pub indices: Vec<u32>,
-    pub closed: bool,
-    pub bounds: Bounds,
-}
-
-impl PlacedMesh {
-    /// The corners of the mesh's triangles, from the geometry buffer's words.
-    pub fn triangles(&self, words: &[u32]) -> Vec<[Vec3; 3]> {
-        let position = |&index: &u32| {
-            let at = (self.first_vertex_word + index * VERTEX_WORDS) as usize;
-            Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(words[at + axis])))
-        };
-        let corners = |triangle: &[u32; 3]| triangle.each_ref().map(position);
-        self.indices.as_chunks().0.iter().map(corners).collect()
-    }
-}
-
-/// Words of a vertex in the geometry buffer.
-const VERTEX_WORDS: u32 = (std::mem::size_of::<gpu::Vertex>() / 4) as u32;
-
 impl GpuScene {
-    /// `kept`: hierarchies of the same meshes, whose instances may have moved.
+    /// Uploads a scene, but what it shares with `before`: meshes, images and the environment.
     pub(super) fn upload(
         gpu: &Gpu,
         scene: &Scene,
         use_of: Use,
-        kept: Option<Rays>,
+        before: Option<&Self>,
     ) -> Result<Self, GpuError> {
         check_environment(scene.environment.as_ref())?;
         if scene.materials.len() > MAX_MATERIALS {
@@ -59,18 +39,19 @@ impl GpuScene {
                 adapter: gpu.adapter.name.clone(),
             });
         }
-        let mut words: Vec<u32> = Vec::new();
-        let meshes: Vec<PlacedMesh> = scene
-            .meshes
-            .iter()
-            .map(|mesh| place_mesh(mesh, &mut words))
-            .collect();
+        let same_meshes = before.filter(|before| are_same(&before.host.meshes, &scene.meshes));
+        let geometry = match same_meshes {
+            Some(before) => before.geometry.clone(),
+            None => Arc::new(Geometry::new(gpu, &scene.meshes)?),
+        };
+        let meshes = &geometry.meshes[..];
         let mut order: Vec<usize> = (0..scene.instances.len()).collect();
-        order.sort_by_key(|&index| draw_class(scene, &meshes, &scene.instances[index]));
+        order.sort_by_key(|&index| draw_class(scene, meshes, &scene.instances[index]));
 
         let mut instances = vec![bytemuck::Zeroable::zeroed(); scene.instances.len()];
         let mut merged_indices: Vec<u32> = Vec::new();
         let mut draws = Vec::new();
+        let mut draw_of = vec![0; scene.instances.len()];
         // Instances keep their indices. Vertices are merged in that order, so that a vertex finds its instance by
         // binary search.
         let mut vertex_count: u64 = 0;
@@ -79,8 +60,8 @@ impl GpuScene {
             let mesh = &meshes[instance.mesh];
             instances[index] = instance_row(instance, mesh, vertex_count as u32);
             if use_of != Use::Rays {
-                vertex_count += u64::from(mesh.vertex_count);
-                index_count += mesh.indices.len() as u64;
+                vertex_count += u64::from(mesh.vertex_count());
+                index_count += mesh.order.indices.len() as u64;
             }
         }
         if vertex_count > u64::from(u32::MAX / 2) {
@@ -112,7 +93,7 @@ impl GpuScene {
             let mesh = &meshes[instance.mesh];
             let row: &gpu::Instance = &instances[index];
             let first = merged_indices.len() as u32;
-            for triangle in mesh.indices.chunks_exact(3) {
+            for triangle in mesh.order.indices.chunks_exact(3) {
                 // A mirroring transform flips the winding; the provoking vertex stays first.
                 let [a, b, c] = if row.mirrored == 1 {
                     [triangle[0], triangle[2], triangle[1]]
@@ -121,7 +102,8 @@ impl GpuScene {
                 };
                 merged_indices.extend([a, b, c].map(|vertex| vertex + row.first_merged_vertex));
             }
-            let class = draw_class(scene, &meshes, instance);
+            let class = draw_class(scene, meshes, instance);
+            draw_of[index] = draws.len() as u32;
             draws.push(Draw {
                 class,
                 seen: class,
@@ -133,43 +115,25 @@ impl GpuScene {
             });
         }
 
-        let images = ImageArrays::new(gpu, scene)?;
-        let mut textures = Vec::new();
-        let materials: Vec<gpu::Material> = scene
-            .materials
-            .iter()
-            .map(|material| material_row(scene, material, &images, &mut textures))
-            .collect();
-        let bounds = scene.bounds();
-        let instance_rows = std::mem::size_of_val(&instances[..]) as u32 / 16;
-        let material_rows = std::mem::size_of_val(&materials[..]) as u32 / 16;
-        let environment = scene.environment.as_ref();
-        let rotation = environment.map_or(0.0, |environment| environment.rotation);
-        let rays = match kept {
-            Some(rays) => Some(rays.moved(gpu, scene)?),
-            None if use_of != Use::Captures => Some(Rays::new(gpu, scene, &meshes, &words)?),
+        let images = match before.filter(|before| has_same_images(&before.host, scene)) {
+            Some(before) => before.images.clone(),
+            None => ImageArrays::new(gpu, scene)?,
+        };
+        let tables = Tables::new(gpu, scene, instances, &images)?;
+        let world_bounds = scene.instances.iter().map(|instance| {
+            let bounds = meshes[instance.mesh].bounds;
+            bounds.transformed(&instance.world_from_mesh)
+        });
+        let bounds_tree = BoundsTree::new(world_bounds);
+        let bounds = bounds_tree.all();
+        let rays = match same_meshes.and_then(|before| before.rays.as_ref()) {
+            Some(rays) => Some(rays.with_instances(gpu, scene)?),
+            None if use_of != Use::Captures => Some(Rays::new(gpu, scene, &geometry)?),
             None => None,
         };
-        let header = gpu::SceneHeader {
-            instance_row: 0,
-            material_row: instance_rows,
-            texture_row: instance_rows + material_rows,
-            instance_count: instances.len() as u32,
-            environment_rotation: [rotation.cos(), rotation.sin()],
-            environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
-            diagonal: bounds.diagonal(),
-            bvh_start: rays.as_ref().map_or([0; 2], |rays| rays.start),
-            padding_0: 0,
-            padding_1: 0,
-        };
-        let mut tables: Vec<u8> = Vec::new();
-        tables.extend(bytemuck::cast_slice::<gpu::Instance, u8>(&instances));
-        tables.extend(bytemuck::cast_slice::<gpu::Material, u8>(&materials));
-        tables.extend(bytemuck::cast_slice::<gpu::TextureReference, u8>(&textures));
-
-        let header = gpu.uniform("scene header", &header)?;
-        let geometry = gpu.storage("scene geometry [bytes]", &words)?;
-        let tables = gpu.storage("scene tables [bytes]", &tables)?;
+        let environment = scene.environment.as_ref();
+        let header_values = gpu::SceneHeader::new(scene, &tables, &bounds, rays.as_ref());
+        let header = gpu.uniform("scene header", &header_values)?;
         let vertices = gpu.buffer(
             "merged vertices [bytes]",
             vertex_count * crate::gpu::RasterKernel::VERTEX_STRIDE,
@@ -180,8 +144,110 @@ impl GpuScene {
             &merged_indices,
             wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDEX,
         )?;
+        let bindings = match before {
+            Some(before) => before.bindings.clone(),
+            None => Bindings::new(gpu)?,
+        };
+        let had = before.and_then(|before| before.environment.as_ref());
+        let environment_view = match before {
+            Some(before) if is_same_image(had, environment) => before.environment_view.clone(),
+            _ => environment_texture(gpu, environment)?,
+        };
+        let hierarchy = match &rays {
+            Some(rays) => rays.buffer.clone(),
+            None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
+        };
+        let buffers = [&header, &geometry.buffer, &tables.buffer, &hierarchy];
+        let bind_group = bindings.bind(gpu, buffers, &environment_view, &images);
+        let merge_group =
+            bindings
+                .merge
+                .bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
+        let buffers = [
+            &geometry.buffer,
+            &tables.buffer,
+            &vertices,
+            &indices,
+            &hierarchy,
+        ];
+        let bytes = buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.bytes;
+        Ok(Self {
+            layout: bindings.layout.clone(),
+            bind_group,
+            vertices,
+            indices,
+            draws,
+            bounds,
+            lights: scene.lights.clone(),
+            emitters: emitters(scene),
+            objects: scene
+                .instances
+                .iter()
+                .map(|instance| Object::new(&instance.name, &scene.materials[instance.material]))
+                .collect(),
+            placements: motion::placements(scene),
+            alpha_modes: scene
+                .instances
+                .iter()
+                .map(|instance| scene.materials[instance.material].alpha_mode)
+                .collect(),
+            header,
+            header_values,
+            tables,
+            geometry,
+            images,
+            environment_view,
+            hierarchy,
+            bindings,
+            draw_of,
+            bounds_tree,
+            environment: scene.environment.clone(),
+            has_alpha: scene
+                .instances
+                .iter()
+                .any(|instance| scene.materials[instance.material].alpha_mode != AlphaMode::Opaque),
+            versions: Versions {
+                geometry: 1,
+                materials: 1,
+                lights: 1,
+                sky: 1,
+                environment: 1,
+                objects: 1,
+                topology: 1,
+                meshes: 1,
+                instances: 1,
+            },
+            bytes,
+            vertex_count: vertex_count as u32,
+            merge_group,
+            merged_version: 0,
+            rays,
+            use_of,
+            atlases: Atlases::default(),
+            host: Scene {
+                meshes: scene.meshes.clone(),
+                instances: scene.instances.clone(),
+                materials: scene.materials.clone(),
+                textures: scene.textures.clone(),
+                images: scene.images.clone(),
+                ..Scene::new(&scene.name)
+            },
+        })
+    }
+}
+
+/// What bind group 0 of any scene is made with.
+#[derive(Debug, Clone)]
+pub(super) struct Bindings {
+    pub layout: wgpu::BindGroupLayout,
+    image_sampler: wgpu::Sampler,
+    environment_sampler: wgpu::Sampler,
+    pub merge: Kernel,
+}
+
+impl Bindings {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
-        let environment_view = environment_texture(gpu, environment)?;
         // Mesa's software rasterizer ignores explicit gradients if the sampler is anisotropic (seen in 22.3).
         let anisotropy_clamp = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => 1,
@@ -204,137 +270,102 @@ impl GpuScene {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
-        let mut entries = vec![
+        Ok(Self {
+            image_sampler,
+            environment_sampler,
+            merge: Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?,
+            layout,
+        })
+    }
+
+    /// Bind group 0. `buffers`: header, geometry, tables and ray hierarchy.
+    pub fn bind(
+        &self,
+        gpu: &Gpu,
+        buffers: [&wgpu::Buffer; 4],
+        environment: &wgpu::TextureView,
+        images: &ImageArrays,
+    ) -> wgpu::BindGroup {
+        let [header, geometry, tables, hierarchy] = buffers;
+        let mut resources = vec![
             header.as_entire_binding(),
             geometry.as_entire_binding(),
             tables.as_entire_binding(),
-            wgpu::BindingResource::Sampler(&image_sampler),
-            wgpu::BindingResource::Sampler(&environment_sampler),
-            wgpu::BindingResource::TextureView(&environment_view),
+            wgpu::BindingResource::Sampler(&self.image_sampler),
+            wgpu::BindingResource::Sampler(&self.environment_sampler),
+            wgpu::BindingResource::TextureView(environment),
         ];
-        entries.extend(images.views.iter().map(wgpu::BindingResource::TextureView));
-        let hierarchy = match &rays {
-            Some(rays) => rays.buffer.clone(),
-            None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
-        };
-        entries.push(hierarchy.as_entire_binding());
-        let entries: Vec<_> = entries
-            .into_iter()
-            .enumerate()
-            .map(|(binding, resource)| wgpu::BindGroupEntry {
-                binding: binding as u32,
-                resource,
-            })
+        resources.extend(images.views.iter().map(wgpu::BindingResource::TextureView));
+        resources.push(hierarchy.as_entire_binding());
+        let entries: Vec<_> = (0..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
-        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("scene"),
-            layout: &layout,
+            layout: &self.layout,
             entries: &entries,
-        });
-        let merge = Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?;
-        let merge_group = merge.bind(gpu, 1, &[("merged", vertices.as_entire_binding())])?;
-        let buffers = [&geometry, &tables, &vertices, &indices, &hierarchy];
-        let bytes = buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + images.bytes;
-        Ok(Self {
-            layout,
-            bind_group,
-            vertices,
-            indices,
-            draws,
-            bounds,
-            lights: scene.lights.clone(),
-            emitters: emitters(scene),
-            claims: vec![Claims::NONE; scene.instances.len()],
-            objects: scene
-                .instances
-                .iter()
-                .map(|instance| Object::new(scene, instance))
-                .collect(),
-            placements: motion::placements(scene),
-            alpha_modes: scene
-                .instances
-                .iter()
-                .map(|instance| scene.materials[instance.material].alpha_mode)
-                .collect(),
-            header,
-            tables,
-            environment: scene.environment.clone(),
-            has_alpha: scene
-                .instances
-                .iter()
-                .any(|instance| scene.materials[instance.material].alpha_mode != AlphaMode::Opaque),
-            versions: Versions {
-                geometry: 1,
-                materials: 1,
-                lights: 1,
-                environment: 1,
-                topology: 1,
-                meshes: 1,
-                instances: 1,
-            },
-            bytes,
-            vertex_count: vertex_count as u32,
-            merge,
-            merge_group,
-            merged_version: 0,
-            rays,
-            use_of,
-            atlases: Atlases::default(),
-            host: (use_of == Use::Texels).then(|| Scene {
-                meshes: scene.meshes.clone(),
-                instances: scene.instances.clone(),
-                ..Scene::new(&scene.name)
-            }),
         })
     }
 }
 
-fn place_mesh(mesh: &gpugi_scene::Mesh, words: &mut Vec<u32>) -> PlacedMesh {
-    let ordered = provoking_order(&mesh.indices, mesh.positions.len());
-    let first_vertex_word = words.len() as u32;
-    let unorm = |value: f32| (value.clamp(0.0, 1.0) * 65535.0).round() as u32;
-    for &source in &ordered.vertices {
-        let source = source as usize;
-        let uv = |set: usize| {
-            mesh.uvs[set]
-                .get(source)
-                .map_or([0.0; 2], |uv| uv.to_array())
-        };
-        let color = mesh.colors.get(source).copied().unwrap_or(glam::Vec4::ONE);
-        // The lowest bit holds the bitangent's sign.
-        let tangent = mesh.tangents.get(source).map_or(0, |tangent| {
-            gpu::octahedral(tangent.truncate()) & !1 | u32::from(tangent.w < 0.0)
-        });
-        let vertex = gpu::Vertex {
-            position: mesh.positions[source].to_array(),
-            normal: gpu::octahedral(mesh.normals[source]),
-            tangent,
-            uv_0: uv(0),
-            uv_1: uv(1),
-            color: [
-                unorm(color.x) | unorm(color.y) << 16,
-                unorm(color.z) | unorm(color.w) << 16,
-            ],
-            padding: 0,
-        };
-        words.extend_from_slice(bytemuck::cast_slice(std::slice::from_ref(&vertex)));
+impl gpu::SceneHeader {
+    fn new(scene: &Scene, tables: &Tables, bounds: &Bounds, rays: Option<&Rays>) -> Self {
+        let [instance_row, material_row, texture_row] = tables.rows();
+        Self {
+            instance_row,
+            material_row,
+            texture_row,
+            instance_count: scene.instances.len() as u32,
+            diagonal: bounds.diagonal(),
+            bvh_start: rays.map_or([0; 2], Rays::start),
+            ..bytemuck::Zeroable::zeroed()
+        }
+        .with_environment(scene.environment.as_ref())
     }
-    let first_index_word = words.len() as u32;
-    words.extend_from_slice(&ordered.indices);
-    PlacedMesh {
-        first_vertex_word,
-        first_index_word,
-        vertex_count: ordered.vertices.len() as u32,
-        indices: ordered.indices,
-        closed: mesh.is_closed(),
-        bounds: mesh.bounds(),
+
+    /// The same with another environment.
+    pub(super) fn with_environment(self, environment: Option<&Environment>) -> Self {
+        let rotation = environment.map_or(0.0, |environment| environment.rotation);
+        Self {
+            environment_rotation: [rotation.cos(), rotation.sin()],
+            environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
+            ..self
+        }
     }
+}
+
+/// Whether both lists share all that is in them.
+pub(super) fn are_same<T>(before: &[Arc<T>], after: &[Arc<T>]) -> bool {
+    before.len() == after.len() && before.iter().zip(after).all(|(a, b)| Arc::ptr_eq(a, b))
+}
+
+/// Whether materials read the same images, as the same kind of data.
+fn has_same_images(before: &Scene, after: &Scene) -> bool {
+    [0, 1].into_iter().all(|space| {
+        let used = images_used(after, space);
+        let mut images = used.iter();
+        images_used(before, space) == used
+            && images.all(|&image| Arc::ptr_eq(&before.images[image], &after.images[image]))
+    })
+}
+
+/// Whether both environments share their image, or there is none.
+pub(super) fn is_same_image(before: Option<&Environment>, after: Option<&Environment>) -> bool {
+    match (before, after) {
+        (Some(before), Some(after)) => Arc::ptr_eq(&before.image, &after.image),
+        (before, after) => before.is_none() && after.is_none(),
+    }
+}
+
+/// Whether light passes through the surface.
+pub(super) fn is_see_through(material: &Material) -> bool {
+    material.alpha_mode != AlphaMode::Opaque || material.transmission > 0.0
 }
 
 fn draw_class(scene: &Scene, meshes: &[PlacedMesh], instance: &Instance) -> DrawClass {
     let material = &scene.materials[instance.material];
-    let see_through = material.alpha_mode != AlphaMode::Opaque || material.transmission > 0.0;
-    match (see_through, material.double_sided) {
+    match (is_see_through(material), material.double_sided) {
         (true, true) => DrawClass::AlphaDoubleSided,
         (true, false) => DrawClass::Alpha,
         (false, true) => DrawClass::DoubleSided,

@@ -1,6 +1,8 @@
 //! Scenes that cannot be shown correctly: pictures stay finite and plausible, and settings that cannot work are
 //! rejected.
 
+use std::sync::Arc;
+
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::{LightingError, Renderer};
@@ -42,12 +44,12 @@ fn brightness(picture: &Picture, instance: usize) -> f32 {
 
 fn white_sky() -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "white".into(),
             width: 1,
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }
@@ -88,10 +90,9 @@ fn impossible_places_stay_finite() {
             (Vec3::ZERO, Vec3::ZERO),
             (Vec3::splat(1e-7), Vec3::ZERO),
         ] {
-            let before = scene.clone();
             scene.instances.last_mut().expect("a ball").world_from_mesh =
                 Mat4::from_translation(at) * Mat4::from_scale(scale);
-            renderer.update(&before, &scene).expect("an update");
+            renderer.update(&scene).expect("an update");
             seen_by(&mut renderer, &scene.name, &toward(at));
         }
     }
@@ -235,7 +236,7 @@ fn changes_of_the_scene_are_followed() {
     let mut kept = renderer(&gpu, &steps[0], &[]);
     let mut before = picture(&mut kept, &camera);
     for (number, pair) in steps.windows(2).enumerate() {
-        kept.update(&pair[0], &pair[1]).expect("an update");
+        kept.update(&pair[1]).expect("an update");
         let found = picture(&mut kept, &camera);
         let fresh = seen(&gpu, &pair[1], &camera, &[]);
         let worst = |other: &Picture| {

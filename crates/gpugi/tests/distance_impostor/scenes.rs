@@ -1,5 +1,7 @@
 //! The rooms of the tests, and how far pictures of them are from the truth.
 
+use std::sync::Arc;
+
 use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3, vec3};
@@ -78,7 +80,13 @@ pub fn shining_room() -> Scene {
 }
 
 /// Adds an object at a place.
-pub fn add(scene: &mut Scene, name: &str, mesh: Mesh, material: Material, at: Vec3) -> usize {
+pub fn add(
+    scene: &mut Scene,
+    name: &str,
+    mesh: impl Into<Arc<Mesh>>,
+    material: Material,
+    at: Vec3,
+) -> usize {
     let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(material);
     scene.add_instance(name, mesh, material, Mat4::from_translation(at))

@@ -1,6 +1,8 @@
 //! Each point gets its light from exactly one of the techniques that could add it: nothing is added twice, and nothing
 //! is left out.
 
+use std::sync::Arc;
+
 use glam::{Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
@@ -17,12 +19,12 @@ const SIZE: u32 = 32;
 /// An environment of radiance 1 everywhere.
 fn white() -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "white".into(),
             width: 1,
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

@@ -4,6 +4,8 @@
 mod common;
 mod glass;
 
+use std::sync::Arc;
+
 use std::f32::consts::FRAC_PI_2;
 use std::ops::ControlFlow;
 
@@ -35,12 +37,12 @@ fn sky() -> Environment {
         [sun + red, sun + 0.3 + height, sun + 0.6 * height, 1.0]
     };
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "sky".into(),
             width: WIDTH as u32,
             height: HEIGHT as u32,
             pixels: Pixels::Rgba32Float((0..WIDTH * HEIGHT).flat_map(texel).collect()),
-        },
+        }),
         rotation: 0.7,
         intensity: 1.5,
     }
@@ -166,12 +168,12 @@ fn spheres_are_near_the_truth_over_roughness() {
 fn a_white_environment_shows_albedos() {
     let Some(gpu) = gpu() else { return };
     let mut white = sky();
-    white.image = Image {
+    white.image = Arc::new(Image {
         name: "white".into(),
         width: 1,
         height: 1,
         pixels: Pixels::Rgba32Float(vec![1.0; 4]),
-    };
+    });
     let cases = [
         (Material::matt("matt", Vec3::splat(0.5)), 0.75),
         (Material::metal("mirror", Vec3::splat(0.8), 0.0), 1.2),
@@ -199,7 +201,7 @@ fn turning_the_environment_is_turning_its_image() {
         // About +Y from +X to -Z: what was at u moves back by a quarter of the width.
         let mut rolled = sky();
         rolled.rotation = 0.0;
-        let Pixels::Rgba32Float(texels) = &mut rolled.image.pixels else {
+        let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut rolled.image).pixels else {
             panic!("radiance")
         };
         for row in texels.chunks_mut(64 * 4) {

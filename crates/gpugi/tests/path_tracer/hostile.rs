@@ -1,6 +1,8 @@
 //! Whatever the scene and the settings, the result is a picture of finite values, or an error that says why there is
 //! none.
 
+use std::sync::Arc;
+
 use std::time::Instant;
 
 use glam::{Mat4, Vec3, vec3};
@@ -69,7 +71,7 @@ fn what_is_not_finite_is_refused() {
     type Sabotage = fn(&mut Scene, f32);
     let cases: [(&str, Sabotage); 9] = [
         ("vertex 2", |scene, value| {
-            scene.meshes[0].positions[2].y = value
+            Arc::make_mut(&mut scene.meshes[0]).positions[2].y = value
         }),
         ("light", |scene, value| scene.lights[0].intensity.x = value),
         ("light", |scene, value| {

@@ -1,6 +1,8 @@
 //! Direct light on a matt floor compared with closed forms: squares, points, spots, directions, soft lights and
 //! textured lamps.
 
+use std::sync::Arc;
+
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
@@ -212,12 +214,12 @@ fn soft_lights_keep_the_mean_irradiance() {
 /// A scene with one lamp whose left half (by u) is white and whose right half is black.
 fn half_a_lamp() -> Scene {
     let mut scene = floor(2.0);
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: "halves".to_owned(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![255, 255, 255, 255, 0, 0, 0, 255]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],

@@ -15,6 +15,8 @@ mod paths;
 mod progress;
 mod sky;
 
+use std::sync::Arc;
+
 use std::ops::ControlFlow;
 
 use glam::{DVec3, Vec3};
@@ -167,7 +169,7 @@ fn parallel(target: Vec3, direction: Vec3, height: f32) -> Camera {
 /// An environment of linear texels, rows from the top.
 fn environment(width: u32, texels: &[Vec3]) -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".to_owned(),
             width,
             height: texels.len() as u32 / width,
@@ -177,7 +179,7 @@ fn environment(width: u32, texels: &[Vec3]) -> Environment {
                     .flat_map(|texel| texel.extend(1.0).to_array())
                     .collect(),
             ),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }

@@ -266,9 +266,8 @@ fn changes_of_the_scene_are_followed() {
         }),
     ];
     for (what, change) in changes {
-        let before = scene.clone();
         change(&mut scene);
-        kept.update(&before, &scene).expect("an update");
+        kept.update(&scene).expect("an update");
         let found = picture(&mut kept, &camera, 1);
         let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
         let fresh = picture(&mut fresh, &camera, 1);

@@ -113,7 +113,7 @@ impl<'a> Textures<'a> {
             image: scene.images.len(),
             ..scene.textures[like.texture]
         };
-        scene.images.push(image);
+        scene.images.push(image.into());
         scene.textures.push(texture);
         let texture = scene.textures.len() - 1;
         self.roughness.insert(key, texture);
@@ -216,7 +216,7 @@ impl<'a> Textures<'a> {
             )
         })?;
         self.bytes_left = self.bytes_left.saturating_sub(decoded.byte_size() as u64);
-        scene.images.push(decoded);
+        scene.images.push(decoded.into());
         self.images.insert(index, scene.images.len() - 1);
         Ok(scene.images.len() - 1)
     }

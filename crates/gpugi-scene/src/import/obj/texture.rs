@@ -137,7 +137,7 @@ impl<'a> Textures<'a> {
             scene.warnings.push(format!("{name}: {limit}"));
             return None;
         }
-        scene.images.push(combined);
+        scene.images.push(combined.into());
         let image = scene.images.len() - 1;
         self.images.insert(name, Some(image));
         Some(self.place(map, image, scene))
@@ -157,7 +157,7 @@ impl<'a> Textures<'a> {
         let image = match decoded {
             Ok(image) => {
                 self.take(image.byte_size());
-                scene.images.push(image);
+                scene.images.push(image.into());
                 Some(scene.images.len() - 1)
             }
             Err(reason) => {

@@ -484,7 +484,7 @@ fn points_follow_what_moves_and_refuse_other_triangles() {
     after.instances[0].world_from_mesh = twice * after.instances[0].world_from_mesh;
     for scene in [&before, &after] {
         let mut frame = Frame::new(&gpu, false);
-        on_gpu.update(&gpu, &before, scene).unwrap();
+        on_gpu.update(&gpu, scene).unwrap();
         capture.record(&mut frame, &on_gpu).unwrap();
         frame.submit().unwrap();
         let points = unpacked(&gpu, &on_gpu, &capture);
@@ -495,7 +495,7 @@ fn points_follow_what_moves_and_refuse_other_triangles() {
     }
     let mut other = after.clone();
     other.instances.pop();
-    on_gpu.update(&gpu, &after, &other).unwrap();
+    on_gpu.update(&gpu, &other).unwrap();
     let mut frame = Frame::new(&gpu, false);
     assert!(capture.record(&mut frame, &on_gpu).is_err());
     let refused = AtlasCapture::new(&gpu, &other, &on_gpu, &atlas, &options);

@@ -244,7 +244,7 @@ mod simplified {
             instance.world_from_mesh =
                 glam::Mat4::from_translation(Vec3::new(0.0, 5.0, 0.0)) * instance.world_from_mesh;
         }
-        scene.update(&gpu, &before, &after).unwrap();
+        scene.update(&gpu, &after).unwrap();
         merge(&mut scene);
         assert!(quarter.serve(&scene, 0.25) && !quarter.serve(&scene, 0.5));
         quarter.follow(&scene);
@@ -255,7 +255,7 @@ mod simplified {
         assert!(differs && off < 0.02, "{off}");
         // Other meshes are simplified again.
         let other = builtin("spheres", 2).unwrap();
-        scene.update(&gpu, &after, &other).unwrap();
+        scene.update(&gpu, &other).unwrap();
         merge(&mut scene);
         assert!(!moved.serve(&scene, 0.25));
         let new = quarter_of(&gpu, &scene);

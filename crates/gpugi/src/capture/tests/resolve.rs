@@ -172,7 +172,7 @@ fn square(
 ) -> Vec<(Point, Vec3, Vec3)> {
     let mut scene = Scene::new("square");
     if let Some((image, has_levels)) = image {
-        scene.images.push(image);
+        scene.images.push(image.into());
         scene.textures.push(Texture {
             image: 0,
             wrap: [Wrap::Repeat; 2],

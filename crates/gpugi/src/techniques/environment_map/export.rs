@@ -1,6 +1,8 @@
 //! Exports the environment's maps for other programs: cube maps in KTX2's axes, and a description of their numbers.
 //! docs/techniques/environment-map.md, "Export".
 
+use std::sync::Arc;
+
 use gpugi_scene::image::HalfTexture;
 use gpugi_scene::{Environment, Image, Scene};
 use half::f16;
@@ -88,7 +90,7 @@ const COSINE_FACTORS: [f32; 9] = {
 ///
 /// # Errors
 /// [`GpuError`].
-pub fn bake(gpu: &Gpu, image: &Image, settings: &Settings) -> Result<Baked, GpuError> {
+pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked, GpuError> {
     let mut scene = Scene::new(&image.name);
     scene.environment = Some(Environment {
         image: image.clone(),

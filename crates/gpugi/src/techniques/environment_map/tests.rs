@@ -1,5 +1,7 @@
 //! Compares the environment's maps with sums over its texels in double precision.
 
+use std::sync::Arc;
+
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec2};
@@ -18,7 +20,7 @@ use crate::testing::{Random, on_face, run_kernel, test_gpu};
 /// An environment of `width` x `height` texels.
 fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32) -> Environment {
     Environment {
-        image: Image {
+        image: Arc::new(Image {
             name: "environment".into(),
             width: width as u32,
             height: height as u32,
@@ -30,7 +32,7 @@ fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32)
                     })
                     .collect(),
             ),
-        },
+        }),
         rotation: 0.0,
         intensity: 1.0,
     }
@@ -530,11 +532,11 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     let mut turned = before.clone();
     turned.environment.as_mut().unwrap().rotation = 1.0;
     turned.environment.as_mut().unwrap().intensity = 2.0;
-    scene.update(&gpu, &before, &turned).unwrap();
+    scene.update(&gpu, &turned).unwrap();
     assert_eq!(passes(&mut technique, &scene), 0);
     let mut other = turned.clone();
     other.environment = Some(sunny(1, 1));
-    scene.update(&gpu, &turned, &other).unwrap();
+    scene.update(&gpu, &other).unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);
     technique.settings_mut().set("resolution", "16").unwrap();
     assert_eq!(passes(&mut technique, &scene), 1);

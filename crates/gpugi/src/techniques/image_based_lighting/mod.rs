@@ -202,7 +202,11 @@ impl Technique for ImageBasedLighting {
         _: &View,
         _: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        let made = (scene.versions, self.settings.clone());
+        let versions = Versions {
+            lights: 0,
+            ..scene.versions
+        };
+        let made = (versions, self.settings.clone());
         if self.made.as_ref() == Some(&made) {
             return Ok(Generated::FINAL);
         }

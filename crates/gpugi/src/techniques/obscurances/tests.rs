@@ -78,7 +78,7 @@ impl Bench {
     }
 
     fn follow(&mut self, gpu: &Gpu, after: Scene) {
-        self.on_gpu.update(gpu, &self.scene, &after).unwrap();
+        self.on_gpu.update(gpu, &after).unwrap();
         self.scene = after;
     }
 

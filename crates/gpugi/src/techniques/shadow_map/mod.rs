@@ -190,7 +190,12 @@ impl Technique for ShadowMap {
             LightKind::Point => false,
         });
         let key = MapsKey {
-            versions: scene.versions,
+            // The environment casts no shadows here.
+            versions: Versions {
+                sky: 0,
+                environment: 0,
+                ..scene.versions
+            },
             maps: self.settings.maps(earlier.lights_elsewhere),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };

@@ -1,5 +1,7 @@
 //! How alpha affects texels.
 
+use std::sync::Arc;
+
 use glam::{Mat4, Vec2, Vec3};
 use gpugi_scene::{AlphaMode, Image, Material, Mesh, Pixels, Scene, Texture, TextureRef, Wrap};
 
@@ -10,12 +12,12 @@ use crate::testing::test_gpu;
 /// A square of 2 m whose right half has an alpha of 51 of 255 and whose left half has 153, beside an opaque square.
 fn two_alphas(alpha_mode: AlphaMode) -> Scene {
     let mut scene = Scene::new("alpha");
-    scene.images.push(Image {
+    scene.images.push(Arc::new(Image {
         name: "alpha".to_owned(),
         width: 2,
         height: 1,
         pixels: Pixels::Rgba8(vec![255, 255, 255, 153, 255, 255, 255, 51]),
-    });
+    }));
     scene.textures.push(Texture {
         image: 0,
         wrap: [Wrap::ClampToEdge; 2],

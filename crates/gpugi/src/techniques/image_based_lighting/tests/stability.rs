@@ -2,6 +2,8 @@
 //! with a warm or cold start. Prints the figures of docs/techniques/image-based-lighting.md: `cargo test --package
 //! gpugi --lib stability -- --nocapture`.
 
+use std::sync::Arc;
+
 use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
@@ -28,7 +30,7 @@ enum Turn {
 fn turned(sky: &Scene, texels: usize) -> Scene {
     let mut scene = sky.clone();
     if let Some(environment) = &mut scene.environment
-        && let Pixels::Rgba32Float(values) = &mut environment.image.pixels
+        && let Pixels::Rgba32Float(values) = &mut Arc::make_mut(&mut environment.image).pixels
     {
         for row in values.chunks_exact_mut(COLUMNS * 4) {
             row.rotate_right(texels * 4);
@@ -45,7 +47,6 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
     let mut technique = ImageBasedLighting::new(gpu, &scene).unwrap();
     technique.settings = settings.clone();
     let mut sight = Sight::new(gpu, &scene);
-    let mut before = sky.clone();
     let mut seen = |frame: usize| {
         let mut after = turned(sky, if turn == Turn::Rotation { 0 } else { frame });
         let environment = after.environment.as_mut().unwrap();
@@ -53,8 +54,7 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
             // Eastward means from -Z to +X, against a rotation about +Y.
             environment.rotation = -TAU * frame as f32 / COLUMNS as f32;
         }
-        scene.update(gpu, &before, &after).unwrap();
-        before = after;
+        scene.update(gpu, &after).unwrap();
         if turn == Turn::Cold {
             technique.decomposition = Decomposition::new(gpu, &scene).unwrap();
         }

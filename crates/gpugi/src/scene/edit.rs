@@ -1,0 +1,437 @@
+//! Changes of a scene. Each costs what it changes: a few rows of tables, not an upload of the scene.
+
+use std::sync::Arc;
+
+use glam::{Mat4, Vec3};
+use gpugi_scene::{AlphaMode, Environment, Instance, Light, Material, Mesh, Scene, TextureRef};
+
+use super::emitters::{emitters, emitters_of};
+use super::environment::{check_environment, environment_texture};
+use super::motion::{moved, same_meshes};
+use super::rows::{is_mirrored, set_place, texture_slots};
+use super::upload::{are_same, is_same_image, is_see_through};
+use super::{Atlases, GpuScene, Object, Versions};
+use crate::gpu::{Gpu, GpuError};
+
+/// One change of a scene: what had a place in it before has another value. Indices count what the scene on the GPU has.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Edit {
+    /// An instance is elsewhere.
+    Instance {
+        /// Index into [`Scene::instances`].
+        index: usize,
+        /// World space (m) from mesh space; affine, may mirror.
+        world_from_mesh: Mat4,
+    },
+    /// A material is another. Where alpha, transmission or sides decide otherwise which triangles are drawn how, or textures are others, instances
+    /// and tables are uploaded anew.
+    Material {
+        /// Index into [`Scene::materials`].
+        index: usize,
+        /// All of it.
+        material: Box<Material>,
+    },
+    /// A mesh is another. If that has the same triangles between as many vertices, and is closed if the mesh was, its vertices alone are uploaded in
+    /// scenes without rays.
+    Mesh {
+        /// Index into [`Scene::meshes`].
+        index: usize,
+        /// All of it.
+        mesh: Arc<Mesh>,
+    },
+    /// A punctual light is another.
+    Light {
+        /// Index into [`Scene::lights`].
+        index: usize,
+        /// All of it.
+        light: Light,
+    },
+    /// The environment is another, turned or of another intensity; its image is uploaded only if that is not shared with the one before.
+    Environment(Environment),
+}
+
+impl Edit {
+    pub(super) fn apply_to(&self, scene: &mut Scene) {
+        match self.clone() {
+            Self::Instance {
+                index,
+                world_from_mesh,
+            } => scene.instances[index].world_from_mesh = world_from_mesh,
+            Self::Material { index, material } => scene.materials[index] = *material,
+            Self::Mesh { index, mesh } => scene.meshes[index] = mesh,
+            Self::Light { index, light } => scene.lights[index] = light,
+            Self::Environment(environment) => scene.environment = Some(environment),
+        }
+    }
+}
+
+impl GpuScene {
+    /// Applies edits in their order and counts what changed. All are refused if one is.
+    ///
+    /// # Errors
+    /// [`GpuError::Input`] for an index that the scene does not have and for values that no light can be computed from,
+    /// with nothing done; else as [`GpuScene::new`].
+    pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
+        for edit in edits {
+            self.check(edit)?;
+        }
+        if edits.iter().all(|edit| self.can_apply(edit)) {
+            self.apply(gpu, edits)?;
+            return Ok(());
+        }
+        let mut after = Scene {
+            lights: self.lights.clone(),
+            environment: self.environment.clone(),
+            ..self.host.clone()
+        };
+        for edit in edits {
+            edit.apply_to(&mut after);
+        }
+        self.replace(gpu, &after)?;
+        Ok(())
+    }
+
+    /// Follows the scene to what it is in `after`, and counts what changed. Meshes and images are the same if they are shared: who changes one
+    /// replaces it. What [`Edit`]s can express costs what they cost; else instances and tables are uploaded anew, and of meshes, images
+    /// and the environment's image what is not shared.
+    ///
+    /// # Errors
+    /// As [`GpuScene::new`].
+    pub fn update(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
+        check_environment(after.environment.as_ref())?;
+        match self.edits_to(after) {
+            Some(edits) if edits.iter().all(|edit| self.can_apply(edit)) => {
+                self.apply(gpu, &edits)?;
+            }
+            _ => self.replace(gpu, after)?,
+        }
+        if self.lights != after.lights {
+            self.lights.clone_from(&after.lights);
+            self.versions.lights += 1;
+        }
+        Ok(())
+    }
+
+    /// What leads to `after`, but for its lights; none if it has more or fewer things, or other textures.
+    fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
+        let before = &self.host;
+        let made_of = |one: &Instance| (one.mesh, one.material);
+        let is_named_as =
+            |(a, b): (&Instance, &Instance)| a.name == b.name && made_of(a) == made_of(b);
+        let mut instances = before.instances.iter().zip(&after.instances);
+        let has_same_things = before.instances.len() == after.instances.len()
+            && before.meshes.len() == after.meshes.len()
+            && before.materials.len() == after.materials.len()
+            && self.environment.is_some() == after.environment.is_some()
+            && before.textures == after.textures
+            && are_same(&before.images, &after.images)
+            && instances.all(is_named_as);
+        if !has_same_things {
+            return None;
+        }
+        let meshes = before.meshes.iter().zip(&after.meshes).enumerate();
+        let meshes = meshes.filter(|(_, (a, b))| !Arc::ptr_eq(a, b));
+        let meshes = meshes.map(|(index, (_, mesh))| Edit::Mesh {
+            index,
+            mesh: mesh.clone(),
+        });
+        let materials = before.materials.iter().zip(&after.materials).enumerate();
+        let materials = materials.filter(|(_, (a, b))| a != b);
+        let materials = materials.map(|(index, (_, material))| Edit::Material {
+            index,
+            material: Box::new(material.clone()),
+        });
+        let instances = before.instances.iter().zip(&after.instances).enumerate();
+        let instances = instances.filter(|(_, (a, b))| a.world_from_mesh != b.world_from_mesh);
+        let instances = instances.map(|(index, (_, instance))| Edit::Instance {
+            index,
+            world_from_mesh: instance.world_from_mesh,
+        });
+        let environment = after.environment.clone().map(Edit::Environment);
+        let edits = meshes.chain(materials).chain(instances).chain(environment);
+        Some(edits.collect())
+    }
+
+    fn check(&self, edit: &Edit) -> Result<(), GpuError> {
+        let refused = |what: String| Err(GpuError::Input { what });
+        let (thing, index, count) = match edit {
+            Edit::Instance { index, .. } => ("instance", *index, self.host.instances.len()),
+            Edit::Material { index, .. } => ("material", *index, self.host.materials.len()),
+            Edit::Mesh { index, .. } => ("mesh", *index, self.host.meshes.len()),
+            Edit::Light { index, .. } => ("light", *index, self.lights.len()),
+            Edit::Environment(environment) => {
+                check_environment(Some(environment))?;
+                let count = usize::from(self.environment.is_some());
+                ("environment", 0, count)
+            }
+        };
+        if index >= count {
+            return refused(format!("there is no {thing} {index} to edit, but {count}"));
+        }
+        match edit {
+            Edit::Material { index, material } => {
+                let textures = self.host.textures.len();
+                let mut read = texture_slots(material).into_iter();
+                if read.any(|(slot, _)| slot.is_some_and(|one| one.texture >= textures)) {
+                    return refused(format!(
+                        "material {index} reads a texture that there is not: there are {textures}"
+                    ));
+                }
+            }
+            Edit::Mesh { index, mesh } => {
+                if let Err(error) = mesh.check() {
+                    return refused(format!("mesh {index}: {error}"));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Whether an edit leaves buffers and textures as large, and draws in the order, that they are.
+    fn can_apply(&self, edit: &Edit) -> bool {
+        match edit {
+            Edit::Instance {
+                index,
+                world_from_mesh,
+            } => {
+                let instance = &self.host.instances[*index];
+                let rays = self.rays.as_ref();
+                // A mirroring transform turns the winding of triangles.
+                is_mirrored(&instance.world_from_mesh) == is_mirrored(world_from_mesh)
+                    && rays
+                        .is_none_or(|rays| rays.can_refit(*index, instance.mesh, world_from_mesh))
+            }
+            Edit::Material { index, material } => {
+                let before = &self.host.materials[*index];
+                let drawn = |one: &Material| {
+                    let is_opaque = one.alpha_mode == AlphaMode::Opaque;
+                    let transmits = one.transmission > 0.0;
+                    (is_see_through(one), is_opaque, transmits, one.double_sided)
+                };
+                let texture = |slot: &Option<TextureRef>| slot.map(|one| one.texture);
+                let read =
+                    |one: &Material| texture_slots(one).map(|(slot, space)| (texture(slot), space));
+                drawn(before) == drawn(material) && read(before) == read(material)
+            }
+            Edit::Mesh { index, mesh } => {
+                let before = &self.host.meshes[*index];
+                self.rays.is_none()
+                    && before.positions.len() == mesh.positions.len()
+                    && before.indices == mesh.indices
+                    && self.geometry.meshes[*index].closed == mesh.is_closed()
+            }
+            Edit::Light { .. } | Edit::Environment(_) => true,
+        }
+    }
+
+    /// Applies edits, each of which [`GpuScene::can_apply`].
+    fn apply(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
+        let header = self.header_values;
+        let mut moved = Vec::new();
+        for edit in edits {
+            match edit {
+                Edit::Instance {
+                    index,
+                    world_from_mesh,
+                } => {
+                    self.host.instances[*index].world_from_mesh = *world_from_mesh;
+                    moved.push(*index);
+                }
+                Edit::Material { index, material } => self.set_material(gpu, *index, material),
+                Edit::Mesh { index, mesh } => {
+                    moved.extend(self.bend(gpu, *index, mesh));
+                }
+                Edit::Light { index, light } => {
+                    if self.lights[*index] != *light {
+                        self.lights[*index] = light.clone();
+                        self.versions.lights += 1;
+                    }
+                }
+                Edit::Environment(environment) => self.set_environment(gpu, environment)?,
+            }
+        }
+        moved.sort_unstable();
+        moved.dedup();
+        self.place(gpu, &moved);
+        if self.header_values != header {
+            gpu.write(&self.header, 0, &[self.header_values]);
+        }
+        Ok(())
+    }
+
+    /// Brings what follows from the places of these instances up to date, in increasing order.
+    fn place(&mut self, gpu: &Gpu, moved: &[usize]) {
+        let version = self.versions.geometry + 1;
+        let is_elsewhere = |&index: &usize| {
+            let placement = &self.placements[index];
+            placement.bent == version
+                || placement.world_from_mesh != self.host.instances[index].world_from_mesh
+        };
+        let moved: Vec<usize> = moved.iter().copied().filter(is_elsewhere).collect();
+        if moved.is_empty() {
+            return;
+        }
+        self.versions.geometry = version;
+        let mut is_any_emitting = false;
+        for &index in &moved {
+            let instance = &self.host.instances[index];
+            let mesh_bounds = self.geometry.meshes[instance.mesh].bounds;
+            let bounds = mesh_bounds.transformed(&instance.world_from_mesh);
+            set_place(&mut self.tables.instances[index], &instance.world_from_mesh);
+            self.bounds_tree.set(index, bounds);
+            if self.has_captures() {
+                let draw = &mut self.draws[self.draw_of[index] as usize];
+                (draw.mesh_bounds, draw.bounds) = (mesh_bounds, bounds);
+            }
+            let placement = &mut self.placements[index];
+            placement.world_from_mesh = instance.world_from_mesh;
+            placement.moved = version;
+            if self.host.materials[instance.material].emissive != Vec3::ZERO {
+                is_any_emitting = true;
+                let number = index as u32;
+                let first = self.emitters.partition_point(|one| one.instance < number);
+                let end = self.emitters.partition_point(|one| one.instance <= number);
+                let emitters = emitters_of(&self.host, index);
+                self.emitters.splice(first..end, emitters);
+            }
+        }
+        self.versions.lights += u64::from(is_any_emitting);
+        self.tables.write_instances(gpu, moved.iter().copied());
+        if let Some(rays) = &mut self.rays {
+            rays.refit(gpu, &self.host, &moved);
+        }
+        self.bounds = self.bounds_tree.all();
+        self.header_values.diagonal = self.bounds.diagonal();
+    }
+
+    fn set_material(&mut self, gpu: &Gpu, index: usize, material: &Material) {
+        let before = std::mem::replace(&mut self.host.materials[index], material.clone());
+        if before == *material {
+            return;
+        }
+        self.versions.materials += 1;
+        let textures = |one: &Material| texture_slots(one).map(|(slot, _)| *slot);
+        let are_others = textures(&before) != textures(material);
+        self.tables
+            .write_material(gpu, &self.host, index, &self.images, are_others);
+        let emission = |one: &Material| (one.emissive, one.emissive_texture);
+        if emission(&before) != emission(material) {
+            self.emitters = emitters(&self.host);
+            self.versions.lights += 1;
+        }
+        let object = |one: &Material| Object::new("", one);
+        if object(&before) != object(material) {
+            self.versions.objects += 1;
+            for (object, instance) in self.objects.iter_mut().zip(&self.host.instances) {
+                if instance.material == index {
+                    *object = Object::new(&instance.name, material);
+                }
+            }
+        }
+    }
+
+    /// Replaces a mesh by one that bends it; returns the instances of it.
+    fn bend(&mut self, gpu: &Gpu, index: usize, mesh: &Arc<Mesh>) -> Vec<usize> {
+        let before = std::mem::replace(&mut self.host.meshes[index], mesh.clone());
+        if Arc::ptr_eq(&before, mesh) {
+            return Vec::new();
+        }
+        self.versions.topology += 1;
+        self.versions.meshes += 1;
+        self.atlases = Atlases::default();
+        Arc::make_mut(&mut self.geometry).bend(gpu, index, mesh);
+        let instances = self.host.instances.iter().enumerate();
+        let of_mesh = instances.filter(|(_, instance)| instance.mesh == index);
+        let bent: Vec<usize> = of_mesh.map(|(number, _)| number).collect();
+        for &number in &bent {
+            self.placements[number].bent = self.versions.geometry + 1;
+        }
+        bent
+    }
+
+    fn set_environment(&mut self, gpu: &Gpu, environment: &Environment) -> Result<(), GpuError> {
+        let after = Some(environment);
+        if !is_same_image(self.environment.as_ref(), after) {
+            self.environment_view = environment_texture(gpu, after)?;
+            let buffers = [
+                &self.header,
+                &self.geometry.buffer,
+                &self.tables.buffer,
+                &self.hierarchy,
+            ];
+            let environment = &self.environment_view;
+            self.bind_group = self.bindings.bind(gpu, buffers, environment, &self.images);
+            self.versions.environment += 1;
+        }
+        let header = self.header_values.with_environment(after);
+        self.versions.sky += u64::from(header != self.header_values);
+        self.header_values = header;
+        self.environment = Some(environment.clone());
+        Ok(())
+    }
+
+    /// Becomes `after`, whatever that is.
+    fn replace(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
+        let before = &self.host;
+        let same_meshes = same_meshes(before, after);
+        let meshes = before.meshes.len() != after.meshes.len() || same_meshes.contains(&false);
+        let materials = before.materials != after.materials
+            || before.textures != after.textures
+            || !are_same(&before.images, &after.images);
+        let instances = |of: fn(&Instance) -> (usize, usize)| {
+            let [old, new] = [before, after].map(|one| one.instances.iter().map(of));
+            !old.eq(new)
+        };
+        let triangles = meshes || instances(|one| (one.mesh, 0));
+        let instances = instances(|one| (one.mesh, one.material));
+        let geometry = meshes || before.instances != after.instances;
+        // Materials and mirroring transforms decide in which order and winding triangles lie.
+        let mirrored = |scene: &Scene| -> Vec<bool> {
+            let transforms = scene.instances.iter().map(|one| one.world_from_mesh);
+            transforms.map(|one| is_mirrored(&one)).collect()
+        };
+        let topology = meshes || instances || materials || mirrored(before) != mirrored(after);
+        let lights = self.lights != after.lights || materials || instances;
+        let texels = !is_same_image(self.environment.as_ref(), after.environment.as_ref());
+        let sky = |one: Option<&Environment>| one.map(|one| (one.rotation, one.intensity));
+        let sky = sky(self.environment.as_ref()) != sky(after.environment.as_ref());
+
+        let uploaded = Self::upload(gpu, after, self.use_of, Some(self))?;
+        let versions = self.versions;
+        let placements = if instances {
+            Vec::new()
+        } else {
+            std::mem::take(&mut self.placements)
+        };
+        let atlases = if triangles {
+            Atlases::default()
+        } else {
+            std::mem::take(&mut self.atlases)
+        };
+        let grown = |count: u64, changed: bool| count + u64::from(changed);
+        let version = grown(versions.geometry, geometry);
+        let placements = moved(placements, after, &same_meshes, version);
+        // Emitters move with their instances.
+        let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;
+        let mut placed = placements.iter().zip(&after.instances);
+        let emitters = geometry && placed.any(|(at, one)| at.moved == version && is_emitting(one));
+        *self = Self {
+            placements,
+            atlases,
+            versions: Versions {
+                geometry: version,
+                materials: grown(versions.materials, materials),
+                lights: grown(versions.lights, lights || emitters),
+                sky: grown(versions.sky, sky),
+                environment: grown(versions.environment, texels),
+                topology: grown(versions.topology, topology),
+                meshes: grown(versions.meshes, triangles),
+                instances: grown(versions.instances, instances),
+                objects: versions.objects + 1,
+            },
+            ..uploaded
+        };
+        Ok(())
+    }
+}

@@ -1,0 +1,93 @@
+//! The scene's tables: a row an instance, a row a material, and rows for the textures that each material may read.
+
+use std::ops::Range;
+
+use gpugi_scene::Scene;
+
+use super::gpu;
+use super::images::ImageArrays;
+use super::rows::{TEXTURE_SLOTS, material_row};
+use crate::gpu::{Gpu, GpuError};
+
+/// The buffer of the tables.
+#[derive(Debug)]
+pub(super) struct Tables {
+    pub buffer: wgpu::Buffer,
+    /// What the buffer has, to be written by [`Tables::write_instances`] once changed.
+    pub instances: Vec<gpu::Instance>,
+    material_count: usize,
+}
+
+impl Tables {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        instances: Vec<gpu::Instance>,
+        images: &ImageArrays,
+    ) -> Result<Self, GpuError> {
+        let rows = (0..scene.materials.len()).map(|index| material_row(scene, index, images));
+        let (materials, textures): (Vec<gpu::Material>, Vec<_>) = rows.unzip();
+        let mut tables: Vec<u8> = Vec::new();
+        tables.extend(bytemuck::cast_slice::<gpu::Instance, u8>(&instances));
+        tables.extend(bytemuck::cast_slice::<gpu::Material, u8>(&materials));
+        tables.extend(bytemuck::cast_slice::<gpu::TextureReference, u8>(
+            textures.as_flattened(),
+        ));
+        Ok(Self {
+            buffer: gpu.storage("scene tables [bytes]", &tables)?,
+            instances,
+            material_count: materials.len(),
+        })
+    }
+
+    /// Bytes where instances, materials and textures begin.
+    fn starts(&self) -> [usize; 3] {
+        let materials = size_of_val(&self.instances[..]);
+        let textures = materials + self.material_count * size_of::<gpu::Material>();
+        [0, materials, textures]
+    }
+
+    /// Rows (of 16 bytes) where instances, materials and textures begin.
+    pub fn rows(&self) -> [u32; 3] {
+        self.starts().map(|bytes| bytes as u32 / 16)
+    }
+
+    /// Writes the rows of instances, in increasing order without repetition.
+    pub fn write_instances(&self, gpu: &Gpu, indices: impl IntoIterator<Item = usize>) {
+        for rows in joined(indices.into_iter().map(|index| index..index + 1)) {
+            let at = rows.start * size_of::<gpu::Instance>();
+            gpu.write(&self.buffer, at as u64, &self.instances[rows]);
+        }
+    }
+
+    /// Writes the row of one of the scene's materials, and with `textures` the rows of those that it reads.
+    pub fn write_material(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        index: usize,
+        images: &ImageArrays,
+        textures: bool,
+    ) {
+        let (material, references) = material_row(scene, index, images);
+        let [_, materials, texture_rows] = self.starts();
+        let at = materials + index * size_of::<gpu::Material>();
+        gpu.write(&self.buffer, at as u64, &[material]);
+        if textures {
+            let at = texture_rows + index * TEXTURE_SLOTS * size_of::<gpu::TextureReference>();
+            gpu.write(&self.buffer, at as u64, &references);
+        }
+    }
+}
+
+/// Ranges in increasing order, those joined that follow each other without a gap.
+pub(super) fn joined(ranges: impl IntoIterator<Item = Range<usize>>) -> Vec<Range<usize>> {
+    let mut joined: Vec<Range<usize>> = Vec::new();
+    for range in ranges {
+        match joined.last_mut() {
+            Some(last) if last.end == range.start => last.end = range.end,
+            _ => joined.push(range),
+        }
+    }
+    joined
+}
