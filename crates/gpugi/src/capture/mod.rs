@@ -2,11 +2,11 @@
 //! to surface points; light views rasterize depth. Texels of an atlas become surface points without any view.
 
 pub mod atlas;
-mod behind;
 pub mod depth;
 pub mod distance_pyramid;
 mod emission;
 mod gather;
+mod peeled_layer;
 mod per_receiver;
 mod receiver;
 mod view;
@@ -15,9 +15,9 @@ mod visible;
 #[cfg(test)]
 mod tests;
 
-pub use behind::Behind;
 pub use emission::Emission;
 pub use gather::Gather;
+pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
 pub use receiver::{Output, Probe, Receiver, Slots};
 pub(crate) use view::ViewUniform;

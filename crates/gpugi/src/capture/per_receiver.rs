@@ -6,12 +6,12 @@ use crate::gpu::GpuError;
 /// What a pass keeps, such as bind groups, for each receiver that it runs on.
 #[derive(Debug)]
 pub struct PerReceiver<T> {
-    kept: Vec<Kept<T>>,
+    kept: Vec<Entry<T>>,
     calls: u64,
 }
 
 #[derive(Debug)]
-struct Kept<T> {
+struct Entry<T> {
     points: wgpu::Buffer,
     view: wgpu::Buffer,
     target: wgpu::Buffer,
@@ -47,13 +47,13 @@ impl<T> PerReceiver<T> {
         self.kept
             .retain(|one| now - one.last_used <= Self::PATIENCE);
         let Receiver { points, target } = receiver;
-        let is_this = |one: &Kept<T>| {
+        let is_this = |one: &Entry<T>| {
             one.points == points.points && one.view == points.view && one.target == target.radiance
         };
         let index = match self.kept.iter().position(is_this) {
             Some(index) => index,
             None => {
-                self.kept.push(Kept {
+                self.kept.push(Entry {
                     points: points.points.clone(),
                     view: points.view.clone(),
                     target: target.radiance.clone(),

@@ -18,11 +18,11 @@ use glam::{Quat, Vec3};
 use wgpu::BindingResource::{Sampler, TextureView};
 
 use crate::capture::distance_pyramid::DistancePyramid;
-use crate::capture::{Behind, Capture, CaptureKernels, CubeView, Faces, SurfacePoints};
+use crate::capture::{Capture, CaptureKernels, CubeView, Faces, PeeledLayer, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
-use renewal::{Begun, Due, Made};
+use renewal::{Begun, Due, RenewalKey};
 use shape::Shaped;
 
 /// Near distance of cubes, as a fraction of the scene's diagonal.
@@ -61,7 +61,7 @@ pub struct Maps {
     /// The points to relight in this frame: all faces, those of one turn, or none.
     pub renewed: Option<SurfacePoints>,
     /// The second layer behind `points`; where nothing lies behind them, it repeats them.
-    pub behind: Option<Arc<Behind>>,
+    pub peeled: Option<Arc<PeeledLayer>>,
     /// Distances of the points (m), layer after layer.
     pub distances: wgpu::Texture,
     /// Outward normals, if the object is a refractor.
@@ -111,8 +111,8 @@ impl Maps {
 
     /// The points to light for some of [`Maps::points`]: those points, and the second layer behind them.
     pub fn layers(&self, points: &SurfacePoints) -> Vec<SurfacePoints> {
-        let behind = self.behind.iter().map(|behind| behind.points(points));
-        [points.clone()].into_iter().chain(behind).collect()
+        let peeled = self.peeled.iter().map(|peeled| peeled.points(points));
+        [points.clone()].into_iter().chain(peeled).collect()
     }
 
     /// Whether `other` has the same textures.
@@ -202,12 +202,12 @@ pub struct Impostors {
     capture: CaptureKernels,
     store_surroundings: Kernel,
     store_shape: Kernel,
-    kept: Vec<Kept>,
+    kept: Vec<ObjectMaps>,
     frame: u64,
 }
 
 #[derive(Debug)]
-struct Kept {
+struct ObjectMaps {
     wanted: Wanted,
     maps: Maps,
     capture: Capture,
@@ -226,7 +226,7 @@ struct Kept {
 #[derive(Debug)]
 struct Turn {
     faces: Faces,
-    captured: Option<Made>,
+    captured: Option<RenewalKey>,
 }
 
 impl Impostors {
@@ -259,7 +259,7 @@ impl Impostors {
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let now = self.frame;
-        let last = |one: &Kept| one.asked.unwrap_or(now);
+        let last = |one: &ObjectMaps| one.asked.unwrap_or(now);
         self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
     }
 
@@ -289,7 +289,7 @@ impl Impostors {
         }
         kept.asked = Some(self.frame);
         kept.maps.renewed = None;
-        let now = Made {
+        let now = RenewalKey {
             versions: scene.versions,
             settings: settings_version,
             seed,
@@ -310,7 +310,7 @@ impl Impostors {
         Ok(&kept.maps)
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<Kept, GpuError> {
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<ObjectMaps, GpuError> {
         let distances = |side, cubes| {
             let format = wgpu::TextureFormat::R32Float;
             cube_texture(gpu, "impostor.distances", format, side, 1, cubes)
@@ -350,19 +350,19 @@ impl Impostors {
             self.store_surroundings.bind(gpu, 3, &resources)
         });
         let stored = stored.collect::<Result<_, GpuError>>()?;
-        let behind = if wanted.layers > 1 {
-            Some(Arc::new(Behind::new(gpu, scene, &capture)?))
+        let peeled = if wanted.layers > 1 {
+            Some(Arc::new(PeeledLayer::new(gpu, scene, &capture)?))
         } else {
             None
         };
-        Ok(Kept {
+        Ok(ObjectMaps {
             stored,
             maps: Maps {
                 reference: Vec3::ZERO,
                 center: Vec3::ZERO,
                 world_from_shape: Quat::IDENTITY,
                 points: capture.points.clone(),
-                behind,
+                peeled,
                 turns: turns.iter().map(|turn| turn.faces.points.clone()).collect(),
                 renewed: None,
                 distances: surroundings.clone(),
@@ -389,14 +389,14 @@ impl Impostors {
     }
 }
 
-impl Kept {
+impl ObjectMaps {
     /// Captures the surroundings again, as far as that is due.
     fn renew(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         store: &Kernel,
-        now: Made,
+        now: RenewalKey,
         number: u64,
     ) -> Result<(), GpuError> {
         let Wanted {
@@ -459,10 +459,10 @@ impl Kept {
         let class_of = |draw: &Draw| (draw.instance != own).then_some(seen_from_outside(draw));
         self.capture
             .record_faces(frame, scene, &view, faces, class_of)?;
-        if let Some(behind) = &self.maps.behind {
+        if let Some(peeled) = &self.maps.peeled {
             let reference = self.maps.reference;
-            behind.record(frame, scene, &self.capture, &view, faces, |draw| {
-                (draw.instance != own).then_some(seen_behind(draw, reference))
+            peeled.record(frame, scene, &self.capture, &view, faces, |draw| {
+                (draw.instance != own).then_some(seen_peeled(draw, reference))
             })?;
         }
         for (points, stored) in self.maps.layers(&faces.points).iter().zip(&self.stored) {
@@ -493,7 +493,7 @@ fn seen_from_outside(draw: &Draw) -> DrawClass {
 
 /// How the second layer draws an object. A closed object's own back does not count as behind it, unless the reference
 /// point lies within its bounds.
-fn seen_behind(draw: &Draw, reference: Vec3) -> DrawClass {
+fn seen_peeled(draw: &Draw, reference: Vec3) -> DrawClass {
     let bounds = &draw.bounds;
     let is_inside = reference.cmpge(bounds.min).all() && reference.cmple(bounds.max).all();
     match seen_from_outside(draw) {

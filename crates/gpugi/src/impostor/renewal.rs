@@ -40,14 +40,14 @@ impl Default for Renewal {
 
 /// The state of which surroundings were captured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Made {
+pub(super) struct RenewalKey {
     pub versions: Versions,
     /// Version of the techniques' settings, which decide what cameras see whole.
     pub settings: u64,
     pub seed: u32,
 }
 
-impl Made {
+impl RenewalKey {
     /// Whether the objects are the same, wherever they are and however they are lit.
     fn has_same_things(&self, other: &Self) -> bool {
         let of = |one: &Self| {
@@ -90,7 +90,7 @@ pub(super) enum Due {
 pub(super) struct Begun {
     frame: u64,
     /// The state when it began.
-    of: Made,
+    of: RenewalKey,
     /// Where the object's centre was (m).
     center: Vec3,
     next_turn: usize,
@@ -113,7 +113,7 @@ impl Renewal {
     }
 
     /// Whether nothing is due until something changes.
-    pub(super) fn is_settled(&self, begun: Option<&Begun>, now: &Made) -> bool {
+    pub(super) fn is_settled(&self, begun: Option<&Begun>, now: &RenewalKey) -> bool {
         let is_done = |begun: &Begun| begun.of == *now && begun.next_turn >= self.turns();
         self.renew != Renew::EveryFrame && begun.is_some_and(is_done)
     }
@@ -123,7 +123,7 @@ impl Renewal {
     pub(super) fn due(
         &self,
         begun: Option<&Begun>,
-        now: Made,
+        now: RenewalKey,
         frame: u64,
         (own, center): (usize, Vec3),
         placements: &[Placement],

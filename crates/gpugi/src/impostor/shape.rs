@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, Mat4, Quat};
 use wgpu::BindingResource::TextureView;
 
-use super::{Kept, layers, near};
+use super::{ObjectMaps, layers, near};
 use crate::capture::{Capture, CaptureKernels, CubeView};
 use crate::gpu::{Frame, GpuError, Kernel};
 use crate::scene::{Draw, GpuScene};
@@ -49,7 +49,7 @@ fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
     (is_rigid && turn.determinant() > 0.0).then(|| DQuat::from_mat3(&turn).normalize().as_quat())
 }
 
-impl Kept {
+impl ObjectMaps {
     /// Updates the object's shape: only by its rotation, if that is enough.
     pub(super) fn follow_shape(
         &mut self,

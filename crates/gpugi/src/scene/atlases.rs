@@ -13,10 +13,10 @@ const MOST_TRIANGLES: usize = 500_000;
 
 /// The atlases of a scene's meshes that techniques keep.
 #[derive(Debug, Default)]
-pub(super) struct Atlases(Mutex<Vec<Kept>>);
+pub(super) struct Atlases(Mutex<Vec<SharedAtlas>>);
 
 #[derive(Debug)]
-struct Kept {
+struct SharedAtlas {
     size: u32,
     density: f32,
     atlas: Weak<Atlas>,
@@ -66,7 +66,7 @@ impl GpuScene {
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         all.retain(|kept| kept.atlas.strong_count() > 0);
-        let is_asked_for = |kept: &&Kept| (kept.size, kept.density) == (size, density);
+        let is_asked_for = |kept: &&SharedAtlas| (kept.size, kept.density) == (size, density);
         let kept = all.iter().find(is_asked_for);
         if let Some(atlas) = kept.and_then(|kept| kept.atlas.upgrade()) {
             // The technique that requested it first may keep fewer bytes per texel.
@@ -100,7 +100,7 @@ impl GpuScene {
         };
         let atlas = Atlas::new(scene, &options).map_err(|error| refused(error.to_string()))?;
         let atlas = Arc::new(atlas);
-        all.push(Kept {
+        all.push(SharedAtlas {
             size,
             density,
             atlas: Arc::downgrade(&atlas),

@@ -139,7 +139,7 @@ fn mirrors_follow_the_settings_of_others() {
     let mesh = sphere(0.7, 32);
     let beside = place(&mut scene, mesh, Material::metal("rough", Vec3::ONE, 0.6));
     scene.instances[beside].name = "rough".into();
-    // Behind the eye, so that only the mirror shows it.
+    // PeeledLayer the eye, so that only the mirror shows it.
     scene.instances[beside].world_from_mesh = glam::Mat4::from_translation(vec3(0.0, 0.0, 6.0));
     let techniques = ["environment-map", "distance-impostor"].map(str::to_owned);
     let camera = Camera::look_at("", vec3(0.0, 0.0, 4.0), Vec3::ZERO, 0.5);

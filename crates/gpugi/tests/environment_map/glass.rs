@@ -95,7 +95,7 @@ fn a_surface_refracts_as_the_path_tracer_does() {
 #[test]
 fn a_solid_is_entered_and_left() {
     let Some(gpu) = gpu() else { return };
-    // Behind the second surface, light is as bright as in front of the first.
+    // PeeledLayer the second surface, light is as bright as in front of the first.
     let scene = ball(glass(1.5, 0.0), sky());
     let found = picture(&mut alone(&gpu, &scene, &[]), &camera());
     assert!(found.lit().count() > 200);

@@ -92,7 +92,7 @@ fn a_closed_room_that_shines_everywhere_has_the_light_of_a_geometric_series() {
             .collect()
     };
     // Rays find the same light in every direction.
-    let still = ["resolution=48", "aimed-rays=0", "iterations=4"];
+    let still = ["resolution=48", "light-sampled-rays=0", "iterations=4"];
     for (pixel, off) in off(&still).iter().enumerate() {
         assert!(off.abs().max_element() < 0.01, "pixel {pixel}: {off} more");
     }
@@ -105,7 +105,7 @@ fn a_closed_room_that_shines_everywhere_has_the_light_of_a_geometric_series() {
     ] {
         let off = mean(&off(&[
             resolution,
-            "aimed-rays=4",
+            "light-sampled-rays=4",
             "iterations=256",
             "steps=128",
         ]));

@@ -4,7 +4,7 @@ use glam::{DVec3, Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{AlphaMode, Material, Scene};
 
-use crate::capture::{Behind, Capture, CaptureKernels, CubeView};
+use crate::capture::{Capture, CaptureKernels, CubeView, PeeledLayer};
 use crate::gpu::Frame;
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::testing::{Point, on_face, read_points, test_gpu};
@@ -108,7 +108,7 @@ fn what_is_behind_is_seen_behind() {
     let mut on_gpu = GpuScene::new(&gpu, &scene).unwrap();
     let kernels = CaptureKernels::new(&gpu, &on_gpu).unwrap();
     let mut capture = Capture::of_cube(&gpu, &kernels, SIDE as u32).unwrap();
-    let behind = Behind::new(&gpu, &on_gpu, &capture).unwrap();
+    let behind = PeeledLayer::new(&gpu, &on_gpu, &capture).unwrap();
     let view = CubeView::new(EYE, SIDE as u32, 1e-3, 0, 1);
     let mut frame = Frame::new(&gpu, false);
     on_gpu.merge(&mut frame);

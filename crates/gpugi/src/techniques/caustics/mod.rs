@@ -105,13 +105,13 @@ pub struct Caustics {
     kernels: Kernels,
     /// Instances that cast caustics.
     claimed: Vec<u32>,
-    made: Option<Made>,
+    made: Option<CausticMaps>,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
 /// The caustics of all objects, and what they were made for.
 #[derive(Debug)]
-struct Made {
+struct CausticMaps {
     of: ObjectMapsKey<Settings>,
     caustics: Vec<Caustic>,
     /// Versions of the scene, and of the settings of techniques, that the photons of `frames` frames were followed in.
@@ -179,13 +179,13 @@ impl Caustics {
         (0..frames).map(of_frame).collect()
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Made, GpuError> {
+    fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<CausticMaps, GpuError> {
         let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
         let caustics = of
             .objects()
             .map(|(one, object)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
             .collect::<Result<_, _>>()?;
-        Ok(Made {
+        Ok(CausticMaps {
             of,
             caustics,
             followed: None,
@@ -256,7 +256,7 @@ impl Technique for Caustics {
         _: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        let is_made = |made: &Made| made.of.serves(&self.settings, &self.claimed, scene);
+        let is_made = |made: &CausticMaps| made.of.serves(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => self.make(frame.gpu, scene)?,

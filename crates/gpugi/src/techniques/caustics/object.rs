@@ -36,7 +36,7 @@ pub struct Caustic {
     count_flux: wgpu::Buffer,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
-    bound: Option<Bound>,
+    bound: Option<PhotonGroups>,
     maps: Vec<CausticMapOf>,
     batches: Vec<Vec<Dispatch>>,
     /// Bytes of the photon buffers, which all batches share.
@@ -49,7 +49,7 @@ pub struct Caustic {
 
 /// The maps around the object, and the bind groups that refer to them.
 #[derive(Debug)]
-struct Bound {
+struct PhotonGroups {
     maps: Maps,
     trace: wgpu::BindGroup,
     seen: wgpu::BindGroup,
@@ -341,7 +341,7 @@ impl Caustic {
             ("counters", self.counters.as_entire_binding()),
             ("lit_texels", self.lit_texels.as_entire_binding()),
         ];
-        self.bound = Some(Bound {
+        self.bound = Some(PhotonGroups {
             trace: maps.bind(gpu, &kernels.trace, &self.of_object, &kernels.sampler, &[])?,
             seen: maps.points.bind(gpu, &kernels.irradiance)?,
             counted: kernels.irradiance.bind(gpu, 3, &counted)?,

@@ -32,7 +32,7 @@ impl Kernels {
         let certainty = shader!("techniques.distance_impostor.certainty");
         Ok(Self {
             store: Kernel::new(gpu, &store, "main", layout)?,
-            coarser: Kernel::new(gpu, &shader!("capture.coarser_cube"), "main", None)?,
+            coarser: Kernel::new(gpu, &shader!("capture.downsample_cube"), "main", None)?,
             gather: Kernel::new(gpu, &gather, "main", layout)?,
             certainty: Kernel::new(gpu, &certainty, "main", layout)?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -78,7 +78,7 @@ pub struct Impostor {
     uniform: wgpu::Buffer,
     /// Contents of the uniform.
     written: Option<gpu::Impostor>,
-    maps: Option<Bound>,
+    maps: Option<BoundMaps>,
     seen: PerReceiver<wgpu::BindGroup>,
     /// Whether the whole cube holds light.
     pub is_lit: bool,
@@ -90,7 +90,7 @@ pub struct Impostor {
 
 /// The maps around the object, and the bind groups that refer to them.
 #[derive(Debug)]
-struct Bound {
+struct BoundMaps {
     maps: Maps,
     /// One per layer.
     stored: Vec<wgpu::BindGroup>,
@@ -188,7 +188,7 @@ impl Impostor {
             Some(maps.points.clone())
         };
         let bound = match self.maps.take() {
-            Some(bound) if bound.maps.is_same(&maps) => Bound { maps, ..bound },
+            Some(bound) if bound.maps.is_same(&maps) => BoundMaps { maps, ..bound },
             _ => self.bind(gpu, kernels, settings.show, maps)?,
         };
         let uniform = gpu::Impostor {
@@ -273,7 +273,7 @@ impl Impostor {
         kernels: &Kernels,
         show: Show,
         maps: Maps,
-    ) -> Result<Bound, GpuError> {
+    ) -> Result<BoundMaps, GpuError> {
         let stored = (0..self.wanted.layers).map(|layer| {
             let stored = [
                 ("radiance", self.target.radiance.as_entire_binding()),
@@ -291,7 +291,7 @@ impl Impostor {
             Show::Certainty => &[],
         };
         let gather = kernels.gather(show);
-        Ok(Bound {
+        Ok(BoundMaps {
             stored: stored.collect::<Result<_, _>>()?,
             group: maps.bind(gpu, gather, &self.uniform, &kernels.sampler, more)?,
             maps,
@@ -322,7 +322,7 @@ impl Impostor {
     /// Names and textures: radiance and distances of the surroundings, and a refractor's normals.
     pub fn textures(&self) -> Vec<(String, &wgpu::Texture)> {
         let mut textures = vec![("radiance", &self.radiance)];
-        if let Some(Bound { maps, .. }) = &self.maps {
+        if let Some(BoundMaps { maps, .. }) = &self.maps {
             textures.push(("distances", &maps.distances));
             textures.extend(maps.normals.iter().map(|normals| ("normals", normals)));
         }

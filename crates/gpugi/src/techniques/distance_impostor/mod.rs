@@ -212,13 +212,13 @@ pub struct DistanceImpostor {
     kernels: Kernels,
     /// Instances with an impostor.
     claimed: Vec<u32>,
-    made: Option<Made>,
+    made: Option<ImpostorSet>,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
 /// The impostors, and what they were made for.
 #[derive(Debug)]
-struct Made {
+struct ImpostorSet {
     of: ObjectMapsKey<Settings>,
     /// Versions of the scene, and of the settings of techniques, in the last frame.
     seen: Option<(Versions, u64)>,
@@ -338,13 +338,13 @@ impl Technique for DistanceImpostor {
                 adapter: frame.gpu.adapter.name.clone(),
             });
         }
-        let is_made = |made: &Made| made.of.serves(&self.settings, &self.claimed, scene);
+        let is_made = |made: &ImpostorSet| made.of.serves(&self.settings, &self.claimed, scene);
         if !self.made.as_ref().is_some_and(is_made) {
             let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
             let impostors = of.objects().map(|(one, object)| {
                 Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
             });
-            self.made = Some(Made {
+            self.made = Some(ImpostorSet {
                 impostors: impostors.collect::<Result<_, _>>()?,
                 of,
                 seen: None,

@@ -41,7 +41,7 @@ impl Generator {
                 shader!("techniques.environment_map.radiance"),
                 Some(&scene.layout),
             )?,
-            coarser: kernel(shader!("capture.coarser_cube"), None)?,
+            coarser: kernel(shader!("capture.downsample_cube"), None)?,
             harmonics: kernel(shader!("techniques.environment_map.harmonics"), None)?,
             irradiance: kernel(shader!("techniques.environment_map.irradiance"), None)?,
             prefilter: kernel(shader!("techniques.environment_map.prefilter"), None)?,

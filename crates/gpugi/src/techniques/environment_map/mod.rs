@@ -104,12 +104,12 @@ pub struct EnvironmentMap {
     is_whole: bool,
     /// Whether any object needs more than the environment's image.
     needs_maps: bool,
-    made: Option<Made>,
+    made: Option<EnvironmentMaps>,
 }
 
 /// Maps, and what they were made from.
 #[derive(Debug)]
-struct Made {
+struct EnvironmentMaps {
     maps: Maps,
     settings: Settings,
     /// Version of the scene's environment when they were filled.
@@ -207,7 +207,7 @@ impl Technique for EnvironmentMap {
         }
         let made = match self.made.take() {
             Some(made) if made.settings == self.settings => made,
-            _ => Made {
+            _ => EnvironmentMaps {
                 maps: Maps::new(
                     frame.gpu,
                     &self.generator,

@@ -72,13 +72,13 @@ pub struct Batches {
     rasterizer: DepthRasterizer,
     gather: Kernel,
     comparison: wgpu::Sampler,
-    made: Option<Made>,
-    bound: PerReceiver<Bound>,
+    made: Option<DirectionMaps>,
+    bound: PerReceiver<ReceiverGroups>,
 }
 
 /// Resources for a number of directions.
 #[derive(Debug)]
-struct Made {
+struct DirectionMaps {
     plan: Plan,
     drawing: DepthDrawing,
     count: u32,
@@ -97,7 +97,7 @@ struct Batch {
 
 /// Bind groups for one set of points and one target.
 #[derive(Debug)]
-struct Bound {
+struct ReceiverGroups {
     group: wgpu::BindGroup,
     /// For each batch, one bind group per dispatch.
     ranges: Vec<Vec<wgpu::BindGroup>>,
@@ -209,7 +209,7 @@ impl Batches {
         plan: Plan,
         drawing: DepthDrawing,
         views: &[DepthViewSpec],
-    ) -> Result<Made, GpuError> {
+    ) -> Result<DirectionMaps, GpuError> {
         let storage = |label: &str, size: usize| {
             let size = (views.len() * size) as u64;
             gpu.buffer(label, size, wgpu::BufferUsages::STORAGE)
@@ -251,7 +251,7 @@ impl Batches {
             });
             first = end;
         }
-        Ok(Made {
+        Ok(DirectionMaps {
             plan,
             drawing,
             count: first,
@@ -333,7 +333,12 @@ impl Batch {
 }
 
 /// Splits directions x points into dispatches short enough for any driver's watchdog.
-fn bind(gpu: &Gpu, gather: &Kernel, made: &Made, receiver: &Receiver) -> Result<Bound, GpuError> {
+fn bind(
+    gpu: &Gpu,
+    gather: &Kernel,
+    made: &DirectionMaps,
+    receiver: &Receiver,
+) -> Result<ReceiverGroups, GpuError> {
     let Receiver { points, target } = receiver;
     let group = points.bind(gpu, gather)?;
     let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
@@ -359,5 +364,5 @@ fn bind(gpu: &Gpu, gather: &Kernel, made: &Made, receiver: &Receiver) -> Result<
         }
         ranges.push(of_batch);
     }
-    Ok(Bound { group, ranges })
+    Ok(ReceiverGroups { group, ranges })
 }

@@ -72,7 +72,7 @@ fn domains(rows: &[gpu::Domain]) -> Vec<Domain> {
 pub struct Decomposition {
     reduce: Kernel,
     steps: Steps,
-    made: Option<Made>,
+    made: Option<DecompositionBuffers>,
 }
 
 /// The entry points of domains.wesl.
@@ -92,7 +92,7 @@ struct Steps {
 
 /// Resources for one size of map and one choice of settings.
 #[derive(Debug)]
-struct Made {
+struct DecompositionBuffers {
     map: [u32; 2],
     settings: Settings,
     grid: gpu::Grid,
@@ -166,18 +166,24 @@ impl Decomposition {
         }
         let made = match self.made.take() {
             Some(made) => made,
-            None => Made::new(frame.gpu, &self.reduce, &self.steps.assign, map, settings)?,
+            None => DecompositionBuffers::new(
+                frame.gpu,
+                &self.reduce,
+                &self.steps.assign,
+                map,
+                settings,
+            )?,
         };
         self.record(frame, scene, &made);
         let rows = frame.read_back(&made.domains, made.domains.size())?;
-        self.made = Some(Made { warm: true, ..made });
+        self.made = Some(DecompositionBuffers { warm: true, ..made });
         Ok(Some(DomainsOnTheWay {
             rows,
             count: settings.samples as usize,
         }))
     }
 
-    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &Made) {
+    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &DecompositionBuffers) {
         let count = made.settings.samples;
         // The mean area of a domain is 4 pi / N.
         let tolerance = LITTLE * LITTLE * 4.0 * std::f32::consts::PI / count as f32;
@@ -237,7 +243,7 @@ impl Decomposition {
 /// `LANES` of domains.wesl.
 const LANES: u32 = 256;
 
-impl Made {
+impl DecompositionBuffers {
     fn new(
         gpu: &Gpu,
         reduce: &Kernel,

@@ -15,12 +15,12 @@ pub struct Prefiltered {
     maps: Maps,
     /// Version of the scene's environment that the maps were filled from.
     version: Option<u64>,
-    bound: PerReceiver<Bound>,
+    bound: PerReceiver<LobeSumTarget>,
 }
 
 /// Sums and bind groups for one set of points and one target.
 #[derive(Debug)]
-struct Bound {
+struct LobeSumTarget {
     sums: Target,
     groups: [wgpu::BindGroup; 2],
 }
@@ -93,7 +93,7 @@ impl Prefiltered {
         Ok(())
     }
 
-    fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&Bound, GpuError> {
+    fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&LobeSumTarget, GpuError> {
         let Receiver { points, target } = receiver;
         self.bound.of(receiver, || {
             let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
@@ -107,7 +107,7 @@ impl Prefiltered {
                 points.bind(gpu, &self.apply)?,
                 self.apply.bind(gpu, 3, &resources)?,
             ];
-            Ok(Bound {
+            Ok(LobeSumTarget {
                 sums: Target { radiance },
                 groups,
             })

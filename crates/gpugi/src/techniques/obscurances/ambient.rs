@@ -44,14 +44,14 @@ const MOST_ESCAPES: f32 = 0.02;
 #[derive(Debug, Default)]
 pub struct Obscurances {
     settings: Settings,
-    pub(super) made: Option<Made>,
+    pub(super) made: Option<ObscuranceMaps>,
     /// Most texels per buffer; `None`: as many as fit.
     pub(super) most_texels: Option<u32>,
 }
 
 /// The obscurances of a scene, and what they were computed for.
 #[derive(Debug)]
-pub(super) struct Made {
+pub(super) struct ObscuranceMaps {
     settings: Settings,
     atlas: Arc<Atlas>,
     /// [`GpuScene::passages`] that the passes were compiled for.
@@ -80,7 +80,12 @@ impl Obscurances {
         self.made.as_ref().map(|made| &made.solution)
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<Made, GpuError> {
+    fn make(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        atlas: Arc<Atlas>,
+    ) -> Result<ObscuranceMaps, GpuError> {
         let host = scene
             .host()
             .ok_or_else(|| refused("there is an atlas, but no scene that it is one of"))?;
@@ -110,7 +115,7 @@ impl Obscurances {
         let gather = shader!("techniques.obscurances.gather");
         let is_lit = settings.ambient != Ambient::Off;
         let direct = capture.points().filter(|_| is_lit);
-        Ok(Made {
+        Ok(ObscuranceMaps {
             settings: self.settings.clone(),
             passages: scene.passages(),
             gather: TexelGather::new(gpu, scene, &gather, &constants, &kept)?,
@@ -137,7 +142,7 @@ impl Obscurances {
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        made: &Made,
+        made: &ObscuranceMaps,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
@@ -214,7 +219,7 @@ impl Technique for Obscurances {
             ..
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, TEXEL_BYTES)?;
-        let is_made = |made: &Made| {
+        let is_made = |made: &ObscuranceMaps| {
             made.settings == self.settings
                 && made.passages == scene.passages()
                 && Arc::ptr_eq(&made.atlas, &atlas)
@@ -283,7 +288,7 @@ impl Technique for Obscurances {
     }
 }
 
-impl Made {
+impl ObscuranceMaps {
     /// What to know of ambient light in a scene that is not closed, once the rays are counted.
     fn openness_warning(&self) -> Option<String> {
         let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;

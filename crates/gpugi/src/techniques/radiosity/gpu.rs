@@ -14,7 +14,7 @@ pub struct Work {
     pub with_environment: u32,
     pub texels: u32,
     pub chosen: u32,
-    pub aimed: u32,
+    pub light_sampled: u32,
 }
 
 /// `Level` of sum.wesl.

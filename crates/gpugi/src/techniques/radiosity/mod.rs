@@ -76,7 +76,7 @@ crate::settings! {
         pub rays: u32 = 4 => in_range(1.0, 64.0),
         /// Additional light-sampled rays per texel and step, aimed at texels chosen by their power, at most as many as
         /// rays; 0: none; for mode=rays.
-        pub aimed_rays: u32 = 1 => in_range(0.0, 64.0),
+        pub light_sampled_rays: u32 = 1 => in_range(0.0, 64.0),
         /// Texels that shoot per step, for mode=shooting.
         pub shooters: u32 = 16 => in_range(1.0, 256.0),
         /// Side of their hemicubes.
@@ -102,13 +102,13 @@ struct Own {
 pub struct Radiosity {
     settings: Settings,
     own: Own,
-    made: Option<Made>,
+    made: Option<LitTexels>,
     most_texels: u32,
 }
 
 /// The light of a scene, and what it was computed for.
 #[derive(Debug)]
-struct Made {
+struct LitTexels {
     atlas: Arc<Atlas>,
     /// [`GpuScene::passages`] that the passes were compiled for.
     passages: [bool; 2],
@@ -164,7 +164,7 @@ impl Radiosity {
         self.made.as_ref().map(|made| &made.solution)
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<Made, GpuError> {
+    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<LitTexels, GpuError> {
         let kernels = Kernels::new(gpu, scene)?;
         let solution = Solution::new(gpu, scene, &kernels, &atlas, self.most_texels)?;
         let kept = [
@@ -175,7 +175,7 @@ impl Radiosity {
             ),
         ];
         let gather = shader!("techniques.radiosity.gather");
-        Ok(Made {
+        Ok(LitTexels {
             atlas,
             passages: scene.passages(),
             gather: TexelGather::new(gpu, scene, &gather, &[], &kept)?,
@@ -235,8 +235,9 @@ impl Technique for Radiosity {
             ..
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
-        let is_made =
-            |made: &Made| made.passages == scene.passages() && Arc::ptr_eq(&made.atlas, &atlas);
+        let is_made = |made: &LitTexels| {
+            made.passages == scene.passages() && Arc::ptr_eq(&made.atlas, &atlas)
+        };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => self.make(frame.gpu, scene, atlas)?,
@@ -263,7 +264,7 @@ impl Technique for Radiosity {
             }
             let work = gpu::Work {
                 rays: self.settings.rays,
-                aimed: self.settings.aimed_rays,
+                light_sampled: self.settings.light_sampled_rays,
                 burn_in,
                 seed: view.uniform.seed,
                 with_environment: u32::from(self.own.environment && scene.environment.is_some()),

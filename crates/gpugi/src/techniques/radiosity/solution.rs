@@ -227,7 +227,7 @@ impl Solution {
         }
         self.chosen_count = match batch {
             Some(batch) => batch.shooters,
-            None if work.aimed > 0 => MOST_CHOSEN,
+            None if work.light_sampled > 0 => MOST_CHOSEN,
             None => 0,
         };
         for piece in &self.pieces {

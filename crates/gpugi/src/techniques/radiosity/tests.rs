@@ -207,7 +207,7 @@ fn rays_aimed_at_bright_texels_find_them() {
         texels(&gpu, &scene, &settings, seed, u32::MAX)
     };
     let many = [("rays", "64"), ("iterations", "64"), ("steps", "64")];
-    let unaimed = [&many[..], &[("aimed-rays", "0")]].concat();
+    let unaimed = [&many[..], &[("light-sampled-rays", "0")]].concat();
     let [exact, unaimed] = [of(&many, 1000), of(&unaimed, 2000)];
     let power = |texels: &[Texel]| texels.iter().map(|texel| texel.1 * texel.2).sum::<f32>();
     let ratio = power(&exact) / power(&unaimed);
@@ -215,7 +215,7 @@ fn rays_aimed_at_bright_texels_find_them() {
     assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
     let total: f32 = exact.iter().map(|texel| texel.1 * texel.2 * texel.2).sum();
     let error = |aimed| {
-        let found = of(&[("rays", "4"), ("aimed-rays", aimed)], 0);
+        let found = of(&[("rays", "4"), ("light-sampled-rays", aimed)], 0);
         let off = |(one, other): (&Texel, &Texel)| one.1 * (one.2 - other.2).powi(2);
         found.iter().zip(&exact).map(off).sum::<f32>() / total
     };

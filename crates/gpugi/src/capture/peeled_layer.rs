@@ -8,7 +8,7 @@ use crate::shader;
 
 /// Captures what lies behind the surfaces that a cube saw.
 #[derive(Debug)]
-pub struct Behind {
+pub struct PeeledLayer {
     /// Points of the second layer. Where nothing lies behind the first, they repeat it: what surrounds an object
     /// continues behind it.
     points: wgpu::Buffer,
@@ -21,7 +21,7 @@ pub struct Behind {
     groups: Vec<[wgpu::BindGroup; 2]>,
 }
 
-impl Behind {
+impl PeeledLayer {
     /// Allocates the second layer of `capture`, which must be of a cube.
     ///
     /// # Errors
@@ -30,8 +30,8 @@ impl Behind {
         let kernels = HitKernels::new(
             gpu,
             scene,
-            &shader!("capture.hits_behind"),
-            &shader!("capture.hits_behind_alpha"),
+            &shader!("capture.peeled_hits"),
+            &shader!("capture.peeled_hits_alpha"),
         )?;
         let nearer = wgpu::BindingResource::TextureView(&capture.depth_view);
         let groups = capture.faces.iter().map(|face| {
@@ -48,7 +48,7 @@ impl Behind {
         });
         let groups = groups.collect::<Result<_, GpuError>>()?;
         let depth = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("depth behind"),
+            label: Some("depth of the peeled layer"),
             size: capture.depth.size(),
             mip_level_count: 1,
             sample_count: 1,
@@ -58,7 +58,7 @@ impl Behind {
             view_formats: &[],
         })?;
         let hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("hit records behind"),
+            label: Some("peeled hit records"),
             size: capture.hits.size(),
             mip_level_count: 1,
             sample_count: 1,
@@ -70,7 +70,7 @@ impl Behind {
             view_formats: &[],
         })?;
         let size = u64::from(capture.points.count) * SURFACE_POINT_BYTES;
-        let points = "surface points behind [bytes]";
+        let points = "peeled surface points [bytes]";
         Ok(Self {
             points: gpu.buffer(points, size, wgpu::BufferUsages::STORAGE)?,
             hits_view: hits.create_view(&Default::default()),
@@ -90,7 +90,7 @@ impl Behind {
         }
     }
 
-    /// Captures the second layer, after `capture` has recorded the same faces of `view`: passes `capture.hits-behind`
+    /// Captures the second layer, after `capture` has recorded the same faces of `view`: passes `capture.peeled-hits`
     /// and `capture.resolve`. `class_of` gives the class as which each draw is drawn, or `None` to skip it.
     ///
     /// # Errors
@@ -114,7 +114,7 @@ impl Behind {
         let rows = faces.range.start * height..faces.range.end * height;
         frame.copy_rows(&capture.hits, &self.hits, rows);
         let drawn = [&self.hits_view];
-        let name = "capture.hits-behind";
+        let name = "capture.peeled-hits";
         frame.render_onto(name, Keeps::Colors, &drawn, &self.depth, |pass| {
             let matrices = &view.clip_from_world;
             let groups = self.groups.iter();
