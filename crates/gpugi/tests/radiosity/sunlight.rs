@@ -46,7 +46,7 @@ fn the_sun_does_not_shine_into_a_closed_room_behind_the_camera() {
             .filter(|one| !one.iter().all(|&vertex| top(vertex)));
         mesh.indices = kept.flatten().copied().collect();
     }
-    renderer.update(&scene, &open).expect("an update");
+    renderer.update(&open).expect("an update");
     let lit = picture(&mut renderer, &turned_away(), 2);
     assert!(lit.iter().all(|radiance| radiance.min_element() > 0.01));
 }
