@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi::gpu::{Gpu, GpuError};
+use gpugi::gpu::{Frame, Gpu, GpuError};
 use gpugi::scene::{Edit, GpuScene};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Environment, Light, LightKind, Material, Scene};
@@ -63,7 +63,7 @@ pub fn run(gpu: &Gpu, count: u32, json: Option<&Path>) -> anyhow::Result<()> {
                 times.push(started.elapsed().as_secs_f64() * 1e3);
                 most = most.max(gpu.uploaded_bytes() - before);
                 // As a frame does.
-                gpu.queue.submit(std::iter::empty());
+                Frame::new(gpu, false).submit()?;
                 gpu.wait()?;
             }
             let row = Row {

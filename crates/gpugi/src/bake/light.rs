@@ -336,8 +336,7 @@ impl<'a> LightBake<'a> {
             let Some((these, others)) = rest.split_at_checked(count) else {
                 break;
             };
-            let bytes = bytemuck::cast_slice(these);
-            gpu.queue.write_buffer(&target.radiance, 0, bytes);
+            gpu.write(&target.radiance, 0, these);
             rest = others;
         }
         Ok(Some(Tile {

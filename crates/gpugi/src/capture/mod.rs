@@ -262,8 +262,7 @@ impl Faces {
             height: self.range.end * self.size[1],
             ..*view
         };
-        gpu.queue
-            .write_buffer(&self.points.view, 0, bytemuck::bytes_of(&view));
+        gpu.write(&self.points.view, 0, std::slice::from_ref(&view));
     }
 }
 
@@ -466,7 +465,6 @@ impl Capture {
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) -> Result<(), GpuError> {
         let hits = self.hits_of(frame.gpu, scene)?;
-        let queue = &frame.gpu.queue;
         drawn.look(frame.gpu, view);
         let seed = view
             .seed
@@ -476,7 +474,7 @@ impl Capture {
             words[..16].copy_from_slice(&matrix.to_cols_array());
             words[16] = f32::from_bits(seed);
             words[17] = f32::from_bits(view.top);
-            queue.write_buffer(&face.matrix, 0, bytemuck::cast_slice(&words));
+            frame.gpu.write(&face.matrix, 0, &words);
         }
         let targets = [&self.hits_view];
         frame.render("capture.hits", &targets, &self.depth_view, |pass| {

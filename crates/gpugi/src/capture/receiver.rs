@@ -172,8 +172,7 @@ impl Receiver {
         })?;
         let bytes = u64::from(count) * SURFACE_POINT_BYTES;
         let buffer = gpu.buffer("probes [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
-        gpu.queue
-            .write_buffer(&buffer, 0, bytemuck::cast_slice(&packed));
+        gpu.write(&buffer, 0, &packed);
         Ok(Self {
             points: SurfacePoints {
                 points: buffer,

@@ -186,8 +186,7 @@ impl Display {
                 .chunks_exact(3)
                 .map(|pixel| [pixel[0], pixel[1], pixel[2], 1.0])
                 .collect();
-            gpu.queue
-                .write_buffer(&buffer, 0, bytemuck::cast_slice(&padded));
+            gpu.write(&buffer, 0, &padded);
             let part_settings = DisplaySettings { seed, ..*settings };
             let count = padded.len() as u32;
             bound.set_parameters(gpu, 0, count, 1, &part_settings);
@@ -230,8 +229,7 @@ impl Display {
         } else {
             value.clamp(-100.0, 100.0)
         };
-        gpu.queue
-            .write_buffer(&self.exposure, 0, bytemuck::bytes_of(&finite));
+        gpu.write(&self.exposure, 0, std::slice::from_ref(&finite));
     }
 
     /// Adds pixels to the histogram.
@@ -345,8 +343,7 @@ impl BoundPart {
             dither: settings.dither.into(),
             first_pixel,
         };
-        gpu.queue
-            .write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+        gpu.write(&self.parameters, 0, std::slice::from_ref(&parameters));
     }
 }
 

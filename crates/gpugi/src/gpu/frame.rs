@@ -255,7 +255,7 @@ impl<'a> Frame<'a> {
                 passes: self.passes,
             });
         }
-        gpu.queue.submit([self.encoder.finish()]);
+        gpu.submit(self.encoder.finish());
         gpu.check()?;
         Ok(timings)
     }

@@ -10,6 +10,7 @@ mod read_back;
 mod shader;
 #[cfg(test)]
 mod tests;
+mod upload;
 
 pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
@@ -21,10 +22,11 @@ pub(crate) use quad::Quad;
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
 pub use shader::{BindingKind, Shader, all_shaders};
+use upload::Uploads;
 pub use wgpu::TextureAspect;
 
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Mesa's software adapter compiles a copy of a shader for the values in its uniform buffers that decide branches, whenever these change, and forgets
@@ -48,8 +50,7 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     /// Pipelines that are being compiled.
     compiling: Arc<AtomicUsize>,
-    /// Bytes.
-    uploaded: Arc<AtomicU64>,
+    uploads: Arc<Uploads>,
 }
 
 /// What the GPU API reported outside of any call that could return it.
@@ -154,6 +155,7 @@ impl Gpu {
             faults.error.get_or_insert(GpuError::uncaptured(&error));
         }));
         Self {
+            uploads: Arc::new(Uploads::new(&device)),
             limits: device.limits(),
             device,
             queue,
@@ -162,7 +164,6 @@ impl Gpu {
             uniforms_are_storage,
             faults,
             compiling: Arc::default(),
-            uploaded: Arc::default(),
         }
     }
 
@@ -314,13 +315,6 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// Writes `data` into a buffer from the byte `offset` on, and counts it.
-    pub fn write<T: bytemuck::NoUninit>(&self, buffer: &wgpu::Buffer, offset: u64, data: &[T]) {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        self.queue.write_buffer(buffer, offset, bytes);
-        self.count_uploaded(bytes);
-    }
-
     /// Writes the texels of a region of `size` of a texture, in rows of `bytes_per_row`, and counts them.
     pub(crate) fn write_texture(
         &self,
@@ -336,16 +330,6 @@ impl Gpu {
         };
         self.queue.write_texture(region, texels, layout, size);
         self.count_uploaded(texels);
-    }
-
-    fn count_uploaded(&self, bytes: &[u8]) {
-        self.uploaded
-            .fetch_add(bytes.len() as u64, Ordering::Relaxed);
-    }
-
-    /// Bytes that were uploaded to this device so far: of scenes and of buffers made with their contents.
-    pub fn uploaded_bytes(&self) -> u64 {
-        self.uploaded.load(Ordering::Relaxed)
     }
 
     /// A storage buffer that holds `data`.

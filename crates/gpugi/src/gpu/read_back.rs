@@ -218,7 +218,7 @@ pub(crate) fn begin_read_part<T>(
     let read_back = ReadBack::record(gpu, &mut encoder, layout, decode, |encoder, staging| {
         encoder.copy_buffer_to_buffer(buffer, range.start, staging, 0, Some(staging.size()));
     })?;
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder.finish());
     Ok(read_back)
 }
 
@@ -233,7 +233,7 @@ pub fn begin_read_buffer<T: bytemuck::Pod>(
 ) -> Result<ReadBack<Vec<T>>, GpuError> {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let read_back = record_buffer(gpu, &mut encoder, buffer, size)?;
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder.finish());
     Ok(read_back)
 }
 
@@ -297,7 +297,7 @@ pub fn begin_read_texture<T: bytemuck::Pod>(
             },
         );
     })?;
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder.finish());
     Ok(read_back)
 }
 

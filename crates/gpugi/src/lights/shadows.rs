@@ -67,8 +67,7 @@ impl Shadows {
         let made = match reused {
             Some(made) => {
                 let rows = table(&list.samples, &made.atlas.uniforms());
-                let bytes = bytemuck::cast_slice(&rows);
-                gpu.queue.write_buffer(&made.table, 0, bytes);
+                gpu.write(&made.table, 0, &rows);
                 made
             }
             None => {

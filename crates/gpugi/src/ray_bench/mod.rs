@@ -161,7 +161,7 @@ impl Bench<'_> {
             None => pixels,
             Some(list) => {
                 self.launch("primary", &self.primary, pixels, true, false, 1)?;
-                self.gpu.queue.write_buffer(&self.count, 0, &[0; 4]);
+                self.gpu.write(&self.count, 0, &[0_u32]);
                 self.launch(list, &self.primary, pixels, true, false, 1)?;
                 let count: Vec<u32> = read_buffer(self.gpu, &self.count, 4)?;
                 [count[0], 1, 1]

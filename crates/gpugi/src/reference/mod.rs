@@ -323,8 +323,7 @@ impl PathTracer {
             self.scene.diagonal(),
         );
         self.gpu
-            .queue
-            .write_buffer(&self.view, 0, bytemuck::bytes_of(&view.uniform));
+            .write(&self.view, 0, std::slice::from_ref(&view.uniform));
         let eye = camera.world_from_view.w_axis.truncate();
         self.around_eye = surroundings::around(&self.solids, eye);
         let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
@@ -404,8 +403,8 @@ impl PathTracer {
             emission_classes: self.emission_classes,
             solids: self.around_eye,
         };
-        let queue = &self.gpu.queue;
-        queue.write_buffer(&self.parameters, 0, bytemuck::bytes_of(&parameters));
+        self.gpu
+            .write(&self.parameters, 0, std::slice::from_ref(&parameters));
         let started = Instant::now();
         self.wavefront
             .run(&self.gpu, &self.scene, &tile.film_group, blocks, samples)?;

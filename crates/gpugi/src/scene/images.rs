@@ -160,7 +160,7 @@ fn upload(
                 &level_view(layer, level),
             )?;
         }
-        gpu.queue.submit([encoder.finish()]);
+        gpu.submit(encoder.finish());
     }
     Ok(texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),
@@ -225,6 +225,6 @@ fn write_image(
         &original.create_view(&Default::default()),
         target,
     )?;
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder.finish());
     Ok(())
 }

@@ -63,7 +63,7 @@ impl Rays {
             let larger = hierarchy_buffer(gpu, end + top.rows.len().max(usual_rows(scene)))?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             encoder.copy_buffer_to_buffer(&buffer, 0, &larger, 0, Some(bytes(end)));
-            gpu.queue.submit([encoder.finish()]);
+            gpu.submit(encoder.finish());
             buffer = larger;
         }
         gpu.write(&buffer, bytes(end), &top.rows);

@@ -94,7 +94,7 @@ fn strides_of_buffers_are_those_of_their_structs() {
     let sum = shader!("techniques.radiosity.sum");
     assert_eq!(constant(&sum, "radiosity_pyramid", "CHILDREN"), CHILDREN);
     let most = constant(
-        &shader!("techniques.radiosity.choose"),
+        &shader!("techniques.radiosity.rays"),
         "radiosity_chosen",
         "MOST_CHOSEN",
     );

@@ -1,5 +1,7 @@
 //! Sunlight on what the camera does not see.
 
+use std::sync::Arc;
+
 use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
@@ -44,7 +46,7 @@ fn the_sun_does_not_shine_into_a_closed_room_behind_the_camera() {
         let kept = all
             .chunks_exact(3)
             .filter(|one| !one.iter().all(|&vertex| top(vertex)));
-        mesh.indices = kept.flatten().copied().collect();
+        Arc::make_mut(mesh).indices = kept.flatten().copied().collect();
     }
     renderer.update(&open).expect("an update");
     let lit = picture(&mut renderer, &turned_away(), 2);

@@ -289,8 +289,7 @@ impl AtlasCapture {
                 ..Zeroable::zeroed()
             };
             piece.points.output.write(&mut view);
-            gpu.queue
-                .write_buffer(&piece.points.view, 0, bytemuck::bytes_of(&view));
+            gpu.write(&piece.points.view, 0, std::slice::from_ref(&view));
         }
     }
 

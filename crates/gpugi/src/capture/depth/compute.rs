@@ -193,8 +193,7 @@ impl DepthCompute {
             None => self.plan(frame.gpu, casters, atlas, triangles)?,
         };
         let views = plan.parallel_views(atlas);
-        let queue = &frame.gpu.queue;
-        queue.write_buffer(&plan.views, 0, bytemuck::cast_slice(&views));
+        frame.gpu.write(&plan.views, 0, &views);
         let pass_name = format!("{name}.atlas");
         let mut keeps = Keeps::Nothing;
         for (at, (band, steps)) in plan.bands.iter().enumerate() {

@@ -195,8 +195,7 @@ impl DepthAtlas {
                 .all(|(old, new)| old.size == new.size);
         if same {
             self.specs = specs.to_vec();
-            gpu.queue
-                .write_buffer(&self.views, 0, bytemuck::cast_slice(&self.uniforms()));
+            gpu.write(&self.views, 0, &self.uniforms());
         }
         same
     }

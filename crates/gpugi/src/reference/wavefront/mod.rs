@@ -207,8 +207,7 @@ impl Wavefront {
             items: blocks * 64 * samples,
             ..Default::default()
         };
-        gpu.queue
-            .write_buffer(&self.pool, 0, bytemuck::bytes_of(&header));
+        gpu.write(&self.pool, 0, std::slice::from_ref(&header));
         let rounds = f64::from(header.items) / f64::from(self.capacity) + 1.0;
         let mut steps = (self.steps_per_round * rounds) as u32 + MORE_STEPS / 2;
         loop {

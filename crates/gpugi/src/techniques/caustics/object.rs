@@ -195,7 +195,6 @@ impl Caustic {
         let step = self.step;
         let views = self.views(making, self.frames);
         self.frames += 1;
-        let queue = &gpu.queue;
         let of_object = impostor_gpu::Impostor {
             reference: maps.reference.to_array(),
             instance: self.wanted.instance,
@@ -207,16 +206,16 @@ impl Caustic {
             is_classical: 0,
             world_from_shape: maps.world_from_shape.to_array(),
         };
-        queue.write_buffer(&self.of_object, 0, bytemuck::bytes_of(&of_object));
+        gpu.write(&self.of_object, 0, std::slice::from_ref(&of_object));
         let lit_cube = LitCube {
             reference: maps.reference.to_array(),
             side: self.wanted.side,
             instance: self.wanted.instance,
             padding: [0; 3],
         };
-        queue.write_buffer(&self.lit_cube, 0, bytemuck::bytes_of(&lit_cube));
+        gpu.write(&self.lit_cube, 0, std::slice::from_ref(&lit_cube));
         let count_flux = (step / f64::from(self.frames)) as f32;
-        queue.write_buffer(&self.count_flux, 0, bytemuck::bytes_of(&count_flux));
+        gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let Some(bound) = &self.bound else {
             return Ok(());
@@ -254,7 +253,7 @@ impl Caustic {
                     lanes: lanes(map.side),
                     ..map
                 };
-                queue.write_buffer(&dispatch.map, 0, bytemuck::bytes_of(&map));
+                gpu.write(&dispatch.map, 0, std::slice::from_ref(&map));
             }
             frame.compute("caustics.trace", |pass| {
                 for (dispatch, map) in lit.clone() {

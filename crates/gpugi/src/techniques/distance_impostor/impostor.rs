@@ -203,8 +203,7 @@ impl Impostor {
             world_from_shape: bound.maps.world_from_shape.to_array(),
         };
         if self.written != Some(uniform) {
-            gpu.queue
-                .write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+            gpu.write(&self.uniform, 0, std::slice::from_ref(&uniform));
             self.written = Some(uniform);
         }
         self.maps = Some(bound);

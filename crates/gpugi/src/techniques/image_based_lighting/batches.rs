@@ -193,10 +193,8 @@ impl Batches {
         };
         made.drawing = drawing;
         let maps: Vec<DirectionMap> = made.batches.iter().flat_map(Batch::maps).collect();
-        gpu.queue
-            .write_buffer(&made.directions, 0, bytemuck::cast_slice(directions));
-        gpu.queue
-            .write_buffer(&made.maps, 0, bytemuck::cast_slice(&maps));
+        gpu.write(&made.directions, 0, directions);
+        gpu.write(&made.maps, 0, &maps);
         if plan.is_kept {
             for batch in &mut made.batches {
                 batch.draw(frame, &mut self.rasterizer, drawing, scene)?;

@@ -191,8 +191,9 @@ impl Decomposition {
             warm: u32::from(made.warm),
             tolerance,
         };
-        let queue = &frame.gpu.queue;
-        queue.write_buffer(&made.uniform, 0, bytemuck::bytes_of(&settings));
+        frame
+            .gpu
+            .write(&made.uniform, 0, std::slice::from_ref(&settings));
         let cells = made.grid.stride * made.grid.height;
         let tiled = 2 * made.side * made.side;
         let steps = &self.steps;

@@ -270,8 +270,7 @@ impl Solution {
                 reason: "what was saved is of another scene or other settings".into(),
             });
         }
-        let texels = bytemuck::cast_slice(&saved.texels);
-        gpu.queue.write_buffer(&self.texels, 0, texels);
+        gpu.write(&self.texels, 0, &saved.texels);
         self.state.steps = saved.steps;
         Ok(())
     }

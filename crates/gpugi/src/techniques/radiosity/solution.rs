@@ -238,8 +238,7 @@ impl Solution {
                 count: piece.count,
                 ..*work
             };
-            let queue = &frame.gpu.queue;
-            queue.write_buffer(&piece.work, 0, bytemuck::bytes_of(&work));
+            frame.gpu.write(&piece.work, 0, std::slice::from_ref(&work));
         }
         frame.compute("radiosity.begin", |pass| {
             for piece in &self.pieces {
@@ -317,7 +316,7 @@ impl Solution {
         if light.len() as u64 * 4 != last.size() {
             return Ok(false);
         }
-        gpu.queue.write_buffer(last, 0, bytemuck::cast_slice(light));
+        gpu.write(last, 0, light);
         self.iterates = iterates;
         let mut frame = Frame::new(gpu, false);
         self.average(&mut frame, kernels)?;

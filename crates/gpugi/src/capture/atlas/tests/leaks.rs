@@ -117,8 +117,7 @@ fn dilation_fills_what_is_empty_and_nothing_else() {
         };
         let before: Vec<[f32; 4]> = (0..width * height).map(texel).collect();
         let target = Target::new(&gpu, width * height).unwrap();
-        gpu.queue
-            .write_buffer(&target.radiance, 0, bytemuck::cast_slice(&before));
+        gpu.write(&target.radiance, 0, &before);
         let mut frame = Frame::new(&gpu, false);
         dilation.record(&mut frame, &target).unwrap();
         frame.submit().unwrap();
