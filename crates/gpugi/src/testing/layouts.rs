@@ -1,6 +1,7 @@
 //! Every Rust struct that is shared with a shader has the shader's layout: names and offsets of all fields, and the size. The structs are found in the sources: they are
 //! `#[repr(C)]`, and their doc comment says which struct they mirror (`View` of capture/view.wesl).
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use regex::Regex;
@@ -21,6 +22,28 @@ struct Declared {
     size: u32,
     /// Names and offsets (bytes).
     fields: Vec<(String, u32)>,
+}
+
+/// Names and types of the fields of every Rust struct, by its name.
+type Bodies = BTreeMap<String, Vec<(String, String)>>;
+
+/// Appends the fields of a struct that begins at the byte `base`, those of structs inside it in their place; returns its size.
+fn lay_out(
+    bodies: &Bodies,
+    body: &[(String, String)],
+    base: u32,
+    fields: &mut Vec<(String, u32)>,
+) -> u32 {
+    let mut size = 0;
+    for (field, ty) in body {
+        size += if let Some(inner) = bodies.get(ty) {
+            lay_out(bodies, inner, base + size, fields)
+        } else {
+            fields.push((field.clone(), base + size));
+            size_of(ty).unwrap_or_else(|| panic!("{field}: {ty}"))
+        };
+    }
+    size
 }
 
 /// Size of a plain type: 32-bit numbers and arrays of them.
@@ -53,12 +76,14 @@ fn declared() -> Vec<Declared> {
     collect(&root, &mut files);
     files.sort();
     let structs = Regex::new(
-        r"(?m)((?:^ *///.*\n)*)((?:^ *#\[.*\].*\n)*)^ *(?:pub(?:\(\w+\))? )?struct (\w+) \{\n((?:.*\n)*?)^ *\}",
+        r"(?m)((?:^ *///.*\n)*)((?:^ *#\[.*\].*\n)*)^ *(?:pub(?:\([A-Za-z0-9_]+\))? )?struct ([A-Za-z0-9_]+) \{\n((?:.*\n)*?)^ *\}",
     )
     .unwrap();
-    let mirrors = Regex::new(r"`(\w+)` of `?([\w/]+\.wesl)").unwrap();
-    let field = Regex::new(r"(?m)^ *(?:pub(?:\(\w+\))? )?(\w+): (.*),$").unwrap();
-    let mut all = Vec::new();
+    let mirrors = Regex::new(r"`([A-Za-z0-9_]+)` of `?([A-Za-z0-9_/]+\.wesl)").unwrap();
+    let field =
+        Regex::new(r"(?m)^ *(?:pub(?:\([A-Za-z0-9_]+\))? )?([A-Za-z0-9_]+): (.*),$").unwrap();
+    let mut all: Vec<(Declared, Vec<(String, String)>)> = Vec::new();
+    let mut bodies = Bodies::new();
     for file in files {
         let text = std::fs::read_to_string(&file).unwrap();
         for found in structs.captures_iter(&text) {
@@ -66,6 +91,11 @@ fn declared() -> Vec<Declared> {
             if !(attributes.contains("repr(C)") && attributes.contains("Pod")) {
                 continue;
             }
+            let of_struct = field.captures_iter(body);
+            let of_struct: Vec<(String, String)> = of_struct
+                .map(|field| (field[1].to_owned(), field[2].to_owned()))
+                .collect();
+            bodies.insert(name.to_owned(), of_struct.clone());
             let doc = doc.replace("\n", " ").replace("///", "");
             let Some(mirrored) = mirrors.captures(&doc) else {
                 panic!(
@@ -89,24 +119,21 @@ fn declared() -> Vec<Declared> {
                 file.display(),
                 module.display()
             );
-            let mut size = 0;
-            let mut fields = Vec::new();
-            for field in field.captures_iter(body) {
-                fields.push((field[1].to_owned(), size));
-                size += size_of(&field[2])
-                    .unwrap_or_else(|| panic!("{name}.{}: {}", &field[1], &field[2]));
-            }
-            all.push(Declared {
+            let one = Declared {
                 name: name.to_owned(),
                 file: file.clone(),
                 mirrored: mirrored[1].to_owned(),
                 module: module.strip_prefix(&root).unwrap().with_extension(""),
-                size,
-                fields,
-            });
+                size: 0,
+                fields: Vec::new(),
+            };
+            all.push((one, of_struct));
         }
     }
-    all
+    for (one, body) in &mut all {
+        one.size = lay_out(&bodies, body, 0, &mut one.fields);
+    }
+    all.into_iter().map(|(one, _)| one).collect()
 }
 
 impl Declared {

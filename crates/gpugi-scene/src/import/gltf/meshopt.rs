@@ -1,5 +1,6 @@
 //! EXT_meshopt_compression: buffer views compressed by meshoptimizer.
 
+use bytemuck::{Pod, Zeroable};
 use meshopt::{
     decode_filter_exp, decode_filter_oct, decode_filter_quat, decode_index_buffer,
     decode_index_sequence, decode_vertex_buffer,
@@ -27,7 +28,7 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
     match (view.mode.as_str(), stride) {
         ("ATTRIBUTES", _) => {
             let decoded = vertices(bytes, count, stride).ok_or_else(wrong_stride)?;
-            filter(&view.filter, stride, decoded?)
+            filter(&view.filter, stride, decoded.map_err(failed)?)
         }
         ("TRIANGLES", _) if !count.is_multiple_of(3) => {
             Err(format!("{count} indices are no whole triangles"))
@@ -50,7 +51,8 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 /// A vertex of `N` bytes. A type of its own, because arrays longer than 32 do not implement `Default`.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(transparent)]
 struct Vertex<const N: usize>([u8; N]);
 
 impl<const N: usize> Default for Vertex<N> {
@@ -59,14 +61,14 @@ impl<const N: usize> Default for Vertex<N> {
     }
 }
 
-fn vertices_of<const N: usize>(bytes: &[u8], count: usize) -> Result<Vec<u8>, String> {
-    let vertices: Vec<Vertex<N>> = decode_vertex_buffer(bytes, count)
-        .map_err(|error| format!("the data is damaged: {error}"))?;
-    Ok(vertices.into_iter().flat_map(|vertex| vertex.0).collect())
+/// Compiled for each of 64 strides, so its caller does all that does not depend on the stride.
+fn vertices_of<const N: usize>(bytes: &[u8], count: usize) -> Result<Vec<u8>, meshopt::Error> {
+    let vertices = decode_vertex_buffer::<Vertex<N>>(bytes, count)?;
+    Ok(bytemuck::cast_slice(&vertices).to_vec())
 }
 
 /// The decoder takes the stride as a type. `None` unless the stride is a multiple of 4 up to 256.
-fn vertices(bytes: &[u8], count: usize, stride: u64) -> Option<Result<Vec<u8>, String>> {
+fn vertices(bytes: &[u8], count: usize, stride: u64) -> Option<Result<Vec<u8>, meshopt::Error>> {
     macro_rules! by_stride {
         ($($quarter:literal)*) => {
             match stride {
