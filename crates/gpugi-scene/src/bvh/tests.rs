@@ -383,9 +383,12 @@ fn a_refitted_top_level_finds_what_a_new_one_finds() {
             assert!(places.clone().all(can_refit));
             let changed = bottom.refit(&mut top, places);
             if moved.len() == 1 {
-                // Its own three rows, and five of each node on the way up.
+                // Its own rows, and those of each node on the way up.
                 let rows: usize = changed.iter().map(ExactSizeIterator::len).sum();
-                assert!(rows <= 3 + 5 * TOP_LEVELS as usize, "{rows}");
+                assert!(
+                    rows <= (INSTANCE_ROWS + NODE_ROWS * TOP_LEVELS) as usize,
+                    "{rows}"
+                );
             }
             for (row, (before, now)) in before.iter().zip(&top.rows).enumerate() {
                 let is_changed = changed.iter().any(|range| range.contains(&row));

@@ -135,7 +135,8 @@ impl BottomLevel {
             let row = leaf.row as usize;
             top.rows[row..row + 3].copy_from_slice(&matrix_rows(&matrix));
             top.boxes[leaf.primitive as usize] = bounds;
-            changed.push(row..row + 3);
+            // All of its rows: those of neighbours then follow each other without a gap, for one upload.
+            changed.push(row..row + INSTANCE_ROWS as usize);
             nodes.insert(leaf.node);
         }
         // Children follow their parents: the last node has all its children's boxes.

@@ -18,20 +18,27 @@ use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffe
 /// If there is no adapter.
 pub(crate) fn test_gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    GPU.get_or_init(|| {
-        if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
-            return None;
-        }
-        let choice = match std::env::var("GPUGI_TEST_ADAPTER") {
-            Ok(name) => name.parse().unwrap_or_default(),
-            Err(_) => AdapterChoice::Best,
-        };
-        let gpu = Gpu::open(&choice);
-        Some(gpu.expect(
+    GPU.get_or_init(own_test_gpu).clone()
+}
+
+/// As [`test_gpu`], for one test alone: nobody else uploads to it.
+///
+/// # Panics
+/// If there is no adapter.
+pub(crate) fn own_test_gpu() -> Option<Gpu> {
+    if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
+        return None;
+    }
+    let choice = match std::env::var("GPUGI_TEST_ADAPTER") {
+        Ok(name) => name.parse().unwrap_or_default(),
+        Err(_) => AdapterChoice::Best,
+    };
+    let gpu = Gpu::open(&choice);
+    Some(
+        gpu.expect(
             "tests need a GPU adapter, a software one will do (GPUGI_SKIP_GPU=1 skips them)",
-        ))
-    })
-    .clone()
+        ),
+    )
 }
 
 /// Runs a kernel whose group 0 holds the buffers `inputs` by name and `output`, and returns the output's `count` items.
