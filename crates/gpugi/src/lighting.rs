@@ -406,6 +406,13 @@ impl Lighting {
             .collect()
     }
 
+    /// Light that one technique adds; none when it is not in use.
+    pub fn light_paths_of(&self, technique: &str) -> &[LightPaths] {
+        let mut all = self.techniques.iter().zip(&self.plans);
+        let found = all.find(|(one, _)| one.info().name == technique);
+        found.map_or(&[], |(_, plan)| &plan.paths)
+    }
+
     /// Light that exists in the scene and that no technique in use adds: a few words each.
     pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
         left_out(&self.light_paths(), &light_classes(scene))

@@ -134,6 +134,11 @@ impl Renderer {
         self.lighting.light_paths()
     }
 
+    /// Light that one technique adds; none when it is not in use.
+    pub fn light_paths_of(&self, technique: &str) -> &[LightPaths] {
+        self.lighting.light_paths_of(technique)
+    }
+
     /// Classes of light that the scene has.
     pub fn light_classes(&self) -> Vec<LightClass> {
         light_classes(&self.scene)

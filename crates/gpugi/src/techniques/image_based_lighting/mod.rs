@@ -82,6 +82,9 @@ crate::settings! {
     }
 }
 
+/// Directions, and the views of their depth maps.
+type DirectionsAndViews = (Vec<gpu::Direction>, Vec<DepthViewSpec>);
+
 /// Image-based lighting.
 #[derive(Debug)]
 pub struct ImageBasedLighting {
@@ -151,7 +154,7 @@ impl ImageBasedLighting {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-    ) -> Result<Option<(Vec<gpu::Direction>, Vec<DepthViewSpec>)>, GpuError> {
+    ) -> Result<Option<DirectionsAndViews>, GpuError> {
         let side = self.settings.resolution;
         let Some(environment) = &scene.environment else {
             return Ok(Some(Default::default()));

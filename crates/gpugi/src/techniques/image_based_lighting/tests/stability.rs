@@ -48,7 +48,12 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
     technique.settings = settings.clone();
     let mut sight = Sight::new(gpu, &scene);
     let mut seen = |frame: usize| {
-        let mut after = turned(sky, if turn == Turn::Rotation { 0 } else { frame });
+        // A rotation shares the image, whose texels stay where they are.
+        let mut after = if turn == Turn::Rotation {
+            sky.clone()
+        } else {
+            turned(sky, frame)
+        };
         let environment = after.environment.as_mut().unwrap();
         if turn == Turn::Rotation {
             // Eastward means from -Z to +X, against a rotation about +Y.

@@ -202,6 +202,14 @@ fn blocks(at: f32) -> Scene {
     scene
 }
 
+/// The same meshes, with the block elsewhere.
+fn with_block_at(scene: &Scene, at: f32) -> Scene {
+    Scene {
+        instances: blocks(at).instances,
+        ..scene.clone()
+    }
+}
+
 #[test]
 fn what_moves_changes_what_is_near_and_nothing_else() {
     let Some(gpu) = test_gpu() else { return };
@@ -220,7 +228,8 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         let mut moving = bench(-2.0);
         let before = moving.finish(&gpu);
         let before = moving.found(&gpu, &before);
-        moving.follow(&gpu, blocks(-1.5));
+        let after = with_block_at(&moving.scene, -1.5);
+        moving.follow(&gpu, after);
         moving.step(&gpu);
         let region = moving.obscurances.region().unwrap();
         assert!(region.max.x < -0.5 && region.min.x > -3.0, "{region:?}");
@@ -246,9 +255,11 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         moving.follow(&gpu, same);
         assert!(moving.obscurances.is_done());
         // When interrupted, earlier work is finished, too.
-        moving.follow(&gpu, blocks(-2.0));
+        let after = with_block_at(&moving.scene, -2.0);
+        moving.follow(&gpu, after);
         moving.step(&gpu);
-        moving.follow(&gpu, blocks(0.5));
+        let after = with_block_at(&moving.scene, 0.5);
+        moving.follow(&gpu, after);
         let after = moving.finish(&gpu);
         assert!(after == bench(0.5).finish(&gpu), "{mode:?}: interrupted");
     }
