@@ -22,6 +22,7 @@ pub mod impostor;
 pub mod light_paths;
 pub mod lighting;
 mod lights;
+#[cfg(not(target_arch = "wasm32"))]
 pub mod measure;
 pub mod ray_bench;
 pub mod reference;

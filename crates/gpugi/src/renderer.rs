@@ -7,7 +7,9 @@ use gpugi_scene::{Camera, Scene};
 
 use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
 use crate::display::{Display, DisplaySettings, Part, Present};
-use crate::gpu::{Frame, Gpu, GpuError, ReadBack, Timings, begin_read_part, read_buffer};
+use crate::gpu::{
+    Frame, Gpu, GpuError, ReadBack, Timings, begin_read_buffer, begin_read_part, read_buffer,
+};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
@@ -349,18 +351,33 @@ impl Renderer {
     /// # Errors
     /// [`GpuError`].
     pub fn radiance(&self) -> Result<Vec<f32>, GpuError> {
+        let radiance = self.begin_radiance()?;
+        self.gpu.wait()?;
+        pollster::block_on(radiance)
+    }
+
+    /// The future of [`Renderer::radiance`]: of the samples so far, whatever is rendered before it resolves.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn begin_radiance(
+        &self,
+    ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, GpuError> {
         let scale = 1.0 / self.samples.max(1) as f32;
-        let mut all = Vec::with_capacity((self.size[0] * self.size[1] * 3) as usize);
-        for tile in &self.tiles {
-            let part = tile.part();
-            let sums: Vec<[f32; 4]> =
-                read_buffer(&self.gpu, &part.radiance, u64::from(part.pixels) * 16)?;
-            all.extend(
-                sums.iter()
-                    .flat_map(|sum| [sum[0], sum[1], sum[2]].map(|value| value * scale)),
-            );
-        }
-        Ok(all)
+        let values = (self.size[0] * self.size[1] * 3) as usize;
+        let parts = self.tiles.iter().map(Tile::part);
+        let read = |part: Part| {
+            begin_read_buffer::<[f32; 4]>(&self.gpu, &part.radiance, u64::from(part.pixels) * 16)
+        };
+        let sums = parts.map(read).collect::<Result<Vec<_>, _>>()?;
+        Ok(async move {
+            let mut all = Vec::with_capacity(values);
+            for sums in sums {
+                let rgb = |[r, g, b, _]: [f32; 4]| [r, g, b].map(|value| value * scale);
+                all.extend(sums.await?.into_iter().flat_map(rgb));
+            }
+            Ok(all)
+        })
     }
 
     /// The surface points of the last sample, row by row from the top; `None` where no surface is.

@@ -1,5 +1,6 @@
 //! `gpugi bake` for scenes: bakes light into the texels of an atlas, and writes a .glb that shows it.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -171,7 +172,9 @@ pub fn run(
             }
         )
     );
-    let key = CheckpointKey::new(&key).context("this program's own file cannot be read")?;
+    // Before the bake begins: the program may be replaced while it runs.
+    let build = build_hash().context("this program's own file cannot be read")?;
+    let key = CheckpointKey::new(&build, &key);
     let mut work = Work::new(common, &gpu, output, key);
     if options.resume {
         work.resume(&scene)?;
@@ -279,6 +282,12 @@ pub fn run(
         );
     }
     Ok(())
+}
+
+/// The hash of the running program with all its shaders.
+fn build_hash() -> io::Result<[u8; 32]> {
+    let program = std::fs::read(std::env::current_exe()?)?;
+    Ok(*blake3::hash(&program).as_bytes())
 }
 
 /// Number of pages of `size` texels per side that fit in memory.

@@ -1,5 +1,6 @@
 //! The long-running work of a bake: its progress, timings and checkpoint.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -7,6 +8,7 @@ use anyhow::Context;
 use gpugi::bake::{Checkpoint, CheckpointKey};
 use gpugi::gpu::Gpu;
 use gpugi_scene::Scene;
+use gpugi_scene::image::replace_file;
 
 use crate::progress::Progress;
 use crate::{Common, interrupt};
@@ -46,9 +48,12 @@ impl<'a> Work<'a> {
 
     /// Reads the checkpoint.
     pub fn resume(&mut self, scene: &Scene) -> anyhow::Result<()> {
-        let path = self.path.display().to_string();
-        let read = Checkpoint::read(&self.path, &self.key, scene);
-        self.done = read.with_context(|| format!("{path}: nothing to go on from"))?;
+        let nothing = format!("{}: nothing to go on from", self.path.display());
+        let bytes = std::fs::read(&self.path)
+            .context("cannot be read")
+            .context(nothing.clone())?;
+        let read = Checkpoint::from_bytes(&bytes, &self.key, scene);
+        self.done = read.context(nothing)?;
         Ok(())
     }
 
@@ -72,7 +77,8 @@ impl<'a> Work<'a> {
         }
         now(&mut self.done)?;
         let path = self.path.display();
-        let written = self.done.write(&self.path, &self.key);
+        let bytes = self.done.to_bytes(&self.key);
+        let written = replace_file(&self.path, |file| file.write_all(&bytes));
         written.with_context(|| format!("{path}: cannot be written"))?;
         self.saved = Instant::now();
         anyhow::ensure!(

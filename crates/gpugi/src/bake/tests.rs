@@ -1,5 +1,3 @@
-use std::path::PathBuf;
-
 use crate::settings::SettingSet;
 use glam::Vec3;
 use gpugi_scene::builtin::builtin;
@@ -231,38 +229,33 @@ fn obscurances_go_on_as_if_they_had_not_been_stopped() {
     }
 }
 
-/// A file of this test's own.
-fn file(name: &str) -> PathBuf {
-    let name = format!("gpugi-checkpoint-{name}-{}", std::process::id());
-    std::env::temp_dir().join(name)
-}
-
 #[test]
 fn checkpoints_are_believed_only_when_they_are_whole() {
     let (scene, atlas) = room();
-    let path = file("whole");
     let kept = Checkpoint {
         atlas,
         obscurances: None,
         light: Some(LightState::default()),
     };
-    let key = |text: &str| CheckpointKey::new(text).unwrap();
-    kept.write(&path, &key("key")).unwrap();
-    let read = |text: &str, scene: &Scene| Checkpoint::read(&path, &key(text), scene);
-    assert_eq!(read("key", &scene).unwrap(), kept);
-    assert!(matches!(
-        read("other", &scene),
-        Err(CheckpointError::OtherBake)
-    ));
+    let key = CheckpointKey::new(&[1; 32], "key");
+    let whole = kept.to_bytes(&key);
+    assert_eq!(Checkpoint::from_bytes(&whole, &key, &scene).unwrap(), kept);
+    for other in [
+        CheckpointKey::new(&[1; 32], "other"),
+        CheckpointKey::new(&[2; 32], "key"),
+    ] {
+        assert!(matches!(
+            Checkpoint::from_bytes(&whole, &other, &scene),
+            Err(CheckpointError::OtherBake)
+        ));
+    }
     let other = builtin("room", 1).unwrap();
     assert!(matches!(
-        read("key", &other),
+        Checkpoint::from_bytes(&whole, &key, &other),
         Err(CheckpointError::Damaged(_))
     ));
-    let whole = std::fs::read(&path).unwrap();
     let refused = |what: &str, bytes: &[u8]| {
-        std::fs::write(&path, bytes).unwrap();
-        let read = read("key", &scene);
+        let read = Checkpoint::from_bytes(bytes, &key, &scene);
         assert!(matches!(read, Err(CheckpointError::Damaged(_))), "{what}");
     };
     let places = (0..200).chain((200..whole.len()).step_by(997));
@@ -270,9 +263,9 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
         let mut bytes = whole.clone();
         bytes[at] ^= 4;
         refused("a flipped bit", &bytes);
-        refused("a file cut off", &whole[..at]);
+        refused("cut off", &whole[..at]);
     }
-    refused("a longer file", &[&whole[..], &[0]].concat());
+    refused("longer", &[&whole[..], &[0]].concat());
     // Whole by its checksum, but not a checkpoint.
     for end in [0, 1, 7, whole.len() - 81] {
         let content = &whole[48..][..32 + end];
@@ -282,6 +275,4 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
             &[&whole[..16], &checksum.as_bytes()[..], content].concat(),
         );
     }
-    std::fs::remove_file(&path).unwrap();
-    assert!(matches!(read("key", &scene), Err(CheckpointError::Io(_))));
 }

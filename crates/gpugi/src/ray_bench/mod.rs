@@ -1,6 +1,6 @@
 //! Measures rays per second for `gpugi bench --technique bvh`.
 
-use std::time::Instant;
+use web_time::Instant;
 
 use glam::Vec3;
 use gpugi_scene::Scene;

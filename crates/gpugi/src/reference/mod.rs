@@ -20,7 +20,7 @@ mod wavefront;
 pub use settings::Settings;
 
 use std::ops::ControlFlow;
-use std::time::Instant;
+use web_time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
