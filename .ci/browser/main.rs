@@ -1,5 +1,5 @@
-//! Renders with gpugi-web in headless Chromium, on the software adapter that Chromium brings along, once in a page and once in a worker.
-//! Called by .ci/browser-test, which compares the pictures.
+//! Renders with gpugi-web in headless Chromium, on the software adapter that Chromium brings along, once in a page and
+//! once in a worker. Called by .ci/browser-test, which compares the pictures.
 
 mod server;
 

@@ -1,4 +1,5 @@
-// Renders what the address asks for: ?scene=cornell&technique=shadow-map&set=shadow-map.area-samples=8&size=64x64&samples=1
+// Renders what the address asks for:
+// ?scene=cornell&technique=shadow-map&set=shadow-map.area-samples=8&size=64x64&samples=1
 import init, { render } from "./gpugi_web.js";
 
 export async function radiance() {

@@ -1,8 +1,8 @@
 //! gpugi in a browser.
 //!
-//! Nothing here blocks between frames, but a scene that is uploaded for texels or rays (radiosity, obscurances, the path
-//! tracer) is unwrapped and gets its hierarchies in one go, which can take seconds. Call [`render`] in a worker then, or
-//! the page freezes meanwhile.
+//! Nothing here blocks between frames. But a scene that is uploaded for texels or rays (radiosity, obscurances) is
+//! unwrapped and gets its hierarchies in one go, which can take seconds. Call [`render`] in a worker then, or the page
+//! freezes meanwhile.
 
 use gpugi::Renderer;
 use gpugi::gpu::{AdapterChoice, Gpu};
@@ -15,8 +15,7 @@ use wasm_bindgen::prelude::*;
 )]
 extern "C" {
     /// Lets the browser do what is due: input, callbacks of the GPU.
-    #[wasm_bindgen(catch)]
-    async fn turn() -> Result<(), JsValue>;
+    async fn turn();
 }
 
 /// Panics become exceptions, which the page sees as `error` events.
@@ -27,9 +26,10 @@ fn throw_panics() {
     }));
 }
 
-/// Renders what the first camera of a built-in scene sees, as `gpugi render SCENE --technique ... --set ... --size ... --samples ...`
-/// does. `techniques` may be empty: the scene's default set. A setting is `technique.key=value`; `width` and `height` are in pixels.
-/// Resolves to linear radiance, three floats per pixel, row by row from the top.
+/// Renders what the first camera of a built-in scene sees, as the command does: `gpugi render SCENE --technique ...
+/// --set ... --size ... --samples ...`. Without `techniques`, by the scene's default set. A setting is
+/// `technique.key=value`; `width` and `height` are in pixels. Resolves to linear radiance, three floats per pixel, row
+/// by row from the top.
 ///
 /// # Errors
 /// Rejects where the browser has no WebGPU, for unknown names, and for what the GPU refuses.
@@ -41,30 +41,25 @@ pub async fn render(
     width: u32,
     height: u32,
     samples: u32,
-) -> Result<Float32Array, JsValue> {
+) -> Result<Float32Array, JsError> {
     let scene =
         builtin(scene, 1).ok_or_else(|| JsError::new(&format!("{scene}: is no built-in scene")))?;
-    let gpu = Gpu::open_async(&AdapterChoice::Best)
-        .await
-        .map_err(JsError::from)?;
-    let mut renderer =
-        Renderer::new(&gpu, &scene, [width, height], &techniques).map_err(JsError::from)?;
+    let gpu = Gpu::open_async(&AdapterChoice::Best).await?;
+    let mut renderer = Renderer::new(&gpu, &scene, [width, height], &techniques)?;
     for setting in &settings {
         let parts = setting
             .split_once('=')
             .and_then(|(name, value)| Some((name.split_once('.')?, value)));
         let ((technique, key), value) =
             parts.ok_or_else(|| JsError::new(&format!("{setting}: is not technique.key=value")))?;
-        renderer.set(technique, key, value).map_err(JsError::from)?;
+        renderer.set(technique, key, value)?;
     }
     while renderer.samples() < samples {
-        renderer
-            .try_render_sample(&scene.cameras[0], samples, None)
-            .map_err(JsError::from)?;
-        turn().await?;
+        renderer.try_render_sample(&scene.cameras[0], samples, None)?;
+        turn().await;
     }
-    let radiance = renderer.begin_radiance().map_err(JsError::from)?;
-    Ok(Float32Array::from(
-        &radiance.await.map_err(JsError::from)?[..],
-    ))
+    let radiance = renderer.begin_radiance()?.await?;
+    // What failed in the last frames has been reported by now.
+    gpu.check()?;
+    Ok(Float32Array::from(&radiance[..]))
 }
