@@ -1,0 +1,3 @@
+import { radiance } from "./render.js";
+
+postMessage(await radiance());
