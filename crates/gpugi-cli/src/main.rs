@@ -68,10 +68,15 @@ enum Command {
     Measure(measure::Arguments),
     /// Print a scene's contents
     Info(scene_argument::SceneArguments),
-    /// List techniques, built-in scenes or adapters
+    /// List techniques, their settings, built-in scenes or adapters
     List {
         /// What to list
         what: What,
+        /// For settings: those of this technique alone
+        technique: Option<String>,
+        /// For settings: a table for documents
+        #[arg(long)]
+        markdown: bool,
     },
     /// List adapters, what they lack and how to get it
     Doctor,
@@ -82,6 +87,7 @@ enum Command {
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum What {
     Techniques,
+    Settings,
     Scenes,
     Adapters,
 }
@@ -106,7 +112,12 @@ fn main() -> std::process::ExitCode {
         Command::Compare(compare) => compare::run(common, compare),
         Command::Measure(measure) => measure::run(common, measure),
         Command::Info(scene) => scene_argument::info(scene),
-        Command::List { what } => {
+        Command::List {
+            what: What::Settings,
+            technique,
+            markdown,
+        } => list_settings(technique.as_deref(), *markdown),
+        Command::List { what, .. } => {
             list(*what);
             Ok(())
         }
@@ -125,6 +136,7 @@ fn main() -> std::process::ExitCode {
 
 fn list(what: What) {
     match what {
+        What::Settings => {}
         What::Techniques => {
             let registry = gpugi::techniques::Registry::default();
             let infos = registry.all().iter().map(|one| one.info);
@@ -154,4 +166,66 @@ fn list(what: What) {
             }
         }
     }
+}
+
+/// Prints what can be set: names, defaults, allowed values, help.
+fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> {
+    let registry = gpugi::techniques::Registry::default();
+    let tracer = (
+        &gpugi::reference::INFO,
+        gpugi::reference::Settings::fields(),
+    );
+    let all = registry.all().iter().map(|one| (one.info, (one.fields)()));
+    let all: Vec<_> = all.chain([tracer]).collect();
+    if let Some(name) = technique
+        && !all.iter().any(|(info, _)| info.name == name)
+    {
+        let known: Vec<&str> = all.iter().map(|(info, _)| info.name).collect();
+        let message = format!(
+            "there is no technique {name:?}; there are: {}",
+            known.join(", ")
+        );
+        return Err(Usage(message).into());
+    }
+    if markdown {
+        println!(
+            "# Settings\n\n`gpugi list settings --markdown` writes this page. Set one with `--set technique.setting=value`."
+        );
+    }
+    for (info, fields) in all {
+        if technique.is_some_and(|name| name != info.name) {
+            continue;
+        }
+        if markdown {
+            println!(
+                "\n## {}\n\n| setting | default | values | meaning |\n|---|---|---|---|",
+                info.name
+            );
+        }
+        for field in fields {
+            let default = field
+                .default
+                .as_str()
+                .map_or_else(|| field.default.to_string(), str::to_owned);
+            let mut values = field.values();
+            if !field.unit.is_empty() {
+                values = format!("{values} [{}]", field.unit).trim_start().to_owned();
+            }
+            if markdown {
+                let values = values.replace('|', "\\|");
+                println!(
+                    "| `{}` | {default} | {values} | {} |",
+                    field.name,
+                    field.help.replace('|', "\\|")
+                );
+            } else {
+                println!("{}.{}={default}", info.name, field.name);
+                if !values.is_empty() {
+                    println!("    {values}");
+                }
+                println!("    {}", field.help);
+            }
+        }
+    }
+    Ok(())
 }

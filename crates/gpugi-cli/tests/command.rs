@@ -497,3 +497,24 @@ fn a_picture_beside_radiance_is_linearised_with_a_note() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("sRGB"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("as radiance"));
 }
+
+/// docs/settings.md is what `gpugi list settings --markdown` prints.
+#[test]
+fn settings_are_listed_and_documented() {
+    let output = gpugi(&["list", "settings", "--markdown"]);
+    let page = String::from_utf8(output.stdout).expect("UTF-8");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/settings.md");
+    let written = std::fs::read_to_string(path).expect("docs/settings.md");
+    assert!(
+        page == written,
+        "write docs/settings.md again: gpugi list settings --markdown > docs/settings.md"
+    );
+    let output = gpugi(&["list", "settings", "shadow-map"]);
+    let listed = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(listed.contains("shadow-map.resolution=1024"), "{listed}");
+    assert!(!listed.contains("radiosity."), "{listed}");
+    let output = gpugi(&["list", "settings", "shadows"]);
+    assert_eq!(output.status.code(), Some(2));
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(error.contains("there are: shadow-map"), "{error}");
+}

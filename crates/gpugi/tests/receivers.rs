@@ -148,12 +148,10 @@ fn probes_under_an_even_sky() {
     let mut scene = Scene::new("sky");
     let grey = scene.add_material(Material::matt("grey", Vec3::splat(0.5)));
     let mesh = scene.add_mesh(shapes::sphere(0.1, 8));
-    scene.add_instance(
-        "far",
-        mesh,
-        grey,
-        Mat4::from_translation(vec3(30.0, 0.0, 0.0)),
-    );
+    // Far and small, on either side: the probe lies within the scene's bounds.
+    for at in [vec3(30.0, 20.0, 25.0), vec3(-30.0, -20.0, -25.0)] {
+        scene.add_instance("far", mesh, grey, Mat4::from_translation(at));
+    }
     let radiance = vec3(0.5, 1.0, 2.0);
     let texel = [radiance.x, radiance.y, radiance.z, 1.0];
     scene.environment = Some(Environment {

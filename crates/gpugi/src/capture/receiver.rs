@@ -86,7 +86,10 @@ struct PackedProbe {
     normal: u32,
     geometric_normal: u32,
     area: f32,
-    colors_and_gloss: [u32; 4],
+    diffuse: u32,
+    f0: u32,
+    gloss: u32,
+    emission: u32,
     instance: u32,
     material: u32,
 }

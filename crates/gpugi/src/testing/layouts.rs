@@ -61,7 +61,8 @@ fn size_of(ty: &str) -> Option<u32> {
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
         let path = entry.path();
-        let is_test = path.to_string_lossy().contains("test");
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let is_test = name.contains("test");
         if path.is_dir() && !is_test {
             collect(&path, files);
         } else if path.extension().is_some_and(|extension| extension == "rs") && !is_test {

@@ -51,25 +51,25 @@ crate::settings! {
     pub struct Settings {
         /// Side of a depth map.
         pub resolution: u32 = 1024 => in_range(16.0, 8192.0).unit("texels"),
-        /// None, pcf or pcss.
+        /// How shadows are smoothed: none, percentage-closer filtering, or percentage-closer soft shadows.
         pub filter: Filter = Filter::Pcf => any(),
         /// Radius of the filter disc.
         pub filter_radius: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
-        /// Comparisons a lookup.
+        /// Comparisons per lookup.
         pub taps: u32 = 16 => in_range(1.0, 256.0),
-        /// Bias along the normal.
+        /// Offset along the normal that prevents self-shadowing.
         pub normal_offset: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
-        /// True: closed meshes cast by their back faces, without bias but with light leaks at their feet.
+        /// Whether closed meshes cast shadows by their back faces: no bias, but light leaks where they stand on something.
         pub second_depth: bool = false => any(),
-        /// True: spot lights spend their texels where the camera looks.
+        /// Whether spot lights spend their texels where the camera looks.
         pub warp: bool = false => any(),
-        /// Depth maps of a directional light.
+        /// Cascades: depth maps of a directional light that follow the camera.
         pub cascades: u32 = 4 => in_range(1.0, 4.0),
-        /// Sample points on all area lights.
+        /// Sample points on all area lights together.
         pub area_samples: u32 = 64 => in_range(1.0, 4096.0),
         /// Side of an area sample's hemicube.
         pub area_resolution: u32 = 256 => in_range(16.0, 2048.0).unit("texels"),
-        /// Comparisons a lookup for area lights.
+        /// Comparisons per lookup in an area sample's map.
         pub area_taps: u32 = 4 => in_range(1.0, 256.0),
     }
 }
