@@ -318,7 +318,7 @@ pub trait SettingSet {
     }
 }
 
-/// Declares a struct of settings: each field with its help (the doc comment), default, and what values it allows. See [`crate::settings`].
+/// Declares a struct of settings: each field with its help (the doc comment), default, and what values it allows. See [`mod@crate::settings`].
 #[macro_export]
 macro_rules! settings {
     (

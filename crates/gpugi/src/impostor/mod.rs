@@ -264,7 +264,7 @@ impl Impostors {
     }
 
     /// The maps `wanted`, updated as [`Wanted::renewal`] says, at most once per frame. `settings_version` as in
-    /// [`crate::techniques::Lit`]; `seed` seeds everything stochastic in cubes.
+    /// [`crate::techniques::Earlier`]; `seed` seeds everything stochastic in cubes.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -159,7 +159,7 @@ impl PathTracer {
     ///
     /// # Errors
     /// [`LightingError::Gpu`] when the scene or the image does not fit the adapter (the message gives the sizes);
-    /// [`LightingError::Setting`] when a setting is invalid; [`LightingError::Scene`] when something in the scene is not
+    /// [`LightingError::Setting`] when a setting is invalid; [`crate::gpu::GpuError::Input`] when something in the scene is not
     /// finite or the image has no pixels.
     pub fn new(
         gpu: &Gpu,
