@@ -1,7 +1,7 @@
-//! Small writes from the host, gathered so that a frame costs one submission and no allocation.
+//! Small writes from the host, gathered before the commands that are submitted next.
 //!
-//! wgpu's own `Queue::write_buffer` allocates a staging buffer per call, for which it asks the driver how much memory is left: up to a tenth of a
-//! millisecond. Here small writes go to staging memory that is reused, and are copied before the commands that are submitted next.
+//! wgpu's own `Queue::write_buffer` allocates a staging buffer per call, and asks the driver how much memory is left
+//! each time. Here small writes go to staging memory that is reused.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
