@@ -130,7 +130,10 @@ fn every_shader_stays_within_the_default_limits() {
 /// Gathers leave room for maps that others look up in them.
 #[test]
 fn every_gather_leaves_two_storage_buffers_free() {
-    let gathers = [shader!("techniques.shadow_map.gather")];
+    let gathers = [
+        shader!("techniques.shadow_map.gather"),
+        shader!("techniques.final_gather.gather"),
+    ];
     for shader in gathers {
         let (_, declared) = layout_of(&shader);
         let is_storage = |one: &&super::shader::Declared| {

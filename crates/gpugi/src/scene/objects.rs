@@ -60,6 +60,8 @@ impl Claims {
     pub const REFRACTION: Self = Self(8);
     /// caustics adds the light that passes through the object and arrives elsewhere, so the object's shadow is whole.
     pub const SHADOW: Self = Self(16);
+    /// Only final-gather adds indirect light on the object.
+    pub const INDIRECT: Self = Self(32);
 
     /// Whether these claims contain all of `other`.
     pub fn contains(self, other: Self) -> bool {

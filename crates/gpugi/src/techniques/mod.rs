@@ -6,6 +6,7 @@
 pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
+pub mod final_gather;
 pub mod image_based_lighting;
 pub mod obscurances;
 pub mod radiosity;

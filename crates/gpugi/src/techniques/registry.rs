@@ -1,8 +1,8 @@
 //! The techniques there are.
 
 use super::{
-    Info, Technique, caustics, distance_impostor, environment_map, image_based_lighting,
-    obscurances, radiosity, shadow_map,
+    Info, Technique, caustics, distance_impostor, environment_map, final_gather,
+    image_based_lighting, obscurances, radiosity, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -53,6 +53,11 @@ impl Default for Registry {
                 info: &radiosity::INFO,
                 fields: radiosity::Settings::fields,
                 make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
+            },
+            Registration {
+                info: &final_gather::INFO,
+                fields: final_gather::Settings::fields,
+                make: |_, _| Ok(Box::new(final_gather::FinalGather::default())),
             },
             Registration {
                 info: &obscurances::INFO,

@@ -1,0 +1,218 @@
+//! The area lights of all reference points, and the passes that write and read them.
+
+use wgpu::BindingResource::TextureView;
+
+use super::gpu::{self, point_bytes, source_bytes};
+use super::settings::{Settings, Visibility};
+use crate::capture::{Gather, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// The passes, for one choice of settings.
+#[derive(Debug)]
+pub struct Kernels {
+    downsample: Kernel,
+    state: Kernel,
+    bounce: Kernel,
+    light_points: Kernel,
+    pub gather: Gather,
+}
+
+impl Kernels {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
+        let layout = Some(&scene.layout);
+        let flag = |is_on: bool| f64::from(u8::from(is_on));
+        let solid_angle = ("SOLID_ANGLE", f64::from(settings.solid_angle as u8));
+        let visibility = ("VISIBILITY", f64::from(settings.visibility as u8));
+        let kernel = |shader, entry, constants| {
+            let options = KernelOptions {
+                constants,
+                ..Default::default()
+            };
+            Kernel::with_options(gpu, shader, entry, layout, &options)
+        };
+        let downsample = shader!("techniques.final_gather.downsample");
+        let bounce = shader!("techniques.final_gather.bounce");
+        let light_points = shader!("techniques.final_gather.light_points");
+        let gather = [
+            solid_angle,
+            visibility,
+            ("GLOSSY", flag(settings.glossy)),
+            ("DRAWN", f64::from(settings.blend as u8)),
+            ("NORMALIZE", flag(settings.normalize)),
+        ];
+        let shader = shader!("techniques.final_gather.gather");
+        Ok(Self {
+            downsample: kernel(&downsample, "main", &[solid_angle])?,
+            state: kernel(&downsample, "state", &[solid_angle])?,
+            bounce: kernel(&bounce, "main", &[solid_angle, visibility])?,
+            light_points: kernel(&light_points, "main", &[])?,
+            gather: Gather::new(gpu, scene, &shader, &gather)?,
+        })
+    }
+}
+
+/// The lights on the GPU.
+#[derive(Debug)]
+pub struct Maps {
+    pub probes: gpu::Probes,
+    pub lights: wgpu::Buffer,
+    pub sources: wgpu::Buffer,
+    /// Distance cubes of all reference points, side by side; one texel where nothing asks for them.
+    pub distances: wgpu::Texture,
+    /// Bind group 2 of the gather.
+    pub gathered: wgpu::BindGroup,
+    bounced: [wgpu::BindGroup; 2],
+    lit: [wgpu::BindGroup; 2],
+}
+
+impl Maps {
+    /// Allocates the lights of the reference points that `probes` describes.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(
+        gpu: &Gpu,
+        kernels: &Kernels,
+        settings: &Settings,
+        probes: gpu::Probes,
+    ) -> Result<Self, GpuError> {
+        let (side, count) = (probes.side, u64::from(probes.count));
+        let storage = wgpu::BufferUsages::STORAGE;
+        let bytes = point_bytes(side) * count;
+        let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
+        let bytes = source_bytes(side) * count;
+        let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
+        let cube = [6 * probes.resolution, probes.resolution];
+        let [width, height] = match settings.visibility {
+            Visibility::None => [1, 1],
+            Visibility::Distance => [
+                cube[0] * probes.cubes_per_row.min(probes.count),
+                cube[1] * probes.count.div_ceil(probes.cubes_per_row),
+            ],
+        };
+        let distances = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("final-gather.distances"),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::STORAGE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        })?;
+        let uniform = gpu.uniform("reference points", &probes)?;
+        let view = distances.create_view(&Default::default());
+        let read = |kernel: &Kernel| {
+            let resources = [
+                ("probes", uniform.as_entire_binding()),
+                ("lights_of_points", lights.as_entire_binding()),
+                ("distances_unfilterable", TextureView(&view)),
+            ];
+            kernel.bind(gpu, 2, &resources)
+        };
+        let [bounce, light_points] = [&kernels.bounce, &kernels.light_points];
+        let source = ("sources", sources.as_entire_binding());
+        let probes_alone = [("probes", uniform.as_entire_binding())];
+        let stored = [source.clone(), ("stored", lights.as_entire_binding())];
+        Ok(Self {
+            gathered: read(kernels.gather.kernel())?,
+            bounced: [read(bounce)?, bounce.bind(gpu, 3, &[source])?],
+            lit: [
+                light_points.bind(gpu, 2, &probes_alone)?,
+                light_points.bind(gpu, 3, &stored)?,
+            ],
+            probes,
+            lights,
+            sources,
+            distances,
+        })
+    }
+
+    /// Lets light bounce this often between all lights: pass `final-gather.bounce`.
+    pub fn bounce(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels, times: u32) {
+        let count = 6 * self.probes.side * self.probes.side * self.probes.count;
+        frame.compute("final-gather.bounce", |pass| {
+            for _ in 0..times {
+                for (kernel, [read, written]) in [
+                    (&kernels.bounce, &self.bounced),
+                    (&kernels.light_points, &self.lit),
+                ] {
+                    let groups = [(0, &scene.bind_group), (2, read), (3, written)];
+                    kernel.dispatch(pass, &groups, [count, 1, 1]);
+                }
+            }
+        });
+    }
+}
+
+/// What it takes to downsample faces that were captured and lit.
+#[derive(Debug)]
+pub struct Bench {
+    pub target: Target,
+    work: wgpu::Buffer,
+    written: wgpu::BindGroup,
+}
+
+impl Bench {
+    /// A bench for cubes with faces of `side` x `side` texels.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, kernels: &Kernels, maps: &Maps, side: u32) -> Result<Self, GpuError> {
+        let target = Target::new(gpu, 6 * side * side)?;
+        let bytes = size_of::<gpu::Work>() as u64;
+        let work = gpu.buffer("work", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let distances = maps.distances.create_view(&Default::default());
+        let resources = [
+            ("to_do", work.as_entire_binding()),
+            ("radiance", target.radiance.as_entire_binding()),
+            ("stored", maps.lights.as_entire_binding()),
+            ("sources", maps.sources.as_entire_binding()),
+            ("distances", TextureView(&distances)),
+        ];
+        Ok(Self {
+            written: kernels.downsample.bind(gpu, 3, &resources)?,
+            work,
+            target,
+        })
+    }
+
+    /// Downsamples the faces whose light is in the target: pass `final-gather.downsample`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn downsample(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        points: &SurfacePoints,
+        faces: u32,
+        work: &gpu::Work,
+    ) -> Result<(), GpuError> {
+        frame
+            .gpu
+            .write(&self.work, 0, std::slice::from_ref(work));
+        let seen = points.bind(frame.gpu, &kernels.downsample)?;
+        frame.compute("final-gather.downsample", |pass| {
+            let groups = [(0, &scene.bind_group), (1, &seen), (3, &self.written)];
+            // A workgroup of 64 per light.
+            let lights = [64 * work.side, work.side, faces];
+            kernels.downsample.dispatch(pass, &groups, lights);
+            kernels.state.dispatch(pass, &groups, [1, 1, 1]);
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,98 @@
+//! Reference points in the centres of objects, whose surroundings are captured by the impostors that techniques share.
+
+use super::gpu::Work;
+use super::maps::{Bench, Kernels, Maps};
+use super::settings::Settings;
+use crate::capture::{CubeView, Output, Receiver, SurfacePoints};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::impostor::{Renew, Renewal, Wanted};
+use crate::scene::GpuScene;
+use crate::techniques::Earlier;
+
+/// An object with a reference point.
+#[derive(Debug)]
+pub struct ObjectPoint {
+    wanted: Wanted,
+    bench: Bench,
+    /// View of the cube's points, with what is asked for there.
+    view: wgpu::Buffer,
+    lit: bool,
+}
+
+impl ObjectPoint {
+    /// The point of an instance, which nothing has lit yet.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(
+        gpu: &Gpu,
+        kernels: &Kernels,
+        maps: &Maps,
+        settings: &Settings,
+        instance: u32,
+    ) -> Result<Self, GpuError> {
+        let side = settings.resolution;
+        let bytes = size_of::<crate::capture::ViewUniform>() as u64;
+        Ok(Self {
+            wanted: Wanted {
+                instance,
+                side,
+                shape_side: None,
+                reference: None,
+                layers: 1,
+                renewal: Renewal {
+                    renew: Renew::Changed(1),
+                    threshold: 0.0,
+                    faces: settings.faces_per_frame.min(6),
+                },
+            },
+            bench: Bench::new(gpu, kernels, maps, side)?,
+            view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
+            lit: false,
+        })
+    }
+
+    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    #[allow(clippy::too_many_arguments)] // What a frame consists of.
+    pub fn light(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        earlier: &mut Earlier<'_>,
+        is_stale: bool,
+        output: Output,
+        work: &Work,
+    ) -> Result<bool, GpuError> {
+        let settings = earlier.settings_version;
+        let maps = earlier
+            .impostors
+            .of(frame, scene, self.wanted, settings, 0)?;
+        if self.lit && !is_stale && maps.renewed.is_none() {
+            return Ok(false);
+        }
+        self.lit = true;
+        let mut view = CubeView::new(maps.reference, self.wanted.side, 0.0, 0, 0);
+        output.write(&mut view.uniform);
+        frame
+            .gpu
+            .write(&self.view, 0, std::slice::from_ref(&view.uniform));
+        let points = SurfacePoints {
+            view: self.view.clone(),
+            output,
+            ..maps.points.clone()
+        };
+        let work = Work {
+            instance: self.wanted.instance,
+            ..*work
+        };
+        let receiver = Receiver::new(&points, &self.bench.target);
+        earlier.gather(frame, scene, &receiver, false)?;
+        let bench = &self.bench;
+        bench.downsample(frame, scene, kernels, &points, 6, &work)?;
+        Ok(true)
+    }
+}
