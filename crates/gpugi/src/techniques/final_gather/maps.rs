@@ -202,9 +202,7 @@ impl Bench {
         faces: u32,
         work: &gpu::Work,
     ) -> Result<(), GpuError> {
-        frame
-            .gpu
-            .write(&self.work, 0, std::slice::from_ref(work));
+        frame.gpu.write(&self.work, 0, std::slice::from_ref(work));
         let seen = points.bind(frame.gpu, &kernels.downsample)?;
         frame.compute("final-gather.downsample", |pass| {
             let groups = [(0, &scene.bind_group), (1, &seen), (3, &self.written)];

@@ -120,9 +120,7 @@ impl Layout {
                 let grid = Grid::new(&scene.bounds, settings.density);
                 Self::Grid(scene.bounds, grid)
             }
-            ReferencePoints::Objects => {
-                Self::Objects(ObjectMapsKey::new(settings, claimed, scene))
-            }
+            ReferencePoints::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
             ReferencePoints::Camera => Self::Camera,
         }
     }
@@ -371,7 +369,9 @@ impl Technique for FinalGather {
                     plan.claims[index] = Claims::INDIRECT;
                 }
             }
-            plan.object_names.clone_from(&self.settings.objects);
+            if self.settings.objects != settings::ALL {
+                plan.object_names.clone_from(&self.settings.objects);
+            }
         }
         plan
     }
@@ -461,7 +461,10 @@ impl Technique for FinalGather {
         };
         let has_distances = made.settings.visibility == Visibility::Distance;
         Inspection {
-            maps: [lights].into_iter().chain(has_distances.then_some(distances)).collect(),
+            maps: [lights]
+                .into_iter()
+                .chain(has_distances.then_some(distances))
+                .collect(),
             work_bytes: maps.lights.size(),
             warnings: Vec::new(),
         }

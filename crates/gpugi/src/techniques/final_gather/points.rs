@@ -81,9 +81,7 @@ impl Points {
         let workplace = |_| {
             let capture = Capture::of_cube(gpu, earlier.impostors.capture_kernels(), side)?;
             let faces = (0..turns_per_point)
-                .map(|turn| {
-                    capture.faces(gpu, turn * at_once..((turn + 1) * at_once).min(6))
-                })
+                .map(|turn| capture.faces(gpu, turn * at_once..((turn + 1) * at_once).min(6)))
                 .collect::<Result<_, _>>()?;
             Ok(Workplace {
                 capture,
@@ -97,7 +95,9 @@ impl Points {
             turns,
             next: 0,
             wanted: 1,
-            workplaces: (0..workplaces).map(workplace).collect::<Result<_, GpuError>>()?,
+            workplaces: (0..workplaces)
+                .map(workplace)
+                .collect::<Result<_, GpuError>>()?,
             side,
         })
     }
@@ -112,7 +112,10 @@ impl Points {
         let count = |is_left: &dyn Fn(&Turn) -> bool| {
             self.turns.iter().filter(|turn| is_left(turn)).count()
         };
-        [count(&|turn| turn.lit != self.wanted), count(&|turn| turn.lit == 0)]
+        [
+            count(&|turn| turn.lit != self.wanted),
+            count(&|turn| turn.lit == 0),
+        ]
     }
 
     /// All turns.
@@ -152,7 +155,15 @@ impl Points {
             let near = scene.diagonal() * NEAR;
             let mut view = CubeView::new(position, self.side, near, 0, 0);
             output.write(&mut view.uniform);
-            workplace.light(frame, scene, kernels, earlier, output, (&view, turn.faces), &work)?;
+            workplace.light(
+                frame,
+                scene,
+                kernels,
+                earlier,
+                output,
+                (&view, turn.faces),
+                &work,
+            )?;
         }
         Ok(!stale.is_empty())
     }
@@ -186,9 +197,10 @@ impl Workplace {
         let faces = &self.faces[faces];
         if self.holds != Some(captured) {
             // Solids are seen from inside, too: so a point inside one is known, and the backs of walls hide what is behind.
-            self.capture.record_faces(frame, scene, view, faces, |draw| {
-                Some(draw.seen.from_both_sides())
-            })?;
+            self.capture
+                .record_faces(frame, scene, view, faces, |draw| {
+                    Some(draw.seen.from_both_sides())
+                })?;
             self.holds = Some(captured);
         }
         let mut points = faces.points.clone();

@@ -72,6 +72,9 @@ crate::settings! {
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
         /// Objects that are lit, for reference-points=objects: names separated by commas, * for any characters.
-        pub objects: String = "*".to_owned() => any(),
+        pub objects: String = ALL.to_owned() => any(),
     }
 }
+
+/// The value of [`Settings::objects`] that names all objects, even none.
+pub const ALL: &str = "*";

@@ -1,0 +1,144 @@
+//! Input that cannot work: clear messages or black, and no value that is not finite.
+
+use glam::{Mat4, Vec3, vec3};
+use gpugi::capture::Output;
+use gpugi::{LightingError, Renderer};
+use gpugi_scene::builtin::shapes::cuboid;
+use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
+
+use super::common::{gpu, place};
+use super::{at_probes, facing, shining_room};
+
+const NAMES: [&str; 2] = ["shadow-map", "final-gather"];
+
+#[test]
+fn settings_that_cannot_work_are_refused() {
+    let Some(gpu) = gpu() else { return };
+    let scene = shining_room(1.0, Vec3::splat(0.5));
+    let names = ["final-gather".to_owned()];
+    let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).expect("a renderer");
+    for (name, value) in [
+        ("size", "1"),
+        ("size", "3"),
+        ("size", "32"),
+        ("resolution", "8"),
+        ("resolution", "100"),
+        ("density", "-1"),
+        ("solid-angle", "cone"),
+        ("visibility", "rays"),
+        ("reference-points", "everywhere"),
+        ("bounces", "-1"),
+        ("faces-per-frame", "0"),
+    ] {
+        let set = renderer.set("final-gather", name, value);
+        assert!(set.is_err(), "{name}={value}");
+    }
+    // An object that the scene does not have.
+    let set = renderer.set("final-gather", "reference-points", "objects");
+    set.expect("a setting");
+    assert!(renderer.set("final-gather", "objects", "bunny").is_err());
+    // More points than anybody can light.
+    let set = renderer.set("final-gather", "reference-points", "grid");
+    set.expect("a setting");
+    let set = renderer.set("final-gather", "density", "1e5");
+    set.expect("a setting");
+    let camera = Camera::look_at("", vec3(0.8, 0.2, 1.2), Vec3::Y, 1.2);
+    let refused = renderer.render_sample(&camera, 1, None, false);
+    assert!(matches!(refused, Err(LightingError::Gpu(_))), "{refused:?}");
+}
+
+/// Scenes that have nothing to light, or nothing that lights.
+#[test]
+fn odd_scenes_are_black() {
+    let Some(gpu) = gpu() else { return };
+    let empty = Scene::new("empty");
+    let mut flat = Scene::new("flat");
+    place(
+        &mut flat,
+        cuboid(Vec3::ZERO, vec3(1.0, 0.0, 1.0), 1),
+        Material::matt("flat", Vec3::ONE),
+    );
+    let mut speck = Scene::new("speck");
+    let mesh = speck.add_mesh(Mesh::default());
+    let grey = speck.add_material(Material::matt("grey", Vec3::splat(0.5)));
+    speck.add_instance("speck", mesh, grey, Mat4::IDENTITY);
+    let probes = [
+        facing(vec3(0.2, 0.5, 0.3), Vec3::Y),
+        facing(Vec3::ZERO, Vec3::X),
+    ];
+    for scene in [empty, flat, speck] {
+        for places in ["grid", "camera", "objects"] {
+            let places = format!("reference-points={places}");
+            let found = at_probes(&gpu, &scene, &NAMES, &[&places], &probes, Output::Fluence);
+            assert!(
+                found.iter().all(|one| *one == Vec3::ZERO),
+                "{}: {found:?}",
+                scene.name
+            );
+        }
+    }
+}
+
+/// Reference points inside a solid see its inside only: they light nothing, and others take their place.
+#[test]
+fn points_inside_solids_are_switched_off() {
+    let Some(gpu) = gpu() else { return };
+    let room = |with_block: bool| {
+        let mut scene = shining_room(0.0, Vec3::splat(0.7));
+        let light = Light::new("", LightKind::Point, Vec3::ONE);
+        let lamp = light.aimed(vec3(0.7, 1.3, 0.0), Vec3::ZERO);
+        scene.lights.push(lamp);
+        if with_block {
+            // Around the points of the lowest layer on one side.
+            let block = cuboid(vec3(-0.95, 0.01, -1.45), vec3(-0.05, 0.7, 1.45), 1);
+            place(&mut scene, block, Material::matt("block", Vec3::splat(0.7)));
+        }
+        scene
+    };
+    let probes = [
+        facing(vec3(0.1, 0.05, 0.0), Vec3::Y),
+        facing(vec3(0.3, 0.2, 0.8), Vec3::Y),
+    ];
+    let settings = [
+        "density=2",
+        "resolution=32",
+        "visibility=none",
+        "solid-angle=disc",
+    ];
+    let of = |scene: &Scene| {
+        let all = at_probes(&gpu, scene, &NAMES, &settings, &probes, Output::Irradiance);
+        let direct = at_probes(&gpu, scene, &NAMES[..1], &[], &probes, Output::Irradiance);
+        [all[0].x - direct[0].x, all[1].x - direct[1].x]
+    };
+    let (with, without) = (of(&room(true)), of(&room(false)));
+    println!("{with:.3?}, without the block {without:.3?}");
+    for (with, without) in with.into_iter().zip(without) {
+        assert!(
+            (0.4..1.6).contains(&(with / without)),
+            "{with} beside {without}"
+        );
+    }
+}
+
+/// A reference point in a wall, and an object without surroundings.
+#[test]
+fn a_camera_in_a_wall_and_an_object_alone_are_no_trouble() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("block");
+    let block = cuboid(vec3(-1.0, -1.0, -1.0), vec3(1.0, 2.0, 1.0), 1);
+    place(&mut scene, block, Material::matt("block", Vec3::splat(0.7)));
+    let probes = [facing(vec3(1.5, 0.0, 0.0), Vec3::NEG_X)];
+    // The camera of at_probes stands inside the block.
+    for places in ["camera", "objects"] {
+        let places = format!("reference-points={places}");
+        let found = at_probes(
+            &gpu,
+            &scene,
+            &NAMES,
+            &[&places],
+            &probes,
+            Output::Irradiance,
+        );
+        assert_eq!(found[0], Vec3::ZERO, "{places}");
+    }
+}

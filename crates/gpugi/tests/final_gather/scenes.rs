@@ -1,0 +1,216 @@
+//! Scenes against the path tracer, on the technique's own light paths; changes of scenes.
+
+use std::ops::ControlFlow;
+
+use glam::{Mat4, Vec3, vec3};
+use gpugi::Renderer;
+use gpugi::gpu::Gpu;
+use gpugi::light_paths::{LightClass, LightPaths, overlap};
+use gpugi::measure::{Options, Quality, measure};
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::builtin::shapes::sphere;
+use gpugi_scene::image::metrics::Metric;
+use gpugi_scene::{Camera, Material, MaterialModel, Scene};
+
+use super::common::gpu;
+
+fn renderer(
+    gpu: &Gpu,
+    scene: &Scene,
+    techniques: &[&str],
+    size: u32,
+    settings: &[&str],
+) -> Renderer {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
+    for setting in settings {
+        let (name, value) = setting.split_once('=').expect("name=value");
+        renderer
+            .set("final-gather", name, value)
+            .expect("a setting");
+    }
+    renderer
+}
+
+/// Relative mean squared error against the path tracer, without the path tracer's own error.
+fn error(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
+    let options = Options {
+        samples: 4,
+        reference: Quality {
+            samples: 256,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = found.expect("a measurement");
+    let error = found.value(Metric::RelMse).expect("a value");
+    error - found.truth.rel_mse()
+}
+
+/// A grid of reference points; alone, it also adds the direct light of the lamp.
+#[test]
+fn the_cornell_box_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let camera = &scene.cameras[0];
+    for (techniques, settings, bound) in [
+        (&["shadow-map", "final-gather"][..], &[][..], 0.005),
+        (&["shadow-map", "final-gather"], &["blend=drawn"], 0.01),
+        (&["shadow-map", "final-gather"], &["visibility=none"], 0.01),
+        (&["final-gather"], &[], 0.1),
+    ] {
+        let settings = [&["resolution=32"], settings].concat();
+        let mut renderer = renderer(&gpu, &scene, techniques, 40, &settings);
+        let error = error(&gpu, &scene, camera, &mut renderer);
+        println!("{techniques:?} {settings:?}: rel-mse {error:.1e}");
+        assert!(error < bound, "{techniques:?} {settings:?}: {error}");
+    }
+}
+
+/// A ball in the box, lit by a reference point in its centre; and the same by the reference point of its surroundings
+/// as if they were far away, which is what an environment map of the whole box would be.
+#[test]
+fn an_object_is_lit_by_its_own_point() {
+    let Some(gpu) = gpu() else { return };
+    let camera = Camera::look_at("", vec3(0.0, 2.73, 4.0), vec3(0.9, 2.4, -1.6), 0.3);
+    let matt = Material::matt("matt", Vec3::splat(0.7));
+    let phong = Material {
+        model: MaterialModel::Phong {
+            kd: Vec3::ZERO,
+            ks: Vec3::splat(0.7),
+            shininess: 5.0,
+        },
+        ..Material::default()
+    };
+    let rough = Material::metal("rough", Vec3::splat(0.8), 0.4);
+    for (material, glossy, bound) in [
+        (matt, "glossy=false", 0.01),
+        (phong, "glossy=true", 0.03),
+        (rough, "glossy=true", 0.03),
+    ] {
+        let mut scene = builtin("cornell", 1).expect("a scene");
+        let mesh = scene.add_mesh(sphere(0.6, 48));
+        let material = scene.add_material(material);
+        let at = Mat4::from_translation(vec3(0.9, 2.4, -1.6));
+        scene.add_instance("ball", mesh, material, at);
+        let settings = [
+            "reference-points=objects",
+            "objects=ball",
+            "size=8",
+            "resolution=64",
+            glossy,
+        ];
+        let techniques = ["shadow-map", "final-gather"];
+        let mut renderer = renderer(&gpu, &scene, &techniques, 40, &settings);
+        let found = of_ball(&gpu, &scene, &camera, &mut renderer);
+        println!("{glossy}: rel-mse {found:.1e} on the ball");
+        assert!(found < bound, "{glossy}: {found}");
+    }
+}
+
+/// The error on the last instance alone.
+fn of_ball(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
+    let options = Options {
+        samples: 8,
+        reference: Quality {
+            samples: 512,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = found.expect("a measurement");
+    let ball = scene.instances.len() as u32 - 1;
+    let points = renderer.surface_points().expect("points");
+    let is_ball = |index: usize| {
+        points[index]
+            .as_ref()
+            .is_some_and(|one| one.instance == ball)
+    };
+    let [width, height] = found.size.map(|side| side as usize);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for index in width + 1..width * (height - 1) - 1 {
+        // Pixels at the silhouette see what is behind it, too.
+        let around = [index - width - 1, index - 1, index + width - 1];
+        if !around.into_iter().all(|left| (left..left + 3).all(is_ball)) {
+            continue;
+        }
+        for channel in 3 * index..3 * index + 3 {
+            let truth = f64::from(found.truth.radiance[channel]);
+            let off = f64::from(found.radiance[channel]) - truth;
+            sum += off * off / (truth * truth + 0.01);
+            count += 1.0;
+        }
+    }
+    assert!(count > 100.0, "the ball is not in the picture");
+    sum / count
+}
+
+#[test]
+fn paths_are_what_others_leave_over() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let adds = |renderer: &Renderer, path| {
+        let path = LightPaths::new(LightClass::Area, path);
+        overlap(renderer.light_paths_of("final-gather"), &[path]).is_some()
+    };
+    let of = |techniques: &[&str], settings: &[&str]| {
+        let renderer = renderer(&gpu, &scene, techniques, 8, settings);
+        ["LDE", "LDDE", "LDDDE", "LDGE", "LGDE"].map(|path| adds(&renderer, path))
+    };
+    assert_eq!(of(&["final-gather"], &[]), [true, true, true, false, false]);
+    let both = ["shadow-map", "final-gather"];
+    assert_eq!(of(&both, &[]), [false, true, true, false, false]);
+    assert_eq!(
+        of(&both, &["bounces=0"]),
+        [false, true, false, false, false]
+    );
+    assert_eq!(of(&both, &["glossy=true"]), [false, true, true, true, true]);
+    // Both would add all indirect light; of different objects they may.
+    let names = ["shadow-map", "radiosity", "final-gather"].map(str::to_owned);
+    assert!(Renderer::new(&gpu, &scene, [8, 8], &names).is_err());
+}
+
+/// What is lit differently is followed, by a few faces per frame, until nothing changes any more.
+#[test]
+fn changes_of_the_scene_are_followed() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = builtin("cornell", 1).expect("a scene");
+    let camera = scene.cameras[0].clone();
+    let techniques = ["shadow-map", "final-gather"];
+    let settings = [
+        "resolution=16",
+        "faces-per-frame=24",
+        "bounces=8",
+        "density=0.5",
+    ];
+    let picture = |renderer: &mut Renderer, frames: u32| -> Vec<f32> {
+        for _ in 0..frames {
+            renderer.restart();
+            let sample = renderer.render_sample(&camera, 1, None, false);
+            sample.expect("a picture");
+        }
+        renderer.radiance().expect("radiance")
+    };
+    let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let before = picture(&mut kept, 1);
+    let light = scene.instances[5].material;
+    scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
+    scene.instances[7].world_from_mesh.w_axis.x += 1.0;
+    kept.update(&scene).expect("an update");
+    let found = picture(&mut kept, 40);
+    let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let fresh = picture(&mut fresh, 1);
+    let error = |a: &[f32], b: &[f32]| {
+        let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+        squares.sum::<f32>() / b.iter().map(|b| b.powi(2)).sum::<f32>()
+    };
+    let (off, moved) = (error(&found, &fresh), error(&before, &fresh));
+    println!("off {off:.1e}, from before {moved:.1e}");
+    assert!(off < 1e-5 && moved > 0.01, "{off}, {moved}");
+}
