@@ -19,7 +19,7 @@ pub use emission::Emission;
 pub use gather::Gather;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
-pub use receiver::{Output, Probe, Receiver, Slots};
+pub use receiver::{Output, Probe, Receiver, ReceiverKernel, Slots};
 pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
@@ -49,6 +49,8 @@ pub struct SurfacePoints {
     pub hits: wgpu::TextureView,
     /// What gathers give at them.
     pub output: Output,
+    /// Where their results lie in targets.
+    pub slots: Slots,
 }
 
 impl SurfacePoints {
@@ -62,6 +64,11 @@ impl SurfacePoints {
             ("points", self.points.as_entire_binding()),
         ];
         kernel.bind(gpu, 1, &resources)
+    }
+
+    /// Whether `other` are the same points in the same buffers, so that what was bound for one serves the other.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        self.points == other.points && self.view == other.view
     }
 }
 
@@ -207,7 +214,7 @@ pub struct Capture {
     depth: wgpu::Texture,
     depth_view: wgpu::TextureView,
     kernels: CaptureKernels,
-    faces: Vec<Face>,
+    matrices: Matrices,
     all: Faces,
     /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
     resolve_hits: Option<(wgpu::Buffer, wgpu::BindGroup)>,
@@ -241,6 +248,7 @@ impl Faces {
             count: range.len() as u32 * size[0] * size[1],
             hits,
             output: Output::RadianceToEye,
+            slots: Slots::default(),
         };
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
@@ -266,25 +274,59 @@ impl Faces {
     }
 }
 
-/// The matrix of one face: an image's only one, or one of a cube's six.
+/// The matrices of an image's only face or of a cube's six, each as the shaders' `clip_from_world`.
 #[derive(Debug)]
-struct Face {
-    matrix: wgpu::Buffer,
-    /// Bind group 1, opaque and alpha.
-    groups: [wgpu::BindGroup; 2],
+struct Matrices {
+    buffer: wgpu::Buffer,
+    faces: u32,
+    /// Bind group 1 of each face, opaque and alpha.
+    groups: Vec<[wgpu::BindGroup; 2]>,
 }
 
-impl Face {
-    fn new(gpu: &Gpu, kernels: &CaptureKernels) -> Result<Self, GpuError> {
-        let matrix = gpu.buffer("clip_from_world", 80, wgpu::BufferUsages::UNIFORM)?;
-        let entire = matrix.as_entire_binding();
-        Ok(Self {
-            groups: [
-                kernels.hits.opaque[0].bind(gpu, 1, &[("clip_from_world", entire.clone())])?,
-                kernels.hits.alpha[0].bind(gpu, 1, &[("alpha_view", entire)])?,
-            ],
-            matrix,
+impl Matrices {
+    /// Floats of a face's uniform.
+    const WORDS: usize = 20;
+    /// Floats between faces: uniforms begin at multiples of 256 bytes.
+    const STRIDE: usize = 64;
+
+    fn new(gpu: &Gpu, kernels: &CaptureKernels, faces: u32) -> Result<Self, GpuError> {
+        let bytes = u64::from(faces) * Self::STRIDE as u64 * 4;
+        let buffer = gpu.buffer("clip_from_world", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let mut matrices = Self {
+            buffer,
+            faces,
+            groups: Vec::new(),
+        };
+        let groups = matrices.bindings().map(|of_face| {
+            let hits = &kernels.hits;
+            Ok([
+                hits.opaque[0].bind(gpu, 1, &[("clip_from_world", of_face.clone())])?,
+                hits.alpha[0].bind(gpu, 1, &[("alpha_view", of_face)])?,
+            ])
+        });
+        matrices.groups = groups.collect::<Result<_, GpuError>>()?;
+        Ok(matrices)
+    }
+
+    /// The uniform of each face.
+    fn bindings(&self) -> impl Iterator<Item = wgpu::BindingResource<'_>> {
+        (0..u64::from(self.faces)).map(|face| {
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &self.buffer,
+                offset: face * Self::STRIDE as u64 * 4,
+                size: wgpu::BufferSize::new(Self::WORDS as u64 * 4),
+            })
         })
+    }
+
+    fn write(&self, gpu: &Gpu, matrices: &[Mat4], seed: u32, top: u32) {
+        let mut words = vec![0.0_f32; matrices.len() * Self::STRIDE];
+        for (face, matrix) in words.chunks_exact_mut(Self::STRIDE).zip(matrices) {
+            face[..16].copy_from_slice(&matrix.to_cols_array());
+            face[16] = f32::from_bits(seed);
+            face[17] = f32::from_bits(top);
+        }
+        gpu.write(&self.buffer, 0, &words);
     }
 }
 
@@ -359,9 +401,7 @@ impl Capture {
             depth_view: depth.create_view(&Default::default()),
             depth,
             kernels: kernels.clone(),
-            faces: (0..faces)
-                .map(|_| Face::new(gpu, kernels))
-                .collect::<Result<_, _>>()?,
+            matrices: Matrices::new(gpu, kernels, faces)?,
             all,
             resolve_hits: None,
         })
@@ -469,16 +509,10 @@ impl Capture {
         let seed = view
             .seed
             .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
-        for (face, matrix) in self.faces.iter().zip(matrices) {
-            let mut words = [0.0_f32; 20];
-            words[..16].copy_from_slice(&matrix.to_cols_array());
-            words[16] = f32::from_bits(seed);
-            words[17] = f32::from_bits(view.top);
-            frame.gpu.write(&face.matrix, 0, &words);
-        }
+        self.matrices.write(frame.gpu, matrices, seed, view.top);
         let targets = [&self.hits_view];
         frame.render("capture.hits", &targets, &self.depth_view, |pass| {
-            let groups = self.faces.iter().map(|face| &face.groups);
+            let groups = self.matrices.groups.iter();
             let kernels = &self.kernels.hits;
             kernels.draw(pass, scene, drawn, matrices, groups, class_of);
         });

@@ -34,8 +34,7 @@ impl PeeledLayer {
             &shader!("capture.peeled_hits_alpha"),
         )?;
         let nearer = wgpu::BindingResource::TextureView(&capture.depth_view);
-        let groups = capture.faces.iter().map(|face| {
-            let view = face.matrix.as_entire_binding();
+        let groups = capture.matrices.bindings().map(|view| {
             let opaque = [
                 ("clip_from_world", view.clone()),
                 ("nearer", nearer.clone()),

@@ -23,6 +23,9 @@ pub struct Frame<'a> {
     /// The device they run on.
     pub gpu: &'a Gpu,
     encoder: wgpu::CommandEncoder,
+    /// The compute pass that later dispatches join. A pass of its own costs each of them more than the dispatch itself; WebGPU orders dispatches
+    /// within a pass all the same.
+    joined: Option<wgpu::ComputePass<'static>>,
     queries: Option<wgpu::QuerySet>,
     passes: Vec<String>,
 }
@@ -66,6 +69,7 @@ impl<'a> Frame<'a> {
         Self {
             gpu,
             encoder: encoder(gpu),
+            joined: None,
             queries,
             passes: Vec::new(),
         }
@@ -79,26 +83,36 @@ impl<'a> Frame<'a> {
         Some((queries, at * 2))
     }
 
-    /// Records a compute pass.
+    /// The encoder, for commands outside of compute passes.
+    fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        self.joined = None;
+        &mut self.encoder
+    }
+
+    /// Records a compute pass; in frames that are not timed, as a part of the pass before it.
     pub fn compute<T>(
         &mut self,
         name: &str,
         record: impl FnOnce(&mut wgpu::ComputePass<'_>) -> T,
     ) -> T {
-        let queries = self.next_queries(name);
-        let mut pass = self
-            .encoder
-            .begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some(name),
-                timestamp_writes: queries.as_ref().map(|(query_set, at)| {
-                    wgpu::ComputePassTimestampWrites {
-                        query_set,
-                        beginning_of_pass_write_index: Some(*at),
-                        end_of_pass_write_index: Some(at + 1),
-                    }
-                }),
+        let Some((query_set, at)) = self.next_queries(name) else {
+            let encoder = &mut self.encoder;
+            let pass = self.joined.get_or_insert_with(|| {
+                encoder
+                    .begin_compute_pass(&Default::default())
+                    .forget_lifetime()
             });
-        record(&mut pass)
+            return record(pass);
+        };
+        let descriptor = wgpu::ComputePassDescriptor {
+            label: Some(name),
+            timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+                query_set: &query_set,
+                beginning_of_pass_write_index: Some(at),
+                end_of_pass_write_index: Some(at + 1),
+            }),
+        };
+        record(&mut self.encoder().begin_compute_pass(&descriptor))
     }
 
     /// Records a render pass that clears its targets: colours to all ones, depth to 0 (infinitely far).
@@ -145,26 +159,28 @@ impl<'a> Frame<'a> {
                 })
             })
             .collect();
-        let mut pass = self.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(name),
-            color_attachments: &attachments,
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: depth,
-                depth_ops: Some(wgpu::Operations {
-                    load: load(keeps >= Keeps::Everything, 0.0),
-                    store: wgpu::StoreOp::Store,
+        let mut pass = self
+            .encoder()
+            .begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some(name),
+                color_attachments: &attachments,
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: depth,
+                    depth_ops: Some(wgpu::Operations {
+                        load: load(keeps >= Keeps::Everything, 0.0),
+                        store: wgpu::StoreOp::Store,
+                    }),
+                    stencil_ops: None,
                 }),
-                stencil_ops: None,
-            }),
-            timestamp_writes: queries.as_ref().map(|(query_set, at)| {
-                wgpu::RenderPassTimestampWrites {
-                    query_set,
-                    beginning_of_pass_write_index: Some(*at),
-                    end_of_pass_write_index: Some(at + 1),
-                }
-            }),
-            ..Default::default()
-        });
+                timestamp_writes: queries.as_ref().map(|(query_set, at)| {
+                    wgpu::RenderPassTimestampWrites {
+                        query_set,
+                        beginning_of_pass_write_index: Some(*at),
+                        end_of_pass_write_index: Some(at + 1),
+                    }
+                }),
+                ..Default::default()
+            });
         record(&mut pass)
     }
 
@@ -176,22 +192,22 @@ impl<'a> Frame<'a> {
         group: &wgpu::BindGroup,
         target: &wgpu::TextureView,
     ) {
-        quad.draw(&mut self.encoder, name, group, target);
+        quad.draw(self.encoder(), name, group, target);
     }
 
     /// Fills a buffer with zeros.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
-        self.encoder.clear_buffer(buffer, 0, None);
+        self.encoder().clear_buffer(buffer, 0, None);
     }
 
     /// Fills a buffer's first `bytes`, a multiple of 4, with zeros.
     pub fn clear_first(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
-        self.encoder.clear_buffer(buffer, 0, Some(bytes));
+        self.encoder().clear_buffer(buffer, 0, Some(bytes));
     }
 
     /// Fills a texture from a buffer whose rows lie `bytes_per_row` apart (a multiple of 256).
     pub fn fill(&mut self, texture: &wgpu::Texture, buffer: &wgpu::Buffer, bytes_per_row: u32) {
-        self.encoder.copy_buffer_to_texture(
+        self.encoder().copy_buffer_to_texture(
             wgpu::TexelCopyBufferInfo {
                 buffer,
                 layout: wgpu::TexelCopyBufferLayout {
@@ -220,7 +236,7 @@ impl<'a> Frame<'a> {
             height: rows.end - rows.start,
             ..from.size()
         };
-        self.encoder
+        self.encoder()
             .copy_texture_to_texture(at(from), at(to), extent);
     }
 
@@ -233,7 +249,7 @@ impl<'a> Frame<'a> {
         buffer: &wgpu::Buffer,
         size: u64,
     ) -> Result<ReadBack<Vec<T>>, GpuError> {
-        record_buffer(self.gpu, &mut self.encoder, buffer, size)
+        record_buffer(self.gpu, self.encoder(), buffer, size)
     }
 
     /// Hands the frame to the GPU without waiting for it. Returns the times that its passes will have taken, if the frame is timed.
@@ -242,6 +258,7 @@ impl<'a> Frame<'a> {
     /// [`GpuError::Pass`] when a pass is invalid (the message names its pipeline), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
     pub fn submit(mut self) -> Result<Timings, GpuError> {
         let gpu = self.gpu;
+        self.joined = None;
         let count = self.passes.len() as u32;
         let mut timings = Timings::default();
         if let Some(queries) = self.queries.filter(|_| count > 0) {

@@ -23,7 +23,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 use renewal::{Begun, Due, RenewalKey};
-use shape::Shaped;
+use shape::{ShapePasses, Shaped};
 
 /// Near distance of cubes, as a fraction of the scene's diagonal.
 const NEAR: f32 = 1e-4;
@@ -201,7 +201,7 @@ pub fn cubes(texture: &wgpu::Texture) -> wgpu::TextureView {
 pub struct Impostors {
     capture: CaptureKernels,
     store_surroundings: Kernel,
-    store_shape: Kernel,
+    shapes: ShapePasses,
     kept: Vec<ObjectMaps>,
     frame: u64,
 }
@@ -213,8 +213,12 @@ struct ObjectMaps {
     capture: Capture,
     pyramid: DistancePyramid,
     shape_pyramid: DistancePyramid,
-    /// Bind group of each layer's `impostor.store` pass.
+    /// Bind group 3 of each layer's `impostor.store` pass.
     stored: Vec<wgpu::BindGroup>,
+    /// Bind group 1 of the same passes, for points that were stored before.
+    stored_points: Vec<(SurfacePoints, wgpu::BindGroup)>,
+    /// Bind group 3 of the shape's pass.
+    stored_shape: Option<wgpu::BindGroup>,
     begun: Option<Begun>,
     turns: Vec<Turn>,
     shaped: Option<Shaped>,
@@ -244,7 +248,7 @@ impl Impostors {
         Ok(Self {
             capture: capture.clone(),
             store_surroundings: Kernel::new(gpu, &store, "surroundings", layout)?,
-            store_shape: Kernel::new(gpu, &store, "shape", layout)?,
+            shapes: ShapePasses::new(gpu, scene, capture)?,
             kept: Vec::new(),
             frame: 0,
         })
@@ -303,7 +307,7 @@ impl Impostors {
             let middle = draw.mesh_bounds.center();
             kept.maps.center = placement.world_from_mesh.transform_point3(middle);
             if wanted.shape_side.is_some() {
-                kept.follow_shape(frame, scene, &self.capture, &self.store_shape, draw)?;
+                kept.follow_shape(frame, scene, &mut self.shapes, draw)?;
             }
             kept.renew(frame, scene, &self.store_surroundings, now, self.frame)?;
         }
@@ -357,6 +361,8 @@ impl Impostors {
         };
         Ok(ObjectMaps {
             stored,
+            stored_points: Vec::new(),
+            stored_shape: None,
             maps: Maps {
                 reference: Vec3::ZERO,
                 center: Vec3::ZERO,
@@ -465,10 +471,17 @@ impl ObjectMaps {
                 (draw.instance != own).then_some(seen_peeled(draw, reference))
             })?;
         }
+        let bound = &mut self.stored_points;
         for (points, stored) in self.maps.layers(&faces.points).iter().zip(&self.stored) {
-            let points = points.bind(gpu, store)?;
+            let points = match bound.iter().position(|(of, _)| of.is_same(points)) {
+                Some(known) => &bound[known].1,
+                None => {
+                    bound.push((points.clone(), points.bind(gpu, store)?));
+                    &bound[bound.len() - 1].1
+                }
+            };
             frame.compute("impostor.store", |pass| {
-                let groups = [(0, &scene.bind_group), (1, &points), (3, stored)];
+                let groups = [(0, &scene.bind_group), (1, points), (3, stored)];
                 store.dispatch(pass, &groups, [side, side, faces.count()]);
             });
         }

@@ -5,8 +5,47 @@ use wgpu::BindingResource::TextureView;
 
 use super::{ObjectMaps, layers, near};
 use crate::capture::{Capture, CaptureKernels, CubeView};
-use crate::gpu::{Frame, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, GpuScene};
+use crate::shader;
+
+/// Captures shapes, one after another in the same buffers.
+#[derive(Debug)]
+pub(super) struct ShapePasses {
+    kernels: CaptureKernels,
+    store: Kernel,
+    /// The latest shape's capture, and its points as bind group 1 of `store`.
+    capture: Option<(Capture, wgpu::BindGroup)>,
+}
+
+impl ShapePasses {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, kernels: &CaptureKernels) -> Result<Self, GpuError> {
+        let store = shader!("impostor.store");
+        Ok(Self {
+            kernels: kernels.clone(),
+            store: Kernel::new(gpu, &store, "shape", Some(&scene.layout))?,
+            capture: None,
+        })
+    }
+
+    /// The capture of a cube with faces of `side` x `side` texels.
+    fn capture(
+        &mut self,
+        gpu: &Gpu,
+        side: u32,
+    ) -> Result<&mut (Capture, wgpu::BindGroup), GpuError> {
+        let kept = self.capture.take();
+        let capture = match kept.filter(|(kept, _)| kept.size()[0] == side) {
+            Some(kept) => kept,
+            None => {
+                let capture = Capture::of_cube(gpu, &self.kernels, side)?;
+                let points = capture.points.bind(gpu, &self.store)?;
+                (capture, points)
+            }
+        };
+        Ok(self.capture.insert(capture))
+    }
+}
 
 /// The state of which a shape was captured.
 #[derive(Debug, Clone, Copy)]
@@ -55,8 +94,7 @@ impl ObjectMaps {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        kernels: &CaptureKernels,
-        store: &Kernel,
+        passes: &mut ShapePasses,
         draw: &Draw,
     ) -> Result<(), GpuError> {
         let now = Shaped::new(scene, draw);
@@ -64,7 +102,7 @@ impl ObjectMaps {
             self.maps.world_from_shape = turn;
             return Ok(());
         }
-        self.capture_shape(frame, scene, kernels, store, draw)?;
+        self.capture_shape(frame, scene, passes, draw)?;
         self.maps.world_from_shape = Quat::IDENTITY;
         self.shaped = Some(now);
         Ok(())
@@ -74,28 +112,33 @@ impl ObjectMaps {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        kernels: &CaptureKernels,
-        store: &Kernel,
+        passes: &mut ShapePasses,
         own: &Draw,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let side = self.maps.shape_normals.width();
-        let mut capture = Capture::of_cube(gpu, kernels, side)?;
+        let stored = match &self.stored_shape {
+            Some(stored) => stored,
+            None => {
+                let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
+                let [distances, normals] = [distances, normals].map(layers);
+                let resources = [
+                    ("distances", TextureView(&distances)),
+                    ("normals", TextureView(&normals)),
+                ];
+                let stored = passes.store.bind(gpu, 3, &resources)?;
+                self.stored_shape.insert(stored)
+            }
+        };
+        let (capture, points) = passes.capture(gpu, side)?;
         let view = CubeView::new(self.maps.center, side, near(scene), 0, 0);
         capture.record_cube(frame, scene, &view, |draw| {
             (draw.instance == own.instance).then(|| scene.whole_class(draw).from_both_sides())
         })?;
-        let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
-        let [distances, normals] = [distances, normals].map(layers);
-        let resources = [
-            ("distances", TextureView(&distances)),
-            ("normals", TextureView(&normals)),
-        ];
-        let stored = store.bind(gpu, 3, &resources)?;
-        let points = capture.points.bind(gpu, store)?;
+        let points = points.clone();
         frame.compute("impostor.store", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &points), (3, &stored)];
-            store.dispatch(pass, &groups, [side, side, 6]);
+            let groups = [(0, &scene.bind_group), (1, &points), (3, stored)];
+            passes.store.dispatch(pass, &groups, [side, side, 6]);
         });
         self.shape_pyramid.record(frame);
         Ok(())

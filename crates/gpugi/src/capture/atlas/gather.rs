@@ -4,8 +4,8 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::AtlasCapture;
-use crate::capture::{PerReceiver, Receiver};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
+use crate::gpu::{Frame, Gpu, GpuError, Shader};
 use crate::scene::GpuScene;
 
 /// `Own` of capture/atlas/lookup.wesl.
@@ -20,7 +20,7 @@ pub(crate) struct OwnUniform {
 /// A pass over points that reads texels of an atlas.
 #[derive(Debug)]
 pub(crate) struct TexelGather {
-    kernel: Kernel,
+    kernel: ReceiverKernel,
     /// The atlas, and the data in its texels.
     kept: wgpu::BindGroup,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
@@ -39,13 +39,9 @@ impl TexelGather {
         constants: &[(&str, f64)],
         kept: &[(&str, wgpu::BindingResource<'_>)],
     ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants,
-            ..Default::default()
-        };
-        let kernel = Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?;
+        let kernel = ReceiverKernel::new(gpu, scene, shader, constants)?;
         Ok(Self {
-            kept: kernel.bind(gpu, 2, kept)?,
+            kept: kernel.to_bind().bind(gpu, 2, kept)?,
             kernel,
             bound: PerReceiver::default(),
         })
@@ -63,8 +59,9 @@ impl TexelGather {
         texels: &AtlasCapture,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (gpu, kernel) = (frame.gpu, &self.kernel);
+        let gpu = frame.gpu;
         let Receiver { points, target } = receiver;
+        let kernel = self.kernel.of(gpu, points)?;
         let [seen, added] = self.bound.of(receiver, || {
             let mut pieces = texels.pieces().iter();
             let own = pieces.find(|piece| piece.points.points == points.points);

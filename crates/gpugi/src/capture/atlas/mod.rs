@@ -206,6 +206,7 @@ impl AtlasCapture {
                     count,
                     hits: hits.clone(),
                     output: options.output,
+                    slots: Default::default(),
                 };
                 let uniform = |phase| {
                     gpu.uniform(
