@@ -114,7 +114,7 @@ fn points_inside_solids_are_switched_off() {
     println!("{with:.3?}, without the block {without:.3?}");
     for (with, without) in with.into_iter().zip(without) {
         assert!(
-            (0.4..1.6).contains(&(with / without)),
+            (0.8..1.25).contains(&(with / without)),
             "{with} beside {without}"
         );
     }

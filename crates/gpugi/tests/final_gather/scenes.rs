@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::measure::{Options, Quality, measure};
+use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::image::metrics::Metric;
@@ -171,9 +171,29 @@ fn paths_are_what_others_leave_over() {
         [false, true, false, false, false]
     );
     assert_eq!(of(&both, &["glossy=true"]), [false, true, true, true, true]);
-    // Both would add all indirect light; of different objects they may.
-    let names = ["shadow-map", "radiosity", "final-gather"].map(str::to_owned);
-    assert!(Renderer::new(&gpu, &scene, [8, 8], &names).is_err());
+}
+
+/// Radiosity lights the still world and final-gather one object in it: together they have all indirect light.
+#[test]
+fn radiosity_leaves_claimed_objects_alone() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let camera = &scene.cameras[0];
+    let techniques = ["shadow-map", "radiosity", "final-gather"];
+    let names = techniques.map(str::to_owned);
+    let mut renderer = Renderer::new(&gpu, &scene, [40, 40], &names).expect("a renderer");
+    // Both would light everything.
+    let set = renderer.set("final-gather", "reference-points", "grid");
+    assert!(matches!(set, Err(LightingError::Overlap { .. })), "{set:?}");
+    let set = renderer.set("final-gather", "objects", "short block");
+    set.expect("a setting");
+    for (name, value) in [("resolution", "64"), ("iterations", "16"), ("steps", "16")] {
+        let set = renderer.set("radiosity", name, value);
+        set.expect("a setting");
+    }
+    let error = error(&gpu, &scene, camera, &mut renderer);
+    println!("rel-mse {error:.1e}");
+    assert!(error < 0.005, "{error}");
 }
 
 /// What is lit differently is followed, by a few faces per frame, until nothing changes any more.

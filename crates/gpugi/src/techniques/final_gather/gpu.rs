@@ -34,7 +34,7 @@ pub struct Work {
 
 /// Bytes of a reference point and its lights: `point_row` of lights.wesl.
 pub const fn point_bytes(side: u32) -> u64 {
-    16 * (1 + 4 * 6 * side as u64 * side as u64)
+    16 * (2 + 4 * 6 * side as u64 * side as u64)
 }
 
 /// Bytes of the sources of a reference point's lights: `sources` of downsample.wesl.

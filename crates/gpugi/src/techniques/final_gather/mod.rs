@@ -24,7 +24,7 @@ use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use maps::{Kernels, Maps};
 use objects::ObjectPoint;
-use places::Grid;
+use places::{Grid, Places};
 use points::Points;
 pub use settings::{Blend, ReferencePoints, Settings, SolidAngle, Visibility};
 
@@ -52,9 +52,10 @@ const BOUNCES_AT_ONCE: u32 = 16;
 /// Widest map of distances (texels): WebGPU promises this much.
 const WIDEST: u32 = 8192;
 
-/// What the cubes show, and how light goes on from there: decided by the plan.
+/// Where the cubes are, what they show, and how light goes on from there: decided by the plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Own {
+    places: Places,
     /// Emitters and the sky, whose direct light nobody else adds.
     emission: bool,
     environment: bool,
@@ -114,14 +115,14 @@ struct LitAs {
 }
 
 impl Layout {
-    fn new(settings: &Settings, claimed: &[u32], scene: &GpuScene) -> Self {
-        match settings.reference_points {
-            ReferencePoints::Grid => {
+    fn new(settings: &Settings, places: Places, claimed: &[u32], scene: &GpuScene) -> Self {
+        match places {
+            Places::Grid => {
                 let grid = Grid::new(&scene.bounds, settings.density);
                 Self::Grid(scene.bounds, grid)
             }
-            ReferencePoints::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
-            ReferencePoints::Camera => Self::Camera,
+            Places::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
+            Places::Camera => Self::Camera,
         }
     }
 
@@ -142,13 +143,21 @@ impl Layout {
         }
     }
 
+    fn places(&self) -> Places {
+        match self {
+            Self::Grid(..) => Places::Grid,
+            Self::Objects(_) => Places::Objects,
+            Self::Camera => Places::Camera,
+        }
+    }
+
     fn probes(&self, settings: &Settings, scene: &GpuScene) -> Result<gpu::Probes, (u64, u64)> {
         let resolution = settings.resolution;
         let probes = gpu::Probes {
             origin: [0.0; 3],
             side: settings.size,
             spacing: [1.0; 3],
-            places: settings.reference_points as u32,
+            places: self.places() as u32,
             counts: UVec3::ONE.to_array(),
             count: 1,
             resolution,
@@ -189,7 +198,7 @@ impl Made {
         own: Own,
         claimed: &[u32],
     ) -> Result<Self, GpuError> {
-        let of = Layout::new(settings, claimed, scene);
+        let of = Layout::new(settings, own.places, claimed, scene);
         let probes = of.probes(settings, scene).map_err(|(needed, limit)| {
             let what = match of {
                 Layout::Objects(_) => "objects with reference points (name fewer)",
@@ -329,13 +338,18 @@ impl Technique for FinalGather {
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
         let adds = |class, path| overlap(covered, &[LightPaths::new(class, path)]).is_some();
-        let of_objects = self.settings.reference_points == ReferencePoints::Objects;
-        // Light that was reflected twice arrives in the cubes only where objects are claimed; elsewhere it is refused.
-        let indirect = |class| of_objects && adds(class, "LDDE");
+        let is_covered = LightClass::ALL.into_iter().any(|class| adds(class, "LDDE"));
+        let places = match self.settings.reference_points {
+            ReferencePoints::Auto if is_covered => Places::Objects,
+            ReferencePoints::Auto | ReferencePoints::Grid => Places::Grid,
+            ReferencePoints::Objects => Places::Objects,
+            ReferencePoints::Camera => Places::Camera,
+        };
         self.own = Own {
+            places,
             emission: !adds(LightClass::Area, "LDE"),
             environment: !adds(LightClass::Environment, "LDE"),
-            bounces: !LightClass::ALL.into_iter().any(indirect),
+            bounces: !is_covered,
         };
         let last = if self.settings.glossy { "[DG]" } else { "D" };
         let has_bounces = self.settings.bounces > 0 || !self.own.bounces;
@@ -362,7 +376,7 @@ impl Technique for FinalGather {
         }
         self.claimed.clear();
         let mut plan = Plan::adding(paths, scene);
-        if of_objects {
+        if places == Places::Objects {
             for (index, object) in scene.objects.iter().enumerate() {
                 if object.is_named_by(&self.settings.objects) {
                     self.claimed.push(index as u32);
@@ -391,7 +405,7 @@ impl Technique for FinalGather {
         view: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        if self.claimed.is_empty() && self.settings.reference_points == ReferencePoints::Objects {
+        if self.claimed.is_empty() && self.own.places == Places::Objects {
             self.made = None;
             return Ok(Generated::FINAL);
         }

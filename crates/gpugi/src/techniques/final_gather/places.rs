@@ -3,6 +3,18 @@
 use glam::{UVec3, Vec3};
 use gpugi_scene::Bounds;
 
+/// Where reference points are: the `PLACES_` constants of lights.wesl.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Places {
+    /// In a grid: they light everything.
+    #[default]
+    Grid = 0,
+    /// In the centres of objects: they light these alone.
+    Objects = 1,
+    /// Where the camera is: it lights everything.
+    Camera = 2,
+}
+
 /// Points of a grid, where the settings do not say.
 const POINTS: u32 = 64;
 

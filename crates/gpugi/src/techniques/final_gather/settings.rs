@@ -3,6 +3,8 @@
 crate::choices! {
     /// Where reference points are.
     pub enum ReferencePoints {
+        /// In a grid; where another technique adds all indirect light, in the objects.
+        Auto = "auto",
         /// In a grid, in the scene's bounds: they light everything.
         Grid = "grid",
         /// In the centre of each object: they light these objects alone.
@@ -48,14 +50,14 @@ crate::settings! {
     /// Settings of final gathering.
     pub struct Settings {
         /// Where reference points are: grid, in the scene's bounds; objects, in the centre of each object, which they
-        /// light alone; camera, where the camera is.
-        pub reference_points: ReferencePoints = ReferencePoints::Grid => any(),
+        /// light alone; camera, where the camera is; auto, objects if another technique adds indirect light, else grid.
+        pub reference_points: ReferencePoints = ReferencePoints::Auto => any(),
         /// Reference points of a grid per metre; 0: about 64 in the scene.
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
         /// Side of the faces of the small cubes, whose texels are area lights.
         pub size: u32 = 4 => in_range(2.0, 16.0).power_of_two().unit("texels"),
         /// Side of the faces of the cubes that are captured, a power of two.
-        pub resolution: u32 = 64 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
+        pub resolution: u32 = 32 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
         /// Estimate of the lights' solid angles: disc, the tutorial's; oriented, foreshortened by the light's normal;
         /// quad, exact form factors of quadrilaterals.
         pub solid_angle: SolidAngle = SolidAngle::Oriented => any(),
@@ -71,7 +73,7 @@ crate::settings! {
         pub glossy: bool = false => any(),
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
-        /// Objects that are lit, for reference-points=objects: names separated by commas, * for any characters.
+        /// Objects that are lit by points of their own: names separated by commas, * for any characters.
         pub objects: String = ALL.to_owned() => any(),
     }
 }
