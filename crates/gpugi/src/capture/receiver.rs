@@ -101,6 +101,17 @@ impl ReceiverKernel {
         })
     }
 
+    /// The same with other values of some constants ([`Kernel::variant`]).
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader has no such constant.
+    pub fn variant(&self, gpu: &Gpu, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
+        Ok(Self {
+            radiance: self.radiance.variant(gpu, constants)?,
+            general: OnceLock::new(),
+        })
+    }
+
     /// The kernel to bind resources to, for all receivers.
     pub fn to_bind(&self) -> &Kernel {
         &self.radiance

@@ -496,9 +496,15 @@ impl RasterKernel {
     }
 }
 
-/// The bind-group layout of every resource that `shader` declares in group 0, for all stages.
-pub(crate) fn scene_layout(gpu: &Gpu, shader: &Shader) -> Result<wgpu::BindGroupLayout, GpuError> {
-    let declared = shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?;
+/// The bind-group layout of every resource that `shaders` declare in group 0, for all stages.
+pub(crate) fn scene_layout(
+    gpu: &Gpu,
+    shaders: &[Shader],
+) -> Result<wgpu::BindGroupLayout, GpuError> {
+    let mut declared = Vec::new();
+    for shader in shaders {
+        declared.extend(shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?);
+    }
     let entries: Vec<_> = declared
         .iter()
         .map(|one| wgpu::BindGroupLayoutEntry {

@@ -237,6 +237,15 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
                 .map(|(found, expected)| found.x / (PI * expected) - 1.0)
                 .collect();
             println!("{estimate}, M = {size}: {off:.3?}");
+            // Classical environment mapping shows every place what the reference point sees.
+            let classical = expected.map(|one| (expected[0] / one - 1.0).abs());
+            let is_better = off[1..].iter().zip(&classical[1..]);
+            if estimate == "oriented" && size >= 8 {
+                println!("classical: {classical:.3?}");
+                for (off, classical) in is_better {
+                    assert!(off.abs() * 5.0 < *classical, "{size}: {off:?}");
+                }
+            }
             if size == 16 {
                 assert!(off[0].abs() < 0.03, "{estimate}: {off:?}");
                 let worst = off.iter().fold(0.0_f32, |worst, off| worst.max(off.abs()));
