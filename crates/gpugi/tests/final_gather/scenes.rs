@@ -63,7 +63,7 @@ fn the_cornell_box_is_the_path_tracers() {
         (&["final-gather"], &[], 0.1),
     ] {
         let settings = [&["resolution=32"], settings].concat();
-        let mut renderer = renderer(&gpu, &scene, techniques, 40, &settings);
+        let mut renderer = renderer(&gpu, &scene, techniques, 32, &settings);
         let error = error(&gpu, &scene, camera, &mut renderer);
         println!("{techniques:?} {settings:?}: rel-mse {error:.1e}");
         assert!(error < bound, "{techniques:?} {settings:?}: {error}");
