@@ -200,15 +200,9 @@ fn radiosity_leaves_claimed_objects_alone() {
 #[test]
 fn changes_of_the_scene_are_followed() {
     let Some(gpu) = gpu() else { return };
-    let mut scene = builtin("cornell", 1).expect("a scene");
+    let scene = builtin("cornell", 1).expect("a scene");
     let camera = scene.cameras[0].clone();
     let techniques = ["shadow-map", "final-gather"];
-    let settings = [
-        "resolution=16",
-        "faces-per-frame=24",
-        "bounces=8",
-        "density=0.5",
-    ];
     let picture = |renderer: &mut Renderer, frames: u32| -> Vec<f32> {
         for _ in 0..frames {
             renderer.restart();
@@ -217,20 +211,29 @@ fn changes_of_the_scene_are_followed() {
         }
         renderer.radiance().expect("radiance")
     };
-    let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
-    let before = picture(&mut kept, 1);
-    let light = scene.instances[5].material;
-    scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
-    scene.instances[7].world_from_mesh.w_axis.x += 1.0;
-    kept.update(&scene).expect("an update");
-    let found = picture(&mut kept, 40);
-    let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
-    let fresh = picture(&mut fresh, 1);
-    let error = |a: &[f32], b: &[f32]| {
-        let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
-        squares.sum::<f32>() / b.iter().map(|b| b.powi(2)).sum::<f32>()
-    };
-    let (off, moved) = (error(&found, &fresh), error(&before, &fresh));
-    println!("off {off:.1e}, from before {moved:.1e}");
-    assert!(off < 1e-5 && moved > 0.01, "{off}, {moved}");
+    for more in [
+        // Some reference points per frame, then some faces of one of them, then objects.
+        &["density=0.5", "faces-per-frame=24"],
+        &["density=0.3", "faces-per-frame=4"],
+        &["reference-points=objects", "objects=* block"],
+    ] {
+        let settings = [&["resolution=16", "bounces=8"], &more[..]].concat();
+        let mut scene = scene.clone();
+        let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let before = picture(&mut kept, 1);
+        let light = scene.instances[5].material;
+        scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
+        scene.instances[7].world_from_mesh.w_axis.x += 1.0;
+        kept.update(&scene).expect("an update");
+        let found = picture(&mut kept, 40);
+        let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let fresh = picture(&mut fresh, 1);
+        let error = |a: &[f32], b: &[f32]| {
+            let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+            squares.sum::<f32>() / b.iter().map(|b| b.powi(2)).sum::<f32>()
+        };
+        let (off, moved) = (error(&found, &fresh), error(&before, &fresh));
+        println!("{more:?}: off {off:.1e}, from before {moved:.1e}");
+        assert!(off < 1e-5 && moved > 0.01, "{more:?}: {off}, {moved}");
+    }
 }

@@ -4,10 +4,11 @@ use wgpu::BindingResource::TextureView;
 
 use super::gpu::{self, point_bytes, source_bytes};
 use super::settings::{Settings, Visibility};
-use crate::capture::{Gather, SurfacePoints, Target};
+use crate::capture::{Gather, Output, PerReceiver, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
+use crate::techniques::Earlier;
 
 /// The passes, for one choice of settings.
 #[derive(Debug)]
@@ -157,12 +158,13 @@ impl Maps {
     }
 }
 
-/// What it takes to downsample faces that were captured and lit.
+/// What it takes to light faces that were captured, and to downsample them.
 #[derive(Debug)]
 pub struct Bench {
-    pub target: Target,
+    target: Target,
     work: wgpu::Buffer,
     written: wgpu::BindGroup,
+    seen: PerReceiver<wgpu::BindGroup>,
 }
 
 impl Bench {
@@ -186,26 +188,34 @@ impl Bench {
             written: kernels.downsample.bind(gpu, 3, &resources)?,
             work,
             target,
+            seen: PerReceiver::default(),
         })
     }
 
-    /// Downsamples the faces whose light is in the target: pass `final-gather.downsample`.
+    /// Lights the points of some faces by the techniques before this one, and downsamples them: pass
+    /// `final-gather.downsample`.
     ///
     /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn downsample(
-        &self,
+    /// [`GpuError`].
+    pub fn light(
+        &mut self,
         frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
+        making: Making<'_>,
+        earlier: &mut Earlier<'_>,
         points: &SurfacePoints,
-        faces: u32,
         work: &gpu::Work,
     ) -> Result<(), GpuError> {
-        frame.gpu.write(&self.work, 0, std::slice::from_ref(work));
-        let seen = points.bind(frame.gpu, &kernels.downsample)?;
+        let Making { scene, kernels, .. } = making;
+        let receiver = Receiver::new(points, &self.target);
+        earlier.gather(frame, scene, &receiver, false)?;
+        let gpu = frame.gpu;
+        gpu.write(&self.work, 0, std::slice::from_ref(work));
+        let seen = self
+            .seen
+            .of(&receiver, || points.bind(gpu, &kernels.downsample))?;
+        let faces = points.count / (work.resolution * work.resolution);
         frame.compute("final-gather.downsample", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &seen), (3, &self.written)];
+            let groups = [(0, &scene.bind_group), (1, seen), (3, &self.written)];
             // A workgroup of 64 per light.
             let lights = [64 * work.side, work.side, faces];
             kernels.downsample.dispatch(pass, &groups, lights);
@@ -213,4 +223,20 @@ impl Bench {
         });
         Ok(())
     }
+
+    /// Bytes of the light of a cube's points.
+    pub fn bytes(&self) -> u64 {
+        self.target.radiance.size()
+    }
+}
+
+/// Inputs shared by all cubes of a frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Making<'a> {
+    pub scene: &'a GpuScene,
+    pub kernels: &'a Kernels,
+    /// What the techniques before this one are asked for at the cubes' points.
+    pub output: Output,
+    /// What is the same for all cubes.
+    pub work: gpu::Work,
 }

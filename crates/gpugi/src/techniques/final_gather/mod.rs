@@ -22,7 +22,7 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
-use maps::{Kernels, Maps};
+use maps::{Kernels, Making, Maps};
 use objects::ObjectPoint;
 use places::{Grid, Places};
 use points::Points;
@@ -103,6 +103,15 @@ enum Layout {
 enum Cubes {
     Own(Points),
     OfObjects(Vec<ObjectPoint>),
+}
+
+impl Cubes {
+    fn bytes(&self) -> u64 {
+        match self {
+            Self::Own(points) => points.bytes(),
+            Self::OfObjects(objects) => objects.iter().map(ObjectPoint::bytes).sum(),
+        }
+    }
 }
 
 /// Everything that the light in the cubes depends on.
@@ -276,7 +285,12 @@ impl Made {
             instance: u32::MAX,
             places: probes.places,
         };
-        let kernels = &self.kernels;
+        let making = Making {
+            scene,
+            kernels: &self.kernels,
+            output,
+            work,
+        };
         match &mut self.cubes {
             Cubes::Own(points) => {
                 if is_stale {
@@ -285,14 +299,12 @@ impl Made {
                 if matches!(self.of, Layout::Camera) {
                     points.positions[0] = eye;
                 }
-                points.light(frame, scene, kernels, earlier, output, &work)
+                points.light(frame, making, earlier)
             }
             Cubes::OfObjects(objects) => {
                 let mut is_lit = false;
                 for (point, object) in (0..).zip(objects) {
-                    let work = gpu::Work { point, ..work };
-                    is_lit |=
-                        object.light(frame, scene, kernels, earlier, is_stale, output, &work)?;
+                    is_lit |= object.light(frame, making, earlier, is_stale, point)?;
                 }
                 Ok(is_lit)
             }
@@ -479,7 +491,7 @@ impl Technique for FinalGather {
                 .into_iter()
                 .chain(has_distances.then_some(distances))
                 .collect(),
-            work_bytes: maps.lights.size(),
+            work_bytes: maps.lights.size() + made.cubes.bytes(),
             warnings: Vec::new(),
         }
     }

@@ -1,12 +1,11 @@
 //! Reference points in the centres of objects, whose surroundings are captured by the impostors that techniques share.
 
 use super::gpu::Work;
-use super::maps::{Bench, Kernels, Maps};
+use super::maps::{Bench, Kernels, Making, Maps};
 use super::settings::Settings;
-use crate::capture::{CubeView, Output, Receiver, SurfacePoints};
+use crate::capture::{CubeView, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::{Renew, Renewal, Wanted};
-use crate::scene::GpuScene;
 use crate::techniques::Earlier;
 
 /// An object with a reference point.
@@ -16,7 +15,7 @@ pub struct ObjectPoint {
     bench: Bench,
     /// View of the cube's points, with what is asked for there.
     view: wgpu::Buffer,
-    lit: bool,
+    is_lit: bool,
 }
 
 impl ObjectPoint {
@@ -32,7 +31,7 @@ impl ObjectPoint {
         instance: u32,
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
-        let bytes = size_of::<crate::capture::ViewUniform>() as u64;
+        let bytes = size_of::<ViewUniform>() as u64;
         Ok(Self {
             wanted: Wanted {
                 instance,
@@ -48,51 +47,52 @@ impl ObjectPoint {
             },
             bench: Bench::new(gpu, kernels, maps, side)?,
             view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
-            lit: false,
+            is_lit: false,
         })
     }
 
-    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did.
+    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did. `point`: the
+    /// index of the object's reference point.
     ///
     /// # Errors
     /// [`GpuError`].
-    #[allow(clippy::too_many_arguments)] // What a frame consists of.
     pub fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
+        making: Making<'_>,
         earlier: &mut Earlier<'_>,
         is_stale: bool,
-        output: Output,
-        work: &Work,
+        point: u32,
     ) -> Result<bool, GpuError> {
+        let Making { scene, output, .. } = making;
         let settings = earlier.settings_version;
         let maps = earlier
             .impostors
             .of(frame, scene, self.wanted, settings, 0)?;
-        if self.lit && !is_stale && maps.renewed.is_none() {
+        if self.is_lit && !is_stale && maps.renewed.is_none() {
             return Ok(false);
         }
-        self.lit = true;
+        self.is_lit = true;
         let mut view = CubeView::new(maps.reference, self.wanted.side, 0.0, 0, 0);
         output.write(&mut view.uniform);
-        frame
-            .gpu
-            .write(&self.view, 0, std::slice::from_ref(&view.uniform));
+        let uniform = std::slice::from_ref(&view.uniform);
+        frame.gpu.write(&self.view, 0, uniform);
         let points = SurfacePoints {
             view: self.view.clone(),
             output,
             ..maps.points.clone()
         };
         let work = Work {
+            point,
             instance: self.wanted.instance,
-            ..*work
+            ..making.work
         };
-        let receiver = Receiver::new(&points, &self.bench.target);
-        earlier.gather(frame, scene, &receiver, false)?;
-        let bench = &self.bench;
-        bench.downsample(frame, scene, kernels, &points, 6, &work)?;
+        self.bench.light(frame, making, earlier, &points, &work)?;
         Ok(true)
+    }
+
+    /// Bytes of the light of its cube.
+    pub fn bytes(&self) -> u64 {
+        self.bench.bytes()
     }
 }

@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::gpu::Work;
-use super::maps::{Bench, Kernels, Maps};
-use crate::capture::{Capture, CubeView, Faces, Output, Receiver};
+use super::maps::{Bench, Kernels, Making, Maps};
+use crate::capture::{Capture, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{Draw, Versions};
 use crate::techniques::Earlier;
 
 /// Near distance of cubes, as a fraction of the scene's diagonal.
@@ -34,7 +34,7 @@ struct Workplace {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Captured {
     position: Vec3,
-    faces: usize,
+    turn: usize,
     geometry: u64,
     materials: u64,
     instances: u64,
@@ -123,18 +123,24 @@ impl Points {
         self.turns.len()
     }
 
-    /// Captures and lights as many stale faces as a frame may; whether there were any. `work` says what is to be made of them.
+    /// Bytes of the cubes that points share.
+    pub fn bytes(&self) -> u64 {
+        // Besides points and light: hit records and depth.
+        let texel = SURFACE_POINT_BYTES + 8;
+        let cube = 6 * u64::from(self.side * self.side) * texel;
+        let cubes = self.workplaces.iter();
+        cubes.map(|one| cube + one.bench.bytes()).sum()
+    }
+
+    /// Captures and lights as many stale faces as a frame may; whether there were any.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
+        making: Making<'_>,
         earlier: &mut Earlier<'_>,
-        output: Output,
-        work: &Work,
     ) -> Result<bool, GpuError> {
         let count = self.turns.len();
         // In turn, so that none waits for ever where everything changes in every frame.
@@ -147,40 +153,31 @@ impl Points {
             let turn = &mut self.turns[index];
             turn.lit = self.wanted;
             self.next = (index + 1) % count;
+            let position = self.positions[turn.point];
             let work = Work {
                 point: turn.point as u32,
-                ..*work
+                ..making.work
             };
-            let position = self.positions[turn.point];
-            let near = scene.diagonal() * NEAR;
-            let mut view = CubeView::new(position, self.side, near, 0, 0);
-            output.write(&mut view.uniform);
-            workplace.light(
-                frame,
-                scene,
-                kernels,
-                earlier,
-                output,
-                (&view, turn.faces),
-                &work,
-            )?;
+            workplace.light(frame, making, earlier, position, turn.faces, &work)?;
         }
         Ok(!stale.is_empty())
     }
 }
 
 impl Workplace {
-    #[allow(clippy::too_many_arguments)] // What a frame consists of.
     fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        kernels: &Kernels,
+        making: Making<'_>,
         earlier: &mut Earlier<'_>,
-        output: Output,
-        (view, faces): (&CubeView, usize),
+        position: Vec3,
+        turn: usize,
         work: &Work,
     ) -> Result<(), GpuError> {
+        let Making { scene, output, .. } = making;
+        let near = scene.diagonal() * NEAR;
+        let mut view = CubeView::new(position, work.resolution, near, 0, 0);
+        output.write(&mut view.uniform);
         let Versions {
             geometry,
             materials,
@@ -188,26 +185,25 @@ impl Workplace {
             ..
         } = scene.versions;
         let captured = Captured {
-            position: Vec3::from_array(view.uniform.origin),
-            faces,
+            position,
+            turn,
             geometry,
             materials,
             instances,
         };
-        let faces = &self.faces[faces];
+        let faces = &self.faces[turn];
         if self.holds != Some(captured) {
-            // Solids are seen from inside, too: so a point inside one is known, and the backs of walls hide what is behind.
+            // Solids are seen from inside, too: so a point inside one is known, and the backs of walls hide what is
+            // behind them.
+            let class_of = |draw: &Draw| Some(draw.seen.from_both_sides());
             self.capture
-                .record_faces(frame, scene, view, faces, |draw| {
-                    Some(draw.seen.from_both_sides())
-                })?;
+                .record_faces(frame, scene, &view, faces, class_of)?;
             self.holds = Some(captured);
         }
-        let mut points = faces.points.clone();
-        points.output = output;
-        let receiver = Receiver::new(&points, &self.bench.target);
-        earlier.gather(frame, scene, &receiver, false)?;
-        let bench = &self.bench;
-        bench.downsample(frame, scene, kernels, &points, faces.count(), work)
+        let points = SurfacePoints {
+            output,
+            ..faces.points.clone()
+        };
+        self.bench.light(frame, making, earlier, &points, work)
     }
 }
