@@ -15,7 +15,7 @@ use gpugi::scene::GpuScene;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
-use gpugi::techniques::{caustics, image_based_lighting, radiosity, shadow_map};
+use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity, shadow_map};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity};
@@ -36,6 +36,8 @@ const DIRECT: [&str; 3] = [
 ];
 /// The technique that adds light reflected between diffuse surfaces.
 const INDIRECT: &str = radiosity::INFO.name;
+/// The technique that adds it on request, faster and less exactly.
+const GATHERED: &str = final_gather::INFO.name;
 /// The technique that computes not light, but the fraction of it that arrives.
 const FACTOR: &str = obscurances::INFO.name;
 
@@ -146,10 +148,11 @@ pub fn run(
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
         return Err(Usage(message.into()).into());
     }
-    let is_known = |name: &str| DIRECT.contains(&name) || name == INDIRECT || name == FACTOR;
+    let is_known =
+        |name: &str| DIRECT.contains(&name) || [INDIRECT, GATHERED, FACTOR].contains(&name);
     if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
         return Err(Usage(format!(
-            "--technique {name}: baked into texels are {}, {INDIRECT}, {FACTOR}",
+            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}",
             DIRECT.join(", ")
         ))
         .into());
