@@ -570,3 +570,40 @@ fn bakes_that_cannot_be_are_refused() {
     }
     assert!(!folder.join("x.glb").exists());
 }
+
+#[test]
+fn an_irradiance_volume_is_a_3d_texture() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("volume");
+    let path = folder.join("volume.ktx2");
+    let output = path.display().to_string();
+    let bake = |options: &[&str]| {
+        let first = ["bake", "cornell", "-o", &output];
+        gpugi(&[&first[..], options].concat())
+    };
+    let density = ["--irradiance-volume", "0.5"];
+    let techniques = ["--technique", "shadow-map,final-gather"];
+    let coarse = [
+        "--set",
+        "final-gather.density=0.3",
+        "--set",
+        "final-gather.resolution=16",
+    ];
+    let baked = bake(&[&density[..], &techniques, &coarse].concat());
+    assert_eq!(baked.status.code(), Some(0), "{baked:?}");
+    let said = String::from_utf8_lossy(&baked.stdout).into_owned();
+    assert!(said.contains("3 x 3 x 3 ambient cubes"), "{said}");
+    // Width, height and depth of KTX2's header.
+    let bytes = std::fs::read(&path).expect("a file");
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+    assert_eq!([word(20), word(24), word(28)], [3, 6, 9]);
+    for wrong in [
+        &density[..],
+        &[&density[..], &["--technique", "shadow-map"]].concat(),
+        &[&["--irradiance-volume", "-1"], &techniques[..]].concat(),
+    ] {
+        assert_eq!(bake(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+}

@@ -20,6 +20,7 @@ fn texture(size: [u32; 2], faces: u32, levels: u32) -> HalfTexture {
     });
     HalfTexture {
         size,
+        depth: 1,
         faces,
         levels: levels.collect(),
     }
@@ -74,6 +75,24 @@ fn a_cube_map_reads_back() {
     assert!(bytes.ends_with(levels[0].data));
 }
 
+#[test]
+fn a_3d_texture_reads_back() {
+    let flat = texture([3, 8], 1, 1);
+    let solid = HalfTexture {
+        size: [3, 2],
+        depth: 4,
+        ..flat
+    };
+    let bytes = saved("solid", &solid).unwrap();
+    let reader = Reader::new(&bytes).unwrap();
+    let header = reader.header();
+    let size = (header.pixel_width, header.pixel_height, header.pixel_depth);
+    assert_eq!(size, (3, 2, 4));
+    assert_eq!((header.layer_count, header.face_count), (0, 1));
+    let level = reader.levels().next().unwrap();
+    assert!(level.data == bytemuck::cast_slice::<_, u8>(&solid.levels[0]));
+}
+
 /// The descriptor word by word: Khronos Data Format Specification 1.4, section 5, and the example of four half floats there.
 #[test]
 fn the_descriptor_says_four_signed_half_floats() {
@@ -120,6 +139,10 @@ fn levels_that_do_not_fit_are_refused() {
         },
         HalfTexture {
             size: [4, 3],
+            ..fine.clone()
+        },
+        HalfTexture {
+            depth: 2,
             ..fine.clone()
         },
         HalfTexture {

@@ -1,6 +1,7 @@
 //! `gpugi bake`: bakes a scene's light into texture space, or an environment into maps.
 
 mod scene;
+mod volume;
 mod work;
 
 use std::path::{Path, PathBuf};
@@ -23,8 +24,8 @@ use scene::SceneOptions;
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// File to write (.glb), or folder for an environment's maps
-    #[arg(short, long, value_name = "FILE.glb|DIR")]
+    /// File to write (.glb, or .ktx2 for an irradiance volume), or folder for an environment's maps
+    #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
     /// Techniques whose light is baked, separated by commas; environment-map alone writes an environment's maps (SCENE
     /// is an .exr or .hdr)
@@ -33,12 +34,19 @@ pub struct Arguments {
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
+    /// Instead of texels, write a .ktx2 with the light of final-gather in a grid of this many ambient cubes per metre, as
+    /// Bevy reads irradiance volumes
+    #[arg(long, value_name = "DENSITY")]
+    irradiance_volume: Option<f32>,
     #[command(flatten)]
     options: SceneOptions,
 }
 
 /// Bakes.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(density) = arguments.irradiance_volume {
+        return volume::run(common, arguments, density);
+    }
     if arguments.technique == [environment_map::INFO.name] {
         return environment(common, arguments);
     }

@@ -12,15 +12,17 @@ use super::replace_file;
 use super::decode::{check_size, linear_from_srgb};
 use crate::{Image, ImportError, Limits, Pixels};
 
-/// An RGBA texture of half floats: a 2D texture or a cube map.
+/// An RGBA texture of half floats: a 2D texture, a 3D texture or a cube map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HalfTexture {
     /// Width and height of level 0 (texels).
     pub size: [u32; 2],
+    /// Slices of a 3D texture, which has one level; otherwise 1.
+    pub depth: u32,
     /// 1, or 6 for a cube map: +X, -X, +Y, -Y, +Z, -Z in KTX2's left-handed axes.
     pub faces: u32,
     /// Mip levels, finest first, each with half the width and height of the one before. Within a level: face by face,
-    /// row by row from the top.
+    /// or slice by slice, row by row from the top.
     pub levels: Vec<Vec<[f16; 4]>>,
 }
 
@@ -38,7 +40,9 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
     // Sorted by key, each padded to a multiple of four bytes.
     let mut values = Vec::new();
     let writer = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
-    for (key, value) in [("KTXorientation", "rd"), ("KTXwriter", writer)] {
+    let is_solid = texture.depth > 1;
+    let orientation = if is_solid { "rdi" } else { "rd" };
+    for (key, value) in [("KTXorientation", orientation), ("KTXwriter", writer)] {
         let pair = format!("{key}\0{value}\0");
         values.extend((pair.len() as u32).to_le_bytes());
         values.extend(pair.as_bytes());
@@ -52,7 +56,7 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
         type_size,
         pixel_width: texture.size[0],
         pixel_height: texture.size[1],
-        pixel_depth: 0,
+        pixel_depth: if is_solid { texture.depth } else { 0 },
         layer_count: 0,
         face_count: texture.faces,
         level_count: texture.levels.len() as u32,
@@ -100,10 +104,12 @@ fn check_levels(texture: &HalfTexture) -> io::Result<()> {
         .checked_ilog2()
         .map_or(0, |level| level + 1);
     let is_cube = texture.faces == 6 && width == height;
+    let is_solid = texture.depth > 1 && texture.faces == 1 && texture.levels.len() == 1;
     if texture.levels.is_empty()
         || texture.levels.len() > most as usize
         || height == 0
         || !(texture.faces == 1 || is_cube)
+        || !(texture.depth == 1 || is_solid)
     {
         return refuse(format!(
             "{} levels of {width} x {height} texels and {} faces are no texture",
@@ -113,7 +119,8 @@ fn check_levels(texture: &HalfTexture) -> io::Result<()> {
     }
     for (level, texels) in texture.levels.iter().enumerate() {
         let side = |side: u32| u64::from((side >> level).max(1));
-        let wanted = side(width) * side(height) * u64::from(texture.faces);
+        let wanted =
+            side(width) * side(height) * u64::from(texture.faces) * u64::from(texture.depth);
         if texels.len() as u64 != wanted {
             return refuse(format!(
                 "level {level} has {} texels where {wanted} are needed",

@@ -8,11 +8,13 @@ mod light;
 mod obscurances;
 #[cfg(test)]
 mod tests;
+mod volume;
 
 use crate::capture::atlas::LeakReport;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
+pub use volume::IrradianceVolume;
 
 /// Texels of an atlas that lie inside other things, where no light can be.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,6 +5,7 @@ mod common;
 mod hostile;
 mod leaks;
 mod scenes;
+mod volume;
 
 use std::f32::consts::PI;
 use std::sync::Arc;

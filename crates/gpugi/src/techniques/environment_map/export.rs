@@ -123,6 +123,7 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
         phong: cube(gpu, phong)?,
         albedo: HalfTexture {
             size: [maps.albedo.width(), maps.albedo.height()],
+            depth: 1,
             faces: 1,
             levels: vec![read_texture(gpu, &maps.albedo, TextureAspect::All, 0, 0)?],
         },
@@ -162,6 +163,7 @@ fn cube(gpu: &Gpu, texture: &wgpu::Texture) -> Result<HalfTexture, GpuError> {
     }
     Ok(HalfTexture {
         size: [texture.width(), texture.height()],
+        depth: 1,
         faces: 6,
         levels,
     })

@@ -5,6 +5,7 @@
 //! point sums the lights of the reference points near it. docs/techniques/final-gather.md.
 
 pub(crate) mod gpu;
+mod made;
 mod maps;
 mod objects;
 mod places;
@@ -13,19 +14,14 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use glam::{UVec3, Vec3};
-use gpugi_scene::Bounds;
-
-use super::{Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, Plan, Technique, Texels};
-use crate::capture::{Output, Receiver, View};
-use crate::gpu::{Frame, Gpu, GpuError};
+use super::{Earlier, Generated, Info, Inspection, Plan, Technique};
+use crate::capture::{Receiver, View};
+use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-use maps::{Kernels, Making, Maps};
-use objects::ObjectPoint;
-use places::{Grid, Places};
-use points::Points;
+use made::{Made, Own};
+use places::Places;
 pub use settings::{Blend, ReferencePoints, Settings, SolidAngle, Visibility};
 
 /// Name, summary, source and light paths of the technique.
@@ -34,34 +30,15 @@ pub const INFO: Info = Info {
     summary: "indirect light from area lights that a few reference points see, without an atlas and without rays",
     source: "tutorial section 6.2; Szirmay-Kalos and Lazányi 2006",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "L[DG]D*[DG]E"),
-        LightPaths::new(LightClass::Area, "L[DG]D*[DG]E"),
-        LightPaths::new(LightClass::Environment, "L[DG]D*[DG]E"),
+        LightPaths::new(LightClass::Punctual, "L[DGS]*[DG]E"),
+        LightPaths::new(LightClass::Area, "L[DGS]*[DG]E"),
+        LightPaths::new(LightClass::Environment, "L[DGS]*[DG]E"),
     ],
     // The default sets are chosen by measured error and cost, which has not been done for this technique.
     suits: |_| false,
     keeps_texels: false,
     lights_points: true,
 };
-
-/// Most reference points of a grid, and most objects with one.
-const MOST_POINTS: u64 = 4096;
-const MOST_OBJECTS: u64 = 32;
-/// Bounces per frame before the light is gathered for the first time; later a frame has one.
-const BOUNCES_AT_ONCE: u32 = 16;
-/// Widest map of distances (texels): WebGPU promises this much.
-const WIDEST: u32 = 8192;
-
-/// Where the cubes are, what they show, and how light goes on from there: decided by the plan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Own {
-    places: Places,
-    /// Emitters and the sky, whose direct light nobody else adds.
-    emission: bool,
-    environment: bool,
-    /// Whether light bounces on among the lights; otherwise the techniques before this one already do that.
-    bounces: bool,
-}
 
 /// Final gathering.
 #[derive(Debug, Default)]
@@ -73,274 +50,41 @@ pub struct FinalGather {
     made: Option<Made>,
 }
 
-/// The reference points and their lights, and what they were made for.
-#[derive(Debug)]
-struct Made {
-    settings: Settings,
-    own: Own,
-    of: Layout,
-    kernels: Kernels,
-    maps: Maps,
-    cubes: Cubes,
-    lit_as: Option<LitAs>,
-    /// Bounces since the light last changed.
-    bounced: u32,
-    /// Whether the lights have been complete once, so that they can be gathered.
-    is_complete: bool,
-    revision: u64,
-}
-
-/// Where the reference points are.
-#[derive(Debug)]
-enum Layout {
-    /// In a grid, in these bounds.
-    Grid(Bounds, Grid),
-    Objects(ObjectMapsKey<Settings>),
-    Camera,
-}
-
-#[derive(Debug)]
-enum Cubes {
-    Own(Points),
-    OfObjects(Vec<ObjectPoint>),
-}
-
-impl Cubes {
-    fn bytes(&self) -> u64 {
-        match self {
-            Self::Own(points) => points.bytes(),
-            Self::OfObjects(objects) => objects.iter().map(ObjectPoint::bytes).sum(),
+impl FinalGather {
+    /// The light of one class that it adds beside `covered`.
+    fn paths(&self, class: LightClass, covered: &[LightPaths]) -> Vec<LightPaths> {
+        let is_own = match class {
+            LightClass::Punctual => false,
+            LightClass::Area => self.own.emission,
+            LightClass::Environment => self.own.environment,
+        };
+        let has_bounces = self.settings.bounces > 0 || !self.own.bounces;
+        let middle = if has_bounces { "D*" } else { "" };
+        let last = if self.settings.glossy { "[DG]" } else { "D" };
+        let new = |pattern: String| LightPaths {
+            class,
+            pattern: pattern.into(),
+        };
+        let mut paths = Vec::new();
+        if is_own {
+            // What is emitted is reflected diffusely before it is seen again.
+            paths.push(new(format!("L{middle}{last}E")));
         }
+        let mut of_class = covered.iter().filter(|one| one.class == class);
+        if self.settings.glossy {
+            // Cubes see all that the techniques before this one add.
+            let more = format!("{middle}{last}");
+            paths.extend(of_class.map(|one| one.continued(&more)));
+        } else if !is_own && of_class.any(|one| adds(std::slice::from_ref(one), class, "LDE")) {
+            paths.push(new(format!("LD{middle}DE")));
+        }
+        paths
     }
 }
 
-/// Everything that the light in the cubes depends on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct LitAs {
-    versions: Versions,
-    settings: u64,
-    revision: u64,
-    eye: Option<Vec3>,
-}
-
-impl Layout {
-    fn new(settings: &Settings, places: Places, claimed: &[u32], scene: &GpuScene) -> Self {
-        match places {
-            Places::Grid => {
-                let grid = Grid::new(&scene.bounds, settings.density);
-                Self::Grid(scene.bounds, grid)
-            }
-            Places::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
-            Places::Camera => Self::Camera,
-        }
-    }
-
-    /// Whether it serves the scene as it is, with the same settings. A grid stays while the scene does not leave its
-    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all points.
-    fn serves(&self, settings: &Settings, claimed: &[u32], scene: &GpuScene) -> bool {
-        match self {
-            Self::Grid(bounds, _) => {
-                let now = &scene.bounds;
-                let slack = bounds.diagonal() * 1e-3;
-                *now == *bounds
-                    || now.min.cmpge(bounds.min - slack).all()
-                        && now.max.cmple(bounds.max + slack).all()
-                        && now.diagonal() > bounds.diagonal() * 0.5
-            }
-            Self::Objects(key) => key.serves(settings, claimed, scene),
-            Self::Camera => true,
-        }
-    }
-
-    fn places(&self) -> Places {
-        match self {
-            Self::Grid(..) => Places::Grid,
-            Self::Objects(_) => Places::Objects,
-            Self::Camera => Places::Camera,
-        }
-    }
-
-    fn probes(&self, settings: &Settings, scene: &GpuScene) -> Result<gpu::Probes, (u64, u64)> {
-        let resolution = settings.resolution;
-        let probes = gpu::Probes {
-            origin: [0.0; 3],
-            side: settings.size,
-            spacing: [1.0; 3],
-            places: self.places() as u32,
-            counts: UVec3::ONE.to_array(),
-            count: 1,
-            resolution,
-            cubes_per_row: (WIDEST / (6 * resolution)).max(1),
-            diagonal: scene.diagonal(),
-            padding: 0,
-        };
-        let within = |count: u64, most: u64| {
-            if count <= most {
-                Ok(count as u32)
-            } else {
-                Err((count, most))
-            }
-        };
-        Ok(match self {
-            Self::Grid(_, grid) => gpu::Probes {
-                origin: grid.origin.to_array(),
-                spacing: grid.spacing.to_array(),
-                counts: grid.counts.to_array(),
-                count: within(grid.len(), MOST_POINTS)?,
-                ..probes
-            },
-            Self::Objects(key) => gpu::Probes {
-                count: within(key.objects().count() as u64, MOST_OBJECTS)?,
-                ..probes
-            },
-            Self::Camera => probes,
-        })
-    }
-}
-
-impl Made {
-    fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        earlier: &Earlier<'_>,
-        settings: &Settings,
-        own: Own,
-        claimed: &[u32],
-    ) -> Result<Self, GpuError> {
-        let of = Layout::new(settings, own.places, claimed, scene);
-        let probes = of.probes(settings, scene).map_err(|(needed, limit)| {
-            let what = match of {
-                Layout::Objects(_) => "objects with reference points (name fewer)",
-                _ => "reference points (lower final-gather.density)",
-            };
-            GpuError::TooLarge {
-                what: what.into(),
-                needed,
-                limit,
-                adapter: gpu.adapter.name.clone(),
-            }
-        })?;
-        let kernels = Kernels::new(gpu, scene, settings)?;
-        let maps = Maps::new(gpu, &kernels, settings, probes)?;
-        let at_once = settings.faces_per_frame;
-        let cubes = match &of {
-            Layout::Objects(key) => {
-                let objects = key.objects().map(|(instance, _)| {
-                    ObjectPoint::new(gpu, &kernels, &maps, settings, instance)
-                });
-                Cubes::OfObjects(objects.collect::<Result<_, _>>()?)
-            }
-            Layout::Grid(_, grid) => {
-                let points = grid.points().collect();
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
-            }
-            Layout::Camera => {
-                let points = vec![Vec3::ZERO];
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
-            }
-        };
-        Ok(Self {
-            settings: settings.clone(),
-            own,
-            of,
-            kernels,
-            maps,
-            cubes,
-            lit_as: None,
-            bounced: 0,
-            is_complete: false,
-            revision: 0,
-        })
-    }
-
-    /// Lights what is stale, as far as a frame may; whether there was anything.
-    fn light(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        eye: Vec3,
-        earlier: &mut Earlier<'_>,
-    ) -> Result<bool, GpuError> {
-        let now = LitAs {
-            versions: scene.versions,
-            settings: earlier.settings_version,
-            revision: earlier.revision,
-            eye: matches!(self.of, Layout::Camera).then_some(eye),
-        };
-        let is_stale = self.lit_as != Some(now);
-        self.lit_as = Some(now);
-        let output = if self.settings.glossy {
-            Output::RadianceToEye
-        } else {
-            Output::Irradiance
-        };
-        let probes = &self.maps.probes;
-        let work = gpu::Work {
-            point: 0,
-            side: probes.side,
-            resolution: probes.resolution,
-            cubes_per_row: probes.cubes_per_row,
-            with_emission: u32::from(self.own.emission),
-            with_environment: u32::from(self.own.environment && scene.environment.is_some()),
-            instance: u32::MAX,
-            places: probes.places,
-        };
-        let making = Making {
-            scene,
-            kernels: &self.kernels,
-            output,
-            work,
-        };
-        match &mut self.cubes {
-            Cubes::Own(points) => {
-                if is_stale {
-                    points.invalidate();
-                }
-                if matches!(self.of, Layout::Camera) {
-                    points.positions[0] = eye;
-                }
-                points.light(frame, making, earlier)
-            }
-            Cubes::OfObjects(objects) => {
-                let mut is_lit = false;
-                for (point, object) in (0..).zip(objects) {
-                    is_lit |= object.light(frame, making, earlier, is_stale, point)?;
-                }
-                Ok(is_lit)
-            }
-        }
-    }
-
-    /// Lets light bounce as often as a frame may; whether it did.
-    fn bounce(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> bool {
-        let all = self.bounces();
-        let most = if self.is_complete { 1 } else { BOUNCES_AT_ONCE };
-        let times = most.min(all - self.bounced.min(all));
-        if times > 0 {
-            self.maps.bounce(frame, scene, &self.kernels, times);
-            self.bounced += times;
-        }
-        times > 0
-    }
-
-    fn bounces(&self) -> u32 {
-        if self.own.bounces {
-            self.settings.bounces
-        } else {
-            0
-        }
-    }
-
-    /// Stale turns, turns that were never lit, and all turns.
-    fn turns(&self) -> [usize; 3] {
-        match &self.cubes {
-            Cubes::Own(points) => {
-                let [stale, never] = points.left();
-                [stale, never, points.turns()]
-            }
-            Cubes::OfObjects(objects) => [0, 0, objects.len()],
-        }
-    }
+/// Whether a set of light paths has a path of this class.
+fn adds(paths: &[LightPaths], class: LightClass, path: &'static str) -> bool {
+    overlap(paths, &[LightPaths::new(class, path)]).is_some()
 }
 
 impl Technique for FinalGather {
@@ -349,8 +93,8 @@ impl Technique for FinalGather {
     }
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
-        let adds = |class, path| overlap(covered, &[LightPaths::new(class, path)]).is_some();
-        let is_covered = LightClass::ALL.into_iter().any(|class| adds(class, "LDDE"));
+        let mut classes = LightClass::ALL.into_iter();
+        let is_covered = classes.any(|class| adds(covered, class, "LDDE"));
         let places = match self.settings.reference_points {
             ReferencePoints::Auto if is_covered => Places::Objects,
             ReferencePoints::Auto | ReferencePoints::Grid => Places::Grid,
@@ -359,32 +103,13 @@ impl Technique for FinalGather {
         };
         self.own = Own {
             places,
-            emission: !adds(LightClass::Area, "LDE"),
-            environment: !adds(LightClass::Environment, "LDE"),
+            emission: !adds(covered, LightClass::Area, "LDE"),
+            environment: !adds(covered, LightClass::Environment, "LDE"),
             bounces: !is_covered,
         };
-        let last = if self.settings.glossy { "[DG]" } else { "D" };
-        let has_bounces = self.settings.bounces > 0 || !self.own.bounces;
-        let middle = if has_bounces { "D*" } else { "" };
         let mut paths = Vec::new();
         for class in LightClass::ALL {
-            let is_own = match class {
-                LightClass::Punctual => false,
-                LightClass::Area => self.own.emission,
-                LightClass::Environment => self.own.environment,
-            };
-            let reflected = format!("{last}{middle}{last}");
-            let pattern = match (is_own, adds(class, "LDE")) {
-                // What is emitted is reflected diffusely before it is seen again.
-                (true, _) if has_bounces => format!("LD*{last}E"),
-                (true, _) => format!("L{last}E"),
-                (false, true) => format!("L{reflected}E"),
-                (false, false) => continue,
-            };
-            paths.push(LightPaths {
-                class,
-                pattern: pattern.into(),
-            });
+            paths.extend(self.paths(class, covered));
         }
         self.claimed.clear();
         let mut plan = Plan::adding(paths, scene);
@@ -422,33 +147,13 @@ impl Technique for FinalGather {
             return Ok(Generated::FINAL);
         }
         let (settings, own, claimed) = (&self.settings, self.own, &self.claimed);
-        let is_made = |made: &Made| {
-            made.settings == *settings
-                && made.own == own
-                && made.of.serves(settings, claimed, scene)
-        };
+        let is_made = |made: &Made| made.serves(settings, own, claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => Made::new(frame.gpu, scene, earlier, settings, own, claimed)?,
         };
         let eye = view.world_from_view.w_axis.truncate();
-        let is_lit = made.light(frame, scene, eye, earlier)?;
-        if is_lit {
-            made.bounced = 0;
-        }
-        let [stale, never, turns] = made.turns();
-        let has_bounced = never == 0 && made.bounce(frame, scene);
-        let all = made.bounces();
-        let done = (turns - stale) as f32 + made.bounced as f32;
-        let is_first = !made.is_complete;
-        made.is_complete |= never == 0 && made.bounced >= all;
-        // Dependents follow what is better than what could be gathered before.
-        made.revision += u64::from(!is_first && (is_lit || has_bounced));
-        let generated = Generated {
-            revision: made.revision,
-            progress: done / (turns as f32 + all as f32).max(1.0),
-            pending: (!made.is_complete).then_some("the light of reference points"),
-        };
+        let generated = made.generate(frame, scene, eye, earlier)?;
         self.made = Some(made);
         Ok(generated)
     }
@@ -459,40 +164,14 @@ impl Technique for FinalGather {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let Some(Made { kernels, maps, .. }) = &mut self.made else {
-            return Ok(());
-        };
-        let groups = [&maps.gathered];
-        let gather = &mut kernels.gather;
-        gather.record(frame, "final-gather.gather", scene, receiver, &groups)
+        match &mut self.made {
+            Some(made) => made.gather(frame, scene, receiver),
+            None => Ok(()),
+        }
     }
 
     fn inspect(&self) -> Inspection {
-        let Some(made) = &self.made else {
-            return Inspection::default();
-        };
-        let maps = &made.maps;
-        let lights = Map {
-            name: "final-gather.lights".into(),
-            texels: Texels::Buffer {
-                buffer: maps.sources.clone(),
-                size: [6 * maps.probes.side * maps.probes.side, maps.probes.count],
-                stride: 32,
-                is_number: false,
-            },
-        };
-        let distances = Map {
-            name: "final-gather.distances".into(),
-            texels: Texels::Texture(maps.distances.clone()),
-        };
-        let has_distances = made.settings.visibility == Visibility::Distance;
-        Inspection {
-            maps: [lights]
-                .into_iter()
-                .chain(has_distances.then_some(distances))
-                .collect(),
-            work_bytes: maps.lights.size() + made.cubes.bytes(),
-            warnings: Vec::new(),
-        }
+        let made = self.made.as_ref();
+        made.map_or_else(Inspection::default, Made::inspect)
     }
 }

@@ -53,10 +53,9 @@ impl Grid {
         let counts = if density > 0.0 {
             counts_at(1.0 / density)
         } else {
-            let mut spacing = extent.max_element().max(1e-6);
-            while number(counts_at(spacing * 0.95)) <= POINTS as f32
-                && spacing > extent.max_element() / POINTS as f32
-            {
+            let longest = extent.max_element().max(1e-6);
+            let (mut spacing, least) = (longest, longest / POINTS as f32);
+            while spacing > least && number(counts_at(spacing * 0.95)) <= POINTS as f32 {
                 spacing *= 0.95;
             }
             counts_at(spacing)

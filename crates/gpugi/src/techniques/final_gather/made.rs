@@ -1,0 +1,384 @@
+//! The reference points and their lights, as they were made for a scene and settings.
+
+use glam::{UVec3, Vec3};
+use gpugi_scene::Bounds;
+
+use super::gpu;
+use super::maps::{Kernels, Making, Maps};
+use super::objects::ObjectPoint;
+use super::places::{Grid, Places};
+use super::points::Points;
+use super::settings::{Settings, Visibility};
+use crate::capture::{Output, Receiver};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::{GpuScene, Versions};
+use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texels};
+
+/// Most reference points of a grid, and most objects with one.
+const MOST_POINTS: u64 = 4096;
+const MOST_OBJECTS: u64 = 32;
+/// Bounces per frame before the light is gathered for the first time; later a frame has one.
+const BOUNCES_AT_ONCE: u32 = 16;
+/// Widest map of distances (texels): WebGPU promises this much.
+const WIDEST: u32 = 8192;
+
+/// The reference points and their lights, and what they were made for.
+#[derive(Debug)]
+pub struct Made {
+    settings: Settings,
+    own: Own,
+    of: Layout,
+    kernels: Kernels,
+    maps: Maps,
+    cubes: Cubes,
+    lit_as: Option<LitAs>,
+    /// Bounces since the light last changed.
+    bounced: u32,
+    /// Whether the lights have been complete once, so that they can be gathered.
+    is_complete: bool,
+    revision: u64,
+}
+
+/// Where the reference points are.
+#[derive(Debug)]
+enum Layout {
+    /// In a grid, in these bounds.
+    Grid(Bounds, Grid),
+    Objects(ObjectMapsKey<Settings>),
+    Camera,
+}
+
+#[derive(Debug)]
+enum Cubes {
+    Own(Points),
+    OfObjects(Vec<ObjectPoint>),
+}
+
+impl Cubes {
+    fn bytes(&self) -> u64 {
+        match self {
+            Self::Own(points) => points.bytes(),
+            Self::OfObjects(objects) => objects.iter().map(ObjectPoint::bytes).sum(),
+        }
+    }
+}
+
+/// Everything that the light in the cubes depends on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct LitAs {
+    versions: Versions,
+    settings: u64,
+    revision: u64,
+    eye: Option<Vec3>,
+}
+
+impl Layout {
+    fn new(settings: &Settings, places: Places, claimed: &[u32], scene: &GpuScene) -> Self {
+        match places {
+            Places::Grid => {
+                let grid = Grid::new(&scene.bounds, settings.density);
+                Self::Grid(scene.bounds, grid)
+            }
+            Places::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
+            Places::Camera => Self::Camera,
+        }
+    }
+
+    /// Whether it serves the scene as it is, with the same settings. A grid stays while the scene does not leave its
+    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all points.
+    fn serves(&self, settings: &Settings, claimed: &[u32], scene: &GpuScene) -> bool {
+        match self {
+            Self::Grid(bounds, _) => {
+                let now = &scene.bounds;
+                let slack = bounds.diagonal() * 1e-3;
+                *now == *bounds
+                    || now.min.cmpge(bounds.min - slack).all()
+                        && now.max.cmple(bounds.max + slack).all()
+                        && now.diagonal() > bounds.diagonal() * 0.5
+            }
+            Self::Objects(key) => key.serves(settings, claimed, scene),
+            Self::Camera => true,
+        }
+    }
+
+    fn places(&self) -> Places {
+        match self {
+            Self::Grid(..) => Places::Grid,
+            Self::Objects(_) => Places::Objects,
+            Self::Camera => Places::Camera,
+        }
+    }
+
+    fn probes(&self, settings: &Settings, scene: &GpuScene) -> Result<gpu::Probes, (u64, u64)> {
+        let resolution = settings.resolution;
+        let probes = gpu::Probes {
+            origin: [0.0; 3],
+            side: settings.size,
+            spacing: [1.0; 3],
+            places: self.places() as u32,
+            counts: UVec3::ONE.to_array(),
+            count: 1,
+            resolution,
+            cubes_per_row: (WIDEST / (6 * resolution)).max(1),
+            diagonal: scene.diagonal(),
+            padding: 0,
+        };
+        let within = |count: u64, most: u64| {
+            if count <= most {
+                Ok(count as u32)
+            } else {
+                Err((count, most))
+            }
+        };
+        Ok(match self {
+            Self::Grid(_, grid) => gpu::Probes {
+                origin: grid.origin.to_array(),
+                spacing: grid.spacing.to_array(),
+                counts: grid.counts.to_array(),
+                count: within(grid.len(), MOST_POINTS)?,
+                ..probes
+            },
+            Self::Objects(key) => gpu::Probes {
+                count: within(key.objects().count() as u64, MOST_OBJECTS)?,
+                ..probes
+            },
+            Self::Camera => probes,
+        })
+    }
+}
+
+/// Where the cubes are, what they show, and how light goes on from there: decided by the plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Own {
+    pub places: Places,
+    /// Emitters, whose direct light nobody else adds.
+    pub emission: bool,
+    /// The sky, likewise.
+    pub environment: bool,
+    /// Whether light bounces on among the lights; otherwise the techniques before this one already do that.
+    pub bounces: bool,
+}
+
+impl Made {
+    /// Nothing is lit yet. `claimed`: the instances with a reference point, if objects have them.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        earlier: &Earlier<'_>,
+        settings: &Settings,
+        own: Own,
+        claimed: &[u32],
+    ) -> Result<Self, GpuError> {
+        let of = Layout::new(settings, own.places, claimed, scene);
+        let probes = of.probes(settings, scene).map_err(|(needed, limit)| {
+            let what = match of {
+                Layout::Objects(_) => "objects with reference points (name fewer)",
+                _ => "reference points (lower final-gather.density)",
+            };
+            GpuError::TooLarge {
+                what: what.into(),
+                needed,
+                limit,
+                adapter: gpu.adapter.name.clone(),
+            }
+        })?;
+        let kernels = Kernels::new(gpu, scene, settings)?;
+        let maps = Maps::new(gpu, &kernels, settings, probes)?;
+        let at_once = settings.faces_per_frame;
+        let cubes = match &of {
+            Layout::Objects(key) => {
+                let objects = key.objects().map(|(instance, _)| {
+                    ObjectPoint::new(gpu, &kernels, &maps, settings, instance)
+                });
+                Cubes::OfObjects(objects.collect::<Result<_, _>>()?)
+            }
+            Layout::Grid(_, grid) => {
+                let points = grid.points().collect();
+                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+            }
+            Layout::Camera => {
+                let points = vec![Vec3::ZERO];
+                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+            }
+        };
+        Ok(Self {
+            settings: settings.clone(),
+            own,
+            of,
+            kernels,
+            maps,
+            cubes,
+            lit_as: None,
+            bounced: 0,
+            is_complete: false,
+            revision: 0,
+        })
+    }
+
+    /// Whether it serves these settings and the scene as it is.
+    pub fn serves(&self, settings: &Settings, own: Own, claimed: &[u32], scene: &GpuScene) -> bool {
+        self.settings == *settings && self.own == own && self.of.serves(settings, claimed, scene)
+    }
+
+    /// Captures, lights and lets light bounce, as far as a frame may.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        eye: Vec3,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        let is_lit = self.light(frame, scene, eye, earlier)?;
+        if is_lit {
+            self.bounced = 0;
+        }
+        let [stale, never, turns] = self.turns();
+        let has_bounced = never == 0 && self.bounce(frame, scene);
+        let all = self.bounces();
+        let done = (turns - stale) as f32 + self.bounced as f32;
+        let is_first = !self.is_complete;
+        self.is_complete |= never == 0 && self.bounced >= all;
+        // Dependents follow what is better than what could be gathered before.
+        self.revision += u64::from(!is_first && (is_lit || has_bounced));
+        Ok(Generated {
+            revision: self.revision,
+            progress: done / (turns as f32 + all as f32).max(1.0),
+            pending: (!self.is_complete).then_some("the light of reference points"),
+        })
+    }
+
+    /// Adds the light at the receiver's points: pass `final-gather.gather`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let groups = [&self.maps.gathered];
+        let gather = &mut self.kernels.gather;
+        gather.record(frame, "final-gather.gather", scene, receiver, &groups)
+    }
+
+    /// The lights, the distances, and the memory that it takes to make them.
+    pub fn inspect(&self) -> Inspection {
+        let maps = &self.maps;
+        let lights = Map {
+            name: "final-gather.lights".into(),
+            texels: Texels::Buffer {
+                buffer: maps.sources.clone(),
+                size: [6 * maps.probes.side * maps.probes.side, maps.probes.count],
+                stride: 32,
+                is_number: false,
+            },
+        };
+        let distances = Map {
+            name: "final-gather.distances".into(),
+            texels: Texels::Texture(maps.distances.clone()),
+        };
+        let has_distances = self.settings.visibility == Visibility::Distance;
+        let distances = has_distances.then_some(distances);
+        Inspection {
+            maps: [lights].into_iter().chain(distances).collect(),
+            work_bytes: maps.lights.size() + self.cubes.bytes(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Lights what is stale, as far as a frame may; whether there was anything.
+    fn light(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        eye: Vec3,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<bool, GpuError> {
+        let now = LitAs {
+            versions: scene.versions,
+            settings: earlier.settings_version,
+            revision: earlier.revision,
+            eye: matches!(self.of, Layout::Camera).then_some(eye),
+        };
+        let is_stale = self.lit_as != Some(now);
+        self.lit_as = Some(now);
+        let output = if self.settings.glossy {
+            Output::RadianceToEye
+        } else {
+            Output::Irradiance
+        };
+        let probes = &self.maps.probes;
+        let work = gpu::Work {
+            point: 0,
+            side: probes.side,
+            resolution: probes.resolution,
+            cubes_per_row: probes.cubes_per_row,
+            with_emission: u32::from(self.own.emission),
+            with_environment: u32::from(self.own.environment && scene.environment.is_some()),
+            instance: u32::MAX,
+            places: probes.places,
+        };
+        let making = Making {
+            scene,
+            kernels: &self.kernels,
+            output,
+            work,
+        };
+        match &mut self.cubes {
+            Cubes::Own(points) => {
+                if is_stale {
+                    points.invalidate();
+                }
+                if matches!(self.of, Layout::Camera) {
+                    points.positions[0] = eye;
+                }
+                points.light(frame, making, earlier)
+            }
+            Cubes::OfObjects(objects) => {
+                let mut is_lit = false;
+                for (point, object) in (0..).zip(objects) {
+                    is_lit |= object.light(frame, making, earlier, is_stale, point)?;
+                }
+                Ok(is_lit)
+            }
+        }
+    }
+
+    /// Lets light bounce as often as a frame may; whether it did.
+    fn bounce(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> bool {
+        let all = self.bounces();
+        let most = if self.is_complete { 1 } else { BOUNCES_AT_ONCE };
+        let times = most.min(all - self.bounced.min(all));
+        if times > 0 {
+            self.maps.bounce(frame, scene, &self.kernels, times);
+            self.bounced += times;
+        }
+        times > 0
+    }
+
+    fn bounces(&self) -> u32 {
+        if self.own.bounces {
+            self.settings.bounces
+        } else {
+            0
+        }
+    }
+
+    /// Stale turns, turns that were never lit, and all turns.
+    fn turns(&self) -> [usize; 3] {
+        match &self.cubes {
+            Cubes::Own(points) => {
+                let [stale, never] = points.left();
+                [stale, never, points.turns()]
+            }
+            Cubes::OfObjects(objects) => [0, 0, objects.len()],
+        }
+    }
+}
