@@ -246,6 +246,7 @@ impl Renderer {
                 return Ok(timings);
             }
             gpu.wait()?;
+            self.scene.wait_for_atlas();
         }
     }
 

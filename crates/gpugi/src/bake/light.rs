@@ -270,6 +270,7 @@ impl<'a> LightBake<'a> {
             Readiness::Refining { progress } => (progress, true),
             Readiness::Pending { progress, .. } => {
                 gpu.wait()?;
+                self.on_gpu.wait_for_atlas();
                 (progress, false)
             }
         })

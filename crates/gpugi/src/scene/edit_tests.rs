@@ -416,7 +416,10 @@ fn maps_stay_that_depend_on_nothing_that_changed() {
     let names = ["shadow-map", "image-based-lighting", "obscurances"].map(str::to_owned);
     let mut renderer = Renderer::new(&gpu, &scene, [16; 2], &names).unwrap();
     renderer.set("obscurances", "resolution", "64").unwrap();
-    let atlas = |renderer: &Renderer| renderer.scene().atlas(&gpu, "test", 64, 0.0, 16).unwrap();
+    let atlas = |renderer: &Renderer| {
+        let atlas = renderer.scene().atlas(&gpu, "test", 64, 0.0, 16);
+        atlas.unwrap().unwrap()
+    };
     let passes = |renderer: &mut Renderer, edits: &[Edit]| -> [bool; 2] {
         renderer.edit(edits).unwrap();
         let camera = Camera::look_at("", vec3(0.4, 2.2, 2.0), Vec3::ZERO, 0.9);

@@ -78,6 +78,13 @@ pub struct Generated {
 }
 
 impl Generated {
+    /// Nothing yet: the technique's atlas is being laid out.
+    pub(crate) const WITHOUT_ATLAS: Self = Self {
+        revision: 0,
+        progress: 0.0,
+        pending: Some("texture atlas"),
+    };
+
     /// Maps that are final at once.
     pub const FINAL: Self = Self {
         revision: 0,

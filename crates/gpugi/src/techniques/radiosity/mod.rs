@@ -235,6 +235,9 @@ impl Technique for Radiosity {
             ..
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
+        let Some(atlas) = atlas else {
+            return Ok(Generated::WITHOUT_ATLAS);
+        };
         let is_made = |made: &LitTexels| {
             made.passages == scene.passages() && Arc::ptr_eq(&made.atlas, &atlas)
         };
