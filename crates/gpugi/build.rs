@@ -1,8 +1,8 @@
 //! Links every WESL module with an entry point, the shared bindings, and the library for gathers of other crates, each
 //! to one plain WGSL file.
 //!
-//! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`; `shaders.rs` in `OUT_DIR`
-//! lists them all, so that a test can validate every one.
+//! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`. `shaders.rs` in
+//! `OUT_DIR` lists all of them, so that a test can validate each.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

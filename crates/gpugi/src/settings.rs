@@ -222,7 +222,7 @@ pub enum SettingError {
     /// No such setting.
     #[error("there is no setting {name:?}; there are: {known}")]
     Unknown {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The names there are.
         known: String,

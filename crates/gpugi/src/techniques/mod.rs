@@ -34,10 +34,9 @@ pub struct Info {
     pub source: &'static str,
     /// The light that it can add.
     pub paths: &'static [LightPaths],
-    /// Whether a scene with such light has everything else that the technique needs. If so, the technique belongs to
-    /// the scene's default set.
+    /// Whether a scene that has such light has everything else that the technique needs: then it belongs to the scene's default set.
     pub suits: fn(&GpuScene) -> bool,
-    /// Whether it keeps light in the texels of an atlas, for which it needs a [`GpuScene::with_texels`].
+    /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
     /// Whether it lights points of its own, which the camera may not see: cubes around objects, texels.
     pub lights_points: bool,

@@ -61,7 +61,8 @@ crate::settings! {
         pub taps: u32 = 16 => in_range(1.0, 256.0),
         /// Offset along the normal that prevents self-shadowing.
         pub normal_offset: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
-        /// Whether closed meshes cast shadows by their back faces: no bias, but light leaks where they stand on something.
+        /// Whether closed meshes cast shadows by their back faces: no bias, but light leaks where they stand on
+        /// something.
         pub second_depth: bool = false => any(),
         /// Whether spot lights spend their texels where the camera looks.
         pub warp: bool = false => any(),
