@@ -49,7 +49,7 @@ impl LightSample {
     }
 }
 
-/// `light_table` of table.wesl: a row with the first row of the views, then the samples, then the views.
+/// `light_table` of table.wesl: a row that holds the index of the views' first row, then the samples, then the views.
 pub(super) fn table(samples: &[LightSample], views: &[DepthViewUniform]) -> Vec<[u32; 4]> {
     let samples: &[[u32; 4]] = bytemuck::cast_slice(samples);
     let views = bytemuck::cast_slice(views);

@@ -2,7 +2,9 @@
 //!
 //! Generate: every light becomes one or more light samples with depth views in one atlas (../../lights). A point light
 //! has six cube faces, a spot light one view, a directional light cascades, and each sample of an area light five
-//! hemicube faces (ten if it is two-sided). Gather: sums the samples' reflected light times visibility.
+//! hemicube faces (ten if it is two-sided). Where points beyond the camera's view are lit, a directional light and a
+//! warped spot light have one more view, which does not follow the camera. Gather: sums the samples' reflected light
+//! times visibility.
 //!
 //! Differences from the tutorial: point lights and area lights are complete, depth is reversed floating point, the bias
 //! is a normal offset, filters follow the receiver's plane, and the second depth value is an option.
@@ -22,7 +24,7 @@ use gather::ShadowGather;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
 
-/// The technique's entry in the registry.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "shadow-map",
     summary: "direct light of point, spot, directional and area lights with shadows",
