@@ -58,7 +58,7 @@ impl FinalGather {
             LightClass::Area => self.own.emission,
             LightClass::Environment => self.own.environment,
         };
-        let has_bounces = self.settings.bounces > 0 || !self.own.bounces;
+        let has_bounces = self.settings.bounces > 0 && self.own.bounces;
         let middle = if has_bounces { "D*" } else { "" };
         let last = if self.settings.glossy { "[DG]" } else { "D" };
         let new = |pattern: String| LightPaths {
@@ -70,14 +70,19 @@ impl FinalGather {
             // What is emitted is reflected diffusely before it is seen again.
             paths.push(new(format!("L{middle}{last}E")));
         }
-        let mut of_class = covered.iter().filter(|one| one.class == class);
+        let of_class = covered.iter().filter(|one| one.class == class);
         if self.settings.glossy {
             // Cubes see all that the techniques before this one add.
             let more = format!("{middle}{last}");
             paths.extend(of_class.map(|one| one.continued(&more)));
-        } else if !is_own && of_class.any(|one| adds(std::slice::from_ref(one), class, "LDE")) {
+            return paths;
+        }
+        // Cubes see the diffuse part of it.
+        if !is_own && adds(covered, class, "LDE") {
             paths.push(new(format!("LD{middle}DE")));
         }
+        let is_indirect = |one: &&LightPaths| adds(std::slice::from_ref(*one), class, "LDDE");
+        paths.extend(of_class.filter(is_indirect).map(|one| one.continued("D")));
         paths
     }
 }
