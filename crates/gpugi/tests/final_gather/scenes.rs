@@ -58,10 +58,10 @@ fn the_cornell_box_is_the_path_tracers() {
     // Everything but the lamp, whose edges would be most of the error.
     let camera = &Camera::look_at("", vec3(0.0, 2.73, 8.0), vec3(0.0, 2.4, 0.0), 0.5);
     for (techniques, settings, bound) in [
-        (&["shadow-map", "final-gather"][..], &[][..], 0.005),
-        (&["shadow-map", "final-gather"], &["blend=drawn"], 0.01),
-        (&["shadow-map", "final-gather"], &["visibility=none"], 0.01),
-        (&["final-gather"], &[], 0.1),
+        (&["shadow-map", "final-gather"][..], &[][..], 0.002),
+        (&["shadow-map", "final-gather"], &["blend=drawn"], 0.002),
+        (&["shadow-map", "final-gather"], &["visibility=none"], 0.002),
+        (&["final-gather"], &[], 0.02),
     ] {
         let settings = [&["resolution=32"], settings].concat();
         let mut renderer = renderer(&gpu, &scene, techniques, 32, &settings);
