@@ -16,6 +16,7 @@ extern crate self as gpugi;
 
 pub mod bake;
 pub mod capture;
+pub mod default_set;
 pub mod display;
 pub mod gpu;
 pub mod impostor;
@@ -36,5 +37,6 @@ pub mod techniques;
 #[cfg(test)]
 mod testing;
 
+pub use default_set::{Purpose, default_set};
 pub use lighting::{Lighting, LightingError, Readiness};
 pub use renderer::Renderer;

@@ -19,6 +19,9 @@ use std::borrow::Cow;
 /// Emitters and the sky seen directly by the eye. This light belongs to the frame, whatever the techniques.
 pub const SEEN_DIRECTLY: &str = "LE";
 
+/// All light paths.
+const ALL: &str = "L.*E";
+
 /// A light class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -106,7 +109,7 @@ impl PathFilter {
 
 impl Default for PathFilter {
     fn default() -> Self {
-        Self::new("L.*E").expect("a pattern")
+        Self::new(ALL).expect("a pattern")
     }
 }
 
@@ -175,6 +178,44 @@ pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
         }
     }
     missing
+}
+
+/// Kinds of light in words, each with its shortest path.
+const WORDS: [(&str, &str); 7] = [
+    ("LDE", "direct light on diffuse surfaces"),
+    ("LGE", "highlights of lights on glossy surfaces"),
+    ("LSE", "lights seen in mirrors and through glass"),
+    ("LDDE", "light reflected between diffuse surfaces"),
+    ("LSDE", "caustics"),
+    ("LDGE", "lit surroundings seen in gloss"),
+    ("LDSE", "lit surroundings seen in mirrors and through glass"),
+];
+
+/// Describes light paths in words for human readers, with the light classes of each kind of light among `present`:
+/// `caustics (area)`.
+///
+/// # Panics
+/// See [`overlap`].
+pub fn in_words(paths: &[LightPaths], present: &[LightClass]) -> Vec<String> {
+    let words = WORDS.iter().filter_map(|&(path, words)| {
+        let is_added =
+            |class: &&LightClass| overlap(paths, &[LightPaths::new(**class, path)]).is_some();
+        let classes: Vec<String> = present
+            .iter()
+            .filter(is_added)
+            .map(LightClass::to_string)
+            .collect();
+        (!classes.is_empty()).then(|| format!("{words} ({})", classes.join(", ")))
+    });
+    words.collect()
+}
+
+/// The whole light of a scene with these light classes, as one part.
+pub fn all_light(present: &[LightClass]) -> Part {
+    Part {
+        classes: present.to_vec(),
+        pattern: ALL.to_owned(),
+    }
 }
 
 /// A part of an image's light: light classes whose paths match one pattern.

@@ -5,7 +5,7 @@
 
 use std::ops::BitOr;
 
-use gpugi_scene::{AlphaMode, Material, MaterialModel, names};
+use gpugi_scene::{AlphaMode, Material, MaterialModel, Scene, names};
 
 use super::DrawClass;
 
@@ -29,8 +29,7 @@ impl Object {
             name: name.to_owned(),
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
-            is_smooth: !matches!(material.model, MaterialModel::Phong { .. })
-                && material.roughness < DELTA_ROUGHNESS,
+            is_smooth: is_smooth(material),
         }
     }
 
@@ -38,6 +37,16 @@ impl Object {
     pub fn is_named_by(&self, list: &str) -> bool {
         names::is_named_by(&self.name, list)
     }
+}
+
+fn is_smooth(material: &Material) -> bool {
+    !matches!(material.model, MaterialModel::Phong { .. }) && material.roughness < DELTA_ROUGHNESS
+}
+
+/// Whether any surface of the scene reflects or refracts ideally ([`Object::is_smooth`]).
+pub(crate) fn has_smooth_objects(scene: &Scene) -> bool {
+    let mut instances = scene.instances.iter();
+    instances.any(|instance| is_smooth(&scene.materials[instance.material]))
 }
 
 /// `DELTA_ROUGHNESS` of shared/brdf.wesl.
