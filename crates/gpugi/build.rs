@@ -31,9 +31,13 @@ fn main() {
         let has_entry_point = ["@compute", "@vertex", "@fragment"]
             .iter()
             .any(|stage| text.contains(stage));
-        let is_library = ["scene/bindings.wesl", "techniques/library.wesl"]
-            .iter()
-            .any(|one| path.ends_with(one));
+        let is_library = [
+            "scene/bindings.wesl",
+            "scene/ray_bindings.wesl",
+            "techniques/library.wesl",
+        ]
+        .iter()
+        .any(|one| path.ends_with(one));
         if !has_entry_point && !is_library {
             continue;
         }

@@ -1,14 +1,14 @@
 //! A pass over the points of receivers.
 
-use super::{PerReceiver, Receiver};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use super::{PerReceiver, Receiver, ReceiverKernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Shader};
 use crate::scene::GpuScene;
 
 /// A kernel with one invocation per point, in the groups 0 (scene), 1 (points), 2 (maps, if it has any) and 3 (target). Bind groups 1 and 3 are kept per
 /// receiver.
 #[derive(Debug)]
 pub struct Gather {
-    kernel: Kernel,
+    kernel: ReceiverKernel,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
 
@@ -23,19 +23,15 @@ impl Gather {
         shader: &Shader,
         constants: &[(&str, f64)],
     ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants,
-            ..Default::default()
-        };
         Ok(Self {
-            kernel: Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?,
+            kernel: ReceiverKernel::new(gpu, scene, shader, constants)?,
             bound: PerReceiver::default(),
         })
     }
 
     /// The kernel, to bind maps as group 2.
     pub fn kernel(&self) -> &Kernel {
-        &self.kernel
+        self.kernel.to_bind()
     }
 
     /// Records the pass: one dispatch per group of maps, or one without maps.
@@ -50,7 +46,8 @@ impl Gather {
         receiver: &Receiver,
         maps: &[&wgpu::BindGroup],
     ) -> Result<(), GpuError> {
-        let (gpu, kernel) = (frame.gpu, &self.kernel);
+        let gpu = frame.gpu;
+        let kernel = self.kernel.of(gpu, &receiver.points)?;
         let [points, target] = self.bound.of(receiver, || receiver.bind(gpu, kernel))?;
         frame.compute(pass, |pass| {
             let mut groups = vec![(0, &scene.bind_group), (1, points), (3, target)];

@@ -19,7 +19,7 @@ pub use emission::Emission;
 pub use gather::Gather;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
-pub use receiver::{Output, Probe, Receiver, Slots};
+pub use receiver::{Output, Probe, Receiver, ReceiverKernel, Slots};
 pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
@@ -49,6 +49,8 @@ pub struct SurfacePoints {
     pub hits: wgpu::TextureView,
     /// What gathers give at them.
     pub output: Output,
+    /// Where their results lie in targets.
+    pub slots: Slots,
 }
 
 impl SurfacePoints {
@@ -246,6 +248,7 @@ impl Faces {
             count: range.len() as u32 * size[0] * size[1],
             hits,
             output: Output::RadianceToEye,
+            slots: Slots::default(),
         };
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,

@@ -1,11 +1,14 @@
 //! Receivers: surface points, and where gathers add the light that arrives at them. A camera's pixels, the faces of a
 //! cube, texels of an atlas, vertices of a mesh, probes and particles are all receivers, lit by the same gathers.
 
+use std::sync::OnceLock;
+
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::{SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
-use crate::gpu::{Gpu, GpuError, Kernel};
+use crate::gpu::{Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::scene::GpuScene;
 use crate::scene::gpu::octahedral;
 
 /// What a gather gives at a point: the constants of capture/receiver.wesl.
@@ -66,6 +69,67 @@ impl Receiver {
             self.points.bind(gpu, kernel)?,
             self.target.bind(gpu, kernel)?,
         ])
+    }
+}
+
+/// A kernel over receivers' points: compiled for cameras and cubes, and, once another receiver needs it, with everything else that receivers
+/// may ask for.
+#[derive(Debug)]
+pub struct ReceiverKernel {
+    radiance: Kernel,
+    general: OnceLock<Kernel>,
+}
+
+impl ReceiverKernel {
+    /// Compiles the entry point `main` of a shader that imports `capture::receiver`, with values of its pipeline-overridable constants.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        constants: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[constants, &[("IS_GENERAL", 0.0)]].concat(),
+            ..Default::default()
+        };
+        Ok(Self {
+            radiance: Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?,
+            general: OnceLock::new(),
+        })
+    }
+
+    /// The same with other values of some constants ([`Kernel::variant`]).
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader has no such constant.
+    pub fn variant(&self, gpu: &Gpu, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
+        Ok(Self {
+            radiance: self.radiance.variant(gpu, constants)?,
+            general: OnceLock::new(),
+        })
+    }
+
+    /// The kernel to bind resources to, for all receivers.
+    pub fn to_bind(&self) -> &Kernel {
+        &self.radiance
+    }
+
+    /// The kernel to dispatch for `points`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn of(&self, gpu: &Gpu, points: &SurfacePoints) -> Result<&Kernel, GpuError> {
+        if points.output == Output::RadianceToEye && points.slots == Slots::default() {
+            return Ok(&self.radiance);
+        }
+        if let Some(general) = self.general.get() {
+            return Ok(general);
+        }
+        let general = self.radiance.variant(gpu, &[("IS_GENERAL", 1.0)])?;
+        Ok(self.general.get_or_init(|| general))
     }
 }
 
@@ -183,6 +247,7 @@ impl Receiver {
                 count,
                 hits: hits.create_view(&Default::default()),
                 output,
+                slots,
             },
             target: target.clone(),
         })

@@ -27,7 +27,8 @@ pub struct ViewUniform {
     pub target_first: u32,
     pub target_skip: u32,
     pub asymmetry: f32,
-    pub padding: [f32; 3],
+    pub first_texel: u32,
+    pub padding: [f32; 2],
 }
 
 /// A camera for an image of a given size: the rays of its pixels, and the matrix that rasterizes the same view.

@@ -182,8 +182,64 @@ pub struct KernelOptions<'a> {
 #[derive(Debug, Clone)]
 pub struct Kernel {
     interface: Interface,
+    entry: Arc<EntryPoint>,
     pipeline: Lazy<wgpu::ComputePipeline>,
     workgroup_size: [u32; 3],
+}
+
+/// An entry point of a module, and the constants that it is compiled with.
+#[derive(Debug, Clone)]
+struct EntryPoint {
+    shader: Shader,
+    name: String,
+    unchecked: bool,
+    /// Overridable constants by their linked names: those of the module, and those with values.
+    overridable: Vec<String>,
+    constants: Vec<(String, f64)>,
+}
+
+impl EntryPoint {
+    fn label(&self) -> String {
+        format!("{}.{}", self.shader.name, self.name)
+    }
+
+    /// Sets constants by the names that their WESL modules give them; in a linked module they carry the module's path.
+    fn with(mut self, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
+        for &(name, value) in constants {
+            let mut linked = self.overridable.iter();
+            let linked = linked.find(|linked| is_linked_name(linked, name));
+            let linked = linked.ok_or_else(|| GpuError::Pass {
+                pass: self.label(),
+                reason: format!("there is no overridable constant {name}"),
+            })?;
+            self.constants.push((linked.clone(), value));
+        }
+        Ok(self)
+    }
+
+    fn compile(self: &Arc<Self>, gpu: &Gpu, interface: &Interface) -> Lazy<wgpu::ComputePipeline> {
+        let (entry, layout) = (self.clone(), interface.pipeline_layout.clone());
+        let of = gpu.clone();
+        Lazy::compile(gpu, move || {
+            let constants: Vec<_> = entry
+                .constants
+                .iter()
+                .map(|(name, value)| (name.as_str(), *value))
+                .collect();
+            of.device
+                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(&entry.label()),
+                    layout: Some(&layout),
+                    module: &shader_module(&of, &entry.shader, entry.unchecked),
+                    entry_point: Some(&entry.name),
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants: &constants,
+                        ..Default::default()
+                    },
+                    cache: None,
+                })
+        })
+    }
 }
 
 impl Kernel {
@@ -211,47 +267,50 @@ impl Kernel {
         scene: Option<&wgpu::BindGroupLayout>,
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
-        let label = format!("{}.{entry}", shader.name);
         let stages = wgpu::ShaderStages::COMPUTE;
         let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
-        let fail = |reason: String| GpuError::Pass {
-            pass: label.clone(),
-            reason,
+        let overridable = reflection.overrides.iter();
+        let overridable = overridable.filter_map(|(_, one)| one.name.clone());
+        let entry = EntryPoint {
+            shader: shader.clone(),
+            name: entry.to_owned(),
+            unchecked: options.unchecked,
+            overridable: overridable.collect(),
+            constants: Vec::new(),
         };
-        let point = reflection
-            .entry_points
-            .iter()
-            .find(|point| point.name == entry);
-        let workgroup_size = point
-            .ok_or_else(|| fail("there is no such entry point".into()))?
-            .workgroup_size;
-        let constants = linked_constants(&reflection, options.constants).map_err(fail)?;
-        let pipeline = Lazy::compile(gpu, {
-            let (gpu, shader, unchecked) = (gpu.clone(), shader.clone(), options.unchecked);
-            let (layout, entry) = (interface.pipeline_layout.clone(), entry.to_owned());
-            move || {
-                let constants: Vec<_> = constants
-                    .iter()
-                    .map(|(name, value)| (name.as_str(), *value))
-                    .collect();
-                gpu.device
-                    .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                        label: Some(&label),
-                        layout: Some(&layout),
-                        module: &shader_module(&gpu, &shader, unchecked),
-                        entry_point: Some(&entry),
-                        compilation_options: wgpu::PipelineCompilationOptions {
-                            constants: &constants,
-                            ..Default::default()
-                        },
-                        cache: None,
-                    })
-            }
-        });
+        let entry = Arc::new(entry.with(options.constants)?);
+        let mut points = reflection.entry_points.iter();
+        let point = points.find(|point| point.name == entry.name);
+        let point = point.ok_or_else(|| GpuError::Pass {
+            pass: entry.label(),
+            reason: "there is no such entry point".into(),
+        })?;
         Ok(Self {
+            pipeline: entry.compile(gpu, &interface),
+            workgroup_size: point.workgroup_size,
             interface,
-            pipeline,
-            workgroup_size,
+            entry,
+        })
+    }
+
+    /// The same kernel, compiled with other values of some constants. What was bound for one serves the other.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader has no such constant.
+    pub fn variant(&self, gpu: &Gpu, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
+        let mut entry = EntryPoint::clone(&self.entry);
+        let replaced = |linked: &str| {
+            constants
+                .iter()
+                .any(|(name, _)| is_linked_name(linked, name))
+        };
+        entry.constants.retain(|(linked, _)| !replaced(linked));
+        let entry = Arc::new(entry.with(constants)?);
+        Ok(Self {
+            pipeline: entry.compile(gpu, &self.interface),
+            interface: self.interface.clone(),
+            entry,
+            ..*self
         })
     }
 
@@ -305,25 +364,6 @@ impl Kernel {
             pass.set_bind_group(*index, *group, &[]);
         }
     }
-}
-
-/// The names of overridable constants in a linked module, which carry their WESL module's path.
-fn linked_constants(
-    module: &naga::Module,
-    constants: &[(&str, f64)],
-) -> Result<Vec<(String, f64)>, String> {
-    constants
-        .iter()
-        .map(|&(name, value)| {
-            module
-                .overrides
-                .iter()
-                .filter_map(|(_, one)| one.name.as_deref())
-                .find(|linked| is_linked_name(linked, name))
-                .map(|linked| (linked.to_owned(), value))
-                .ok_or_else(|| format!("there is no overridable constant {name}"))
-        })
-        .collect()
 }
 
 /// Fixed-function state of a [`RasterKernel`].
@@ -456,9 +496,15 @@ impl RasterKernel {
     }
 }
 
-/// The bind-group layout of every resource that `shader` declares in group 0, for all stages.
-pub(crate) fn scene_layout(gpu: &Gpu, shader: &Shader) -> Result<wgpu::BindGroupLayout, GpuError> {
-    let declared = shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?;
+/// The bind-group layout of every resource that `shaders` declare in group 0, for all stages.
+pub(crate) fn scene_layout(
+    gpu: &Gpu,
+    shaders: &[Shader],
+) -> Result<wgpu::BindGroupLayout, GpuError> {
+    let mut declared = Vec::new();
+    for shader in shaders {
+        declared.extend(shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?);
+    }
     let entries: Vec<_> = declared
         .iter()
         .map(|one| wgpu::BindGroupLayoutEntry {

@@ -43,11 +43,22 @@ fn layout_of(shader: &Shader) -> (naga::Module, Vec<super::shader::Declared>) {
     let module = shader.parse().unwrap();
     let mut declared = shader.declared(&module).unwrap();
     if reads_scene(shader) {
-        let scene = shader!("scene.bindings");
+        let has_rays = traces_rays(&declared);
         declared.retain(|one| one.group != 0);
-        declared.extend(scene.declared(&scene.parse().unwrap()).unwrap());
+        for scene in &scene_shaders()[..1 + usize::from(has_rays)] {
+            declared.extend(scene.declared(&scene.parse().unwrap()).unwrap());
+        }
     }
     (module, declared)
+}
+
+/// What declares group 0; the second only where rays are traced.
+fn scene_shaders() -> [Shader; 2] {
+    [shader!("scene.bindings"), shader!("scene.ray_bindings")]
+}
+
+fn traces_rays(declared: &[super::shader::Declared]) -> bool {
+    declared.iter().any(|one| one.name.contains("ray_bindings"))
 }
 
 /// Whether group 0 holds the scene: kernels of `testing` use that group for their own buffers.
@@ -56,7 +67,7 @@ fn reads_scene(shader: &Shader) -> bool {
     let declared = shader.declared(&module).unwrap();
     declared.iter().any(|one| one.group == 0)
         && declared.iter().all(|one| {
-            one.group != 0 || one.name.contains("bindings") || shader.name == "scene.bindings"
+            one.group != 0 || one.name.contains("bindings") || shader.name.ends_with("bindings")
         })
 }
 
@@ -130,7 +141,11 @@ fn every_shader_stays_within_the_default_limits() {
 /// Gathers leave room for maps that others look up in them.
 #[test]
 fn every_gather_leaves_two_storage_buffers_free() {
-    let gathers = [shader!("techniques.shadow_map.gather")];
+    let gathers: Vec<Shader> = shaders()
+        .into_iter()
+        .filter(|shader| shader.name.ends_with(".gather"))
+        .collect();
+    assert!(gathers.len() >= 7);
     for shader in gathers {
         let (_, declared) = layout_of(&shader);
         let is_storage = |one: &&super::shader::Declared| {
@@ -147,10 +162,14 @@ fn every_gather_leaves_two_storage_buffers_free() {
 #[test]
 fn every_entry_point_becomes_a_pipeline() {
     let Some(gpu) = own_gpu() else { return };
-    let scene = super::scene_layout(&gpu, &shader!("scene.bindings")).unwrap();
+    let scene_shaders = scene_shaders();
+    let scene = super::scene_layout(&gpu, &scene_shaders[..1]).unwrap();
+    let with_rays = super::scene_layout(&gpu, &scene_shaders).unwrap();
     for shader in shaders() {
         let module = shader.parse().unwrap();
-        let scene = reads_scene(&shader).then_some(&scene);
+        let traces_rays = traces_rays(&shader.declared(&module).unwrap());
+        let scene = if traces_rays { &with_rays } else { &scene };
+        let scene = reads_scene(&shader).then_some(scene);
         let is_compute = |point: &naga::EntryPoint| point.stage == naga::ShaderStage::Compute;
         let (compute, raster): (Vec<_>, Vec<_>) = module
             .entry_points

@@ -226,7 +226,7 @@ impl Bench<'_> {
             self.gpu,
             &shader!("ray_bench.rays"),
             entry,
-            Some(&self.scene.layout),
+            Some(&self.scene.ray_layout),
             &KernelOptions {
                 constants: &[alpha, ("COUNT_TESTS", f64::from(u8::from(count_tests)))],
                 unchecked: !checked,
@@ -246,7 +246,7 @@ impl Bench<'_> {
             frame.compute(entry, |pass| {
                 kernel.dispatch(
                     pass,
-                    &[(0, &self.scene.bind_group), (1, &group)],
+                    &[(0, &self.scene.ray_bind_group), (1, &group)],
                     invocations,
                 );
             });

@@ -41,7 +41,13 @@ fn ask(
 ) -> Vec<[f32; 4]> {
     let on_gpu = GpuScene::with_rays(gpu, scene).unwrap();
     let table = LightTable::new(scene, &on_gpu, &LightClass::ALL);
-    let kernel = Kernel::new(gpu, &shader!("testing.lights"), entry, Some(&on_gpu.layout)).unwrap();
+    let kernel = Kernel::new(
+        gpu,
+        &shader!("testing.lights"),
+        entry,
+        Some(&on_gpu.ray_layout),
+    )
+    .unwrap();
     let question = Question {
         position: position.to_array(),
         rows: table.rows.len() as u32,
@@ -71,7 +77,11 @@ fn ask(
     ];
     let mut frame = Frame::new(gpu, false);
     frame.compute(entry, |pass| {
-        let groups = [(0, &on_gpu.bind_group), (1, &groups[0]), (2, &groups[1])];
+        let groups = [
+            (0, &on_gpu.ray_bind_group),
+            (1, &groups[0]),
+            (2, &groups[1]),
+        ];
         kernel.dispatch(pass, &groups, [directions.len() as u32, 1, 1]);
     });
     frame.submit().unwrap();

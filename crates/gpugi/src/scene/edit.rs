@@ -361,7 +361,8 @@ impl GpuScene {
                 &self.hierarchy,
             ];
             let environment = &self.environment_view;
-            self.bind_group = self.bindings.bind(gpu, buffers, environment, &self.images);
+            [self.bind_group, self.ray_bind_group] =
+                self.bindings.bind(gpu, buffers, environment, &self.images);
             self.versions.environment += 1;
         }
         let header = self.header_values.with_environment(after);

@@ -120,6 +120,10 @@ pub struct GpuScene {
     pub layout: wgpu::BindGroupLayout,
     /// Bind group 0.
     pub bind_group: wgpu::BindGroup,
+    /// Layout of bind group 0 for shaders that trace rays.
+    pub ray_layout: wgpu::BindGroupLayout,
+    /// Bind group 0 for shaders that trace rays.
+    pub ray_bind_group: wgpu::BindGroup,
     /// Merged vertices: world position and instance.
     pub vertices: wgpu::Buffer,
     /// Merged indices.
@@ -239,7 +243,7 @@ impl GpuScene {
             constants: &[&self.ray_constants(), more].concat(),
             ..Default::default()
         };
-        Kernel::with_options(gpu, shader, "main", Some(&self.layout), &options)
+        Kernel::with_options(gpu, shader, "main", Some(&self.ray_layout), &options)
     }
 
     /// Whether light passes through any surface: where alpha cuts it out, and by transmission. Shaders that trace rays

@@ -58,7 +58,7 @@ pub(super) fn trace(gpu: &Gpu, scene: &GpuScene, rays: &[Ray]) -> Vec<Found> {
     frame.compute("rays", |pass| {
         kernel.dispatch(
             pass,
-            &[(0, &scene.bind_group), (1, &group)],
+            &[(0, &scene.ray_bind_group), (1, &group)],
             [rays.len() as u32, 1, 1],
         );
     });

@@ -158,7 +158,7 @@ impl GpuScene {
             None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
         };
         let buffers = [&header, &geometry.buffer, &tables.buffer, &hierarchy];
-        let bind_group = bindings.bind(gpu, buffers, &environment_view, &images);
+        let [bind_group, ray_bind_group] = bindings.bind(gpu, buffers, &environment_view, &images);
         let merge_group =
             bindings
                 .merge
@@ -174,6 +174,8 @@ impl GpuScene {
         Ok(Self {
             layout: bindings.layout.clone(),
             bind_group,
+            ray_layout: bindings.ray_layout.clone(),
+            ray_bind_group,
             vertices,
             indices,
             draws,
@@ -240,6 +242,7 @@ impl GpuScene {
 #[derive(Debug, Clone)]
 pub(super) struct Bindings {
     pub layout: wgpu::BindGroupLayout,
+    pub ray_layout: wgpu::BindGroupLayout,
     image_sampler: wgpu::Sampler,
     environment_sampler: wgpu::Sampler,
     pub merge: Kernel,
@@ -247,7 +250,8 @@ pub(super) struct Bindings {
 
 impl Bindings {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let layout = crate::gpu::scene_layout(gpu, &shader!("scene.bindings"))?;
+        let shaders = [shader!("scene.bindings"), shader!("scene.ray_bindings")];
+        let layout = crate::gpu::scene_layout(gpu, &shaders[..1])?;
         // Mesa's software rasterizer ignores explicit gradients if the sampler is anisotropic (seen in 22.3).
         let anisotropy_clamp = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => 1,
@@ -275,17 +279,18 @@ impl Bindings {
             environment_sampler,
             merge: Kernel::new(gpu, &shader!("capture.merge"), "main", Some(&layout))?,
             layout,
+            ray_layout: crate::gpu::scene_layout(gpu, &shaders)?,
         })
     }
 
-    /// Bind group 0. `buffers`: header, geometry, tables and ray hierarchy.
+    /// Bind group 0, without rays and with them. `buffers`: header, geometry, tables and ray hierarchy.
     pub fn bind(
         &self,
         gpu: &Gpu,
         buffers: [&wgpu::Buffer; 4],
         environment: &wgpu::TextureView,
         images: &ImageArrays,
-    ) -> wgpu::BindGroup {
+    ) -> [wgpu::BindGroup; 2] {
         let [header, geometry, tables, hierarchy] = buffers;
         let mut resources = vec![
             header.as_entire_binding(),
@@ -301,10 +306,17 @@ impl Bindings {
             .zip(resources)
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("scene"),
-            layout: &self.layout,
-            entries: &entries,
+        let (_, without_rays) = entries.split_last().expect("not empty");
+        [
+            (&self.layout, without_rays),
+            (&self.ray_layout, &entries[..]),
+        ]
+        .map(|(layout, entries)| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("scene"),
+                layout,
+                entries,
+            })
         })
     }
 }

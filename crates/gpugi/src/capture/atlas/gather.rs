@@ -1,26 +1,19 @@
 //! The gather of a technique that keeps data in texels. A camera's points look it up where they lie in the atlas; the
 //! atlas's own points read their own texels.
 
-use bytemuck::{Pod, Zeroable};
+use std::sync::OnceLock;
 
 use super::AtlasCapture;
-use crate::capture::{PerReceiver, Receiver};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
+use crate::gpu::{Frame, Gpu, GpuError, Shader};
 use crate::scene::GpuScene;
-
-/// `Own` of capture/atlas/lookup.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub(crate) struct OwnUniform {
-    pub first_texel: u32,
-    pub is_own: u32,
-    pub padding: [u32; 2],
-}
 
 /// A pass over points that reads texels of an atlas.
 #[derive(Debug)]
 pub(crate) struct TexelGather {
-    kernel: Kernel,
+    kernel: ReceiverKernel,
+    /// For points that are the atlas's own texels, compiled when first needed.
+    own: OnceLock<ReceiverKernel>,
     /// The atlas, and the data in its texels.
     kept: wgpu::BindGroup,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
@@ -28,7 +21,7 @@ pub(crate) struct TexelGather {
 
 impl TexelGather {
     /// The pass of a shader with these bind groups: 1 the points; 2 `kept`, which is an atlas and the data in its
-    /// texels; 3 `radiance`, `hits` and `own`.
+    /// texels; 3 `radiance` and `hits`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -39,13 +32,10 @@ impl TexelGather {
         constants: &[(&str, f64)],
         kept: &[(&str, wgpu::BindingResource<'_>)],
     ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants,
-            ..Default::default()
-        };
-        let kernel = Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?;
+        let kernel = ReceiverKernel::new(gpu, scene, shader, constants)?;
         Ok(Self {
-            kept: kernel.bind(gpu, 2, kept)?,
+            kept: kernel.to_bind().bind(gpu, 2, kept)?,
+            own: OnceLock::new(),
             kernel,
             bound: PerReceiver::default(),
         })
@@ -63,21 +53,18 @@ impl TexelGather {
         texels: &AtlasCapture,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (gpu, kernel) = (frame.gpu, &self.kernel);
+        let gpu = frame.gpu;
         let Receiver { points, target } = receiver;
+        let mut pieces = texels.pieces().iter();
+        let kernel = if pieces.any(|piece| piece.points.points == points.points) {
+            own_variant(&self.own, &self.kernel, gpu)?.of(gpu, points)?
+        } else {
+            self.kernel.of(gpu, points)?
+        };
         let [seen, added] = self.bound.of(receiver, || {
-            let mut pieces = texels.pieces().iter();
-            let own = pieces.find(|piece| piece.points.points == points.points);
-            let own = OwnUniform {
-                first_texel: own.map_or(0, |piece| piece.rows.start * texels.size),
-                is_own: u32::from(own.is_some()),
-                padding: [0; 2],
-            };
-            let own = gpu.uniform("own texels", &own)?;
             let resources = [
                 ("radiance", target.radiance.as_entire_binding()),
                 ("hits", wgpu::BindingResource::TextureView(&points.hits)),
-                ("own", own.as_entire_binding()),
             ];
             Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
         })?;
@@ -92,4 +79,17 @@ impl TexelGather {
         });
         Ok(())
     }
+}
+
+/// The variant of `kernel` for points that are the atlas's own texels.
+fn own_variant<'a>(
+    own: &'a OnceLock<ReceiverKernel>,
+    kernel: &ReceiverKernel,
+    gpu: &Gpu,
+) -> Result<&'a ReceiverKernel, GpuError> {
+    if let Some(own) = own.get() {
+        return Ok(own);
+    }
+    let made = kernel.variant(gpu, &[("IS_OWN", 1.0)])?;
+    Ok(own.get_or_init(|| made))
 }

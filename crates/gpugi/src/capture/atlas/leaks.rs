@@ -137,7 +137,7 @@ impl LeakTest {
         for piece in &self.pieces {
             frame.compute("capture.atlas.leaks", |pass| {
                 for (group, count) in &piece.dispatches {
-                    let groups = [(0, &rays.bind_group), (1, group)];
+                    let groups = [(0, &rays.ray_bind_group), (1, group)];
                     self.kernel.dispatch(pass, &groups, [*count, 1, 1]);
                 }
             });

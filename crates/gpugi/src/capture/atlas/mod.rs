@@ -206,6 +206,7 @@ impl AtlasCapture {
                     count,
                     hits: hits.clone(),
                     output: options.output,
+                    slots: Default::default(),
                 };
                 let uniform = |phase| {
                     gpu.uniform(
@@ -284,6 +285,7 @@ impl AtlasCapture {
                 width: self.size,
                 height: piece.rows.end - piece.rows.start,
                 sample_index,
+                first_texel: piece.rows.start * self.size,
                 // Otherwise all pieces would use the same random numbers.
                 seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),
                 ..Zeroable::zeroed()

@@ -139,7 +139,8 @@ impl Wavefront {
                 // because `plan` respects its capacity. Loops terminate: traversal because a hierarchy is a tree.
                 unchecked: true,
             };
-            let kernel = Kernel::with_options(gpu, &shader, "main", Some(&scene.layout), &options)?;
+            let kernel =
+                Kernel::with_options(gpu, &shader, "main", Some(&scene.ray_layout), &options)?;
             Stage::new(gpu, kernel, &all, &["seen", "settings", "automaton"])
         };
         let plan = Kernel::new(gpu, &shader!("reference.wavefront.plan"), "main", None)?;
@@ -246,7 +247,7 @@ impl Wavefront {
         let Self {
             plan, trace, shade, ..
         } = self;
-        let scene = (0, &scene.bind_group);
+        let scene = (0, &scene.ray_bind_group);
         plan.kernel
             .dispatch(pass, &[(1, &plan.own), (3, &plan.pool)], [1, 1, 1]);
         let groups = [scene, (1, &trace.own), (3, &trace.pool)];

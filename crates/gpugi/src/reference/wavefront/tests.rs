@@ -55,7 +55,7 @@ fn expected(gpu: &Gpu, tracer: &PathTracer, constants: &[(&str, f64)]) -> Film {
         gpu,
         &shader!("testing.megakernel"),
         "main",
-        Some(&tracer.scene.layout),
+        Some(&tracer.scene.ray_layout),
         &KernelOptions {
             constants,
             ..Default::default()
@@ -93,7 +93,7 @@ fn expected(gpu: &Gpu, tracer: &PathTracer, constants: &[(&str, f64)]) -> Film {
     let mut frame = Frame::new(gpu, false);
     frame.compute("megakernel", |pass| {
         let groups = [
-            (0, &tracer.scene.bind_group),
+            (0, &tracer.scene.ray_bind_group),
             (1, &own),
             (2, &tracer.wavefront.lights),
         ];

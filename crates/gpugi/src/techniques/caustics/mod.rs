@@ -11,7 +11,7 @@ mod object;
 mod tests;
 
 use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Technique};
-use crate::capture::{PerReceiver, Receiver, View};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
@@ -75,7 +75,7 @@ struct Kernels {
     trace: Kernel,
     splat: Kernel,
     irradiance: Kernel,
-    gather: Kernel,
+    gather: ReceiverKernel,
     sampler: wgpu::Sampler,
 }
 
@@ -87,7 +87,7 @@ impl Kernels {
             trace: kernel(shader!("techniques.caustics.trace"), layout)?,
             splat: kernel(shader!("techniques.caustics.splat"), None)?,
             irradiance: kernel(shader!("techniques.caustics.irradiance"), None)?,
-            gather: kernel(shader!("techniques.caustics.gather"), layout)?,
+            gather: ReceiverKernel::new(gpu, scene, &shader!("techniques.caustics.gather"), &[])?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("refractor normals"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -305,7 +305,8 @@ impl Technique for Caustics {
         let Some(made) = self.made.as_ref().filter(|made| !made.caustics.is_empty()) else {
             return Ok(());
         };
-        let (gpu, kernel) = (frame.gpu, &self.kernels.gather);
+        let gpu = frame.gpu;
+        let kernel = self.kernels.gather.of(gpu, &receiver.points)?;
         let groups = self.bound.of(receiver, || receiver.bind(gpu, kernel))?;
         frame.compute("caustics.gather", |pass| {
             for caustic in &made.caustics {

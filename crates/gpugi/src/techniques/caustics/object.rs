@@ -114,7 +114,7 @@ impl Caustic {
         let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
         let lit_texels = gpu.buffer("caustics [bytes]", texels * LIT_TEXEL_BYTES, storage)?;
         let lit_cube = gpu.buffer("lit cube", size_of::<LitCube>() as u64, uniform)?;
-        let group = kernels.gather.bind(
+        let group = kernels.gather.to_bind().bind(
             gpu,
             2,
             &[

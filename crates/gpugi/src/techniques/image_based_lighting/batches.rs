@@ -3,8 +3,8 @@
 use super::Reflectivity;
 use super::gpu::{Direction, DirectionMap, Range};
 use crate::capture::depth::{DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec};
-use crate::capture::{PerReceiver, Receiver};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -70,7 +70,7 @@ pub struct Batches {
     /// Form of reflectivity that the gather is compiled for.
     pub reflectivity: Reflectivity,
     rasterizer: DepthRasterizer,
-    gather: Kernel,
+    gather: ReceiverKernel,
     comparison: wgpu::Sampler,
     made: Option<DirectionMaps>,
     bound: PerReceiver<ReceiverGroups>,
@@ -109,20 +109,12 @@ impl Batches {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, reflectivity: Reflectivity) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants: &[("REFLECTIVITY", f64::from(reflectivity as u32))],
-            ..Default::default()
-        };
+        let gather = shader!("techniques.image_based_lighting.gather");
+        let constants = [("REFLECTIVITY", f64::from(reflectivity as u32))];
         Ok(Self {
             reflectivity,
             rasterizer: DepthRasterizer::new(gpu, scene)?,
-            gather: Kernel::with_options(
-                gpu,
-                &shader!("techniques.image_based_lighting.gather"),
-                "main",
-                Some(&scene.layout),
-                &options,
-            )?,
+            gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
             comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow comparison"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -228,7 +220,7 @@ impl Batches {
                 }
                 _ => DepthAtlas::new(gpu, &self.rasterizer.kernels, views)?,
             };
-            let group = self.gather.bind(
+            let group = self.gather.to_bind().bind(
                 gpu,
                 2,
                 &[
@@ -280,7 +272,8 @@ impl Batches {
         let Some(made) = &mut self.made else {
             return Ok(());
         };
-        let (gpu, gather) = (frame.gpu, &self.gather);
+        let gpu = frame.gpu;
+        let gather = self.gather.of(gpu, &receiver.points)?;
         let bound = self
             .bound
             .of(receiver, || bind(gpu, gather, made, receiver))?;
@@ -290,7 +283,7 @@ impl Batches {
             }
             frame.compute("image-based-lighting.gather", |pass| {
                 for range in ranges {
-                    self.gather.dispatch(
+                    gather.dispatch(
                         pass,
                         &[
                             (0, &scene.bind_group),

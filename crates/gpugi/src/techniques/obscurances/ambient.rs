@@ -174,7 +174,7 @@ impl Obscurances {
             let counts = ("counts", made.escapes.as_entire_binding());
             let group = made.openness.bind(gpu, 1, &[settings, of_points, counts])?;
             frame.compute("obscurances.openness", |pass| {
-                let groups = [(0, &scene.bind_group), (1, &group)];
+                let groups = [(0, &scene.ray_bind_group), (1, &group)];
                 made.openness.dispatch(pass, &groups, [OPENNESS_RAYS, 1, 1]);
             });
         }

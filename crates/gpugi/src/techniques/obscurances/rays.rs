@@ -97,7 +97,7 @@ impl Rays {
         ];
         let group = self.kernel.bind(gpu, 1, &resources)?;
         frame.compute("obscurances.rays", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &group), (2, &self.corners)];
+            let groups = [(0, &scene.ray_bind_group), (1, &group), (2, &self.corners)];
             self.kernel
                 .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
         });

@@ -162,7 +162,11 @@ impl Solution {
             pages: atlas.pages,
             lookup,
             texels,
-            mean: gpu.buffer("mean albedo and light", 32, wgpu::BufferUsages::STORAGE)?,
+            mean: gpu.buffer(
+                "mean albedo and light",
+                32,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::UNIFORM,
+            )?,
             prepare: kernel(shader!("techniques.obscurances.prepare"))?,
             average: kernel(shader!("techniques.obscurances.mean"))?,
             sampler,

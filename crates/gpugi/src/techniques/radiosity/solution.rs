@@ -270,7 +270,7 @@ impl Solution {
             frame.compute("radiosity.rays", |pass| {
                 for piece in &self.pieces {
                     let groups = [
-                        (0, &scene.bind_group),
+                        (0, &scene.ray_bind_group),
                         (1, &piece.rays),
                         (2, &self.corners),
                         (3, &piece.rays_texels[self.last]),

@@ -1,7 +1,7 @@
 //! The pass that sums up the light of all samples.
 
 use super::gpu::GatherSettings;
-use crate::capture::{PerReceiver, Receiver};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::lights::Shadows;
 use crate::scene::GpuScene;
@@ -13,7 +13,7 @@ const DISPATCH_WORK: u64 = 1 << 27;
 /// The pass, and what it is bound to.
 #[derive(Debug)]
 pub struct ShadowGather {
-    kernel: Kernel,
+    kernel: ReceiverKernel,
     lights: Option<Lights>,
     bound: PerReceiver<ReceiverGroups>,
 }
@@ -41,7 +41,7 @@ impl ShadowGather {
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let shader = shader!("techniques.shadow_map.gather");
         Ok(Self {
-            kernel: Kernel::new(gpu, &shader, "main", Some(&scene.layout))?,
+            kernel: ReceiverKernel::new(gpu, scene, &shader, &[])?,
             lights: None,
             bound: PerReceiver::default(),
         })
@@ -58,7 +58,7 @@ impl ShadowGather {
         settings: GatherSettings,
     ) -> Result<(), GpuError> {
         self.bound.clear();
-        let group = shadows.bind(gpu, &self.kernel)?;
+        let group = shadows.bind(gpu, self.kernel.to_bind())?;
         self.lights = group.map(|group| Lights {
             group,
             count: shadows.light_count(),
@@ -81,7 +81,8 @@ impl ShadowGather {
         let Some(lights) = &self.lights else {
             return Ok(());
         };
-        let (gpu, kernel) = (frame.gpu, &self.kernel);
+        let gpu = frame.gpu;
+        let kernel = self.kernel.of(gpu, &receiver.points)?;
         let bound = self
             .bound
             .of(receiver, || bind(gpu, kernel, receiver, lights))?;
