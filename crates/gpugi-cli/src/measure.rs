@@ -285,13 +285,14 @@ fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measu
     }
     if !measured.passes.is_empty() {
         println!(
-            "time, median of the frames that a pass ran in, of {} for maps and {} samples:",
+            "time, median of the frames that a pass ran in ({} for maps, {} samples):",
             measured.map_frames, arguments.samples
         );
     }
+    let frames = measured.map_frames + arguments.samples;
     for pass in &measured.passes {
         println!(
-            "  {:34} {:9.4} ms GPU, {} times",
+            "  {:34} {:9.4} ms GPU, {} of {frames}",
             pass.pass, pass.milliseconds, pass.ran
         );
     }

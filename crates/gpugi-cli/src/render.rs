@@ -286,7 +286,7 @@ fn converge(
     camera: &Camera,
     timed: bool,
     costs: &mut Costs,
-) -> anyhow::Result<Readiness> {
+) -> Result<Readiness, LightingError> {
     let mut progress = Progress::new(common.quiet);
     let readiness = renderer.converge(camera, timed, |readiness, passes| {
         costs.add_to_maps(&passes);
@@ -314,18 +314,34 @@ fn render_techniques(
     shown: Option<&DisplaySettings>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
-    let (mut renderer, set) = chosen(gpu, scene, arguments.size, &arguments.technique)?;
-    apply_settings(&mut renderer, &arguments.set)?;
-    renderer.set_seed(arguments.seed);
-    let left_out = renderer.left_out();
-    if !left_out.is_empty() {
-        notes.push(format!("not in this picture: {}", left_out.join("; ")));
-    }
-    notes.extend(set.iter().flat_map(|set| set.notes.iter().cloned()));
+    let (mut renderer, mut set) = chosen(gpu, scene, arguments.size, &arguments.technique)?;
     print_notes(common, notes);
-    let mut costs = Costs::default();
     let started = Instant::now();
-    let maps = converge(common, &mut renderer, camera, arguments.explain, &mut costs)?;
+    let (maps, left_out, mut costs) = loop {
+        apply_settings(&mut renderer, &arguments.set)?;
+        renderer.set_seed(arguments.seed);
+        let left_out = renderer.left_out();
+        let mut of_set = Vec::new();
+        if !left_out.is_empty() {
+            of_set.push(format!("not in this picture: {}", left_out.join("; ")));
+        }
+        of_set.extend(set.iter().flat_map(|set| set.notes.iter().cloned()));
+        print_notes(common, &of_set);
+        let mut costs = Costs::default();
+        match converge(common, &mut renderer, camera, arguments.explain, &mut costs) {
+            Ok(maps) => {
+                notes.extend(of_set);
+                break (maps, left_out, costs);
+            }
+            Err(error) => {
+                let smaller = set.take().and_then(|set| set.without_atlas(&error));
+                let smaller = set.insert(smaller.ok_or_else(|| usage(error))?);
+                let registry = Registry::default();
+                renderer = Renderer::with_set(gpu, scene, arguments.size, smaller, &registry)
+                    .map_err(usage)?;
+            }
+        }
+    };
     let maps_seconds = started.elapsed().as_secs_f64();
     let samples = arguments.samples.unwrap_or(TECHNIQUE_SAMPLES);
     let mut progress = Progress::new(common.quiet);

@@ -27,6 +27,7 @@ const OPTIONS: Options = Options {
     },
     seed: 0,
     cache: None,
+    all_light: false,
 };
 
 /// Settings of distance-impostor with their name in the table.

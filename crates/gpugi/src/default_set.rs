@@ -1,10 +1,13 @@
 //! The techniques that gpugi chooses where nobody names any: by what the light is for, by what the scene holds, and by
 //! the kind of adapter. Never by the clock, so a scene gets the same set on all adapters of a kind.
 
+use std::collections::BTreeSet;
+
 use gpugi_scene::Scene;
 
-use crate::gpu::AdapterSummary;
+use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::lighting::LightingError;
 use crate::scene::has_emitters;
 use crate::techniques::{Info, Registry, caustics, distance_impostor, radiosity};
 
@@ -15,6 +18,10 @@ const RADIOSITY: &str = radiosity::INFO.name;
 /// With more triangles than this, no still picture waits for an atlas that nobody asked for. Unwrapping 94,722
 /// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
 const MOST_UNWRAPPED: u64 = 100_000;
+
+/// Meshes of more connected pieces than this, such as foliage, are not unwrapped unasked: each piece takes a chart with
+/// its gutter, which fill the pages, and packing them takes a minute for 20,000.
+const MOST_PIECES: usize = 4_000;
 
 /// What light is computed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,6 +60,19 @@ impl DefaultSet {
     pub fn names(&self) -> Vec<String> {
         let choices = self.choices.iter();
         choices.map(|one| one.technique.to_owned()).collect()
+    }
+
+    /// The set without the technique that `error` says has no atlas, which only the attempt to unwrap the scene tells;
+    /// `None` if it is another error.
+    pub fn without_atlas(mut self, error: &LightingError) -> Option<Self> {
+        let LightingError::Gpu(GpuError::Pass { pass, .. }) = error else {
+            return None;
+        };
+        let at = self.choices.iter().position(|one| one.technique == pass)?;
+        self.choices.remove(at);
+        self.notes
+            .push(format!("left out, for want of an atlas: {error}"));
+        Some(self)
     }
 }
 
@@ -109,7 +129,8 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Result
             settings: Vec::new(),
         });
     }
-    if triangles <= MOST_UNWRAPPED {
+    let pieces = pieces(scene);
+    if triangles <= MOST_UNWRAPPED && pieces <= MOST_PIECES {
         return Ok(Choice {
             technique: RADIOSITY,
             reason: format!("nothing moves, and {triangles} triangles are soon unwrapped"),
@@ -119,8 +140,18 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Result
     // Obscurances, whose ambient light stands for indirect light, need the same atlas. A technique that needs none
     // belongs here.
     Err(format!(
-        "indirect light needs an atlas, and unwrapping {triangles} triangles takes long: radiosity adds it if it is named"
+        "indirect light needs an atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long: radiosity adds it if it is named"
     ))
+}
+
+/// Number of connected pieces of all meshes in use.
+fn pieces(scene: &Scene) -> usize {
+    let used: BTreeSet<usize> = scene
+        .instances
+        .iter()
+        .map(|instance| instance.mesh)
+        .collect();
+    used.iter().map(|&mesh| scene.meshes[mesh].pieces()).sum()
 }
 
 /// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. In software, where rays
@@ -174,6 +205,8 @@ fn light_classes(scene: &Scene) -> Vec<LightClass> {
 
 #[cfg(test)]
 mod tests {
+    use glam::{Mat4, Vec3};
+    use gpugi_scene::Mesh;
     use gpugi_scene::builtin::{SCENES, builtin};
 
     use super::*;
@@ -256,6 +289,39 @@ mod tests {
         );
         let bake = default_set(&scene, &gpu.adapter, Purpose::Bake, &registry);
         assert_eq!(bake.names(), ["shadow-map", RADIOSITY]);
+        // Few triangles, but each a piece of its own.
+        let mut leaves = builtin("cornell", 1).unwrap();
+        let corners = 0..3 * (MOST_PIECES as u32 + 1);
+        let apart = corners
+            .clone()
+            .map(|corner| Vec3::new(corner as f32, (corner % 3) as f32, 0.0));
+        let mesh = leaves.add_mesh(Mesh {
+            positions: apart.collect(),
+            normals: vec![Vec3::Z; corners.len()],
+            indices: corners.collect(),
+            ..Mesh::default()
+        });
+        leaves.add_instance("leaves", mesh, 0, Mat4::IDENTITY);
+        let set = default_set(&leaves, &gpu.adapter, Purpose::StillPicture, &registry);
+        assert_eq!(set.names(), ["shadow-map"]);
+        // What only unwrapping tells.
+        let mut set = default_set(
+            &builtin("cornell", 1).unwrap(),
+            &gpu.adapter,
+            Purpose::StillPicture,
+            &registry,
+        );
+        let of_pass = |pass: &str| GpuError::Pass {
+            pass: pass.into(),
+            reason: "too large".into(),
+        };
+        assert_eq!(
+            set.clone().without_atlas(&of_pass("radiosity.rays").into()),
+            None
+        );
+        set = set.without_atlas(&of_pass(RADIOSITY).into()).unwrap();
+        assert_eq!(set.names(), ["shadow-map"]);
+        assert!(set.notes[0].contains("too large"));
         // Nothing to light, nothing to light it with.
         let nothing = Scene::new("nothing");
         for purpose in [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake] {

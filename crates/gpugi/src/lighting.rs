@@ -414,9 +414,9 @@ impl Lighting {
         found.map_or(&[], |(_, plan)| &plan.paths)
     }
 
-    /// Light that exists in the scene and that no technique in use adds: a few words each.
+    /// Light that exists in the scene, as far as the factors of its materials tell, and that no technique in use adds: a few words each.
     pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
-        left_out(&self.light_paths(), &light_classes(scene))
+        left_out(&self.light_paths(), &light_classes(scene), &scene.lobes())
     }
 
     /// Every map that exists now.

@@ -150,31 +150,31 @@ pub fn never_found(covered: &[LightPaths]) -> Option<String> {
     overlap(covered, &[punctual]).map(|(_, path)| path)
 }
 
-/// Describes the light that a set of techniques leaves out, for the light classes that a scene has. Each entry is a few
-/// words for human readers.
+/// Describes the light that a set of techniques leaves out, for the light classes that a scene has and for the `lobes`
+/// of its surfaces, some of `DGS`. Each entry is a few words for human readers.
 ///
 /// # Panics
 /// See [`overlap`].
-pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
+pub fn left_out(covered: &[LightPaths], present: &[LightClass], lobes: &str) -> Vec<String> {
     let mut missing = Vec::new();
+    if lobes.is_empty() {
+        return missing;
+    }
     for &class in present {
-        let is_missing = |pattern: &str| {
+        let shortest_missing = |pattern: &str| {
             let mut all = vec![compiled(pattern)];
             all.extend(automata(covered, class));
             shortest_path(&all, |accepted| {
                 accepted[0] && !accepted[1..].contains(&true)
             })
-            .is_some()
         };
-        let direct: Vec<_> = ["LDE", "LGE", "LSE"]
-            .into_iter()
-            .filter(|path| is_missing(path))
-            .collect();
+        let direct = lobes.chars().map(|lobe| format!("L{lobe}E"));
+        let direct: Vec<String> = direct.filter_map(|path| shortest_missing(&path)).collect();
         if !direct.is_empty() {
             missing.push(format!("{} ({class})", direct.join(", ")));
         }
-        if is_missing("L[DGS][DGS]+E") {
-            missing.push(format!("indirect light, L[DGS][DGS]+E ({class})"));
+        if let Some(path) = shortest_missing(&format!("L[{lobes}]{{2,}}E")) {
+            missing.push(format!("indirect light, such as {path} ({class})"));
         }
     }
     missing

@@ -254,6 +254,20 @@ impl GpuScene {
         [self.has_alpha, transmits]
     }
 
+    /// Lobes of the surfaces, as far as the factors of materials tell: some of `DGS`.
+    pub fn lobes(&self) -> String {
+        let materials = self.host.instances.iter().map(|instance| instance.material);
+        let mut has = [false; 3];
+        for material in materials {
+            let lobes = objects::lobes(&self.host.materials[material]);
+            has = [0, 1, 2].map(|one| has[one] || lobes[one]);
+        }
+        let lobes = "DGS".chars().zip(has);
+        lobes
+            .filter_map(|(lobe, has)| has.then_some(lobe))
+            .collect()
+    }
+
     /// Updates the merged world-space vertices.
     pub fn merge(&mut self, frame: &mut Frame<'_>) {
         if self.merged_version == self.versions.geometry || self.vertex_count == 0 {

@@ -5,6 +5,7 @@
 
 use std::ops::BitOr;
 
+use glam::Vec3;
 use gpugi_scene::{AlphaMode, Material, MaterialModel, Scene, names};
 
 use super::DrawClass;
@@ -41,6 +42,25 @@ impl Object {
 
 fn is_smooth(material: &Material) -> bool {
     !matches!(material.model, MaterialModel::Phong { .. }) && material.roughness < DELTA_ROUGHNESS
+}
+
+/// Whether the surface has a diffuse, a glossy and an ideal lobe, as far as the material's factors tell.
+pub(super) fn lobes(material: &Material) -> [bool; 3] {
+    let (diffuse, specular) = match material.model {
+        MaterialModel::Phong { kd, ks, .. } => (kd != Vec3::ZERO, ks != Vec3::ZERO),
+        MaterialModel::Conductor { .. } => (false, true),
+        MaterialModel::MetallicRoughness => {
+            let is_metal =
+                material.metallic >= 1.0 && material.metallic_roughness_texture.is_none();
+            let reflects = material.specular > 0.0 && material.specular_color != Vec3::ZERO;
+            (
+                !is_metal && material.transmission < 1.0,
+                reflects || material.metallic > 0.0 || material.transmission > 0.0,
+            )
+        }
+    };
+    let is_smooth = is_smooth(material);
+    [diffuse, specular && !is_smooth, specular && is_smooth]
 }
 
 /// Whether any surface of the scene reflects or refracts ideally ([`Object::is_smooth`]).
