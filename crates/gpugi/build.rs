@@ -1,7 +1,8 @@
-//! Links every WESL module that has an entry point, the shared bindings, and the library of gathers of other crates, to one plain WGSL file each.
+//! Links every WESL module with an entry point, the shared bindings, and the library for gathers of other crates, each
+//! to one plain WGSL file.
 //!
-//! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`; `shaders.rs` in `OUT_DIR`
-//! lists them all, so that a test can validate every one.
+//! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`. `shaders.rs` in
+//! `OUT_DIR` lists all of them, so that a test can validate each.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 fn main() {
     let source = Path::new("src");
     let out = PathBuf::from(std::env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
-    // A shader that is gone must not be found any more.
+    // Remove the outputs of shaders that no longer exist.
     for old in std::fs::read_dir(&out)
         .expect("OUT_DIR is readable")
         .flatten()

@@ -8,7 +8,7 @@ use gpugi::Renderer;
 use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::Gpu;
 
-use crate::output::write_json;
+use crate::output::{median, write_json};
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, bench_edits, bench_path_tracer, bench_rays};
@@ -205,11 +205,6 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         write_json(path, &measured)?;
     }
     Ok(())
-}
-
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn print_table(measured: &Measured) {

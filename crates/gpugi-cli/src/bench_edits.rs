@@ -9,7 +9,7 @@ use gpugi::scene::{Edit, GpuScene};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Environment, Light, LightKind, Material, Scene};
 
-use crate::output::write_json;
+use crate::output::{median, write_json};
 
 /// Instances along each side of the square that they stand in.
 const SIDE: usize = 100;
@@ -69,7 +69,7 @@ pub fn run(gpu: &Gpu, count: u32, json: Option<&Path>) -> anyhow::Result<()> {
             let row = Row {
                 rays,
                 edit,
-                cpu_ms: crate::bench::median(times),
+                cpu_ms: median(times),
                 bytes: most,
             };
             let kind = if rays { "rays" } else { "captures" };

@@ -11,6 +11,12 @@ use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
 use crate::Usage;
 
+/// The middle value; NaN of none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 /// An image file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {

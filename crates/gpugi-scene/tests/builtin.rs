@@ -275,7 +275,8 @@ fn glass_is_closed() {
             .iter()
             .find(|mesh| mesh.name == "solid teapot")
             .unwrap();
-        // Body, lid and knob turned, and a little for handle and spout: no part counts twice, as it would where solids overlap.
+        // The volume of body, lid and knob as solids of revolution, plus a little for handle and spout. No part counts
+        // twice, as it would if solids overlapped.
         let volume = volume(solid);
         println!("{volume}");
         assert!((0.024..0.028).contains(&volume), "{volume}");

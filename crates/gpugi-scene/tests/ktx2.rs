@@ -1,4 +1,4 @@
-//! KTX2 files that gpugi writes, read by somebody else's reader.
+//! KTX2 files that gpugi writes, checked with an independent reader.
 
 use gpugi_scene::image::{HalfTexture, decode_radiance, save_ktx2};
 use gpugi_scene::{Limits, Pixels};
@@ -69,12 +69,13 @@ fn a_cube_map_reads_back() {
         let at = level.data.as_ptr() as usize - bytes.as_ptr() as usize;
         assert_eq!(at % 8, 0, "a level lies at a multiple of a texel");
     }
-    // The coarsest first, and nothing behind the finest.
+    // The coarsest level comes first, and nothing follows the finest.
     assert!(levels[2].data.as_ptr() < levels[0].data.as_ptr());
     assert!(bytes.ends_with(levels[0].data));
 }
 
-/// The descriptor word by word: Khronos Data Format Specification 1.4, section 5, and the example of four half floats there.
+/// The descriptor word by word, after Khronos Data Format Specification 1.4, section 5, and its example of four half
+/// floats.
 #[test]
 fn the_descriptor_says_four_signed_half_floats() {
     let bytes = saved("descriptor", &texture([2, 2], 1, 1)).unwrap();

@@ -1,5 +1,6 @@
-//! Draws distance impostors beside classical environment mapping and the path tracer, as the tutorial's figures 29, 33 and 36 do, and prints a table of
-//! their errors: `cargo run -p gpugi --example draw_impostors` writes `docs/images/distance-impostor-*.png`, or into the folder named as argument.
+//! Draws distance impostors beside classical environment mapping and the path tracer, as the tutorial's figures 29, 33
+//! and 36 do, and prints a table of their errors. `cargo run -p gpugi --example draw_impostors` writes
+//! `docs/images/distance-impostor-*.png`, or to the folder given as argument.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -15,7 +16,7 @@ use gpugi_scene::image::metrics::{Metric, Picture, compare};
 use gpugi_scene::image::save_png;
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene, Volume};
 
-/// Side of a picture, and the white between two (pixels).
+/// Side of a picture, and the white space between two (pixels).
 const SIZE: usize = 200;
 const GAP: usize = 4;
 
@@ -30,7 +31,7 @@ const OPTIONS: Options = Options {
     all_light: false,
 };
 
-/// Settings of distance-impostor with their name in the table.
+/// A name in the table and the settings of distance-impostor that it stands for.
 type Way = (&'static str, &'static [(&'static str, &'static str)]);
 
 const CLASSICAL: Way = ("classical", &[("search", "none"), ("bounces", "0")]);
@@ -44,7 +45,7 @@ const TWICE: Way = (
     &[("search", "walk"), ("bounces", "4")],
 );
 
-/// What an object looks like in each of `ways` and to the path tracer, beside each other at one exposure; prints the errors.
+/// Draws an object with each of `ways` and with the path tracer, side by side at one exposure; prints the errors.
 fn draw(
     gpu: &Gpu,
     name: &str,
@@ -94,7 +95,7 @@ fn draw(
     Ok((0..SIZE).flat_map(row).collect())
 }
 
-/// Saves rows of pictures below each other.
+/// Saves rows of pictures, one below the other.
 fn save(folder: &Path, file: &str, columns: usize, rows: &[Vec<u8>]) -> Result<(), Box<dyn Error>> {
     let width = columns * (SIZE + GAP) - GAP;
     let height = rows.len() * (SIZE + GAP) - GAP;
@@ -103,7 +104,7 @@ fn save(folder: &Path, file: &str, columns: usize, rows: &[Vec<u8>]) -> Result<(
     Ok(())
 }
 
-/// Looks at a ball from where the room is behind it.
+/// A camera that looks at a ball, with the room behind it.
 fn toward(at: Vec3) -> Camera {
     let back = (vec3(0.3, 1.7, 1.7) - at).normalize();
     Camera::look_at("", at + 1.7 * back, at, 0.8)
@@ -141,7 +142,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     save(&folder, "distance-impostor-places.png", 3, &rows)?;
 
-    // Behind the ball, so that its shadow falls where nobody sees it: what passes through glass into its shadow is a caustic.
+    // Behind the ball, so that its shadow falls out of sight: light that passes through glass into its shadow is a
+    // caustic.
     let light = Light::new("light", LightKind::Point, Vec3::splat(9.0));
     room.lights = vec![light.aimed(vec3(0.0, 2.7, -1.2), Vec3::ZERO)];
     let material = room.instances[ball].material;

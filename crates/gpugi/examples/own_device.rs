@@ -1,6 +1,7 @@
-//! gpugi on the device of an engine: it opens no adapter of its own, and its picture never leaves the GPU.
+//! gpugi on the device of an engine: it opens no adapter of its own, and its picture stays on the GPU.
 //!
-//! `cargo run --example own_device` draws a picture into a texture of the engine and reads back one pixel, to show that it is there.
+//! `cargo run --example own_device` draws a picture into a texture of the engine and reads back one pixel to show that
+//! it is there.
 
 use std::error::Error;
 
@@ -9,7 +10,7 @@ use gpugi::display::{DisplaySettings, Present};
 use gpugi::gpu::{Frame, Gpu, TextureAspect, read_texture};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // What an engine has already: an adapter, a device and its queue.
+    // What an engine already has: an adapter, a device and its queue.
     let instance =
         wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
     let adapter =

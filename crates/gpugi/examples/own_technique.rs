@@ -1,4 +1,4 @@
-//! A technique that lives outside of gpugi: ambient light in the colour of the sky. docs/adding-a-technique.md walks through it.
+//! A technique outside gpugi: ambient light in the colour of the sky. docs/adding-a-technique.md walks through it.
 //!
 //! `cargo run --example own_technique -- ambient.png` renders a built-in scene with it.
 
@@ -31,7 +31,8 @@ settings! {
     }
 }
 
-/// L = rho / pi E, with E = strength pi L_sky(n): the sky's radiance in the direction of the normal stands for that of all around it.
+/// L = rho / pi E, with E = strength pi L_sky(n): the sky's radiance in the direction of the normal approximates the
+/// radiance from all directions around it.
 const GATHER: &str = "
 override STRENGTH: f32 = 0.3;
 
@@ -49,7 +50,7 @@ fn main(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) workg
 #[derive(Debug)]
 struct SkyAmbient {
     settings: Settings,
-    /// The pass, and the strength that it is compiled for.
+    /// The pass, and the strength that it was compiled for.
     gather: Option<(f32, Gather)>,
 }
 

@@ -1,7 +1,7 @@
-//! The frames of a window, headless: each call does a part of the work and returns at once, so that a window stays responsive while shaders compile
-//! and maps are generated; the picture then becomes better from frame to frame.
+//! The frames of a window, headless. Each call does part of the work and returns at once, so that a window stays
+//! responsive while shaders compile and maps are generated. After that, the picture improves from frame to frame.
 //!
-//! `cargo run --example own_window_frame` prints what each frame was about.
+//! `cargo run --example own_window_frame` prints what each frame did.
 
 use std::error::Error;
 
@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         match readiness {
             Readiness::Pending { what, .. } => {
                 println!("waiting for {what}");
-                // A window would draw its controls meanwhile.
+                // A window would draw its controls in the meantime.
                 std::thread::sleep(std::time::Duration::from_millis(20));
                 continue;
             }
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         frame.submit()?;
         presented += 1;
     }
-    // A click, answered some frames later without stopping the window.
+    // A click, answered some frames later without blocking the window.
     let picked = renderer.pick([48, 48])?;
     gpu.wait()?;
     let point = picked.get().ok_or("it has arrived")??;

@@ -1,5 +1,6 @@
-//! Draws the depth maps of sixteen directional domains of the default sky, which see a teapot (figure 16 of the tutorial), as they lie in their atlas:
-//! `cargo run -p gpugi --example plot_depth_maps` writes `docs/images/environment-depth-maps.png`, or the file named as argument.
+//! Draws the depth maps of a teapot from sixteen directional domains of the default sky (figure 16 of the tutorial), as
+//! they lie in their atlas. `cargo run -p gpugi --example plot_depth_maps` writes
+//! `docs/images/environment-depth-maps.png`, or the file given as argument.
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -19,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         PathBuf::from,
     );
     let mut scene = builtin("teapot", 1).ok_or("no such scene")?;
-    // The teapot alone, as large in the maps as they can show it.
+    // The teapot alone, so that it fills the maps.
     scene.instances.retain(|instance| instance.name == "teapot");
     scene.environment = Some(Environment::default_sky());
     let gpu = Gpu::open(&AdapterChoice::Best)?;
@@ -33,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let is_atlas = |map: &&gpugi::techniques::Map| map.name == "image-based-lighting.atlas";
     let atlas = maps.iter().find(is_atlas);
     let atlas = atlas.and_then(|map| map.texture()).ok_or("no map")?;
-    // Nearer is greater, and 0 where there is nothing.
+    // Nearer is greater; 0 means that nothing is there.
     let depths: Vec<f32> = read_texture(&gpu, atlas, TextureAspect::DepthOnly, 0, 0)?;
     let pixels: Vec<u8> = depths
         .iter()

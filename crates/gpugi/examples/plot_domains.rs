@@ -1,5 +1,6 @@
-//! Draws the directional domains of the default sky over it (figure 15 of the tutorial): borders of domains, the directions that their light
-//! comes from, and the Delaunay mesh between them: `cargo run -p gpugi --example plot_domains` writes `docs/images/environment-domains.png`, or the file named as argument.
+//! Draws the directional domains of the default sky over it (figure 15 of the tutorial): borders of domains, the
+//! directions that represent them, and the Delaunay mesh between these. `cargo run -p gpugi --example plot_domains`
+//! writes `docs/images/environment-domains.png`, or the file given as argument.
 
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
@@ -12,7 +13,7 @@ use gpugi::techniques::image_based_lighting::{Decomposition, Settings};
 use gpugi_scene::image::save_png;
 use gpugi_scene::{Environment, Pixels, Scene};
 
-/// Pixels to a cell along each axis.
+/// Pixels per cell along each axis.
 const SCALE: u32 = 3;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -59,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
     }
-    // A square of pixels around a direction, `reach` to each side.
+    // A square of pixels around a direction, which extends `reach` pixels to each side.
     let mut dot = |d: Vec3, reach: i32, color: [u8; 3]| {
         let u = d.x.atan2(-d.z) / TAU + 0.5;
         let v = d.y.clamp(-1.0, 1.0).acos() / PI;
@@ -73,7 +74,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     for ends in decomposition.delaunay_edges(&gpu)? {
         let [from, to] = ends.map(|end| domains[end as usize].toward);
-        // A great circle is where the chord lies as seen from the centre. Near a pole many columns lie close together.
+        // Points of the chord, projected from the centre, give the great circle. Near a pole many columns lie close
+        // together.
         let steps = (from.distance(to) * 16.0 * height as f32) as u32 + 1;
         for step in 0..=steps {
             dot(

@@ -1,5 +1,6 @@
-//! Draws the surroundings of the scene `ornaments`, and the irradiance map that environment-map makes of them (figures 11 and 12 of the tutorial):
-//! `cargo run -p gpugi --example plot_irradiance` writes `docs/images/environment-map-maps.png`, or the file named as argument.
+//! Draws the surroundings of the scene `ornaments`, and the irradiance map that environment-map generates from them
+//! (figures 11 and 12 of the tutorial). `cargo run -p gpugi --example plot_irradiance` writes
+//! `docs/images/environment-map-maps.png`, or the file given as argument.
 
 use std::error::Error;
 use std::f32::consts::{PI, TAU};
@@ -13,7 +14,7 @@ use gpugi_scene::image::save_png;
 use gpugi_scene::{Camera, Pixels};
 use half::f16;
 
-/// Pixels of each of the two pictures.
+/// Size of each of the two pictures (pixels).
 const SIZE: [u32; 2] = [400, 200];
 const GAP: u32 = 8;
 
@@ -72,7 +73,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Face and texel of a cube map in a direction: +X, -X, +Y, -Y, +Z, -Z as WebGPU has them.
+/// Face and texel of a cube map in a direction. WebGPU orders the faces +X, -X, +Y, -Y, +Z, -Z.
 fn on_cube(d: Vec3, side: u32) -> (usize, usize) {
     let a = d.abs();
     let (face, major, u, v) = if a.x >= a.y && a.x >= a.z {

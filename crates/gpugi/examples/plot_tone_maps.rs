@@ -1,5 +1,5 @@
 //! Plots the tone-mapping operators as the GPU evaluates them, from grey radiance to the sRGB value shown:
-//! `cargo run -p gpugi --example plot_tone_maps` writes `docs/images/tone-maps.svg`, or the file named as argument.
+//! `cargo run -p gpugi --example plot_tone_maps` writes `docs/images/tone-maps.svg`, or the file given as argument.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -11,7 +11,7 @@ use gpugi::gpu::{AdapterChoice, Frame, Gpu};
 /// Exposed radiance at the plot's left and right edge, in stops above 1.
 const STOPS: [f32; 2] = [-8.0, 6.0];
 const POINTS: usize = 141;
-/// Pixels that show each point: their dither averages to far finer values than 8 bits.
+/// Pixels per plotted point: the mean over their dither is far finer than 8 bits.
 const COPIES: usize = 1024;
 
 /// Edges of the plot within the image, in pixels.
@@ -98,7 +98,7 @@ fn y(value: f32) -> f32 {
     BOTTOM + (TOP - BOTTOM) * value
 }
 
-/// The image's beginning: grid, numbers, titles, and a mark at middle grey.
+/// The start of the image: grid, numbers, titles, and a mark at middle grey.
 fn axes() -> Result<String, std::fmt::Error> {
     let mut svg = String::from(
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 608 384" font-family="sans-serif" font-size="12">

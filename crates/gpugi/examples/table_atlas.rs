@@ -1,4 +1,5 @@
-//! Prints a table of what atlases of scenes take: `cargo run --release -p gpugi --example table_atlas [FILE|NAME]...`, all built-in scenes by default.
+//! Prints a table of the cost of atlases: `cargo run --release -p gpugi --example table_atlas [FILE|NAME]...`, by
+//! default for all built-in scenes.
 
 use std::path::Path;
 use std::time::Instant;

@@ -1,5 +1,5 @@
-//! Prints a table of metals' reflectance, exact and by the tutorial's equation 4: `cargo run -p gpugi --example table_metals`.
-//! In double precision, by the formulas of shared/fresnel.wesl.
+//! Prints a table of metals' reflectance, exact and by the tutorial's equation 4: `cargo run -p gpugi --example
+//! table_metals`. It uses double precision and the formulas of shared/fresnel.wesl.
 
 /// Refractive index and extinction at 650, 550 and 450 nm: Johnson and Christy 1972; aluminium: Rakic 1995.
 const METALS: [(&str, [f64; 3], [f64; 3]); 4] = [

@@ -307,6 +307,7 @@ impl Renderer {
             if readiness == Readiness::Ready || flow.is_break() {
                 return Ok(readiness);
             }
+            self.scene.wait_for_atlas();
         }
     }
 
@@ -355,6 +356,7 @@ impl Renderer {
                 return Ok(timings);
             }
             gpu.wait()?;
+            self.scene.wait_for_atlas();
         }
     }
 

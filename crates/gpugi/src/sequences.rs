@@ -1,9 +1,9 @@
-//! Sequences of low discrepancy, on the host.
+//! Low-discrepancy sequences on the host.
 
 use glam::Vec2;
 
-/// Steps of the additive sequences of lowest discrepancy in two and three dimensions: powers of the roots of x^3 = x + 1 and x^4 = x + 1
-/// (Roberts 2018).
+/// Steps of the additive sequences of lowest discrepancy in two and three dimensions: powers of the roots of x^3 = x +
+/// 1 and x^4 = x + 1 (Roberts 2018).
 pub const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 pub const R3: [f64; 3] = [
     0.819_172_513_396_164_5,

@@ -1,4 +1,5 @@
-//! Typed settings, stated once: from one declaration follow the struct with its defaults, setting by name from text or JSON, ranges, help, and tables.
+//! Typed settings, stated once. One declaration gives the struct with its defaults, setting by name from text or JSON,
+//! ranges, help, and tables.
 //!
 //! ```
 //! gpugi::settings! {
@@ -37,7 +38,7 @@ pub enum Kind {
     Flag,
     /// One of these words.
     Choice(&'static [&'static str]),
-    /// Text; its help says which.
+    /// Text; the help says what it means.
     Text,
 }
 
@@ -62,7 +63,7 @@ setting_values! {
     Text: String;
 }
 
-/// What values a setting may have, beyond its type, and their unit.
+/// Limits on a setting's values beyond its type, and their unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Constraint {
     range: Option<(f64, f64)>,
@@ -102,7 +103,7 @@ impl Constraint {
     }
 }
 
-/// One setting, as tables and sliders show it.
+/// Description of one setting, for tables and sliders.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Field {
     /// Name in `--set technique.NAME=value`.
@@ -118,7 +119,7 @@ pub struct Field {
     pub unit: &'static str,
     /// Whether only powers of two are allowed.
     pub is_power_of_two: bool,
-    /// Value that it has unless it is set.
+    /// The default value.
     pub default: Value,
 }
 
@@ -144,7 +145,7 @@ impl Field {
         }
     }
 
-    /// The values that it allows, in words: `16 to 1024, powers of two`.
+    /// The allowed values in words: `16 to 1024, powers of two`.
     pub fn values(&self) -> String {
         let mut text = match (self.kind, self.range) {
             (_, Some((low, high))) => format!("{low} to {high}"),
@@ -197,7 +198,7 @@ impl Field {
 
     /// Whether a value that the type can hold is allowed.
     fn check(&self, value: &Value) -> Result<(), String> {
-        // A number that is not finite is null in JSON.
+        // JSON writes a non-finite number as null.
         let is_allowed =
             self.range.is_none() || value.as_f64().is_some_and(|number| self.holds(number));
         if !is_allowed {
@@ -215,13 +216,13 @@ pub fn kebab(identifier: &str) -> String {
     identifier.replace('_', "-")
 }
 
-/// A setting that cannot be set so.
+/// Why a setting cannot be set.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum SettingError {
     /// No such setting.
     #[error("there is no setting {name:?}; there are: {known}")]
     Unknown {
-        /// The name asked for.
+        /// The requested name.
         name: String,
         /// The names there are.
         known: String,
@@ -233,7 +234,7 @@ pub enum SettingError {
         name: String,
         /// Text given.
         value: String,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }
@@ -246,7 +247,7 @@ pub trait SettingSet {
     /// All values, by name.
     fn to_json(&self) -> Value;
 
-    /// Replaces all values by those of `to_json`'s form.
+    /// Replaces all values by those of an object in the form of `to_json`.
     ///
     /// # Errors
     /// Why a value does not fit its type.
@@ -255,7 +256,7 @@ pub trait SettingSet {
     /// Sets one value from text.
     ///
     /// # Errors
-    /// [`SettingError`]; nothing has changed then.
+    /// [`SettingError`]; then nothing has changed.
     fn set(&mut self, name: &str, text: &str) -> Result<(), SettingError> {
         let fields = self.fields();
         let field = fields
@@ -283,7 +284,7 @@ pub trait SettingSet {
     /// Sets the values that a JSON object names; the others stay.
     ///
     /// # Errors
-    /// [`SettingError`]; nothing has changed then.
+    /// [`SettingError`]; then nothing has changed.
     fn set_json(&mut self, values: &serde_json::Map<String, Value>) -> Result<(), SettingError> {
         let before = self.to_json();
         for (name, value) in values {
@@ -291,7 +292,7 @@ pub trait SettingSet {
                 .as_str()
                 .map_or_else(|| value.to_string(), str::to_owned);
             if let Err(error) = self.set(name, &text) {
-                // They were valid a moment ago.
+                // The former values are valid.
                 let _ = self.replace(before);
                 return Err(error);
             }
@@ -299,7 +300,7 @@ pub trait SettingSet {
         Ok(())
     }
 
-    /// Whether every value is in range: of settings that were filled in by code.
+    /// Checks that every value is in range, for settings that code filled in.
     ///
     /// # Errors
     /// [`SettingError::Value`].
@@ -318,7 +319,8 @@ pub trait SettingSet {
     }
 }
 
-/// Declares a struct of settings: each field with its help (the doc comment), default, and what values it allows. See [`mod@crate::settings`].
+/// Declares a struct of settings: each field with its help (the doc comment), its default and its allowed values. See
+/// [`mod@crate::settings`].
 #[macro_export]
 macro_rules! settings {
     (

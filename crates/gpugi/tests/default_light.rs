@@ -49,30 +49,30 @@ fn still_picture_is_near_the_truth(name: &str, most: f64) {
 
 #[test]
 fn cornell() {
-    still_picture_is_near_the_truth("cornell", 1.0);
+    still_picture_is_near_the_truth("cornell", 0.1);
 }
 
 #[test]
 fn room() {
-    still_picture_is_near_the_truth("room", 1.0);
+    still_picture_is_near_the_truth("room", 0.11);
 }
 
 #[test]
 fn chamber() {
-    still_picture_is_near_the_truth("chamber", 1.0);
+    still_picture_is_near_the_truth("chamber", 0.2);
 }
 
 #[test]
 fn teapot() {
-    still_picture_is_near_the_truth("teapot", 1.0);
+    still_picture_is_near_the_truth("teapot", 0.07);
 }
 
 #[test]
 fn spheres() {
-    still_picture_is_near_the_truth("spheres", 1.0);
+    still_picture_is_near_the_truth("spheres", 0.055);
 }
 
 #[test]
 fn shapes() {
-    still_picture_is_near_the_truth("shapes", 1.0);
+    still_picture_is_near_the_truth("shapes", 0.095);
 }

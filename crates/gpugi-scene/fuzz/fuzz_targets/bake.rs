@@ -1,4 +1,5 @@
-//! A glTF file, and a bake written back into it with all vertices cut apart: Ok or Err, never a panic, a hang or a flood of memory.
+//! Imports a glTF file and exports a bake of it in which all vertices are split. The result is Ok or Err, never a
+//! panic, a hang or unbounded memory.
 
 #![no_main]
 
@@ -14,7 +15,7 @@ const LIMITS: Limits = Limits {
     elements: 1_000_000,
 };
 
-/// There are no other files.
+/// A resolver without other files.
 struct Nothing;
 
 impl Resolver for Nothing {

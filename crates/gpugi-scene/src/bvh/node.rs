@@ -20,8 +20,8 @@ use crate::Bounds;
 /// Rows per node.
 pub const NODE_ROWS: u32 = 5;
 
-/// Encodes a tree's nodes; returns their rows and their boxes. `boxes`: of the primitives by number. `first_row`: where the nodes lie; leaf
-/// items of `item_rows` rows each follow them.
+/// Encodes a tree's nodes; returns their rows and their boxes. `boxes`: the boxes of primitives, by number.
+/// `first_row`: the row of the first node; leaf items of `item_rows` rows each follow the nodes.
 pub(super) fn encode(
     tree: &Tree,
     boxes: &[Bounds],
@@ -30,7 +30,7 @@ pub(super) fn encode(
 ) -> (Vec<Row>, Vec<Bounds>) {
     let mut bounds = vec![Bounds::EMPTY; tree.nodes.len()];
     let mut rows = vec![Row::default(); tree.nodes.len() * NODE_ROWS as usize];
-    // Children follow their parents, so that backwards every child's box is known in time.
+    // Children follow their parents, so a backward pass knows the boxes of all children.
     for index in (0..tree.nodes.len()).rev() {
         let children = child_bounds(tree, boxes, &bounds, index);
         bounds[index] = children.into_iter().fold(Bounds::EMPTY, Bounds::union);
@@ -41,7 +41,7 @@ pub(super) fn encode(
     (rows, bounds)
 }
 
-/// The boxes of a node's children, from `boxes` of the primitives and `bounds` of the nodes below it.
+/// The boxes of a node's children, taken from `boxes` of the primitives and `bounds` of the nodes below it.
 pub(super) fn child_bounds(
     tree: &Tree,
     boxes: &[Bounds],
@@ -64,7 +64,7 @@ pub(super) fn child_bounds(
     })
 }
 
-/// The rows of one node around its children's boxes.
+/// The rows of one node with these boxes of children.
 pub(super) fn encode_node(
     tree: &Tree,
     index: usize,

@@ -1,4 +1,5 @@
-//! The top level: a hierarchy over instances in world space. Built when instances come or go, refitted when they move.
+//! The top level: a hierarchy over instances in world space. It is built when instances come or go, and refitted when
+//! they move.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -15,19 +16,19 @@ use crate::Bounds;
 /// A top level over instances.
 #[derive(Debug, Clone)]
 pub struct TopLevel {
-    /// Its rows, to follow the meshes' rows.
+    /// Its rows, which follow the rows of the meshes.
     pub rows: Vec<Row>,
-    /// Where rays start: a row and bits, see [`traverse`]. With a single instance, in that.
+    /// Where rays start: a row and bits, see [`traverse`]. With a single instance, rays start inside it.
     pub start: [u32; 2],
     first_row: u32,
     tree: Tree,
-    /// World-space boxes of leaf items, by the tree's primitives.
+    /// World-space boxes of leaf items, by primitive of the tree.
     boxes: Vec<Bounds>,
     /// World-space boxes of nodes.
     bounds: Vec<Bounds>,
-    /// By node; the root is its own.
+    /// Parents by node; the root is its own parent.
     parents: Vec<u32>,
-    /// By instance; none for those left out.
+    /// Leaves by instance; `None` for instances that are left out.
     leaves: Vec<Option<Leaf>>,
 }
 
@@ -43,8 +44,8 @@ struct Leaf {
 }
 
 impl BottomLevel {
-    /// A top level over `instances`. Left out are instances of meshes without triangles and those whose transform has no inverse in
-    /// 32-bit floats.
+    /// A top level over `instances`. It leaves out instances of meshes without triangles and instances whose transform
+    /// has no inverse in 32-bit floats.
     ///
     /// # Errors
     /// [`BvhTooLarge`].
@@ -105,7 +106,8 @@ impl BottomLevel {
         })
     }
 
-    /// Whether `top` has the instance of this number, of this mesh, exactly if a new one would, were it at `world_from_mesh`.
+    /// Whether moving this instance, of this mesh, to `world_from_mesh` keeps it in `top` or keeps it left out, as a
+    /// new top level would.
     pub fn can_refit(
         &self,
         top: &TopLevel,
@@ -117,9 +119,9 @@ impl BottomLevel {
         is_placed == top.leaves[number].is_some()
     }
 
-    /// Moves instances of `top`, each given by its number, its mesh and its transform, for which [`BottomLevel::can_refit`]. Their boxes
-    /// and those of the nodes above them fit as in a new top level; which instances a node holds stays. Returns the ranges of
-    /// [`TopLevel::rows`] that changed, in order.
+    /// Moves instances of `top`, each given by its number, its mesh and its transform, for which
+    /// [`BottomLevel::can_refit`] holds. Their boxes and those of the nodes above them fit as in a new top level, but
+    /// each node keeps its instances. Returns the ranges of [`TopLevel::rows`] that changed, in order.
     pub fn refit(
         &self,
         top: &mut TopLevel,
@@ -135,11 +137,12 @@ impl BottomLevel {
             let row = leaf.row as usize;
             top.rows[row..row + 3].copy_from_slice(&matrix_rows(&matrix));
             top.boxes[leaf.primitive as usize] = bounds;
-            // All of its rows: those of neighbours then follow each other without a gap, for one upload.
+            // Report all rows of the instance: ranges of neighbours then follow each other without a gap, for one
+            // upload.
             changed.push(row..row + INSTANCE_ROWS as usize);
             nodes.insert(leaf.node);
         }
-        // Children follow their parents: the last node has all its children's boxes.
+        // Children follow their parents, so the boxes of the last node's children are final.
         while let Some(index) = nodes.pop_last() {
             let children = node::child_bounds(&top.tree, &top.boxes, &top.bounds, index as usize);
             let bounds = children.into_iter().fold(Bounds::EMPTY, Bounds::union);

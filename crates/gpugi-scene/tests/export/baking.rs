@@ -1,4 +1,4 @@
-//! A bake without a baker: atlases and pages that tests can recognise, and exported files taken apart.
+//! A bake without a baker: atlases and pages that tests can recognise, and tools that take exported files apart.
 
 use glam::{Vec2, Vec3, vec2};
 use gpugi_scene::atlas::{Atlas, InstanceUvs};
@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use crate::builder::{File, Files};
 
-/// Texels a side of the pages here.
+/// Texels per side of the pages here.
 pub const SIZE: u32 = 4;
 
-/// An atlas in which no two corners of the scene have the same coordinates, so that every vertex is cut.
+/// An atlas in which no two corners of the scene have the same coordinates, so that every vertex is split.
 pub fn shredded(scene: &Scene) -> Atlas {
     let mut number = 0_u32;
     atlas(scene, |_, _| {
@@ -20,14 +20,14 @@ pub fn shredded(scene: &Scene) -> Atlas {
     })
 }
 
-/// An atlas in which each vertex of an instance has one pair of coordinates, so that nothing is cut.
+/// An atlas in which each vertex of an instance has one pair of coordinates, so that no vertex is split.
 pub fn whole(scene: &Scene) -> Atlas {
     atlas(scene, |instance, vertex| {
         vec2(instance as f32 / 64.0, vertex as f32 / 64.0)
     })
 }
 
-/// An atlas of one page. `uv`: the coordinates by instance and vertex, asked for each corner.
+/// An atlas of one page. `uv`: the coordinates of a corner by instance and vertex, called once per corner.
 pub fn atlas(scene: &Scene, mut uv: impl FnMut(usize, u32) -> Vec2) -> Atlas {
     let instances = scene.instances.iter().enumerate();
     let instances = instances
@@ -117,7 +117,7 @@ impl Baked {
         &self.binary[number("byteOffset")..][..number("byteLength")]
     }
 
-    /// The elements of an accessor of `size` bytes, which is not sparse.
+    /// The elements, `size` bytes each, of an accessor that is not sparse.
     pub fn elements(&self, accessor: &Value, size: usize) -> Vec<Vec<u8>> {
         let accessor = &self.json["accessors"][accessor.as_u64().unwrap() as usize];
         assert!(accessor.get("sparse").is_none());
@@ -135,7 +135,7 @@ impl Baked {
     }
 }
 
-/// Keeps what was exported in the folder that `GPUGI_KEEP_EXPORTS` names, where the Khronos validator can look at it.
+/// Keeps exported files in the folder that `GPUGI_KEEP_EXPORTS` names, for the Khronos validator.
 fn keep(glb: &[u8]) {
     if let Ok(folder) = std::env::var("GPUGI_KEEP_EXPORTS") {
         let test = std::thread::current()
@@ -149,7 +149,8 @@ fn keep(glb: &[u8]) {
     }
 }
 
-/// Every corner of every triangle of a scene in world space, and the coordinates of a UV set that is chosen by instance.
+/// Every corner of every triangle of a scene: its position in world space, and its coordinates in the UV set that `set`
+/// chooses per instance.
 fn corners(scene: &Scene, set: impl Fn(usize) -> usize) -> Vec<(Vec3, Vec2)> {
     let instances = scene.instances.iter().enumerate();
     let corners = instances.flat_map(|(number, instance)| {
@@ -171,8 +172,8 @@ pub fn positions(scene: &Scene) -> Vec<Vec3> {
     corners.map(|(position, _)| position).collect()
 }
 
-/// The bake must show each triangle of the original where it was, with its coordinates of the atlas in the first set that
-/// the original had free.
+/// Checks that the bake shows each triangle of the original in its place, with its atlas coordinates in the first UV
+/// set that the original leaves free.
 #[track_caller]
 pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene) {
     let uvs = atlas.instances.iter().flatten();

@@ -1,4 +1,4 @@
-//! What other viewers are told to show.
+//! The materials that exported files describe to other viewers.
 
 use glam::{Vec3, Vec4, vec2, vec3};
 use gpugi_scene::Pixels;
@@ -17,7 +17,7 @@ fn light(light: BakedLight) -> BakedPage {
     }
 }
 
-/// A triangle whose material does everything.
+/// A triangle whose material uses every feature.
 fn colourful() -> File {
     let mut file = File::with_material(json!({
         "name": "all",
@@ -57,7 +57,7 @@ fn baked(file: &File, page: BakedPage) -> Baked {
     bake(file, &scene, &shredded(&scene), page)
 }
 
-/// The texels of the image that `texture` shows, as they are stored.
+/// The texels of the image that `texture` shows, as stored.
 fn texels(baked: &Baked, texture: &Value) -> (image::ColorType, Vec<u8>) {
     let texture = &baked.json["textures"][texture["index"].as_u64().unwrap() as usize];
     let image = &baked.json["images"][texture["source"].as_u64().unwrap() as usize];
@@ -121,7 +121,7 @@ fn unlit_shows_the_radiance_and_nothing_else() {
     assert_eq!(used.last(), Some(&json!("KHR_materials_unlit")));
     let texture = &expected["pbrMetallicRoughness"]["baseColorTexture"];
     assert_eq!(texels(&baked, texture).1, [1, 2, 3, 200].repeat(TEXELS));
-    // Viewers would multiply by them.
+    // Viewers would multiply by vertex colours.
     let attributes = baked.json["meshes"][0]["primitives"][0]["attributes"]
         .as_object()
         .unwrap();
@@ -161,7 +161,7 @@ fn emissive_emits_the_radiance_and_reflects_nothing() {
     });
     assert_eq!(*material, expected);
     let (_, texels) = texels(&baked, &material["emissiveTexture"]);
-    // What is no number is black; 2/8 is 137 in sRGB, 1/16 is 71; both are dithered.
+    // A NaN is black; 2/8 is 137 in sRGB, 1/16 is 71; both are dithered.
     let near = |found: &[u8], expected: &[u8]| {
         let pairs = found.iter().zip(expected);
         assert!(pairs.clone().all(|(a, b)| a.abs_diff(*b) < 2), "{found:?}");
@@ -268,7 +268,8 @@ fn a_material_on_two_pages_becomes_two() {
     assert_eq!(material(1)["name"], "both");
 }
 
-/// A page of two instances, of which the first is a thousand times as bright: the second must not share its few bits with that.
+/// A page of two instances, the first a thousand times as bright as the second: they must not share one scale, which
+/// would leave the second only a few bits.
 #[test]
 fn an_instance_is_as_exact_as_its_own_brightness_allows() {
     const SIDE: u32 = 32;
@@ -279,7 +280,7 @@ fn an_instance_is_as_exact_as_its_own_brightness_allows() {
         json!({ "mesh": 0, "translation": [2.0, 0.0, 0.0] }),
     );
     let scene = file.import();
-    // Two texels of gutter between them, which continue both.
+    // Two texels of gutter lie between them and continue both.
     let mut atlas = atlas(&scene, |instance, vertex| {
         let left = if instance == 0 { 0.0 } else { 17.0 };
         let corner = [vec2(0.0, 0.0), vec2(15.0, 0.0), vec2(0.0, 32.0)][vertex as usize];
@@ -308,11 +309,11 @@ fn an_instance_is_as_exact_as_its_own_brightness_allows() {
             let texture = &baked.json["textures"][texture["index"].as_u64().unwrap() as usize];
             let image = &baked.json["images"][texture["source"].as_u64().unwrap() as usize];
             let image = image::load_from_memory(baked.view(&image["bufferView"])).unwrap();
-            // What the instance's triangle reads.
+            // The texels that the instance's triangle reads.
             let (image, left) = (image.into_rgb8(), if number == 0 { 0 } else { 16 });
             let mut sum = Vec3::ZERO;
             for (x, y) in (left..left + 8).flat_map(|x| (0..16).map(move |y| (x, y))) {
-                // None of them is dark.
+                // None of these texels is dark.
                 let linear = |channel: u8| ((f32::from(channel) / 255.0 + 0.055) / 1.055).powf(2.4);
                 let found = Vec3::from(image.get_pixel(x, y).0.map(linear)) * scale;
                 let error = (found - expected).abs() / expected;

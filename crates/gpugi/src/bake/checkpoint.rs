@@ -1,4 +1,4 @@
-//! Bakes that were stopped, as bytes, which are believed only when their checksum is right.
+//! Checkpoints: interrupted bakes as bytes. A checkpoint is read only if its checksum is right.
 
 use gpugi_scene::{Atlas, Scene};
 use serde::{Deserialize, Serialize};
@@ -6,15 +6,15 @@ use serde::{Deserialize, Serialize};
 use super::LightState;
 use crate::techniques::obscurances::ObscuranceState;
 
-/// The first bytes, for files.
+/// The magic number at the start of a checkpoint.
 const MAGIC: &[u8; 16] = b"gpugi checkpoint";
 /// Size of the checksum (bytes): BLAKE3 of everything after it.
 const CHECKSUM: usize = 32;
 
-/// What a bake has come to.
+/// The saved state of a bake.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// Where texels lie.
+    /// Where the atlas puts texels.
     pub atlas: Atlas,
     /// Obscurances, once begun.
     pub obscurances: Option<ObscuranceState>,
@@ -22,12 +22,12 @@ pub struct Checkpoint {
     pub light: Option<LightState>,
 }
 
-/// All that decides what a bake gives.
+/// A hash of everything that decides the result of a bake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CheckpointKey([u8; CHECKSUM]);
 
 impl CheckpointKey {
-    /// `build` is the hash of the program with all its shaders. `text` says what is baked and how.
+    /// `build` is the hash of the program with all its shaders. `text` describes what is baked and how.
     pub fn new(build: &[u8; 32], text: &str) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(build);
@@ -36,13 +36,13 @@ impl CheckpointKey {
     }
 }
 
-/// Why a bake cannot go on from some bytes.
+/// Why a bake cannot resume from some bytes.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// They are something else, or not as they were written.
+    /// The bytes are no checkpoint, or are damaged.
     #[error("{0}")]
     Damaged(String),
-    /// They are of another scene, of other options or of another version of the program.
+    /// The checkpoint belongs to another scene, other options or another version of the program.
     #[error("is of another bake: the scene, the options or the program have changed")]
     OtherBake,
 }
@@ -57,7 +57,7 @@ impl Checkpoint {
         bytes
     }
 
-    /// Reads what [`Checkpoint::to_bytes`] gave for the same key and scene.
+    /// Reads the bytes that [`Checkpoint::to_bytes`] returned for the same key and scene.
     ///
     /// # Errors
     /// [`CheckpointError`].

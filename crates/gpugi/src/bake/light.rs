@@ -1,4 +1,4 @@
-//! The light that techniques add at the texels of an atlas.
+//! Bakes the light that techniques add at the texels of an atlas.
 
 use std::collections::BTreeMap;
 
@@ -17,32 +17,33 @@ use crate::lighting::{Lighting, LightingError, Readiness};
 use crate::scene::GpuScene;
 use crate::techniques::Registry;
 
-/// Bytes that a texel takes on the GPU while it is lit: point (48), coverage (16), hit (4), state (4), sum of light (16), levels of dilation (22), and the sums
-/// once more while they are read back (16).
+/// GPU memory per texel while it is lit (bytes): point (48), coverage (16), hit (4), state (4), sum of light (16),
+/// dilation levels (22), and the sums again while they are read back (16).
 pub(super) const TEXEL_BYTES: u64 = 126;
 
-/// What texels hold.
+/// The quantity that texels store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Quantity {
-    /// Radiance that leaves the diffuse lobes, alike in all directions, and that surfaces emit.
+    /// Radiance that leaves the diffuse lobes, the same in all directions, plus emitted radiance.
     #[default]
     Diffuse,
-    /// Irradiance over pi, whatever surfaces are made of: the radiance of a white Lambert surface.
+    /// Irradiance over pi, independent of materials: the radiance of a white Lambert surface.
     Irradiance,
     /// Radiance that leaves all lobes, seen from straight above.
     All,
 }
 
-/// What a bake of light is asked for.
+/// Options of a light bake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LightOptions {
-    /// What texels hold: radiance, or the irradiance over pi.
+    /// What texels store: radiance, or irradiance over pi.
     pub quantity: Quantity,
-    /// Samples a texel, at least 1.
+    /// Samples per texel, at least 1.
     pub samples: u32,
-    /// Seed of all that is stochastic.
+    /// Seed of everything stochastic.
     pub seed: u32,
-    /// Bytes on the GPU for texels: as many tiles are lit one after the other as that takes. Scene and maps of techniques come on top.
+    /// GPU memory for texels (bytes). The bake splits the atlas into as many tiles as that requires and lights them one
+    /// after another. The scene and the maps of techniques need memory on top.
     pub memory: u64,
 }
 
@@ -57,37 +58,37 @@ impl Default for LightOptions {
     }
 }
 
-/// What a bake is about.
+/// The stages of a bake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// Making the maps of techniques.
+    /// The techniques make their maps.
     Maps,
-    /// Lighting texels.
+    /// Texels are lit.
     Texels,
 }
 
-/// How far a bake is.
+/// Progress of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
-    /// What it is about.
+    /// The current stage.
     pub stage: Stage,
-    /// Share of that stage that is done (0 to 1).
+    /// Part of that stage that is done (0 to 1).
     pub done: f32,
 }
 
-/// What a bake has come to: another goes on from there.
+/// The saved state of a light bake, from which another resumes.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct LightState {
-    /// What techniques saved of their maps, by name.
+    /// Saved maps of techniques, by name.
     maps: BTreeMap<String, Vec<u8>>,
-    /// The tiles that are done.
+    /// The finished tiles.
     done: LitRows,
-    /// Samples of the tile that is not, and their sums.
+    /// Samples so far of the unfinished tile, and their sums.
     samples: u32,
     sums: Vec<[f32; 4]>,
 }
 
-/// Rows of texels, from the first on.
+/// Rows of texels from the first row on.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 struct LitRows {
     texels: Vec<Vec3>,
@@ -97,13 +98,14 @@ struct LitRows {
 /// A baked atlas.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LitAtlas {
-    /// Means of the samples, page by page, row by row from the top: empty texels filled from their neighbours, seams closed.
+    /// Means of the samples, page by page, row by row from the top. Empty texels are filled from their neighbours, and
+    /// seams are closed.
     pub pages: Vec<Vec<Vec3>>,
-    /// Texels that lie inside other things.
+    /// Texels that lie inside other objects.
     pub leaks: Leaks,
 }
 
-/// Lights the texels of an atlas, tile by tile, sample by sample.
+/// Lights the texels of an atlas tile by tile, one sample at a time.
 #[derive(Debug)]
 pub struct LightBake<'a> {
     gpu: Gpu,
@@ -113,7 +115,7 @@ pub struct LightBake<'a> {
     on_gpu: GpuScene,
     lighting: Lighting,
     view: View,
-    /// How far maps are; none once they are as fine as they get.
+    /// Progress of the maps; `None` once they are final.
     refining: Option<f32>,
     tiles: Vec<atlas::Tile>,
     tile: Option<Tile>,
@@ -121,19 +123,19 @@ pub struct LightBake<'a> {
     resumed: LightState,
 }
 
-/// Texels that are lit at a time.
+/// The texels that are being lit: one tile.
 #[derive(Debug)]
 struct Tile {
     pub capture: AtlasCapture,
     pub leaks: LeakTest,
-    /// Sums of light, one for each of the capture's pieces.
+    /// Sums of light, one target per piece of the capture.
     pub targets: Vec<Target>,
     /// Samples so far.
     pub samples: u32,
 }
 
 impl Drop for Tile {
-    /// Frees memory at once: techniques keep for a while what they bound.
+    /// Frees memory at once: techniques keep what they bound for a while.
     fn drop(&mut self) {
         for points in self.capture.points() {
             points.points.destroy();
@@ -146,7 +148,7 @@ impl Drop for Tile {
 }
 
 impl<'a> LightBake<'a> {
-    /// A bake of `scene` into `atlas`, which is one of it, by the named techniques.
+    /// A bake of `scene` into `atlas`, an atlas of that scene, by the named techniques.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -163,7 +165,7 @@ impl<'a> LightBake<'a> {
         gpu.check()?;
         let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
         let tiles = atlas::tiles(gpu, atlas, most_texels)?;
-        // Maps that follow a camera follow one that sees all there is.
+        // Maps that follow a camera follow one that sees the whole scene.
         let diagonal = on_gpu.diagonal();
         let center = scene.bounds().center();
         let all = Camera {
@@ -186,7 +188,7 @@ impl<'a> LightBake<'a> {
         })
     }
 
-    /// The lighting of the texels: to say what it leaves out.
+    /// The lighting of the texels, which knows what it leaves out.
     pub fn lighting(&self) -> &Lighting {
         &self.lighting
     }
@@ -204,12 +206,12 @@ impl<'a> LightBake<'a> {
         self.lighting.set(&mut self.on_gpu, technique, name, value)
     }
 
-    /// How many tiles are lit one after the other.
+    /// Number of tiles, which are lit one after another.
     pub fn tiles(&self) -> usize {
         self.tiles.len()
     }
 
-    /// What the next step is about.
+    /// The stage of the next step.
     pub fn stage(&self) -> Stage {
         match self.refining {
             Some(_) => Stage::Maps,
@@ -217,8 +219,9 @@ impl<'a> LightBake<'a> {
         }
     }
 
-    /// Takes a step: brings maps one frame further until they are as fine as they get; then adds a sample of the light of those techniques whose names `adds`
-    /// accepts, while the others light what these see. `None`: there is nothing left to do.
+    /// Takes a step. First, steps refine the maps one frame at a time until they are final. Then each step adds one
+    /// sample of light to the current tile: the light of those techniques whose names `adds` accepts. The other
+    /// techniques still light what these capture. `None` when nothing is left to do.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -257,7 +260,7 @@ impl<'a> LightBake<'a> {
         Ok(Some(Progress { stage, done }))
     }
 
-    /// Brings the maps one frame further; returns how far they are (0 to 1) and whether they can be gathered.
+    /// Refines the maps by one frame; returns their progress (0 to 1) and whether they can be gathered.
     fn refine(&mut self) -> Result<(f32, bool), LightingError> {
         let gpu = self.gpu.clone();
         let mut frame = Frame::new(&gpu, false);
@@ -270,12 +273,14 @@ impl<'a> LightBake<'a> {
             Readiness::Refining { progress } => (progress, true),
             Readiness::Pending { progress, .. } => {
                 gpu.wait()?;
+                self.on_gpu.wait_for_atlas();
                 (progress, false)
             }
         })
     }
 
-    /// Adds a sample of light at the texels of `tile`: emission, and what the techniques add whose names `adds` accepts.
+    /// Adds one sample of light at the texels of `tile`: emission, and the light of those techniques whose names `adds`
+    /// accepts.
     fn light(
         &mut self,
         frame: &mut Frame<'_>,
@@ -304,7 +309,7 @@ impl<'a> LightBake<'a> {
         ends.position(|end| end > done).unwrap_or(self.tiles.len())
     }
 
-    /// Room for the texels of a tile; none when there is no such tile.
+    /// Allocates a tile; `None` when there is no tile of this index.
     fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, LightingError> {
         let Some(tile) = self.tiles.get(index) else {
             return Ok(None);
@@ -347,7 +352,7 @@ impl<'a> LightBake<'a> {
         }))
     }
 
-    /// Keeps the light of a tile that has all its samples.
+    /// Stores the light of a finished tile.
     fn keep(&mut self, tile: &Tile) -> Result<(), LightingError> {
         let gpu = &self.gpu;
         let mut captured: Vec<Vec3> = Vec::new();
@@ -362,7 +367,7 @@ impl<'a> LightBake<'a> {
                 Quantity::Irradiance => std::f32::consts::FRAC_1_PI,
                 Quantity::Diffuse | Quantity::All => 1.0,
             };
-            // Sums of a samples, and of texels that were filled one mean.
+            // `a` is the number of samples in the sum; a filled texel holds one mean.
             let means = texels
                 .into_iter()
                 .map(|[r, g, b, a]| Vec3::new(r, g, b) * unit / a.max(1.0));
@@ -380,12 +385,12 @@ impl<'a> LightBake<'a> {
         Ok(())
     }
 
-    /// What the bake has come to. Waits for the GPU.
+    /// Saves the state of the bake. Waits for the GPU.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
     pub fn save(&mut self) -> Result<LightState, LightingError> {
-        // What another bake saved and this one has not come to yet is still the best there is.
+        // Saved maps that this bake has not resumed yet are still the best that it has.
         let mut maps = self.lighting.save()?;
         maps.extend(self.resumed.maps.clone());
         let (samples, sums) = match &self.tile {
@@ -411,10 +416,11 @@ impl<'a> LightBake<'a> {
         })
     }
 
-    /// Goes on from what another bake of the same scene, atlas, techniques, settings and options saved, before the first step.
+    /// Resumes from the saved state of a bake of the same scene, atlas, techniques, settings and options. Call it
+    /// before the first step.
     ///
     /// # Errors
-    /// [`LightingError::Gpu`] when the state is not of such a bake.
+    /// [`LightingError::Gpu`] when the state does not fit such a bake.
     pub fn resume(&mut self, state: LightState) -> Result<(), LightingError> {
         let texels = |rows: usize| rows * self.atlas.size as usize;
         self.done = state.done.clone();

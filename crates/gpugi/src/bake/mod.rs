@@ -1,7 +1,8 @@
-//! Light in texture space: what techniques add at the texels of an atlas, for files that other software shows (tutorial section 6, 7.3).
+//! Light in texture space: the light that techniques add at the texels of an atlas, for files that other software shows
+//! (tutorial sections 6 and 7.3).
 //!
-//! [`LightBake`] and [`ObscuranceBake`] work in steps of bounded length. Between two of them a bake can be saved in a [`Checkpoint`], from which
-//! another goes on.
+//! [`LightBake`] and [`ObscuranceBake`] work in steps of bounded length. Between two steps, a bake can be saved in a
+//! [`Checkpoint`], from which another bake resumes.
 
 mod checkpoint;
 mod light;
@@ -14,12 +15,12 @@ pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
 
-/// Texels of an atlas that lie inside other things, where no light can be.
+/// Texels of an atlas that lie inside other objects, where no light arrives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Leaks {
-    /// How many there are, and what became of them.
+    /// Their number, and what the bake did with them.
     pub report: LeakReport,
-    /// Pictures of the pages, as [`LeakTest::map`](crate::capture::atlas::LeakTest::map) makes them.
+    /// Images of the pages, as [`LeakTest::map`](crate::capture::atlas::LeakTest::map) makes them.
     pub maps: Vec<Vec<[u8; 4]>>,
 }
 

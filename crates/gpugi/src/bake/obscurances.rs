@@ -19,7 +19,7 @@ pub struct ObscuranceBake {
 }
 
 impl ObscuranceBake {
-    /// Room for the obscurances of `atlas`, which is one of `scene`.
+    /// Allocates the bake of `atlas`, an atlas of `scene`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -41,7 +41,7 @@ impl ObscuranceBake {
         })
     }
 
-    /// Takes a step; returns the share of the work that is done then (0 to 1).
+    /// Takes a step; returns the part of the work that is done afterwards (0 to 1).
     ///
     /// # Errors
     /// [`GpuError`].
@@ -69,17 +69,17 @@ impl ObscuranceBake {
         self.solution.save(&self.gpu)
     }
 
-    /// Goes on from what another bake of the same scene, atlas and settings saved.
+    /// Resumes from the saved state of a bake of the same scene, atlas and settings.
     ///
     /// # Errors
-    /// [`GpuError`]; [`GpuError::Pass`] when the state is not of such a bake.
+    /// [`GpuError`]; [`GpuError::Pass`] when the state does not fit such a bake.
     pub fn resume(&mut self, state: &ObscuranceState) -> Result<(), GpuError> {
-        // What texels have room for samples is found first.
+        // The first step finds out which texels have room for samples.
         self.step()?;
         self.solution.resume(&self.gpu, state)
     }
 
-    /// Texels that lie inside other things. Waits for the GPU.
+    /// Texels that lie inside other objects. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -87,7 +87,7 @@ impl ObscuranceBake {
         Ok(Leaks::new(&self.leaks.map(&self.gpu)?, self.capture.size))
     }
 
-    /// The pages as they are now. Waits for the GPU.
+    /// The pages as they stand now. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -27,7 +27,7 @@ fn names() -> [String; 2] {
     ["shadow-map", "radiosity"].map(str::to_owned)
 }
 
-/// A bake that keeps `rows` of texels at a time.
+/// A bake with memory for `rows` rows of texels at a time.
 fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64) -> LightBake<'a> {
     let options = LightOptions {
         samples: 3,
@@ -47,14 +47,14 @@ fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64
     bake
 }
 
-/// Takes `steps`, or all there are; returns how many that were.
+/// Takes `steps` steps, or as many as there are; returns how many it took.
 fn take(bake: &mut LightBake<'_>, steps: usize) -> usize {
     (0..steps)
         .take_while(|_| bake.step(|_| true).unwrap().is_some())
         .count()
 }
 
-/// Wherever a bake is stopped, another that goes on from there gives the same bits.
+/// A bake that resumes from a checkpoint gives the same bits, wherever the first one stopped.
 #[test]
 fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
     let Some(gpu) = test_gpu() else { return };
@@ -70,7 +70,7 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
         .filter(|&&texel| texel != Vec3::ZERO);
     assert!(lit.count() * 2 > whole.pages.len() * (SIZE * SIZE) as usize);
     assert!(whole.leaks.report.invalid > 0);
-    // In the maps, in a tile, between two, in the last.
+    // Stop in the maps, within a tile, between two tiles, and in the last tile.
     for stop in [2, 5, 11, 12, 13, steps - 1, steps] {
         let mut stopped = bake(&gpu, &scene, &atlas, u64::from(SIZE));
         assert_eq!(take(&mut stopped, stop), stop);
@@ -83,7 +83,8 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
         let left = first + take(&mut other, usize::MAX);
         println!("stopped after {stop} of {steps} steps, {left} more");
         assert!(other.finish() == whole, "stopped after {stop}");
-        // Nor may it matter that the other is stopped, too, before it has come to where the first was.
+        // The result must stay the same when the resumed bake stops, too, before it reaches the point where the first
+        // one stopped.
         let mut again = bake(&gpu, &scene, &atlas, u64::from(SIZE));
         again.resume(early).unwrap();
         let twice = take(&mut again, usize::MAX);
@@ -92,19 +93,19 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
             twice <= left + 1,
             "stopped after {stop}: {twice}, not {left}"
         );
-        // Work that was done is not done again, but for a frame that finds where texels are.
+        // No work is repeated, except for the frame that finds where texels are.
         assert!(left <= steps - stop + 2, "stopped after {stop}: {left}");
     }
 }
 
-/// Little memory takes more tiles, not other light, nor beside charts that a tile cuts.
+/// Less memory means more tiles but the same light, also beside charts that a tile boundary cuts.
 #[test]
 fn tiles_are_of_one_picture() {
     let Some(gpu) = test_gpu() else { return };
     let (scene, atlas) = room();
     let lit = |rows| {
         let mut bake = bake(&gpu, &scene, &atlas, rows);
-        // Lamps' edges of few samples would be noise.
+        // With few samples, the light at the edges of lamps would be noise.
         bake.set("shadow-map", "area-samples", "16").unwrap();
         take(&mut bake, usize::MAX);
         (bake.tiles(), bake.finish())
@@ -116,7 +117,8 @@ fn tiles_are_of_one_picture() {
         let (tiles, parts) = lit(rows);
         assert_eq!(tiles, (atlas.pages * SIZE).div_ceil(at_once) as usize);
         assert_eq!(parts.leaks, whole.leaks);
-        // Texels of charts, and the empty ones around them, but not those that lie inside things: nobody sees their neighbours' light.
+        // Compare texels of charts and the empty ones around them, but not texels that lie inside objects: their
+        // neighbours' light is never seen.
         let lies_inside = |state: &[u8; 4]| state[0] > state[1];
         let is_covered = |page: &[[u8; 4]], x: i32, y: i32| {
             let side = SIZE as i32;
@@ -141,13 +143,13 @@ fn tiles_are_of_one_picture() {
     }
 }
 
-/// Tiles that are done keep nothing on the GPU.
+/// Finished tiles keep nothing on the GPU.
 #[test]
 fn memory_of_tiles_is_bounded() {
     if test_gpu().is_none() {
         return;
     }
-    // Of its own, which no other test allocates from.
+    // A device that no other test allocates from.
     let gpu = crate::gpu::Gpu::open(&crate::gpu::AdapterChoice::Best).unwrap();
     let allocated = || {
         gpu.wait().unwrap();
@@ -174,11 +176,11 @@ fn memory_of_tiles_is_bounded() {
     assert!(bake.tiles() >= 8);
     let mut most = Vec::new();
     while bake.step(|_| true).unwrap().is_some() {
-        // Adapters that do not say are not asked.
+        // Some adapters do not report allocations.
         let Some(bytes) = allocated() else { return };
         most.push(bytes);
     }
-    // Between two samples a tile is there, after the second it is not.
+    // Between two samples the tile is allocated; after the second it is not.
     let [least, most] = [most.iter().min(), most.iter().max()].map(|bytes| bytes.unwrap());
     println!("{least} to {most} bytes, {memory} for texels");
     assert!((memory / 2..memory).contains(&(most - least)));
@@ -218,7 +220,7 @@ fn obscurances_go_on_as_if_they_had_not_been_stopped() {
             assert!(left <= steps - stop, "{mode}: {left}");
             assert!(other.pages().unwrap() == pages, "{mode}");
         }
-        // Of a bake that takes fewer steps.
+        // The checkpoint of a bake that takes fewer steps.
         let fewer = Settings {
             directions: 1,
             ..settings.clone()
@@ -266,7 +268,7 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
         refused("cut off", &whole[..at]);
     }
     refused("longer", &[&whole[..], &[0]].concat());
-    // Whole by its checksum, but not a checkpoint.
+    // Its checksum is right, but it is no checkpoint.
     for end in [0, 1, 7, whole.len() - 81] {
         let content = &whole[48..][..32 + end];
         let checksum = blake3::hash(content);

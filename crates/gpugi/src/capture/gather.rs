@@ -4,8 +4,8 @@ use super::{PerReceiver, Receiver, ReceiverKernel};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Shader};
 use crate::scene::GpuScene;
 
-/// A kernel with one invocation per point, in the groups 0 (scene), 1 (points), 2 (maps, if it has any) and 3 (target). Bind groups 1 and 3 are kept per
-/// receiver.
+/// A kernel with one invocation per point, with bind groups 0 (scene), 1 (points), 2 (maps, if it has any) and 3
+/// (target). Bind groups 1 and 3 are kept per receiver.
 #[derive(Debug)]
 pub struct Gather {
     kernel: ReceiverKernel,

@@ -11,13 +11,13 @@ use crate::gpu::{Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::scene::GpuScene;
 use crate::scene::gpu::octahedral;
 
-/// What a gather gives at a point: the constants of capture/receiver.wesl.
+/// The quantity that a gather computes at a point: the constants of capture/receiver.wesl.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Output {
     /// Radiance toward the eye (W/sr/m^2), by all lobes of the point's material.
     #[default]
     RadianceToEye,
-    /// Irradiance (W/m^2), whatever the surface is made of.
+    /// Irradiance (W/m^2), independent of the surface's material.
     Irradiance,
     /// Fluence at a point in free space (W/m^2): radiance integrated over the sphere. Techniques that keep light only
     /// on surfaces (radiosity, obscurances, caustics) add none.
@@ -31,7 +31,7 @@ pub enum Output {
 }
 
 impl Output {
-    /// Writes it into what shaders read.
+    /// Writes it into the struct that shaders read.
     pub(crate) fn write(self, view: &mut ViewUniform) {
         (view.output, view.asymmetry) = match self {
             Self::RadianceToEye => (0, 0.0),
@@ -45,7 +45,7 @@ impl Output {
 /// Points that receive light, and the target to which it is added. Cloning copies handles only.
 #[derive(Debug, Clone)]
 pub struct Receiver {
-    /// The points, how they are seen, and what gathers give at them.
+    /// The points, the view that sees them, and the quantity that gathers compute at them.
     pub points: SurfacePoints,
     /// Where gathers add.
     pub target: Target,
@@ -72,8 +72,8 @@ impl Receiver {
     }
 }
 
-/// A kernel over receivers' points: compiled for cameras and cubes, and, once another receiver needs it, with everything else that receivers
-/// may ask for.
+/// A kernel over receivers' points. It is compiled for cameras and cubes; a general variant for all other receivers is
+/// compiled when one first needs it.
 #[derive(Debug)]
 pub struct ReceiverKernel {
     radiance: Kernel,
@@ -81,7 +81,8 @@ pub struct ReceiverKernel {
 }
 
 impl ReceiverKernel {
-    /// Compiles the entry point `main` of a shader that imports `capture::receiver`, with values of its pipeline-overridable constants.
+    /// Compiles the entry point `main` of a shader that imports `capture::receiver`, with values for its
+    /// pipeline-overridable constants.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -101,7 +102,7 @@ impl ReceiverKernel {
         })
     }
 
-    /// The same with other values of some constants ([`Kernel::variant`]).
+    /// The same kernel with other values of some constants ([`Kernel::variant`]).
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the shader has no such constant.

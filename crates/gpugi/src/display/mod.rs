@@ -25,7 +25,7 @@ const HISTOGRAM_BYTES: u64 = 256 * 2 * 4;
 /// Pixels that [`Display::picture`] processes at once; their radiance takes 64 MiB.
 const PART_PIXELS: u32 = 1 << 22;
 
-/// Parts whose bind groups are kept.
+/// Maximum number of parts whose bind groups are kept.
 const MOST_PARTS: usize = 64;
 
 /// Pixels that one invocation of the histogram reads.
@@ -44,7 +44,8 @@ struct Parameters {
     first_pixel: u32,
 }
 
-/// A part of an image: summed radiance of consecutive pixels, a `vec4f` each (linear Rec. 709; the fourth component is ignored).
+/// A part of an image: summed radiance of consecutive pixels, one `vec4f` each (linear Rec. 709; the fourth component
+/// is ignored).
 #[derive(Debug, Clone)]
 pub struct Part {
     /// The sums.
@@ -53,7 +54,7 @@ pub struct Part {
     pub pixels: u32,
 }
 
-/// Turns radiance into pixels. One instance serves images of one size, once per frame.
+/// Converts radiance to pixels. One instance serves images of one size, once per frame.
 #[derive(Debug)]
 pub struct Display {
     pixel_count: u32,
@@ -76,7 +77,7 @@ struct BoundPart {
 }
 
 impl Display {
-    /// A display for images of `size` pixels: width, height.
+    /// A display for images of `size` pixels (width, height).
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
@@ -98,11 +99,13 @@ impl Display {
 
     /// Records the passes `display.exposure` (automatic exposure only) and `display.encode`.
     ///
-    /// `parts` follow each other in the image, row by row from the top; their radiance is summed over `samples` samples. Negative radiance shows as 0,
-    /// infinite as white, not-a-number as black. At most one recording per frame, because the settings reach the GPU when the frame is submitted.
+    /// `parts` follow each other in the image, row by row from the top; their radiance is summed over `samples`
+    /// samples. Negative radiance shows as 0, infinite radiance as white, NaN as black. Record at most once per frame,
+    /// because the settings reach the GPU when the frame is submitted.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when the parts have fewer pixels than the image, or a buffer is too small or no storage buffer.
+    /// [`GpuError::Pass`] when the parts have fewer pixels than the image, or when a buffer is too small or is not a
+    /// storage buffer.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
@@ -279,7 +282,7 @@ impl Display {
         Ok(value[0])
     }
 
-    /// What was bound for the part when it was displayed last, or is bound now.
+    /// The cached bind groups of the part, or new ones.
     fn bound(&self, gpu: &Gpu, part: &Part) -> Result<BoundPart, GpuError> {
         let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(bound) = parts.iter().find(|bound| bound.radiance == part.radiance) {

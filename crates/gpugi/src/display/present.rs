@@ -1,4 +1,4 @@
-//! Pictures on textures of other owners: windows, engines.
+//! Presents pictures on textures that others own: windows, engines.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -34,7 +34,8 @@ impl Present {
         })
     }
 
-    /// Records the pass `display.present`: draws the pixels of a picture of `size` pixels, in the state that they have at this point of the frame.
+    /// Records the pass `display.present`, which draws a picture of `size` pixels with the contents that it has at this
+    /// point of the frame.
     ///
     /// # Errors
     /// [`GpuError`].

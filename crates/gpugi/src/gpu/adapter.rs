@@ -1,4 +1,4 @@
-//! Which GPU: listing and choosing adapters.
+//! Listing and choosing GPU adapters.
 
 use super::GpuError;
 
@@ -8,11 +8,11 @@ pub enum AdapterChoice {
     /// The fastest: discrete, then integrated, then anything, software last.
     #[default]
     Best,
-    /// A software rasterizer: slow, the same everywhere.
+    /// A software rasterizer: slow, but the same everywhere.
     Software,
-    /// A discrete GPU and nothing else.
+    /// A discrete GPU only.
     Discrete,
-    /// The first whose name contains this text, whatever the case.
+    /// The first whose name contains this text; case is ignored.
     Named(String),
 }
 
@@ -29,7 +29,7 @@ impl std::str::FromStr for AdapterChoice {
     }
 }
 
-/// What an adapter says of itself.
+/// What an adapter reports about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AdapterSummary {
     /// Device name.
@@ -66,7 +66,7 @@ impl AdapterSummary {
         self.features.contains(wgpu::Features::TIMESTAMP_QUERY)
     }
 
-    /// What gpugi needs and this adapter lacks: one line each; empty when it can be used.
+    /// What gpugi needs and this adapter lacks, one line each; empty when the adapter is usable.
     pub fn missing(&self) -> Vec<String> {
         let mut missing = Vec::new();
         wgpu::Limits::default().check_limits_with_fail_fn(
@@ -86,9 +86,11 @@ fn instance() -> wgpu::Instance {
     let defaults = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::PRIMARY,
-        // A pass before each indirect dispatch, which costs the path tracer up to 8 percent. Its own shader keeps to the limits.
+        // This validation adds a pass before each indirect dispatch, which costs the path tracer up to 8 percent.
+        // gpugi's shaders write arguments within the limits.
         flags: defaults.flags - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
-        // What the driver still has for others is left to them: allocations beyond are errors, before anything is lost.
+        // The rest of the memory budget is left to other programs: allocations beyond this percentage fail before the
+        // device is lost.
         memory_budget_thresholds: wgpu::MemoryBudgetThresholds {
             for_resource_creation: Some(90),
             for_device_loss: None,

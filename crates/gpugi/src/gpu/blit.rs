@@ -1,5 +1,5 @@
-//! Scaled copies of textures: mip levels and images that do not fill their array. (wgpu's own blitter interpolates only when
-//! it magnifies, which leaves mip levels unfiltered.)
+//! Scaled copies of textures: mip levels, and images that do not fill their array. (wgpu's own blitter interpolates
+//! only for magnification, which leaves mip levels unfiltered.)
 
 use super::{Gpu, GpuError, Quad};
 use crate::shader;
@@ -12,7 +12,7 @@ pub(crate) struct Blit {
 }
 
 impl Blit {
-    /// Compiles it for targets of `format`.
+    /// Compiles the pipeline for targets of `format`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].

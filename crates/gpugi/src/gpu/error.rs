@@ -1,14 +1,14 @@
-//! What can go wrong on a GPU, said so that a user can act on it.
+//! GPU errors, in words that tell the user what to do.
 
-/// An error of the GPU or of the way it was asked.
+/// An error of the GPU or in the use of it.
 #[derive(Debug, Clone, thiserror::Error, PartialEq, Eq)]
 pub enum GpuError {
     /// No adapter fits the choice.
     #[error("no GPU adapter {wanted}. {found} {advice}")]
     NoAdapter {
-        /// What was asked for.
+        /// What was requested.
         wanted: String,
-        /// What there is.
+        /// What is available.
         found: String,
         /// What to do.
         advice: String,
@@ -32,7 +32,7 @@ pub enum GpuError {
         "out of GPU memory in {pass}; try a smaller --size, fewer samples or another --adapter"
     )]
     OutOfMemory {
-        /// Where.
+        /// The pass that needed it.
         pass: String,
     },
     /// Something is larger than the adapter allows.
@@ -47,10 +47,10 @@ pub enum GpuError {
         /// Adapter name.
         adapter: String,
     },
-    /// The scene holds something that no light can be computed from.
+    /// The scene holds values from which no light can be computed.
     #[error("{what}")]
     Input {
-        /// What, and where.
+        /// What it is, and where.
         what: String,
     },
     /// The GPU API refused a pass: a defect of gpugi.
@@ -64,12 +64,12 @@ pub enum GpuError {
 }
 
 impl GpuError {
-    /// The API's `error`, whose text names the labels of what it is about.
+    /// From the API's `error`, whose text names the labels of the objects involved.
     pub(super) fn uncaptured(error: &wgpu::Error) -> Self {
         Self::in_pass("the GPU refused a command", error)
     }
 
-    /// The API's `error`, seen in `pass`.
+    /// From the API's `error`, raised in `pass`.
     pub(super) fn in_pass(pass: &str, error: &wgpu::Error) -> Self {
         match error {
             wgpu::Error::OutOfMemory { .. } => Self::OutOfMemory {

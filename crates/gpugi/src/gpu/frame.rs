@@ -1,11 +1,11 @@
-//! One frame's commands: named passes, timed where the adapter can.
+//! One frame's commands: named passes, timed if the adapter supports it.
 
 use std::ops::Range;
 
 use super::read_back::{ReadBack, record_buffer};
 use super::{Gpu, GpuError, Quad};
 
-/// Time that one pass took on the GPU.
+/// GPU time of one pass.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Timing {
     /// The pass, such as `shadow-map.gather`.
@@ -14,17 +14,17 @@ pub struct Timing {
     pub milliseconds: f64,
 }
 
-/// Most passes that are timed in one frame.
+/// Maximum number of timed passes per frame.
 const TIMED_PASSES: u32 = 1024;
 
-/// The commands of one frame, recorded pass by pass, submitted together.
+/// The commands of one frame, recorded pass by pass and submitted together.
 #[derive(Debug)]
 pub struct Frame<'a> {
     /// The device they run on.
     pub gpu: &'a Gpu,
     encoder: wgpu::CommandEncoder,
-    /// The compute pass that later dispatches join. A pass of its own costs each of them more than the dispatch itself; WebGPU orders dispatches
-    /// within a pass all the same.
+    /// The compute pass that later untimed dispatches join. A separate pass per dispatch would cost more than the
+    /// dispatch itself, and WebGPU orders the dispatches within one pass, too.
     joined: Option<wgpu::ComputePass<'static>>,
     queries: Option<wgpu::QuerySet>,
     passes: Vec<String>,
@@ -37,12 +37,12 @@ fn encoder(gpu: &Gpu) -> wgpu::CommandEncoder {
         })
 }
 
-/// What a render pass's targets keep of what they hold.
+/// Which contents the targets of a render pass keep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Keeps {
-    /// Nothing: colours become all ones, depth 0 (infinitely far).
+    /// Nothing: colours are cleared to all ones, depth to 0 (infinitely far).
     Nothing,
-    /// Colours; depth becomes 0.
+    /// Colours; depth is cleared to 0.
     Colors,
     /// Colours and depth.
     Everything,
@@ -75,7 +75,7 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// The two query indices of the next pass, if it is timed.
+    /// The query set for the next pass and the first of its two query indices, if the pass is timed.
     fn next_queries(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32)> {
         let at = self.passes.len() as u32;
         let queries = self.queries.clone().filter(|_| at < TIMED_PASSES)?;
@@ -83,13 +83,13 @@ impl<'a> Frame<'a> {
         Some((queries, at * 2))
     }
 
-    /// The encoder, for commands outside of compute passes.
+    /// The encoder, for commands outside compute passes.
     fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         self.joined = None;
         &mut self.encoder
     }
 
-    /// Records a compute pass; in frames that are not timed, as a part of the pass before it.
+    /// Records a compute pass. An untimed one joins the compute pass before it.
     pub fn compute<T>(
         &mut self,
         name: &str,
@@ -126,7 +126,7 @@ impl<'a> Frame<'a> {
         self.render_onto(name, Keeps::Nothing, colors, depth, record)
     }
 
-    /// As [`Frame::render`], but its targets keep what `keeps` says.
+    /// Like [`Frame::render`], but the targets keep what `keeps` says.
     pub fn render_onto<T>(
         &mut self,
         name: &str,
@@ -144,7 +144,7 @@ impl<'a> Frame<'a> {
                     depth_slice: None,
                     resolve_target: None,
                     ops: wgpu::Operations {
-                        // Of an unsigned integer target: the largest number, which stands for "no hit".
+                        // In an unsigned integer target this is the largest number, which means "no hit".
                         load: load(
                             keeps >= Keeps::Colors,
                             wgpu::Color {
@@ -184,7 +184,7 @@ impl<'a> Frame<'a> {
         record(&mut pass)
     }
 
-    /// Records a pass that fills `target` by one triangle; it is not timed.
+    /// Records a pass that fills `target` with one triangle; it is not timed.
     pub(crate) fn draw_quad(
         &mut self,
         name: &str,
@@ -205,7 +205,7 @@ impl<'a> Frame<'a> {
         self.encoder().clear_buffer(buffer, 0, Some(bytes));
     }
 
-    /// Fills a texture from a buffer whose rows lie `bytes_per_row` apart (a multiple of 256).
+    /// Copies a buffer into a texture; the buffer's rows lie `bytes_per_row` apart (a multiple of 256).
     pub fn fill(&mut self, texture: &wgpu::Texture, buffer: &wgpu::Buffer, bytes_per_row: u32) {
         self.encoder().copy_buffer_to_texture(
             wgpu::TexelCopyBufferInfo {
@@ -221,7 +221,7 @@ impl<'a> Frame<'a> {
         );
     }
 
-    /// Copies some rows of a texture to another one of the same size and format.
+    /// Copies some rows of a texture to another texture of the same size and format.
     pub fn copy_rows(&mut self, from: &wgpu::Texture, to: &wgpu::Texture, rows: Range<u32>) {
         let at = |texture| wgpu::TexelCopyTextureInfo {
             texture,
@@ -240,7 +240,8 @@ impl<'a> Frame<'a> {
             .copy_texture_to_texture(at(from), at(to), extent);
     }
 
-    /// Copies a buffer's first `size` bytes to the host as they are at this point of the frame; the data arrives some time after the frame is submitted.
+    /// Copies a buffer's first `size` bytes, as they are at this point of the frame, to the host. The data arrives some
+    /// time after the frame is submitted.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
@@ -252,10 +253,12 @@ impl<'a> Frame<'a> {
         record_buffer(self.gpu, self.encoder(), buffer, size)
     }
 
-    /// Hands the frame to the GPU without waiting for it. Returns the times that its passes will have taken, if the frame is timed.
+    /// Submits the frame to the GPU without waiting for it. Returns the future times of its passes, if the frame is
+    /// timed.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when a pass is invalid (the message names its pipeline), [`GpuError::Lost`], [`GpuError::OutOfMemory`].
+    /// [`GpuError::Pass`] when a pass is invalid (the message names its pipeline), [`GpuError::Lost`],
+    /// [`GpuError::OutOfMemory`].
     pub fn submit(mut self) -> Result<Timings, GpuError> {
         let gpu = self.gpu;
         self.joined = None;
@@ -278,7 +281,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// Times that the passes of frames take on the GPU, on their way to the host. Empty for frames that are not timed.
+/// GPU times of the passes of one or more frames, on their way to the host. Empty for untimed frames.
 #[derive(Debug, Default)]
 pub struct Timings {
     frames: Vec<TimedFrame>,
@@ -304,13 +307,13 @@ impl TimedFrame {
 }
 
 impl Timings {
-    /// These, then those of a later frame.
+    /// Appends the times of a later frame.
     pub fn then(mut self, later: Self) -> Self {
         self.frames.extend(later.frames);
         self
     }
 
-    /// The times, when they have arrived.
+    /// The times, once they have arrived.
     ///
     /// # Errors
     /// [`GpuError::Lost`].

@@ -1,4 +1,4 @@
-//! Pipelines whose bind-group layouts come from shader reflection, so that a pass is a few lines of host code.
+//! Pipelines whose bind-group layouts come from shader reflection, which keeps the host code of a pass to a few lines.
 
 #[cfg(not(target_arch = "wasm32"))]
 use std::sync::atomic::Ordering;
@@ -7,12 +7,12 @@ use std::sync::{Arc, OnceLock};
 use super::shader::{BindingKind, Declared, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
-/// What every pipeline shares: the resources that a module declares, as bind-group layouts.
+/// The part common to all pipelines: a module's resources as bind-group layouts.
 #[derive(Debug, Clone)]
 pub(super) struct Interface {
     name: String,
     declared: Vec<Declared>,
-    /// Layout of each group; group 0 is the scene's when the pipeline has one.
+    /// Layout of each group; group 0 is the scene's if the pipeline reads the scene.
     layouts: Vec<Option<wgpu::BindGroupLayout>>,
     pub(super) pipeline_layout: wgpu::PipelineLayout,
 }
@@ -40,7 +40,7 @@ impl Interface {
                     .filter(|one| one.group == group)
                     .map(|one| wgpu::BindGroupLayoutEntry {
                         binding: one.binding,
-                        // Vertex shaders may not write.
+                        // Vertex shaders may not write to storage buffers.
                         visibility: match one.kind {
                             BindingKind::Storage => visibility - wgpu::ShaderStages::VERTEX,
                             _ => visibility,
@@ -120,14 +120,14 @@ impl Interface {
     }
 }
 
-/// A shader's module as this adapter gets it.
+/// Creates the module of a shader, as this adapter needs it.
 pub(super) fn shader_module(gpu: &Gpu, shader: &Shader, unchecked: bool) -> wgpu::ShaderModule {
     let descriptor = wgpu::ShaderModuleDescriptor {
         label: Some(shader.name),
         source: wgpu::ShaderSource::Wgsl(gpu.source_of(shader)),
     };
     if unchecked {
-        // SAFETY: see `KernelOptions::unchecked`, which obliges whoever sets it.
+        // SAFETY: see `KernelOptions::unchecked`: whoever sets it guarantees its conditions.
         #[allow(unsafe_code)]
         unsafe {
             let checks = wgpu::ShaderRuntimeChecks::unchecked();
@@ -138,7 +138,8 @@ pub(super) fn shader_module(gpu: &Gpu, shader: &Shader, unchecked: bool) -> wgpu
     }
 }
 
-/// A pipeline that compiles beside whatever else happens: on a thread of its own, or in the browser's own process. The first use waits for it.
+/// A pipeline that compiles in the background: on another thread or, in a browser, in the browser's own process. The
+/// first use waits for it.
 #[derive(Debug, Clone)]
 struct Lazy<P>(Arc<OnceLock<P>>);
 
@@ -152,7 +153,7 @@ impl<P: Send + Sync + 'static> Lazy<P> {
             let (job, compiling) = (cell.clone(), gpu.compiling.clone());
             compiling.fetch_add(1, Ordering::Relaxed);
             rayon::spawn(move || {
-                // A panic in the driver's compiler must not leave waiters behind: rayon aborts the process then.
+                // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the process.
                 let _ = job.set(create());
                 compiling.fetch_sub(1, Ordering::Relaxed);
             });
@@ -171,10 +172,10 @@ impl<P: Send + Sync + 'static> Lazy<P> {
 /// How a [`Kernel`] is compiled.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct KernelOptions<'a> {
-    /// Values of pipeline-overridable constants, by the names that their WESL modules give them.
+    /// Values of pipeline-overridable constants, by their names in WESL modules.
     pub constants: &'a [(&'a str, f64)],
-    /// Leaves out the checks that naga adds: indices against the bounds of buffers and arrays, loops against running forever. Only
-    /// for shaders whose every index is in range and whose every loop ends, whatever scene is bound.
+    /// Omits the checks that naga adds: bounds of buffers and arrays, and bounds of loops. Only for shaders in which
+    /// every index is in range and every loop ends, whatever scene is bound.
     pub(crate) unchecked: bool,
 }
 
@@ -193,7 +194,7 @@ struct EntryPoint {
     shader: Shader,
     name: String,
     unchecked: bool,
-    /// Overridable constants by their linked names: those of the module, and those with values.
+    /// Linked names of the overridable constants: all that the module declares, and those given values.
     overridable: Vec<String>,
     constants: Vec<(String, f64)>,
 }
@@ -203,7 +204,7 @@ impl EntryPoint {
         format!("{}.{}", self.shader.name, self.name)
     }
 
-    /// Sets constants by the names that their WESL modules give them; in a linked module they carry the module's path.
+    /// Sets constants by their names in WESL modules; in a linked module the names carry the module's path.
     fn with(mut self, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
         for &(name, value) in constants {
             let mut linked = self.overridable.iter();
@@ -243,7 +244,7 @@ impl EntryPoint {
 }
 
 impl Kernel {
-    /// Compiles `entry` of `shader`. `scene` is the layout of bind group 0 where the shader reads the scene.
+    /// Compiles `entry` of `shader`. `scene` is the layout of bind group 0 if the shader reads the scene.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the shader does not compile.
@@ -256,7 +257,7 @@ impl Kernel {
         Self::with_options(gpu, shader, entry, scene, &KernelOptions::default())
     }
 
-    /// As [`Kernel::new`], with options.
+    /// Like [`Kernel::new`], with options.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the shader does not compile or has no such constant.
@@ -293,7 +294,7 @@ impl Kernel {
         })
     }
 
-    /// The same kernel, compiled with other values of some constants. What was bound for one serves the other.
+    /// The same kernel, compiled with other values of some constants. Bind groups of one work with the other.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the shader has no such constant.
@@ -314,7 +315,7 @@ impl Kernel {
         })
     }
 
-    /// Binds resources to the names that the shader gives them in `group`; those of imported modules go by their own names, too.
+    /// Binds resources by their names in the shader in `group`; resources of imported modules keep their own names.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when a name is missing or a resource does not fit.
@@ -346,7 +347,8 @@ impl Kernel {
         pass.dispatch_workgroups(x, y, z);
     }
 
-    /// Runs as many workgroups along each axis as the three words at `offset` (bytes) of `arguments` say, at most 65,535: nobody checks.
+    /// Runs as many workgroups along each axis as the three words at `offset` (bytes) of `arguments` say. Each word
+    /// must be at most 65,535, which is not checked.
     pub fn dispatch_indirect(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -371,19 +373,21 @@ impl Kernel {
 pub struct RasterState<'a> {
     /// Colour targets, written without blending.
     pub colors: &'a [wgpu::TextureFormat],
-    /// Which faces are dropped.
+    /// Which faces are culled.
     pub cull: Option<wgpu::Face>,
     /// Slope-scaled bias away from the viewer, in depth steps per slope; 0 is none.
     pub slope_bias: f32,
-    /// Whether merged vertices come as a vertex buffer; otherwise the shader fetches what it draws.
+    /// Whether the pipeline takes the merged vertices as a vertex buffer; otherwise the shader fetches its vertices.
     pub has_vertices: bool,
     /// Whether a fragment shader runs.
     pub has_fragment: bool,
-    /// Whether what is nearest is drawn, and its depth kept; otherwise everything is.
+    /// Whether there is a depth test that keeps the nearest fragment and writes its depth; otherwise every fragment is
+    /// drawn.
     pub has_depth: bool,
 }
 
-/// A render pipeline over triangles, as a rule the merged world-space ones, depth 32-bit float, nearer is greater (reverse z).
+/// A render pipeline for triangles, usually the merged world-space ones. Depth is 32-bit float; nearer is greater
+/// (reverse z).
 #[derive(Debug, Clone)]
 pub struct RasterKernel {
     interface: Interface,
@@ -477,7 +481,7 @@ impl RasterKernel {
         })
     }
 
-    /// Binds resources to the names that the shader gives them in `group`.
+    /// Binds resources by their names in the shader in `group`.
     ///
     /// # Errors
     /// As [`Kernel::bind`].
@@ -496,7 +500,7 @@ impl RasterKernel {
     }
 }
 
-/// The bind-group layout of every resource that `shaders` declare in group 0, for all stages.
+/// A bind-group layout with every resource that `shaders` declare in group 0, for all stages.
 pub(crate) fn scene_layout(
     gpu: &Gpu,
     shaders: &[Shader],

@@ -1,4 +1,5 @@
-//! The GPU: adapters, device, shaders, passes, buffers, read-back and timing. The only folder with raw wgpu plumbing.
+//! The GPU: adapters, device, shaders, passes, buffers, read-backs and timing. Only this folder holds raw wgpu
+//! plumbing.
 
 mod adapter;
 mod blit;
@@ -29,8 +30,8 @@ use std::borrow::Cow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Mesa's software adapter compiles a copy of a shader for the values in its uniform buffers that decide branches, whenever these change, and forgets
-/// to free it: 100 MB a second. Storage buffers are left alone.
+/// Mesa's software adapter compiles a copy of a shader for each set of values of uniform buffers that decide branches,
+/// and never frees it: 100 MB per second. It does not do this for storage buffers.
 const UNIFORM_INLINER: &str = "llvmpipe";
 
 /// One device and its queue, within WebGPU's default limits except for buffer sizes.
@@ -40,11 +41,11 @@ pub struct Gpu {
     pub device: wgpu::Device,
     /// Its queue.
     pub queue: wgpu::Queue,
-    /// What the adapter says of itself.
+    /// What the adapter reports about itself.
     pub adapter: AdapterSummary,
     /// Whether passes can be timed.
     pub has_timestamps: bool,
-    /// Whether shaders read uniform buffers as storage.
+    /// Whether shaders read uniform buffers as storage buffers.
     uniforms_are_storage: bool,
     limits: wgpu::Limits,
     faults: Arc<Mutex<Faults>>,
@@ -53,12 +54,12 @@ pub struct Gpu {
     uploads: Arc<Uploads>,
 }
 
-/// What the GPU API reported outside of any call that could return it.
+/// Errors that the GPU API reports outside calls that could return them.
 #[derive(Debug, Default)]
 struct Faults {
-    /// Why the device was lost: for good.
+    /// Why the device was lost, which is permanent.
     lost: Option<String>,
-    /// The first error since [`Gpu::check`] was last asked; later ones mostly follow from it.
+    /// The first error since the last [`Gpu::check`]; later ones mostly follow from it.
     error: Option<GpuError>,
 }
 
@@ -66,12 +67,13 @@ impl Gpu {
     /// Opens the chosen adapter.
     ///
     /// # Errors
-    /// [`GpuError::NoAdapter`] when none fits, with what there is and what to do; [`GpuError::Device`] when it refuses.
+    /// [`GpuError::NoAdapter`] when none fits, with what is available and what to do; [`GpuError::Device`] when the
+    /// adapter refuses.
     pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
         pollster::block_on(Self::open_async(choice))
     }
 
-    /// [`Gpu::open`] where blocking is not possible.
+    /// [`Gpu::open`] for programs that must not block.
     ///
     /// # Errors
     /// As [`Gpu::open`].
@@ -105,9 +107,10 @@ impl Gpu {
         ))
     }
 
-    /// Shares the device and queue of an engine. The device needs WebGPU's default limits, on Mesa's software adapter also 12 more storage buffers per
-    /// shader stage ([`Gpu::required_limits`]); with [`wgpu::Features::TIMESTAMP_QUERY`] passes can be timed. gpugi takes over the device's
-    /// handlers of uncaptured errors and of loss; an engine that wants its own sets them afterwards and gets gpugi's errors, too.
+    /// Shares the device and queue of an engine. The device needs WebGPU's default limits and, on Mesa's software
+    /// adapter, 12 more storage buffers per shader stage ([`Gpu::required_limits`]). With
+    /// [`wgpu::Features::TIMESTAMP_QUERY`], passes can be timed. gpugi takes over the device's handlers of uncaptured
+    /// errors and of loss; an engine that wants its own sets them afterwards and then receives gpugi's errors, too.
     pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let summary = AdapterSummary::of(adapter);
         let has_timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
@@ -118,7 +121,7 @@ impl Gpu {
     /// The limits that [`Gpu::from_device`] expects of a device of `adapter`.
     pub fn required_limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
         let available = adapter.limits();
-        // WebGPU's defaults, but let buffers be as large as the adapter allows: scenes decide what they need.
+        // WebGPU's defaults, but buffers may be as large as the adapter allows: scenes decide what they need.
         let defaults = wgpu::Limits::default();
         let extra = if adapter.get_info().name.starts_with(UNIFORM_INLINER) {
             defaults.max_uniform_buffers_per_shader_stage
@@ -167,7 +170,7 @@ impl Gpu {
         }
     }
 
-    /// A shader as this adapter gets it.
+    /// The source of a shader as this adapter needs it.
     fn source_of<'a>(&self, shader: &'a Shader) -> Cow<'a, str> {
         if self.uniforms_are_storage {
             Cow::Owned(shader.source.replace("var<uniform>", "var<storage, read>"))
@@ -176,11 +179,12 @@ impl Gpu {
         }
     }
 
-    /// Runs `create`, which allocates memory on the GPU, and returns its own error: out of memory belongs to the call that asked for it. In a browser,
-    /// which never blocks, such an error arrives at the next [`Gpu::check`].
+    /// Runs `create`, which allocates GPU memory, and returns its errors here, so that running out of memory is an
+    /// error of the call that allocates. In a browser, which never blocks, such an error arrives at the next
+    /// [`Gpu::check`].
     ///
     /// # Errors
-    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`] that names `what`.
+    /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], or [`GpuError::Pass`] that names `what`.
     pub(crate) fn allocate<T>(
         &self,
         what: &str,
@@ -194,7 +198,7 @@ impl Gpu {
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let created = create();
-        // Natively these are ready: nothing waits for the GPU.
+        // Natively these futures are ready: nothing waits for the GPU.
         let errors = [internal.pop(), memory.pop(), validation.pop()].map(pollster::block_on);
         self.check_lost()?;
         match errors.into_iter().flatten().next() {
@@ -203,8 +207,9 @@ impl Gpu {
         }
     }
 
-    /// Reports, once, the first error since it was last asked that no call could return: invalid pipelines, bind groups and passes, by their labels.
-    /// [`Frame::submit`] asks; whoever submits commands without a frame asks afterwards.
+    /// Reports, once, the first error since the last check that no call could return: invalid pipelines, bind groups
+    /// and passes, by their labels. [`Frame::submit`] checks; code that submits commands without a frame must check
+    /// afterwards.
     ///
     /// # Errors
     /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
@@ -214,7 +219,7 @@ impl Gpu {
         faults.error.take().map_or(Ok(()), Err)
     }
 
-    /// Whether the device still works.
+    /// Checks that the device still works.
     ///
     /// # Errors
     /// [`GpuError::Lost`] when it does not.
@@ -250,10 +255,10 @@ impl Gpu {
         &self.limits
     }
 
-    /// A buffer of `size` bytes (at least 16), zero-filled. `usage` is completed with COPY_DST and COPY_SRC.
+    /// A zero-filled buffer of `size` bytes (at least 16). COPY_DST and COPY_SRC are added to `usage`.
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] with the numbers when it exceeds the device's limits, [`GpuError::OutOfMemory`].
+    /// [`GpuError::TooLarge`] with the sizes when it exceeds the device's limits, [`GpuError::OutOfMemory`].
     pub fn buffer(
         &self,
         label: &str,
@@ -315,7 +320,7 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// Writes the texels of a region of `size` of a texture, in rows of `bytes_per_row`, and counts them.
+    /// Writes the texels of a region of `size` of a texture, in rows of `bytes_per_row`, and counts the uploaded bytes.
     pub(crate) fn write_texture(
         &self,
         region: wgpu::TexelCopyTextureInfo<'_>,
@@ -360,7 +365,7 @@ impl Gpu {
         )
     }
 
-    /// A texture, its size checked against the device's limits first.
+    /// A texture, whose size is first checked against the device's limits.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].

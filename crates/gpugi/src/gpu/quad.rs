@@ -1,4 +1,4 @@
-//! Passes that fill a whole texture by one triangle.
+//! Passes that fill a whole texture with one triangle.
 
 use super::kernel::{Interface, shader_module};
 use super::{Gpu, GpuError, Shader};
@@ -11,7 +11,7 @@ pub(crate) struct Quad {
 }
 
 impl Quad {
-    /// Compiles it.
+    /// Compiles the pass.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -48,7 +48,7 @@ impl Quad {
         })
     }
 
-    /// Binds resources to the names that the shader gives them.
+    /// Binds resources by their names in the shader.
     ///
     /// # Errors
     /// [`GpuError::Pass`].

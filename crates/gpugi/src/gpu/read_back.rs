@@ -1,4 +1,4 @@
-//! Data on its way from the GPU to the host: futures, each with a blocking twin.
+//! Read-backs: GPU data on its way to the host, as futures, each with a blocking twin.
 
 use std::future::Future;
 use std::ops::Range;
@@ -8,15 +8,15 @@ use std::task::{Context, Poll, Waker};
 
 use super::{Gpu, GpuError};
 
-/// What mapping a staging buffer came to, and who waits for it.
+/// The result of mapping a staging buffer, and the task that waits for it.
 #[derive(Default)]
 struct Mapping {
     result: Option<Result<(), wgpu::BufferAsyncError>>,
     waker: Option<Waker>,
 }
 
-/// A copy of GPU data that arrives once the GPU has run the commands before it. Await it, ask [`ReadBack::get`] once per frame, or block
-/// in [`ReadBack::wait`]. Dropping it cancels the copy's way to the host.
+/// A copy of GPU data that arrives once the GPU has run the commands before it. Await it, poll [`ReadBack::get`] once
+/// per frame, or block in [`ReadBack::wait`]. Dropping it cancels the transfer to the host.
 pub struct ReadBack<T> {
     gpu: Gpu,
     /// `None` when there is nothing to copy.
@@ -26,17 +26,17 @@ pub struct ReadBack<T> {
     layout: Layout,
 }
 
-/// How the data lies in the staging buffer (bytes).
+/// The layout of the data in the staging buffer (bytes).
 #[derive(Debug, Clone, Copy)]
 struct Layout {
     size: u64,
-    /// Bytes of a row that matter, and from row to row; 0 for data without rows.
+    /// Bytes of data per row, and from row to row; 0 for data without rows.
     row: u32,
     padded_row: u32,
 }
 
 impl Layout {
-    /// The data without the padding of rows.
+    /// The data without row padding.
     fn packed(&self, bytes: Vec<u8>) -> Vec<u8> {
         if self.row == self.padded_row {
             return bytes;
@@ -58,7 +58,8 @@ impl<T> std::fmt::Debug for ReadBack<T> {
 }
 
 impl<T> ReadBack<T> {
-    /// Reserves staging memory and lets `copy` record the commands that fill it. Mapping begins when `encoder` is submitted.
+    /// Reserves staging memory and lets `copy` record the commands that fill it. Mapping begins when `encoder` is
+    /// submitted.
     fn record(
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
@@ -99,7 +100,7 @@ impl<T> ReadBack<T> {
         })
     }
 
-    /// The device that the data comes from.
+    /// The device that holds the data.
     pub(super) fn gpu(&self) -> &Gpu {
         &self.gpu
     }
@@ -171,7 +172,8 @@ impl<T> Future for ReadBack<T> {
         match self.arrived(Some(context.waker())) {
             Some(result) => Poll::Ready(result),
             None => {
-                // Natively nothing but a poll runs callbacks, so the future asks again; browsers call back by themselves.
+                // Native callbacks run only during a poll, so the future polls again; browsers run callbacks on their
+                // own.
                 if cfg!(not(target_arch = "wasm32")) {
                     context.waker().wake_by_ref();
                 }
@@ -199,7 +201,7 @@ pub(super) fn record_buffer<T: bytemuck::Pod>(
     })
 }
 
-/// Copies a range of a buffer's bytes (multiples of 4) to the host, decoded, after all work submitted so far.
+/// Copies a range of a buffer's bytes (multiples of 4) to the host and decodes it, after all work submitted so far.
 ///
 /// # Errors
 /// As [`begin_read_buffer`].

@@ -1,10 +1,10 @@
-//! Linked shaders and what naga's reflection says of them.
+//! Linked shaders and their resources by naga's reflection.
 
 use std::borrow::Cow;
 
 use super::GpuError;
 
-/// A linked WGSL module. Made by [`shader!`](crate::shader).
+/// A linked WGSL module, created by [`shader!`](crate::shader).
 #[derive(Debug, Clone)]
 pub struct Shader {
     /// Dotted module path below `src`, such as `techniques.shadow_map.gather`.
@@ -34,8 +34,8 @@ pub fn all_shaders() -> &'static [(&'static str, &'static str)] {
     include!(concat!(env!("OUT_DIR"), "/shaders.rs"))
 }
 
-/// Whether `linked` is how the linker writes `name`: as it is in the root module; of an imported one behind the module's path, where a
-/// part with n underscores reads `_npart`.
+/// Whether `linked` is the linker's form of `name`. In the root module, that is the name itself. In an imported module,
+/// it is the module's path and then the name, where a part with n > 0 underscores becomes `_npart`.
 pub(super) fn is_linked_name(linked: &str, name: &str) -> bool {
     let part = match name.matches('_').count() {
         0 => name.to_owned(),
@@ -76,7 +76,8 @@ pub enum BindingKind {
 }
 
 impl Shader {
-    /// The shader of a gather of another crate: `body`, which has the entry point `main`, behind gpugi's library (techniques/library.wesl).
+    /// The shader of a gather from another crate: `body`, which has the entry point `main`, after gpugi's library
+    /// (techniques/library.wesl).
     pub fn gather(name: &'static str, body: &str) -> Self {
         let library = include_str!(concat!(env!("OUT_DIR"), "/techniques.library.wgsl"));
         Self {
@@ -93,7 +94,7 @@ impl Shader {
         self.parse_as(&self.source)
     }
 
-    /// As [`Shader::parse`], of the source as an adapter gets it.
+    /// Like [`Shader::parse`], for the source as an adapter needs it.
     pub(super) fn parse_as(&self, source: &str) -> Result<naga::Module, GpuError> {
         naga::front::wgsl::parse_str(source).map_err(|error| GpuError::Pass {
             pass: self.name.to_owned(),
@@ -101,7 +102,7 @@ impl Shader {
         })
     }
 
-    /// Every global resource in the module, in order of group and binding.
+    /// Every global resource of the module, ordered by group and binding.
     pub(super) fn declared(&self, module: &naga::Module) -> Result<Vec<Declared>, GpuError> {
         let mut declared = Vec::new();
         for (_, variable) in module.global_variables.iter() {
@@ -183,7 +184,7 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
 }
 
 impl BindingKind {
-    /// The layout entry of this kind. A name that ends in `_unfilterable` is loaded, never filtered.
+    /// The layout entry of this kind. A texture whose name ends in `_unfilterable` is loaded, never filtered.
     pub(super) fn layout_type(self, name: &str) -> wgpu::BindingType {
         let buffer = |ty| wgpu::BindingType::Buffer {
             ty,

@@ -1,4 +1,5 @@
-//! Every linked shader within WebGPU's default limits, and the plumbing: bindings, limits, error scopes, read-back, timings.
+//! Every linked shader keeps within WebGPU's default limits; and the plumbing works: bindings, limits, error scopes,
+//! read-back, timings.
 
 use super::kernel::Interface;
 use super::{
@@ -27,7 +28,7 @@ fn every_shader_parses_and_validates() {
     );
     for shader in shaders {
         let module = shader.parse().unwrap_or_else(|error| panic!("{error}"));
-        // `pack2x16float` is part of WebGPU, but a capability of its own here.
+        // `pack2x16float` is part of WebGPU, but naga makes it a separate capability.
         let capabilities = naga::valid::Capabilities::default()
             | naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
         let mut validator =
@@ -38,7 +39,7 @@ fn every_shader_parses_and_validates() {
     }
 }
 
-/// Group 0 of a pipeline that reads the scene is the whole scene, whatever the shader uses of it.
+/// Group 0 of a pipeline that reads the scene is the whole scene, however little of it the shader uses.
 fn layout_of(shader: &Shader) -> (naga::Module, Vec<super::shader::Declared>) {
     let module = shader.parse().unwrap();
     let mut declared = shader.declared(&module).unwrap();
@@ -52,7 +53,7 @@ fn layout_of(shader: &Shader) -> (naga::Module, Vec<super::shader::Declared>) {
     (module, declared)
 }
 
-/// What declares group 0; the second only where rays are traced.
+/// The modules that declare group 0; the second only for pipelines that trace rays.
 fn scene_shaders() -> [Shader; 2] {
     [shader!("scene.bindings"), shader!("scene.ray_bindings")]
 }
@@ -86,7 +87,7 @@ fn every_shader_stays_within_the_default_limits() {
             .entry_points
             .iter()
             .any(|point| point.stage == naga::ShaderStage::Compute);
-        // Mesa 22.3, a driver that many machines still have, crashes on a compute shader with a fourth uniform buffer.
+        // Mesa 22.3, which many machines still have, crashes on a compute shader with a fourth uniform buffer.
         let uniforms = if is_compute {
             3
         } else {
@@ -138,7 +139,7 @@ fn every_shader_stays_within_the_default_limits() {
     }
 }
 
-/// Gathers leave room for maps that others look up in them.
+/// Gathers leave room for maps of other techniques that they look up.
 #[test]
 fn every_gather_leaves_two_storage_buffers_free() {
     let gathers: Vec<Shader> = shaders()
@@ -175,7 +176,7 @@ fn every_entry_point_becomes_a_pipeline() {
             .entry_points
             .iter()
             .partition(|point| is_compute(point));
-        // The module and the layout; the state of a raster pipeline is its pass's business.
+        // Test the module and the layout; its pass sets the state of a raster pipeline.
         if !raster.is_empty() {
             let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
             Interface::new(&gpu, &shader, stages, scene).unwrap_or_else(|error| panic!("{error}"));
@@ -359,12 +360,12 @@ fn an_error_in_a_frame_names_the_pipeline() {
     });
     let error = frame.submit().unwrap_err().to_string();
     assert!(error.contains("testing.copy.main"), "{error}");
-    // It is reported once.
+    // The error is reported once.
     assert_eq!(gpu.check(), Ok(()));
     assert_eq!(copied(&gpu, &[1, 2, 3]), [2, 3, 4]);
 }
 
-/// A device of its own: errors that no call returns would otherwise reach a test that runs beside this one.
+/// A separate device: errors that no call returns would otherwise reach a test that runs at the same time.
 fn own_gpu() -> Option<Gpu> {
     test_gpu().map(|_| Gpu::open(&super::AdapterChoice::Best).unwrap())
 }
@@ -393,7 +394,7 @@ fn a_read_back_arrives_without_blocking() {
     let mut frame = Frame::new(&gpu, false);
     let on_the_way = frame.read_back::<u32>(&buffer, 12).unwrap();
     assert!(on_the_way.get().is_none(), "the frame is not submitted yet");
-    // What is written later does not reach a copy made earlier.
+    // Later writes do not reach a copy made earlier.
     frame.clear(&buffer);
     frame.submit().unwrap();
     let numbers = loop {

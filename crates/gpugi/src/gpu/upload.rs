@@ -1,7 +1,7 @@
-//! Small writes from the host, gathered before the commands that are submitted next.
+//! Small writes from the host, collected and submitted before the next commands.
 //!
-//! wgpu's own `Queue::write_buffer` allocates a staging buffer per call, and asks the driver how much memory is left
-//! each time. Here small writes go to staging memory that is reused.
+//! wgpu's own `Queue::write_buffer` allocates a staging buffer per call, and each time asks the driver how much memory
+//! is left. Here, small writes go to staging memory that is reused.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -10,12 +10,12 @@ use wgpu::util::StagingBelt;
 
 use super::Gpu;
 
-/// Bytes of a piece of staging memory.
+/// Size of one chunk of staging memory (bytes).
 const CHUNK: u64 = 1 << 16;
-/// Larger writes leave staging memory to wgpu.
+/// Writes larger than this (bytes) go through wgpu's own staging memory.
 const LARGE: u64 = CHUNK / 2;
 
-/// Writes that wait for the next submission, and the bytes of all so far.
+/// Writes that wait for the next submission, and the number of bytes uploaded so far.
 #[derive(Debug)]
 pub(super) struct Uploads {
     pending: Mutex<Pending>,
@@ -41,7 +41,8 @@ impl Uploads {
 }
 
 impl Gpu {
-    /// Writes `data` into a buffer from the byte `offset` on (a multiple of 4, and so is the size), before all commands that are submitted from now on.
+    /// Writes `data` into a buffer at the byte `offset`, before all commands that are submitted from now on. The offset
+    /// and the size are multiples of 4.
     pub fn write<T: bytemuck::NoUninit>(&self, buffer: &wgpu::Buffer, offset: u64, data: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let Some(size) = wgpu::BufferSize::new(bytes.len() as u64) else {
@@ -49,9 +50,9 @@ impl Gpu {
         };
         self.count_uploaded(bytes);
         let mut pending = self.pending();
-        // A browser's writes are cheap as they are.
+        // In a browser, direct writes are cheap.
         if size.get() > LARGE || cfg!(target_arch = "wasm32") {
-            // Earlier writes to the same buffer stay earlier.
+            // Keep the order of writes to the same buffer.
             self.flush(&mut pending, None);
             self.queue.write_buffer(buffer, offset, bytes);
             return;
@@ -63,7 +64,7 @@ impl Gpu {
             .copy_from_slice(bytes);
     }
 
-    /// Submits commands, after the writes that precede them.
+    /// Submits commands after the writes that precede them.
     pub fn submit(&self, commands: wgpu::CommandBuffer) {
         self.flush(&mut self.pending(), Some(commands));
     }
@@ -91,7 +92,7 @@ impl Gpu {
         self.uploads.bytes.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Bytes that were uploaded to this device so far: of scenes and of buffers made with their contents.
+    /// Bytes uploaded to this device so far: writes to buffers and textures, and buffers created with contents.
     pub fn uploaded_bytes(&self) -> u64 {
         self.uploads.bytes.load(Ordering::Relaxed)
     }

@@ -7,8 +7,8 @@ use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
 
 /// `count` cascades of `side` texels of a directional light (one if rays are parallel), fitted to what the camera sees
-/// of the scene. Each covers a sphere around its slice of the view, so that its size does not change when the camera
-/// turns, and moves in whole texels, so that its edges do not crawl.
+/// of the scene. Each covers a sphere around its slice of the view. So its size does not change when the camera turns;
+/// and it moves in whole texels, so its edges do not crawl.
 pub fn cascades(
     direction: Vec3,
     count: u32,
@@ -22,13 +22,13 @@ pub fn cascades(
     let right = direction.cross(up);
     let eye = view.world_from_view.w_axis.truncate();
     let forward = -view.world_from_view.z_axis.truncate();
-    // The part of the view's axis along which there may be something to see.
+    // The part of the view's axis along which something may be visible.
     let middle = (center - eye).dot(forward);
     let near = (middle - radius).max(radius * 1e-3);
     let far = (middle + radius).max(near * 1.01);
     let count = if view.is_perspective { count } else { 1 };
     let split = |index: u32| {
-        // Half-way between equal ratios, which fit perspective, and equal lengths (Zhang et al. 2006).
+        // Split half-way between equal ratios, which suit perspective, and equal lengths (Zhang et al. 2006).
         let part = index as f32 / count as f32;
         0.5 * (near * (far / near).powf(part) + near + (far - near) * part)
     };
@@ -39,14 +39,14 @@ pub fn cascades(
                 split(index + 1),
             );
             let (slice_center, slice_radius) = slice_sphere(view, eye, forward, from, to);
-            // What lies outside the scene needs no texels.
+            // Space outside the scene needs no texels.
             let (cascade_center, half) = if slice_radius < radius {
                 (slice_center, slice_radius)
             } else {
                 (center, radius)
             };
-            // Room for the filter; in steps of a sixth of an octave, because a texel that grew a little with every step
-            // of the camera would make edges crawl.
+            // Add room for the filter. The size changes in steps of a sixth of an octave: if texels grew slightly with
+            // every camera movement, edges would crawl.
             let half = (((half * 1.05).log2() * 6.0).ceil() / 6.0).exp2();
             let texel = 2.0 * half / side as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
@@ -65,7 +65,7 @@ pub fn cascades(
         .collect()
 }
 
-/// The sphere around the part of a view between two distances.
+/// The sphere around the slice of a view between two distances.
 fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (Vec3, f32) {
     if !view.is_perspective {
         let half = (to - from) / 2.0;
@@ -75,7 +75,7 @@ fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (V
         );
     }
     let spread = view.half_extent.length_squared();
-    // The point on the axis that is equally far from the near and the far corners.
+    // The point on the axis at equal distances from the near and the far corners.
     let middle = ((to + from) * (1.0 + spread) / 2.0).min(to);
     let corner = Vec4::new(to * spread.sqrt(), to - middle, 0.0, 0.0).length();
     (eye + forward * middle, corner)

@@ -33,14 +33,14 @@ impl LightSample {
 }
 
 impl LightSample {
-    /// Luminous power (W) that goes into a scene of a radius (m).
+    /// Luminous power (W) that the sample emits into a scene of this radius (m).
     pub fn power(&self, scene_radius: f32) -> f32 {
         let [r, g, b] = self.intensity;
         let intensity = 0.2126 * r + 0.7152 * g + 0.0722 * b;
         intensity
             * match self.kind {
                 Self::POINT => 4.0 * PI,
-                // The cosine at which the cone ends: cos x scale + offset = 0.
+                // The cosine at which the cone ends, from cos x scale + offset = 0.
                 Self::SPOT => TAU * (1.0 + self.cone_offset / self.cone_scale),
                 Self::DIRECTIONAL => PI * scene_radius * scene_radius,
                 Self::AREA_TWO_SIDED => TAU,
@@ -49,7 +49,7 @@ impl LightSample {
     }
 }
 
-/// `light_table` of table.wesl: a row that says where the views begin, the samples, the views.
+/// `light_table` of table.wesl: a row that holds the index of the views' first row, then the samples, then the views.
 pub(super) fn table(samples: &[LightSample], views: &[DepthViewUniform]) -> Vec<[u32; 4]> {
     let samples: &[[u32; 4]] = bytemuck::cast_slice(samples);
     let views = bytemuck::cast_slice(views);

@@ -1,4 +1,4 @@
-//! Light samples with the depth views that they need.
+//! Light samples and the depth views that they need.
 
 use glam::Vec3;
 use gpugi_scene::{Light, LightKind};
@@ -12,47 +12,48 @@ use crate::capture::View;
 use crate::capture::depth::{ATLAS_SIDE, DepthAtlas, DepthViewSpec};
 use crate::scene::GpuScene;
 
-/// Which depth maps lights get.
+/// Sizes and kinds of the lights' depth maps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapSettings {
-    /// Side of a punctual light's maps where the atlas has room (texels).
+    /// Side of a punctual light's maps if the atlas has room (texels).
     pub resolution: u32,
-    /// Texels by which a view reaches beyond its field of view, for filters: of lights without a radius, and with one.
+    /// Texels that a view reaches beyond its field of view, for filters: for lights without a radius, and with one.
     pub gutters: [u32; 2],
-    /// Whether punctual lights draw closed meshes by their back faces.
+    /// Whether maps of punctual lights draw closed meshes by their back faces.
     pub second_depth: bool,
-    /// Whether spot lights warp a view toward what the camera sees.
+    /// Whether spot lights warp one view toward what the camera sees.
     pub warp: bool,
     /// Cascades of a directional light.
     pub cascades: u32,
     /// Sample points on all area lights together.
     pub area_samples: u32,
-    /// Side of an area sample's hemicube where the atlas has room (texels).
+    /// Side of an area sample's hemicube if the atlas has room (texels).
     pub area_resolution: u32,
-    /// Whether points are lit that the camera does not see: then each light has a view of all that it may light, too.
+    /// Whether points outside the camera's view are lit. Then each light also has a view of everything that it may
+    /// light.
     pub beyond_camera: bool,
 }
 
 /// Light samples and their depth views.
 #[derive(Debug, Default)]
 pub struct LightList {
-    /// What gathers sum over.
+    /// The samples that gathers sum over.
     pub samples: Vec<LightSample>,
-    /// What the depth atlas holds.
+    /// The views that the depth atlas holds.
     pub views: Vec<DepthViewSpec>,
-    /// In words, which lights have smaller maps than asked for.
+    /// Notes on lights whose maps are smaller than requested.
     pub notes: Vec<String>,
 }
 
-/// What lights the scene: a punctual light, or a sample point of an area light.
+/// A light source: a punctual light, or a sample point of an area light.
 enum Source<'a> {
     Punctual(&'a Light),
     Area(LightSample),
 }
 
 impl LightList {
-    /// The lights of `scene`, and views that cover what `view` sees; with [`MapSettings::beyond_camera`], all there is.
-    /// Views are smaller than asked for where one atlas is too small for all.
+    /// The lights of `scene`, and depth views that cover what `view` sees or, with [`MapSettings::beyond_camera`], the
+    /// whole scene. The views are smaller than requested if one atlas cannot hold them all.
     pub fn new(scene: &GpuScene, view: &View, settings: &MapSettings) -> Self {
         let area = on_emitters(&scene.emitters, settings.area_samples, 0);
         let sources: Vec<Source<'_>> = scene
@@ -109,13 +110,13 @@ impl LightList {
     }
 }
 
-/// Area of views in squares of `side` texels.
+/// The total area of the views in units of squares of `side` texels.
 fn squares(views: &[DepthViewSpec], side: u32) -> f32 {
     let texels = |view: &DepthViewSpec| view.size[0] as f32 * view.size[1] as f32;
     views.iter().map(texels).sum::<f32>() / (side as f32).powi(2)
 }
 
-/// Which sides lights share the atlas with, if those are smaller than `asked`.
+/// Describes the range of map sides if some are smaller than `asked`.
 fn note(lights: &str, sides: &[u32], asked: u32) -> Option<String> {
     let (least, most) = (sides.iter().min()?, sides.iter().max()?);
     let texels = if least == most {
@@ -139,7 +140,7 @@ impl Source<'_> {
         }
     }
 
-    /// Side of its views where there is room (texels).
+    /// Side of its views if there is room (texels).
     fn side(&self, settings: &MapSettings) -> u32 {
         match self {
             Self::Punctual(_) => settings.resolution,
@@ -148,7 +149,8 @@ impl Source<'_> {
     }
 
     /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
-    /// has those first that follow the camera, then one of all that it may light.
+    /// has the views that follow the camera first (cascades, a warped view). With [`MapSettings::beyond_camera`], and for
+    /// a spot light without a warped view, a view of everything that it may light comes last.
     fn views(
         &self,
         scene: &GpuScene,

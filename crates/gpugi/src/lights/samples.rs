@@ -1,4 +1,4 @@
-//! From a scene's lights to light samples.
+//! Converts a scene's lights to light samples.
 
 use glam::Vec3;
 use gpugi_scene::{Light, LightKind};
@@ -37,16 +37,17 @@ pub fn punctual(light: &Light) -> LightSample {
     sample
 }
 
-/// `count` sample points on emissive triangles, stratified by emitted power: each stands for the same share of it. A sample's L A is the power
-/// share over pi in the triangle's colour. Without views. Another `turn` has other points.
+/// `count` sample points on emissive triangles, without views. They are stratified by emitted power: each represents an
+/// equal part of it. A sample's L A is its part of the power over pi, in the triangle's colour. Another `turn` gives
+/// other points.
 pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSample> {
     let weights: Vec<f64> = emitters.iter().map(Emitter::power).collect();
     let total: f64 = weights.iter().sum();
     if !(total > 0.0 && total.is_finite()) {
         return Vec::new();
     }
-    // All points of a turn are shifted alike: they lie as evenly over the emitters as those of the first, and so do those of one number in
-    // all turns.
+    // All points of a turn are shifted alike. So they cover the emitters as evenly as those of the first turn, and so
+    // do the points of equal index over all turns.
     let shift = additive(R3, turn);
     let mut before = 0.0;
     let mut index = 0;
@@ -61,7 +62,7 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
         let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
         let [x, y] = additive(R2, number);
         let [x, y] = [x + shift[1], y + shift[2]].map(|one| (0.5 + one).fract() as f32);
-        // A point of the unit square to a point of the triangle, areas kept in proportion (Heitz 2019).
+        // Map the unit square to the triangle, preserving relative areas (Heitz 2019).
         let (u, v) = if y > x {
             (x / 2.0, y - x / 2.0)
         } else {

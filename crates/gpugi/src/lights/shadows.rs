@@ -14,7 +14,7 @@ pub struct Shadows {
     maps: Option<DepthMaps>,
 }
 
-/// What a list of lights needs.
+/// The samples and views of a list of lights.
 #[derive(Debug)]
 struct DepthMaps {
     atlas: DepthAtlas,
@@ -34,7 +34,7 @@ impl Shadows {
                 label: Some("shadow comparison"),
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
-                // Lit where the point is at least as near as what the map holds.
+                // A point is lit if it is at least as near as the map's depth.
                 compare: Some(wgpu::CompareFunction::GreaterEqual),
                 ..Default::default()
             }),
@@ -42,7 +42,7 @@ impl Shadows {
         })
     }
 
-    /// Draws the maps of `list` in the pass `pass`; returns whether what [`Shadows::bind`] bound before is out of date.
+    /// Draws the maps of `list` in the pass `pass`; returns whether earlier results of [`Shadows::bind`] are stale.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the views do not fit one atlas.
@@ -58,7 +58,7 @@ impl Shadows {
         if light_count == 0 {
             return Ok(self.maps.take().is_some());
         }
-        // A light that moved needs no new tiles: only what they see changes.
+        // A light that moved needs no new tiles: only their content changes.
         let reused = self.maps.take().and_then(|mut made| {
             let is_same = made.light_count == light_count && made.atlas.update(gpu, &list.views);
             is_same.then_some(made)
@@ -86,7 +86,7 @@ impl Shadows {
         Ok(is_new)
     }
 
-    /// Bind group 2 of a kernel that imports table.wesl, and whose group 2 is that; none without lights.
+    /// Bind group 2 of a kernel that imports table.wesl and uses group 2 for it alone; `None` without lights.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -108,7 +108,7 @@ impl Shadows {
         kernel.bind(gpu, 2, &resources).map(Some)
     }
 
-    /// How many light samples there are.
+    /// Number of light samples.
     pub fn light_count(&self) -> u32 {
         self.maps.as_ref().map_or(0, |made| made.light_count)
     }

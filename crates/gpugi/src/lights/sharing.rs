@@ -1,33 +1,33 @@
-//! How lights share one atlas of depth maps that is too small for all that they ask for.
+//! Divides an atlas of depth maps among lights that together request more than it holds.
 //!
-//! The edge of a shadow is off by about a texel: with a power P spread over n views of s x s texels, that is an error
-//! in proportion to P / n / s, in n views. Of all ways to spend the same number of texels, the sum of these errors is
-//! least where s^3 is in proportion to P / n.
+//! The edge of a shadow is off by about one texel. A light of power P spread over n views of s x s texels thus has an
+//! error proportional to P / n / s in each of n views. For a given number of texels, the sum of these errors is least
+//! when s^3 is proportional to P / n.
 
 /// Smallest side of a depth view (texels).
 const SMALLEST: u32 = 16;
-/// Most that the brightest light's views are wider than the darkest's.
+/// Largest ratio between the view sides of the brightest light and the darkest.
 const WIDEST_RATIO: f32 = 64.0;
 /// Sides shrink by sixths of an octave.
 const STEPS_AN_OCTAVE: f32 = 6.0;
 
-/// What a light asks for.
+/// What a light requests.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand {
     /// Side of its depth views (texels).
     pub side: u32,
-    /// How many views, in squares of that side.
+    /// Area of its views, in squares of that side.
     pub squares: f32,
     /// Luminous power (W).
     pub power: f32,
 }
 
-/// The side of each light's views (texels): what it asks for if `fits` says so, otherwise the largest in proportion
-/// that fit; [`SMALLEST`] where nothing does. `area`: texels that there are.
+/// The side of each light's views (texels). It is the requested side if `fits` accepts that; otherwise the largest
+/// proportional sides that fit, and [`SMALLEST`] for all if none do. `area`: texels available.
 pub fn share(demands: &[Demand], area: f32, fits: impl Fn(&[u32]) -> bool) -> Vec<u32> {
     let importance = |demand: &Demand| demand.power / demand.squares;
     let most = demands.iter().map(importance).fold(0.0, f32::max);
-    // In whole octaves of power: a light that changes a little keeps its maps.
+    // Weights follow whole octaves of power, so that a light that changes slightly keeps its maps.
     let weights: Vec<f32> = demands
         .iter()
         .map(|demand| {
@@ -50,7 +50,7 @@ pub fn share(demands: &[Demand], area: f32, fits: impl Fn(&[u32]) -> bool) -> Ve
         let texels = |(demand, &side): (&Demand, &u32)| demand.squares * (side as f32).powi(2);
         demands.iter().zip(sides).map(texels).sum::<f32>() <= area
     };
-    // From the widest that anybody asks for, and for the darkest light, too, down to the smallest for all.
+    // Start where even the darkest light would get the widest side requested, and go down to the smallest side for all.
     let octaves = (widest * WIDEST_RATIO / SMALLEST as f32).max(1.0).log2();
     let steps = (octaves * STEPS_AN_OCTAVE).ceil() as u32;
     (0..steps)
@@ -71,7 +71,7 @@ mod tests {
         }
     }
 
-    /// As much as an atlas of 8,192 x 8,192 texels holds, packed without loss.
+    /// An atlas of 8,192 x 8,192 texels, packed without loss.
     fn shared(demands: &[Demand]) -> Vec<u32> {
         share(demands, 8192.0 * 8192.0, |_| true)
     }
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn brighter_lights_keep_more_and_the_atlas_is_used() {
-        // Sixteen that are 64 times as bright as 240 others.
+        // Sixteen lights that are 64 times as bright as 240 others.
         let demands: Vec<Demand> = (0..256)
             .map(|index| demand(if index < 16 { 64.0 } else { 1.0 }))
             .collect();

@@ -13,7 +13,7 @@ use crate::scene::GpuScene;
 use crate::shader;
 use crate::testing::test_gpu;
 
-/// A row whose words are all different, and different from those of rows with another `first`: small normal floats.
+/// Rows of words that all differ from each other and from those of rows with another `first`: small normal floats.
 fn distinct<T: bytemuck::Pod>(first: u32) -> T {
     let words: Vec<u32> = (0..size_of::<T>() as u32 / 4)
         .map(|word| 0x3f80_0000 + first + word)
@@ -73,7 +73,7 @@ const SETTINGS: MapSettings = MapSettings {
     beyond_camera: false,
 };
 
-/// The lights' list for a camera that looks out of the scene.
+/// The light list for a camera that looks out of the scene.
 fn list(gpu: &Gpu, scene: &Scene, settings: &MapSettings) -> LightList {
     let on_gpu = GpuScene::new(gpu, scene).unwrap();
     let away = Camera::look_at(
@@ -123,7 +123,7 @@ fn what_the_camera_does_not_see_is_in_the_last_view_of_each_light() {
             assert!(at.truncate().abs().max_element() < 1.0, "{corner} at {at}");
             reach = reach.max(at.truncate().abs());
         }
-        // The sun's is tight: but for the gutter.
+        // The sun's view fits tightly, except for the gutter.
         if light.kind == LightSample::DIRECTIONAL {
             assert!(reach.min_element() > 0.98, "{reach}");
         }

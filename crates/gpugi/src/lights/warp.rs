@@ -1,8 +1,8 @@
-//! Light-space perspective warping of a spot light's depth view: texels go where the camera looks.
+//! Light-space perspective warping of a spot light's depth view: it spends texels where the camera looks.
 //!
-//! Wimmer, Scherzer and Purgathofer, "Light Space Perspective Shadow Maps" (2004), for a light that is itself a perspective
-//! projection: in its image plane, the warp is a projective map of (x, y, w) that looks along the camera's direction. Depth stays
-//! near / w', which orders the points of every light ray as before.
+//! Wimmer, Scherzer and Purgathofer, "Light Space Perspective Shadow Maps" (2004), for a light that is itself a
+//! perspective projection. In its image plane, the warp is a projective map of (x, y, w) that looks along the camera's
+//! direction. Depth stays near / w', which keeps the order of points along every light ray.
 
 use glam::{Mat4, Vec2, Vec3, Vec4, Vec4Swizzles};
 use gpugi_scene::Bounds;
@@ -11,7 +11,8 @@ use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
 use crate::capture::frustum_planes;
 
-/// The depth view of a light that shines along `direction`, warped toward what `view` sees of `bounds`; unchanged where that would gain nothing.
+/// The depth view of a light that shines along `direction`, warped toward what `view` sees of `bounds`; unchanged where
+/// warping gains nothing.
 pub fn warped(
     spec: DepthViewSpec,
     direction: Vec3,
@@ -19,7 +20,7 @@ pub fn warped(
     view: &View,
     gutter: u32,
 ) -> DepthViewSpec {
-    // What the camera sees of the scene inside the light's own frustum: all of it lies before both.
+    // The part of the scene that lies both in the camera's frustum and in the light's: all of it lies in front of both.
     let planes = frustum_planes(&view.clip_from_world)
         .into_iter()
         .chain(frustum_planes(&spec.clip_from_world));
@@ -37,18 +38,19 @@ pub fn warped(
     }
     let eye = eye.xy() / eye.w;
     let middle = seen.iter().sum::<Vec2>() / seen.len() as f32;
-    // Along the camera's direction in the light's image, and across it; a rotation.
+    // A rotation to axes along the camera's direction in the light's image, and across it.
     let along = (middle - eye).normalize_or(Vec2::Y);
     let across = Vec2::new(along.y, -along.x);
     let (y_low, y_high) = range(seen.iter().map(|point| point.dot(along)));
-    // Room for filters around what is seen.
+    // Room for filters around the visible part.
     let margin = (y_high - y_low) * (0.01 + 2.0 * gutter as f32 / spec.size[0] as f32);
     let (y0, y1) = (y_low - margin, y_high + margin);
     if y1 - y0 < 1e-4 {
         return spec;
     }
-    // D = (y - y0 + n) / n grows from 1 at y0. The paper's best n = z + sqrt(z f), z and f the distances of the near and far ends from
-    // the eye (equation 7), grows without limit when the camera looks along the light, where nothing is to be gained.
+    // D = (y - y0 + n) / n grows from 1 at y0. The paper's best n = z + sqrt(z f), with z and f the distances of the
+    // near and far ends from the eye (equation 7), grows without limit when the camera looks along the light. There,
+    // warping gains nothing.
     let nearest = (y0 - eye.dot(along)).max(0.05 * (y1 - y0));
     let sine = view
         .world_from_view
@@ -67,7 +69,7 @@ pub fn warped(
     if x1 - x0 < 1e-4 {
         return spec;
     }
-    // y' = a + b / D takes y0 to -1 and y1 to 1; x' = (s x + t D) / D takes x0, x1 there.
+    // y' = a + b / D maps y0 to -1 and y1 to 1; x' = (s x + t D) / D maps x0 and x1 likewise.
     let far = divisor(y1);
     let b = -2.0 * far / (far - 1.0);
     let a = -1.0 - b;
@@ -80,7 +82,8 @@ pub fn warped(
     let warp = Mat4::from_cols(x_row, y_row, Vec4::Z, w_row).transpose();
     DepthViewSpec {
         clip_from_world: warp * spec.clip_from_world,
-        // The widest texel: x' has s / D texels where there was one, y' at least -b / (n D^2), and distance carries one D.
+        // The widest texel: where one texel was, x' has s / D texels and y' at least -b / (n D^2); distance contributes
+        // one factor D.
         texel: spec.texel * (1.0 / s).max(far * n / -b),
         ..spec
     }
@@ -107,7 +110,7 @@ fn box_faces(bounds: &Bounds) -> Vec<Vec<Vec3>> {
     .to_vec()
 }
 
-/// What of a convex polyhedron lies on the positive side of a plane (Sutherland and Hodgman 1974), closed by a new face.
+/// The part of a convex polyhedron on the positive side of a plane (Sutherland and Hodgman 1974), closed by a new face.
 fn clip(faces: Vec<Vec<Vec3>>, plane: Vec4) -> Vec<Vec<Vec3>> {
     let height = |point: Vec3| plane.dot(point.extend(1.0));
     let mut cut = Vec::new();
@@ -151,7 +154,7 @@ mod tests {
     use super::*;
     use gpugi_scene::Camera;
 
-    /// A spot light high over a long floor, a camera low above it that looks along.
+    /// A spot light high above a long floor, and a camera low above the floor that looks along it.
     fn scene() -> (DepthViewSpec, Bounds, View) {
         let bounds = Bounds {
             min: Vec3::new(-20.0, 0.0, -20.0),
@@ -167,7 +170,7 @@ mod tests {
         )
     }
 
-    /// Floor points that both see.
+    /// Floor points that light and camera both see.
     fn visible(spec: &DepthViewSpec, view: &View) -> Vec<Vec3> {
         let inside = |matrix: &Mat4, point: Vec3| {
             let clip = *matrix * point.extend(1.0);
@@ -181,7 +184,7 @@ mod tests {
             .collect()
     }
 
-    /// Area of the image, in texels or pixels of a 2 x 2 square, that a unit of floor covers at a point.
+    /// Image area per unit of floor area at a point, in texels or pixels of a 2 x 2 square.
     fn density(matrix: &Mat4, point: Vec3) -> f32 {
         let at = |point: Vec3| {
             let clip = *matrix * point.extend(1.0);
@@ -201,7 +204,7 @@ mod tests {
         assert!(points.len() > 100);
         for point in points {
             let depth = |height: f32| {
-                // Along the light's ray through the point.
+                // A point on the light's ray through the floor point.
                 let on_ray = point.lerp(Vec3::new(0.0, 30.0, 0.0), height);
                 let clip = warped.clip_from_world * on_ray.extend(1.0);
                 assert!(
@@ -219,7 +222,7 @@ mod tests {
         let (spec, bounds, view) = scene();
         let warped = warped(spec, Vec3::NEG_Y, &bounds, &view, 4);
         let points = visible(&spec, &view);
-        // Texels a pixel: the mean over pixels of the logarithm, and the worst pixel.
+        // Texels per pixel: the mean over pixels of the logarithm, and the worst pixel.
         let rate = |spec: &DepthViewSpec, point: Vec3| {
             density(&spec.clip_from_world, point) / density(&view.clip_from_world, point)
         };

@@ -159,8 +159,8 @@ impl PathTracer {
     ///
     /// # Errors
     /// [`LightingError::Gpu`] when the scene or the image does not fit the adapter (the message gives the sizes);
-    /// [`LightingError::Setting`] when a setting is invalid; [`crate::gpu::GpuError::Input`] when something in the scene is not
-    /// finite or the image has no pixels.
+    /// [`LightingError::Setting`] when a setting is invalid; [`crate::gpu::GpuError::Input`] when something in the
+    /// scene is not finite or the image has no pixels.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use gpugi_scene::{Bounds, Scene};
 
-/// Number of solids that a stack of reference/medium.wesl holds, and its marker for an empty entry.
+/// Number of solids that a stack of scene/medium.wesl holds, and its marker for an empty entry.
 const DEPTH: usize = 4;
 const NONE: u32 = u32::MAX;
 
@@ -39,7 +39,7 @@ pub fn solids(scene: &Scene) -> Vec<Solid> {
     solids
 }
 
-/// Materials of the solids that contain `eye` (world space (m)), innermost first, as a stack of reference/medium.wesl.
+/// Materials of the solids that contain `eye` (world space (m)), innermost first, as a stack of scene/medium.wesl.
 pub fn around(solids: &[Solid], eye: Vec3) -> [u32; DEPTH] {
     let mut found: Vec<(f64, u32)> = solids
         .iter()

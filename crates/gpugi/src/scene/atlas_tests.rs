@@ -45,7 +45,7 @@ fn render(renderer: &mut Renderer) {
 
 fn atlas(gpu: &Gpu, renderer: &Renderer) -> Arc<Atlas> {
     let atlas = renderer.scene().atlas(gpu, "test", SIZE, 0.0, 16);
-    atlas.unwrap()
+    atlas.unwrap().unwrap()
 }
 
 /// Number of techniques that keep the atlas.
@@ -105,7 +105,9 @@ fn an_atlas_of_too_many_pages_is_refused_whoever_laid_it_out() {
     scene.instances.extend(floors);
     let scene = GpuScene::with_texels(&gpu, &scene).unwrap();
     let of = |bytes| scene.atlas(&gpu, "test", SIZE, 16.0, bytes);
-    let many = of(16).unwrap();
+    assert_eq!(of(16).unwrap(), None, "laid out beside the frame");
+    scene.wait_for_atlas();
+    let many = of(16).unwrap().unwrap();
     assert!(many.pages > 2);
     let limits = gpu.limits();
     let limit = limits

@@ -1,9 +1,9 @@
-//! Atlases in which techniques keep light. An atlas is laid out at the first request, which may take minutes, and
-//! shared by all techniques that request the same.
+//! Atlases in which techniques keep light. An atlas is laid out at the first request, beside the frames that wait for
+//! it, because it may take minutes; all techniques that request the same share it.
 
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
-use gpugi_scene::{Atlas, AtlasOptions, TexelDensity};
+use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
 
 use super::GpuScene;
 use crate::gpu::{Gpu, GpuError};
@@ -11,9 +11,16 @@ use crate::gpu::{Gpu, GpuError};
 /// With more triangles than this, unwrapping takes longer than anybody expects.
 const MOST_TRIANGLES: usize = 500_000;
 
-/// The atlases of a scene's meshes that techniques keep.
+/// The atlases of a scene's meshes that techniques keep, and the one that is being laid out.
 #[derive(Debug, Default)]
-pub(super) struct Atlases(Mutex<Vec<SharedAtlas>>);
+pub(super) struct Atlases(Mutex<Kept>);
+
+#[derive(Debug, Default)]
+struct Kept {
+    shared: Vec<SharedAtlas>,
+    /// One at a time: whoever drags a setting asks for many.
+    job: Option<Job>,
+}
 
 #[derive(Debug)]
 struct SharedAtlas {
@@ -22,10 +29,53 @@ struct SharedAtlas {
     atlas: Weak<Atlas>,
 }
 
+/// An atlas that is being laid out on another thread; in browsers, which have none, at once.
+#[derive(Debug, Clone)]
+struct Job {
+    size: u32,
+    density: f32,
+    result: Arc<OnceLock<Result<Arc<Atlas>, String>>>,
+}
+
+impl Job {
+    fn start(scene: &Scene, size: u32, density: f32, most_pages: u32) -> Self {
+        let options = AtlasOptions {
+            size,
+            density: if density > 0.0 {
+                TexelDensity::PerMetre(density)
+            } else {
+                TexelDensity::OnePage
+            },
+            most_pages,
+            ..AtlasOptions::default()
+        };
+        let result = Arc::new(OnceLock::new());
+        let (scene, done) = (scene.clone(), result.clone());
+        let lay_out = move || {
+            let atlas = Atlas::new(&scene, &options).map(Arc::new);
+            let _ = done.set(atlas.map_err(|error| error.to_string()));
+        };
+        #[cfg(target_arch = "wasm32")]
+        lay_out();
+        #[cfg(not(target_arch = "wasm32"))]
+        rayon::spawn(lay_out);
+        Self {
+            size,
+            density,
+            result,
+        }
+    }
+
+    fn is_of(&self, size: u32, density: f32) -> bool {
+        (self.size, self.density) == (size, density)
+    }
+}
+
 impl GpuScene {
-    /// The atlas for a technique that keeps `texel_bytes` bytes per texel in one buffer. Its pages have `size` texels
-    /// per side; `density` is in texels per metre, or 0 for as many as one page holds. As long as anybody keeps it, the
-    /// atlas stays the same until meshes change, however instances move or stretch and whatever they are made of.
+    /// The atlas for a technique that keeps `texel_bytes` bytes per texel in one buffer; `None` while it is being laid
+    /// out. Its pages have `size` texels per side; `density` is in texels per metre, or 0 for as many as one page
+    /// holds. As long as anybody keeps it, the atlas stays the same until meshes change, however instances move or
+    /// stretch and whatever they are made of.
     ///
     /// # Errors
     /// [`GpuError::Pass`], [`GpuError::TooLarge`]: if it would take too long or too much memory, or if there is no
@@ -37,7 +87,7 @@ impl GpuScene {
         size: u32,
         density: f32,
         texel_bytes: u64,
-    ) -> Result<Arc<Atlas>, GpuError> {
+    ) -> Result<Option<Arc<Atlas>>, GpuError> {
         let refused = |reason: String| GpuError::Pass {
             pass: technique.to_owned(),
             reason,
@@ -60,15 +110,12 @@ impl GpuScene {
         }
         let most_pages = u32::try_from(most_texels / page).unwrap_or(u32::MAX);
 
-        let mut all = self
-            .atlases
-            .0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        all.retain(|kept| kept.atlas.strong_count() > 0);
-        let is_asked_for = |kept: &&SharedAtlas| (kept.size, kept.density) == (size, density);
-        let kept = all.iter().find(is_asked_for);
-        if let Some(atlas) = kept.and_then(|kept| kept.atlas.upgrade()) {
+        let mut kept = self.kept_atlases();
+        let Kept { shared, job } = &mut *kept;
+        shared.retain(|one| one.atlas.strong_count() > 0);
+        let mut known = shared.iter();
+        let known = known.find(|one| (one.size, one.density) == (size, density));
+        if let Some(atlas) = known.and_then(|one| one.atlas.upgrade()) {
             // The technique that requested it first may keep fewer bytes per texel.
             if atlas.pages > most_pages {
                 return Err(GpuError::TooLarge {
@@ -78,7 +125,7 @@ impl GpuScene {
                     adapter: gpu.adapter.name.clone(),
                 });
             }
-            return Ok(atlas);
+            return Ok(Some(atlas));
         }
         let instances = scene.instances.iter();
         let triangles = instances.map(|instance| scene.meshes[instance.mesh].indices.len() / 3);
@@ -88,23 +135,38 @@ impl GpuScene {
                 "unwrapping {triangles} triangles would take too long, {MOST_TRIANGLES} are allowed: leave some objects out"
             )));
         }
-        let options = AtlasOptions {
-            size,
-            density: if density > 0.0 {
-                TexelDensity::PerMetre(density)
-            } else {
-                TexelDensity::OnePage
-            },
-            most_pages,
-            ..AtlasOptions::default()
+        let is_free = |job: &Job| job.is_of(size, density) || job.result.get().is_some();
+        if job.as_ref().is_some_and(|job| !is_free(job)) {
+            return Ok(None);
+        }
+        let mine = job.take().filter(|job| job.is_of(size, density));
+        let mine = mine.unwrap_or_else(|| Job::start(scene, size, density, most_pages));
+        let Some(result) = mine.result.get() else {
+            *job = Some(mine);
+            return Ok(None);
         };
-        let atlas = Atlas::new(scene, &options).map_err(|error| refused(error.to_string()))?;
-        let atlas = Arc::new(atlas);
-        all.push(SharedAtlas {
+        let atlas = result.clone().map_err(refused)?;
+        shared.push(SharedAtlas {
             size,
             density,
             atlas: Arc::downgrade(&atlas),
         });
-        Ok(atlas)
+        Ok(Some(atlas))
+    }
+
+    /// Blocks until no atlas is being laid out. Not for browsers, where none ever is.
+    pub(crate) fn wait_for_atlas(&self) {
+        let job = self.kept_atlases().job.clone();
+        #[cfg(not(target_arch = "wasm32"))]
+        if let Some(job) = job {
+            job.result.wait();
+        }
+        #[cfg(target_arch = "wasm32")]
+        let _ = job;
+    }
+
+    fn kept_atlases(&self) -> std::sync::MutexGuard<'_, Kept> {
+        let atlases = &self.atlases.0;
+        atlases.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,4 +1,4 @@
-//! What depth maps draw: all of the scene's triangles, or fewer.
+//! The triangles that depth maps draw: all of the scene's, or fewer.
 
 use glam::Vec3;
 use gpugi_scene::simplify::simplified;
@@ -49,7 +49,7 @@ impl CasterGeometry {
         })
     }
 
-    /// Whether it is that of the scene as it is now.
+    /// Whether the geometry is that of the scene in its current state.
     pub fn is_of(&self, scene: &GpuScene) -> bool {
         self.topology == scene.versions.topology
     }
@@ -65,8 +65,8 @@ pub struct SimplifiedCasters {
 }
 
 impl SimplifiedCasters {
-    /// Casters with about `detail` times as many triangles; `None` until their geometry has arrived. Surfaces with alpha keep their triangles, since
-    /// these decide where they exist.
+    /// Casters with about `detail` times as many triangles; `None` until their geometry has arrived. Surfaces with
+    /// alpha keep all their triangles, since the triangles decide where such a surface exists.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -114,7 +114,7 @@ impl SimplifiedCasters {
         }))
     }
 
-    /// Whether they serve the scene as it is now, with this detail.
+    /// Whether the casters are valid for the scene in its current state and for this detail.
     pub fn serve(&self, scene: &GpuScene, detail: f32) -> bool {
         self.topology == scene.versions.topology && self.detail == detail
     }

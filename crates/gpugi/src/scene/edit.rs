@@ -1,4 +1,4 @@
-//! Changes of a scene. Each costs what it changes: a few rows of tables, not an upload of the scene.
+//! Edits of a scene. Each costs what it changes: a few table rows, not an upload of the scene.
 
 use std::sync::Arc;
 
@@ -13,40 +13,41 @@ use super::upload::{are_same, is_same_image, is_see_through};
 use super::{Atlases, GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
 
-/// One change of a scene: what had a place in it before has another value. Indices count what the scene on the GPU has.
+/// One edit of a scene: replaces a value that the scene already has. Indices are those of the scene on the GPU.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Edit {
-    /// An instance is elsewhere.
+    /// Moves an instance.
     Instance {
         /// Index into [`Scene::instances`].
         index: usize,
         /// World space (m) from mesh space; affine, may mirror.
         world_from_mesh: Mat4,
     },
-    /// A material is another. Where alpha, transmission or sides decide otherwise which triangles are drawn how, or textures are others, instances
-    /// and tables are uploaded anew.
+    /// Replaces a material. Instances and tables are uploaded again if its textures change, or if its alpha,
+    /// transmission or sidedness change how triangles are drawn.
     Material {
         /// Index into [`Scene::materials`].
         index: usize,
-        /// All of it.
+        /// The new material.
         material: Box<Material>,
     },
-    /// A mesh is another. If that has the same triangles between as many vertices, and is closed if the mesh was, its vertices alone are uploaded in
-    /// scenes without rays.
+    /// Replaces a mesh. Only its vertices are uploaded if the scene has no rays, the triangles and the number of
+    /// vertices are the same, and the mesh stays closed or open.
     Mesh {
         /// Index into [`Scene::meshes`].
         index: usize,
-        /// All of it.
+        /// The new mesh.
         mesh: Arc<Mesh>,
     },
-    /// A punctual light is another.
+    /// Replaces a punctual light.
     Light {
         /// Index into [`Scene::lights`].
         index: usize,
-        /// All of it.
+        /// The new light.
         light: Light,
     },
-    /// The environment is another, turned or of another intensity; its image is uploaded only if that is not shared with the one before.
+    /// Replaces the environment, or its rotation or intensity. Its image is uploaded only if it is not shared with the
+    /// environment before.
     Environment(Environment),
 }
 
@@ -66,11 +67,11 @@ impl Edit {
 }
 
 impl GpuScene {
-    /// Applies edits in their order and counts what changed. All are refused if one is.
+    /// Applies edits in order and counts what changed. If one is refused, all are.
     ///
     /// # Errors
-    /// [`GpuError::Input`] for an index that the scene does not have and for values that no light can be computed from,
-    /// with nothing done; else as [`GpuScene::new`].
+    /// [`GpuError::Input`] for an index that the scene does not have and for values from which no light can be
+    /// computed; nothing has changed then. Otherwise as [`GpuScene::new`].
     pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
         for edit in edits {
             self.check(edit)?;
@@ -91,9 +92,9 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Follows the scene to what it is in `after`, and counts what changed. Meshes and images are the same if they are shared: who changes one
-    /// replaces it. What [`Edit`]s can express costs what they cost; else instances and tables are uploaded anew, and of meshes, images
-    /// and the environment's image what is not shared.
+    /// Updates the scene to `after` and counts what changed. Meshes and images count as unchanged if they are shared:
+    /// to change one, replace it. Changes that [`Edit`]s can express cost what those edits cost. For others, instances
+    /// and tables are uploaded again, and so are meshes, images and the environment's image that are not shared.
     ///
     /// # Errors
     /// As [`GpuScene::new`].
@@ -112,7 +113,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// What leads to `after`, but for its lights; none if it has more or fewer things, or other textures.
+    /// The edits that lead to `after`, except for its lights; `None` if the number of things or the textures differ.
     fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
         let before = &self.host;
         let made_of = |one: &Instance| (one.mesh, one.material);
@@ -188,7 +189,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Whether an edit leaves buffers and textures as large, and draws in the order, that they are.
+    /// Whether an edit keeps the sizes of buffers and textures and the order of draws.
     fn can_apply(&self, edit: &Edit) -> bool {
         match edit {
             Edit::Instance {
@@ -197,7 +198,7 @@ impl GpuScene {
             } => {
                 let instance = &self.host.instances[*index];
                 let rays = self.rays.as_ref();
-                // A mirroring transform turns the winding of triangles.
+                // A mirroring transform reverses the winding of triangles.
                 is_mirrored(&instance.world_from_mesh) == is_mirrored(world_from_mesh)
                     && rays
                         .is_none_or(|rays| rays.can_refit(*index, instance.mesh, world_from_mesh))
@@ -225,7 +226,7 @@ impl GpuScene {
         }
     }
 
-    /// Applies edits, each of which [`GpuScene::can_apply`].
+    /// Applies edits for which [`GpuScene::can_apply`] holds.
     fn apply(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
         let header = self.header_values;
         let mut moved = Vec::new();
@@ -260,7 +261,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Brings what follows from the places of these instances up to date, in increasing order.
+    /// Updates everything that depends on the transforms of these instances, whose indices are in increasing order.
     fn place(&mut self, gpu: &Gpu, moved: &[usize]) {
         let version = self.versions.geometry + 1;
         let is_elsewhere = |&index: &usize| {
@@ -331,7 +332,7 @@ impl GpuScene {
         }
     }
 
-    /// Replaces a mesh by one that bends it; returns the instances of it.
+    /// Replaces a mesh by a deformed one; returns its instances.
     fn bend(&mut self, gpu: &Gpu, index: usize, mesh: &Arc<Mesh>) -> Vec<usize> {
         let before = std::mem::replace(&mut self.host.meshes[index], mesh.clone());
         if Arc::ptr_eq(&before, mesh) {
@@ -372,7 +373,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Becomes `after`, whatever that is.
+    /// Replaces the scene by `after`, whatever it is.
     fn replace(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
         let before = &self.host;
         let same_meshes = same_meshes(before, after);
@@ -387,7 +388,7 @@ impl GpuScene {
         let triangles = meshes || instances(|one| (one.mesh, 0));
         let instances = instances(|one| (one.mesh, one.material));
         let geometry = meshes || before.instances != after.instances;
-        // Materials and mirroring transforms decide in which order and winding triangles lie.
+        // Materials and mirroring transforms decide the order and winding of triangles.
         let mirrored = |scene: &Scene| -> Vec<bool> {
             let transforms = scene.instances.iter().map(|one| one.world_from_mesh);
             transforms.map(|one| is_mirrored(&one)).collect()

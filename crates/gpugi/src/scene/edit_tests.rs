@@ -1,4 +1,5 @@
-//! Edits upload what they change, keep the maps that depend on nothing that changed, and lead to the picture of a new renderer.
+//! Edits upload what they change, keep the maps that do not depend on a change, and give the same picture as a new
+//! renderer.
 
 use std::sync::Arc;
 
@@ -42,7 +43,7 @@ fn place(x: f32, y: f32, z: f32) -> Mat4 {
     Mat4::from_translation(vec3(x, y, z))
 }
 
-/// `side` x `side` cubes on a floor, every other of a textured material, a lamp, a light and a sky.
+/// `side` x `side` cubes on a floor, every other one with a textured material; a lamp, a light and a sky.
 fn field(side: usize) -> Scene {
     let mut scene = Scene::new("field");
     let cube = scene.add_mesh(shapes::cuboid(Vec3::splat(-0.2), Vec3::splat(0.4), 1));
@@ -126,7 +127,7 @@ fn light(scene: &Scene, change: impl FnOnce(&mut Light)) -> Edit {
     Edit::Light { index: 0, light }
 }
 
-/// Bytes that are uploaded while something is done.
+/// Bytes uploaded by `work`.
 fn uploaded(gpu: &Gpu, work: impl FnOnce()) -> u64 {
     let before = gpu.uploaded_bytes();
     work();
@@ -151,7 +152,7 @@ fn an_edit_uploads_what_it_changes() {
 
         let one = bytes(&[moved(&scene, middle, vec3(0.0, 0.01, 0.0))]);
         if with_rays {
-            // Its own rows, and five of each of a few nodes above.
+            // The instance's own rows, and five rows for each of a few nodes above it.
             let rows = (one - INSTANCE) / ROW - u64::from(INSTANCE_ROWS);
             assert!(
                 rows.is_multiple_of(5) && (1..=8).contains(&(rows / 5)),
@@ -217,7 +218,7 @@ fn a_whole_scene_uploads_what_is_not_shared() {
     assert_eq!(follow(&scene.clone()), INSTANCE + MATERIAL);
     scene.lights.clear();
     assert_eq!(follow(&scene), 0);
-    // Another order of triangles: rows and indices, but neither vertices nor texels.
+    // Another order of triangles uploads rows and indices, but neither vertices nor texels.
     scene.materials[0].double_sided = true;
     let indices: usize = scene
         .instances
@@ -228,7 +229,7 @@ fn a_whole_scene_uploads_what_is_not_shared() {
     assert_eq!(follow(&scene), HEADER + tables + 4 * indices as u64);
 }
 
-/// Every kind of edit, those that need more than a few rows, too.
+/// Every kind of edit, including those that upload more than a few rows.
 fn every_edit(scene: &Scene) -> Vec<(&'static str, Vec<Edit>)> {
     let mirror = Mat4::from_scale(vec3(-1.0, 1.0, 1.0));
     let last = scene.instances.len() - 1;
@@ -399,7 +400,7 @@ fn rays_after_an_edit_find_what_they_find_in_a_new_scene() {
         let mut edited = GpuScene::with_rays(&gpu, &start).unwrap();
         edited.edit(&gpu, &edits).unwrap();
         assert_eq!(hits(&edited), fresh, "{what}");
-        // From the edit before to this one.
+        // Update from the previous edit to this one.
         kept.update(&gpu, &after).unwrap();
         assert_eq!(hits(&kept), fresh, "{what}, followed");
         assert_eq!([edited.bounds, kept.bounds], [new.bounds; 2], "{what}");
@@ -416,7 +417,10 @@ fn maps_stay_that_depend_on_nothing_that_changed() {
     let names = ["shadow-map", "image-based-lighting", "obscurances"].map(str::to_owned);
     let mut renderer = Renderer::new(&gpu, &scene, [16; 2], &names).unwrap();
     renderer.set("obscurances", "resolution", "64").unwrap();
-    let atlas = |renderer: &Renderer| renderer.scene().atlas(&gpu, "test", 64, 0.0, 16).unwrap();
+    let atlas = |renderer: &Renderer| {
+        let atlas = renderer.scene().atlas(&gpu, "test", 64, 0.0, 16);
+        atlas.unwrap().unwrap()
+    };
     let passes = |renderer: &mut Renderer, edits: &[Edit]| -> [bool; 2] {
         renderer.edit(edits).unwrap();
         let camera = Camera::look_at("", vec3(0.4, 2.2, 2.0), Vec3::ZERO, 0.9);

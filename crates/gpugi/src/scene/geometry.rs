@@ -9,7 +9,7 @@ use gpugi_scene::{Bounds, Mesh};
 use super::gpu;
 use crate::gpu::{Gpu, GpuError};
 
-/// Where a mesh lies in the geometry buffer, and what captures need of it.
+/// The place of a mesh in the geometry buffer, and its properties that captures need.
 #[derive(Debug, Clone)]
 pub(super) struct PlacedMesh {
     pub first_vertex_word: u32,
@@ -38,7 +38,8 @@ impl Geometry {
         })
     }
 
-    /// Replaces the mesh of this index by one that bends it: of the same triangles between as many vertices, and closed if that was.
+    /// Replaces the mesh of this index by a deformed one with the same triangles and number of vertices, closed if the
+    /// old one is.
     pub fn bend(&mut self, gpu: &Gpu, index: usize, mesh: &Mesh) {
         let placed = &mut self.meshes[index];
         placed.bounds = mesh.bounds();

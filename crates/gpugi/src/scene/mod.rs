@@ -268,6 +268,11 @@ impl GpuScene {
             .collect()
     }
 
+    /// Whether any surface reflects or transmits light other than diffusely.
+    pub fn has_gloss(&self) -> bool {
+        self.objects.iter().any(|object| !object.is_diffuse)
+    }
+
     /// Updates the merged world-space vertices.
     pub fn merge(&mut self, frame: &mut Frame<'_>) {
         if self.merged_version == self.versions.geometry || self.vertex_count == 0 {

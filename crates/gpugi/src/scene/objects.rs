@@ -22,6 +22,8 @@ pub struct Object {
     /// Whether its surface reflects and refracts ideally, as far as the material's factors tell: `is_delta` of
     /// shared/brdf.wesl.
     pub is_smooth: bool,
+    /// Whether its surface only scatters light diffusely.
+    pub is_diffuse: bool,
 }
 
 impl Object {
@@ -31,6 +33,15 @@ impl Object {
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
             is_smooth: is_smooth(material),
+            is_diffuse: match material.model {
+                MaterialModel::MetallicRoughness => {
+                    material.transmission <= 0.0
+                        && material.metallic <= 0.0
+                        && material.specular <= 0.0
+                }
+                MaterialModel::Phong { ks, .. } => ks.max_element() <= 0.0,
+                MaterialModel::Conductor { .. } => false,
+            },
         }
     }
 

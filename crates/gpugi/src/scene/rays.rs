@@ -79,7 +79,8 @@ impl Rays {
         self.top.start
     }
 
-    /// Whether an instance neither comes nor goes when it is moved there: without an inverse of its transform, nothing hits it.
+    /// Whether the move keeps the instance in the hierarchy or keeps it out: no ray hits an instance whose transform
+    /// has no inverse.
     pub fn can_refit(&self, number: usize, mesh: usize, world_from_mesh: &Mat4) -> bool {
         self.bottom
             .can_refit(&self.top, number, mesh, world_from_mesh)

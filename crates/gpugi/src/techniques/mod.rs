@@ -1,7 +1,7 @@
 //! The techniques: each generates illumination into maps and gathers it at surface points.
 //!
-//! [`Technique`] is the trait that [`crate::lighting::Lighting`] loops over; [`Registry`] lists the techniques there are, in the order of the frame.
-//! docs/adding-a-technique.md walks through a new one.
+//! [`Technique`] is the trait that [`crate::lighting::Lighting`] loops over; [`Registry`] lists the techniques in the
+//! order of the frame. docs/adding-a-technique.md walks through a new one.
 
 pub mod caustics;
 pub mod distance_impostor;
@@ -25,14 +25,14 @@ use crate::light_paths::LightPaths;
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 
-/// What a technique says of itself.
+/// Describes a technique.
 #[derive(Debug, Clone, Copy)]
 pub struct Info {
     /// Name on the command line.
     pub name: &'static str,
-    /// One line.
+    /// One line of help.
     pub summary: &'static str,
-    /// Where it comes from: the tutorial's section and papers.
+    /// Its sources: the tutorial's section and papers.
     pub source: &'static str,
     /// The light that it can add.
     pub paths: &'static [LightPaths],
@@ -41,19 +41,19 @@ pub struct Info {
     pub suits: fn(&Scene) -> bool,
     /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
-    /// Whether it lights points of its own, which the camera need not see: cubes around objects, texels.
+    /// Whether it lights points of its own, which the camera may not see: cubes around objects, texels.
     pub lights_points: bool,
 }
 
-/// What a technique does in a scene, with its settings and beside the techniques before it in the frame.
+/// The part of a technique in a scene, given its settings and the techniques before it in the frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// The light that it adds.
     pub paths: Vec<LightPaths>,
-    /// What it claims of each object: one entry per object of the scene.
+    /// What it claims of each object, one entry per object of the scene.
     pub claims: Vec<Claims>,
-    /// The list of object names in its settings, separated by commas; empty without one. [`crate::lighting::Lighting::set`] refuses names that no
-    /// object has.
+    /// The list of object names in its settings, separated by commas; empty if there is none.
+    /// [`crate::lighting::Lighting::set`] refuses names that no object has.
     pub object_names: String,
 }
 
@@ -71,15 +71,22 @@ impl Plan {
 /// The state of a technique's maps after [`Technique::generate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Generated {
-    /// Counts how often the maps became better although nothing had changed: dependents recapture when it grows.
+    /// Counts how often the maps improved although nothing had changed. Dependents recapture when it grows.
     pub revision: u64,
-    /// Share of the work on a still scene that is done (0 to 1); at 1 the maps are final.
+    /// Part of the work on a still scene that is done (0 to 1); at 1 the maps are final.
     pub progress: f32,
-    /// What the maps still wait for before they show the scene as it is; `None` when they can be gathered.
+    /// What the maps wait for before they show the current scene; `None` when they can be gathered.
     pub pending: Option<&'static str>,
 }
 
 impl Generated {
+    /// Nothing yet: the technique's atlas is being laid out.
+    pub(crate) const WITHOUT_ATLAS: Self = Self {
+        revision: 0,
+        progress: 0.0,
+        pending: Some("texture atlas"),
+    };
+
     /// Maps that are final at once.
     pub const FINAL: Self = Self {
         revision: 0,
@@ -88,40 +95,40 @@ impl Generated {
     };
 }
 
-/// What exists of a technique on the GPU, for dumps, measurements and messages.
+/// A technique's resources on the GPU, for dumps, measurements and messages.
 #[derive(Debug, Clone, Default)]
 pub struct Inspection {
-    /// The maps that exist now.
+    /// The current maps.
     pub maps: Vec<Map>,
-    /// Bytes on the GPU that it holds besides its maps, to make them.
+    /// GPU memory besides the maps that it uses to make them (bytes).
     pub work_bytes: u64,
-    /// What to know of the picture beyond its light paths: one sentence each.
+    /// Warnings about the picture beyond its light paths, one sentence each.
     pub warnings: Vec<String>,
 }
 
 /// A map that a technique keeps for its gather.
 #[derive(Debug, Clone)]
 pub struct Map {
-    /// Such as `shadow-map.atlas`.
+    /// The name, such as `shadow-map.atlas`.
     pub name: String,
-    /// Where its texels are.
+    /// The storage of its texels.
     pub texels: Texels,
 }
 
-/// Where the texels of a map are.
+/// Storage of a map's texels.
 #[derive(Debug, Clone)]
 pub enum Texels {
-    /// In a texture.
+    /// A texture.
     Texture(wgpu::Texture),
-    /// In a buffer, row by row.
+    /// A buffer, row by row.
     Buffer {
         /// The buffer.
         buffer: wgpu::Buffer,
         /// Width and height (texels).
         size: [u32; 2],
-        /// From texel to texel (bytes).
+        /// Distance from texel to texel (bytes).
         stride: u64,
-        /// Whether a texel begins with one unsigned 32-bit integer, instead of three floats.
+        /// Whether a texel begins with one unsigned 32-bit integer instead of three floats.
         is_number: bool,
     },
 }
@@ -135,7 +142,7 @@ impl Map {
         }
     }
 
-    /// Bytes on the GPU.
+    /// Size on the GPU (bytes).
     pub fn bytes(&self) -> u64 {
         match &self.texels {
             Texels::Texture(texture) => texture
@@ -146,8 +153,8 @@ impl Map {
     }
 }
 
-/// What every technique can do. In each frame [`crate::lighting::Lighting`] calls `generate` of all techniques in the registry's order, then `gather` of all
-/// for each receiver.
+/// A technique. In each frame [`crate::lighting::Lighting`] calls `generate` of all techniques in the registry's order,
+/// then `gather` of all techniques for each receiver.
 pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// Name, source and light paths.
     fn info(&self) -> &'static Info;
@@ -158,10 +165,11 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// Its settings, to be changed; a new plan follows.
     fn settings_mut(&mut self) -> &mut dyn SettingSet;
 
-    /// Decides what it does in `scene`: asked whenever settings or the scene change. `covered`: the light that the techniques before it add.
+    /// Decides what the technique does in `scene`. Called whenever settings or the scene change. `covered`: the light
+    /// that the techniques before it add.
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan;
 
-    /// Brings the technique's maps up to date for what `view` sees; does nothing when they are. Never waits for the GPU.
+    /// Updates the technique's maps for what `view` sees; does nothing if they are current. Never waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -184,18 +192,18 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         receiver: &Receiver,
     ) -> Result<(), GpuError>;
 
-    /// What exists of it on the GPU.
+    /// Its resources on the GPU.
     fn inspect(&self) -> Inspection {
         Inspection::default()
     }
 
-    /// Saving and resuming, where its maps take long.
+    /// Saving and resuming, for techniques whose maps take long.
     fn resumable(&mut self) -> Option<&mut dyn Resume> {
         None
     }
 }
 
-/// A technique whose maps take long enough that they are saved in checkpoints.
+/// A technique whose maps take so long that checkpoints save them.
 pub trait Resume {
     /// Saved progress, for resuming; `None` when there is none yet. Waits for the GPU.
     ///
@@ -203,26 +211,27 @@ pub trait Resume {
     /// [`GpuError`].
     fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError>;
 
-    /// Continues from progress that was saved for the same scene and settings. Asked after each `generate` until it returns true; false means that the
-    /// light that its maps are made of is not yet what it was then.
+    /// Continues from progress that was saved for the same scene and settings. Called after each `generate` until it
+    /// returns true. It returns false until the light from which its maps are made is what it was when they were saved.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the progress was saved for another scene or other settings.
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError>;
 }
 
-/// The light of emitters and of the techniques earlier in the frame, whose maps are up to date: for techniques that light points of their own.
+/// The light of emitters and of the techniques earlier in the frame, whose maps are current. Techniques that light
+/// points of their own gather it.
 #[derive(Debug)]
 pub struct Earlier<'a> {
     emission: &'a mut Emission,
     techniques: &'a mut [Box<dyn Technique>],
     /// The maps around objects.
     pub impostors: &'a mut Impostors,
-    /// Grows when a setting of any technique changes: what was captured before is stale.
+    /// Grows when a setting of any technique changes: earlier captures are stale.
     pub settings_version: u64,
-    /// Grows when the light of these techniques became better although nothing had changed.
+    /// Grows when the light of these techniques improves although nothing has changed.
     pub revision: u64,
-    /// Whether points are lit that the camera need not see: maps that follow the camera do not cover them.
+    /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
     pub lights_elsewhere: bool,
 }
 
@@ -246,7 +255,8 @@ impl<'a> Earlier<'a> {
         }
     }
 
-    /// Writes the light at the receiver's points to its target; `with_emission`: also what comes straight from emitters and the environment.
+    /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and
+    /// the environment.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -269,7 +279,7 @@ impl<'a> Earlier<'a> {
     }
 }
 
-/// What per-object maps were made for: other settings, and objects of another kind, need other maps.
+/// The inputs of per-object maps: other settings or other kinds of objects need other maps.
 #[derive(Debug)]
 pub(crate) struct ObjectMapsKey<S> {
     settings: S,
@@ -288,7 +298,7 @@ impl<S: PartialEq + Clone> ObjectMapsKey<S> {
         }
     }
 
-    /// Whether the maps serve these settings and objects, too.
+    /// Whether the maps are also valid for these settings and objects.
     pub fn serves(&self, settings: &S, claimed: &[u32], scene: &GpuScene) -> bool {
         let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
         self.settings == *settings && self.claimed == claimed && self.objects.iter().eq(objects)

@@ -1,4 +1,4 @@
-//! The techniques there are.
+//! The registry of techniques.
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, image_based_lighting,
@@ -8,17 +8,17 @@ use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::settings::Field;
 
-/// How the registry makes a technique.
+/// Creates a technique.
 type Make = fn(&Gpu, &GpuScene) -> Result<Box<dyn Technique>, GpuError>;
 
-/// A technique that can be used by its name.
+/// A technique that can be selected by name.
 #[derive(Debug, Clone, Copy)]
 pub struct Registration {
-    /// What it says of itself.
+    /// The technique's description.
     pub info: &'static Info,
-    /// What can be set.
+    /// Its settings.
     pub fields: fn() -> &'static [Field],
-    /// Makes one for a scene.
+    /// Creates the technique for a scene.
     pub make: Make,
 }
 
@@ -94,7 +94,8 @@ impl Registry {
         names.join(", ")
     }
 
-    /// Adds a technique before that of the name `before`, whose points it lights; at the end when there is none of that name.
+    /// Inserts a technique before the technique named `before`, whose points it lights; at the end if no technique has
+    /// that name.
     pub fn insert_before(&mut self, before: &str, registration: Registration) {
         let at = self.0.iter().position(|one| one.info.name == before);
         self.0.insert(at.unwrap_or(self.0.len()), registration);

@@ -1,5 +1,6 @@
-//! Every Rust struct that is shared with a shader has the shader's layout: names and offsets of all fields, and the size. The structs are found in the sources: they are
-//! `#[repr(C)]`, and their doc comment says which struct they mirror (`View` of capture/view.wesl).
+//! Checks that every Rust struct shared with a shader has the shader's layout: names and offsets of all fields, and the
+//! size. The test finds the structs in the sources: they are `#[repr(C)]`, and their doc comment says which struct they
+//! mirror (`View` of capture/view.wesl).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,10 +9,10 @@ use regex::Regex;
 
 use crate::gpu::{Shader, all_shaders};
 
-/// Structs of this module are read word by word, not as structs: scene/tests.rs tests them.
+/// Shaders read structs of this module word by word; scene/tests.rs tests them.
 const READ_BY_WORDS: &str = "scene/tables.wesl";
 
-/// Reads other meanings into the words of the shader's struct.
+/// This struct gives the words of the shader's struct other meanings.
 const REINTERPRETED: &str = "Record";
 
 /// A Rust struct, as its source declares it.
@@ -30,7 +31,8 @@ struct Declared {
 /// Names and types of the fields of every Rust struct, by its name.
 type Bodies = BTreeMap<String, Vec<(String, String)>>;
 
-/// Appends the fields of a struct that begins at the byte `base`, those of structs inside it in their place; returns its size.
+/// Appends the fields of a struct that begins at byte `base`, with the fields of nested structs in their place; returns
+/// its size.
 fn lay_out(
     bodies: &Bodies,
     body: &[(String, String)],
@@ -110,7 +112,7 @@ fn declared() -> Vec<Declared> {
             if &mirrored[2] == READ_BY_WORDS || name == REINTERPRETED {
                 continue;
             }
-            // Paths without a folder are beside the file.
+            // Paths without a folder are relative to the file's folder.
             let below_source = root.join(&mirrored[2]);
             let module = if below_source.exists() {
                 below_source
@@ -141,7 +143,8 @@ fn declared() -> Vec<Declared> {
 }
 
 impl Declared {
-    /// The struct's name in a linked shader: plain in its own module, else behind the module's path.
+    /// The struct's name in a linked shader: its own name in its own module, otherwise the module's path and then the
+    /// name.
     fn linked_in(&self, shader: &Shader) -> String {
         let parts: Vec<String> = self
             .module
@@ -199,7 +202,7 @@ fn every_struct_shared_with_a_shader_has_one_layout() {
             };
             let mut fields = Vec::new();
             flatten(&module, ty, 0, &mut fields);
-            // A runtime-sized array behind the fields belongs to the shader alone.
+            // A runtime-sized array after the fields exists only in the shader.
             let is_open = members.last().is_some_and(|last| {
                 let ty = &module.types[last.ty].inner;
                 matches!(
@@ -214,7 +217,7 @@ fn every_struct_shared_with_a_shader_has_one_layout() {
                 fields.pop();
             }
             let context = format!("{} ({}) in {name}", one.name, one.file.display());
-            // Padding may be explicit on one side alone.
+            // Padding may be explicit on one side only.
             let named = |fields: &[(String, u32)]| -> Vec<(String, u32)> {
                 let named = fields
                     .iter()

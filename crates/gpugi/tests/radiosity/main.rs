@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod gloss;
 mod sunlight;
 
 use std::ops::ControlFlow;

@@ -58,7 +58,8 @@ impl DepthRasterizer {
         })
     }
 
-    /// Prepares the casters that [`DepthRasterizer::record`] draws. False while geometry to simplify is on its way to the host.
+    /// Prepares the casters that [`DepthRasterizer::record`] draws. Returns false while geometry to simplify is on its
+    /// way to the host.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -140,9 +140,10 @@ impl Decomposition {
         })
     }
 
-    /// Records the decomposition of the scene's environment into domains, which arrive some time after the frame is submitted, one per sample; domains without light belong to
-    /// samples that are not in use. If size and settings are unchanged, it starts from the last decomposition, so that
-    /// samples follow a changing sky instead of jumping. Submits what `frame` has recorded so far.
+    /// Records the decomposition of the scene's environment into domains, one per sample, which arrive some time after
+    /// the frame is submitted. Domains without light belong to unused samples. If size and settings are unchanged, the
+    /// decomposition starts from the last one, so that samples follow a changing sky instead of jumping. Submits what
+    /// `frame` has recorded so far.
     ///
     /// # Errors
     /// [`GpuError`].

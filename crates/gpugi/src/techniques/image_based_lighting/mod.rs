@@ -121,8 +121,8 @@ impl ImageBasedLighting {
         })
     }
 
-    /// The domains, decomposed again only when texels or settings have changed: a rotation or another intensity keeps them. `None` while they are on their way
-    /// from the GPU.
+    /// The domains. They are decomposed again only when texels or settings have changed; a new rotation or intensity
+    /// keeps them. `None` while they are on their way from the GPU.
     fn domains(
         &mut self,
         frame: &mut Frame<'_>,

@@ -219,6 +219,9 @@ impl Technique for Obscurances {
             ..
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, TEXEL_BYTES)?;
+        let Some(atlas) = atlas else {
+            return Ok(Generated::WITHOUT_ATLAS);
+        };
         let is_made = |made: &ObscuranceMaps| {
             made.settings == self.settings
                 && made.passages == scene.passages()

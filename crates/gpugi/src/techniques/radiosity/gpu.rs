@@ -12,6 +12,7 @@ pub struct Work {
     pub burn_in: u32,
     pub seed: u32,
     pub with_environment: u32,
+    pub with_emission: u32,
     pub texels: u32,
     pub chosen: u32,
     pub light_sampled: u32,

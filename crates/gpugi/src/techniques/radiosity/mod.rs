@@ -35,9 +35,9 @@ pub const INFO: Info = Info {
     summary: "indirect light between diffuse surfaces, kept in the texels of an atlas",
     source: "tutorial section 6.1; Szirmay-Kalos 1999; Barsi et al. 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, INDIRECT),
-        LightPaths::new(LightClass::Area, INDIRECT),
-        LightPaths::new(LightClass::Environment, INDIRECT),
+        LightPaths::new(LightClass::Punctual, BETWEEN_ALL[0]),
+        LightPaths::new(LightClass::Area, BETWEEN_ALL[0]),
+        LightPaths::new(LightClass::Environment, BETWEEN_ALL[0]),
     ],
     // Unwrapping takes too long for a live view; default sets for other purposes decide for themselves.
     suits: |_| false,
@@ -48,9 +48,10 @@ pub const INFO: Info = Info {
 /// Most texels per dispatch, so that none keeps a GPU busy for long.
 const MOST_TEXELS: u32 = 1 << 20;
 
-/// Light paths that it adds beside the direct light of other techniques, and those that it adds alone.
-const INDIRECT: &str = "LDD+E";
-const ALL: &str = "LD+E";
+/// Light paths that it adds beside the direct light of other techniques, and those that it adds alone: between diffuse
+/// surfaces only, and by way of mirrors, glass and gloss, over which rays are followed.
+const BETWEEN_DIFFUSE: [&str; 2] = ["LDD+E", "LD+E"];
+const BETWEEN_ALL: [&str; 2] = ["LD[DGS]*DE", "L(D[DGS]*)?DE"];
 
 crate::choices! {
     /// How an iterate is computed.
@@ -110,8 +111,9 @@ pub struct Radiosity {
 #[derive(Debug)]
 struct LitTexels {
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`] that the passes were compiled for.
+    /// [`GpuScene::passages`] and [`GpuScene::has_gloss`] that the passes were compiled for.
     passages: [bool; 2],
+    has_gloss: bool,
     kernels: Kernels,
     solution: Solution,
     gather: TexelGather,
@@ -178,6 +180,7 @@ impl Radiosity {
         Ok(LitTexels {
             atlas,
             passages: scene.passages(),
+            has_gloss: scene.has_gloss(),
             gather: TexelGather::new(gpu, scene, &gather, &[], &kept)?,
             kernels,
             solution,
@@ -199,6 +202,11 @@ impl Technique for Radiosity {
             // Hemicubes do not contain the sky.
             environment: self.settings.mode == Mode::Rays && !is_covered(LightClass::Environment),
         };
+        // Hemicubes find no way over mirrors.
+        let [indirect, all] = match self.settings.mode {
+            Mode::Rays if scene.has_gloss() => BETWEEN_ALL,
+            Mode::Rays | Mode::Shooting => BETWEEN_DIFFUSE,
+        };
         let mut paths = Vec::new();
         for (class, is_own) in [
             (LightClass::Punctual, false),
@@ -206,9 +214,9 @@ impl Technique for Radiosity {
             (LightClass::Environment, self.own.environment),
         ] {
             if is_own {
-                paths.push(LightPaths::new(class, ALL));
+                paths.push(LightPaths::new(class, all));
             } else if is_covered(class) {
-                paths.push(LightPaths::new(class, INDIRECT));
+                paths.push(LightPaths::new(class, indirect));
             }
         }
         Plan::adding(paths, scene)
@@ -235,8 +243,12 @@ impl Technique for Radiosity {
             ..
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
+        let Some(atlas) = atlas else {
+            return Ok(Generated::WITHOUT_ATLAS);
+        };
         let is_made = |made: &LitTexels| {
-            made.passages == scene.passages() && Arc::ptr_eq(&made.atlas, &atlas)
+            (made.passages, made.has_gloss) == (scene.passages(), scene.has_gloss())
+                && Arc::ptr_eq(&made.atlas, &atlas)
         };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
@@ -268,6 +280,7 @@ impl Technique for Radiosity {
                 burn_in,
                 seed: view.uniform.seed,
                 with_environment: u32::from(self.own.environment && scene.environment.is_some()),
+                with_emission: u32::from(self.own.emission),
                 ..bytemuck::Zeroable::zeroed()
             };
             let batch = Batch {

@@ -30,7 +30,11 @@ impl Kernels {
         Ok(Self {
             begin: kernel(shader!("techniques.radiosity.begin"))?,
             average: kernel(shader!("techniques.radiosity.average"))?,
-            rays: scene.ray_kernel(gpu, &shader!("techniques.radiosity.rays"), &[])?,
+            rays: scene.ray_kernel(
+                gpu,
+                &shader!("techniques.radiosity.rays"),
+                &[("HAS_GLOSS", f64::from(u8::from(scene.has_gloss())))],
+            )?,
         })
     }
 }

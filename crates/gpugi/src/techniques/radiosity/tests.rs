@@ -102,9 +102,13 @@ fn solved(
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
     let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
-    radiosity
-        .generate(&mut frame, &on_gpu, &view, &mut lit)
-        .unwrap();
+    let mut generate = || {
+        let generated = radiosity.generate(&mut frame, &on_gpu, &view, &mut lit);
+        generated.unwrap().pending
+    };
+    assert!(generate().is_some(), "the atlas is laid out beside frames");
+    on_gpu.wait_for_atlas();
+    assert_eq!(generate(), None);
     frame.submit().unwrap();
     (on_gpu, radiosity)
 }

@@ -1,10 +1,14 @@
 //! Shadow mapping: direct light of punctual and area lights, with shadows from depth maps (tutorial section 3.1).
 //!
-//! Generate: every light becomes one or more light samples with depth views in one atlas (../../lights): six cube faces for a point light,
-//! one view for a spot light, cascades for a directional one, five hemicube faces for each sample of an area light. Gather: sums
-//! the samples' reflected light times visibility. Differences from the tutorial: point lights and area lights are complete, depth is
-//! reversed floating point, bias is a normal offset, filters follow the receiver's plane, and the second depth value is
-//! an option. docs/techniques/shadow-map.md.
+//! Generate: every light becomes one or more light samples with depth views in one atlas (../../lights). A point light
+//! has six cube faces, a spot light one view, a directional light cascades, and each sample of an area light five
+//! hemicube faces (ten if it is two-sided). Where points beyond the camera's view are lit, a directional light and a
+//! warped spot light have one more view, which does not follow the camera. Gather: sums the samples' reflected light
+//! times visibility.
+//!
+//! Differences from the tutorial: point lights and area lights are complete, depth is reversed floating point, the bias
+//! is a normal offset, filters follow the receiver's plane, and the second depth value is an option.
+//! docs/techniques/shadow-map.md.
 
 mod gather;
 pub(crate) mod gpu;
@@ -20,7 +24,7 @@ use gather::ShadowGather;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
 
-/// What shadow mapping says of itself.
+/// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "shadow-map",
     summary: "direct light of point, spot, directional and area lights with shadows",
@@ -59,7 +63,8 @@ crate::settings! {
         pub taps: u32 = 16 => in_range(1.0, 256.0),
         /// Offset along the normal that prevents self-shadowing.
         pub normal_offset: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
-        /// Whether closed meshes cast shadows by their back faces: no bias, but light leaks where they stand on something.
+        /// Whether closed meshes cast shadows by their back faces: no bias, but light leaks where they stand on
+        /// something.
         pub second_depth: bool = false => any(),
         /// Whether spot lights spend their texels where the camera looks.
         pub warp: bool = false => any(),
@@ -75,9 +80,9 @@ crate::settings! {
 }
 
 impl Settings {
-    /// Texels by which the views of a light reach beyond their field of view, for the filter.
+    /// Texels that the views of a light reach beyond their field of view, for the filter.
     fn gutter(&self, has_radius: bool) -> u32 {
-        // The largest disc of lookup.wesl, where discs grow.
+        // Where discs grow, the largest disc of lookup.wesl.
         let disc = if self.filter == Filter::Pcss && has_radius {
             64.0
         } else {
@@ -86,7 +91,7 @@ impl Settings {
         (disc.ceil() as u32 + 2).min(self.resolution / 8)
     }
 
-    /// The maps that lights get; with `beyond_camera` for points, too, that the camera does not see.
+    /// The lights' maps; with `beyond_camera`, also for points that the camera does not see.
     fn maps(&self, beyond_camera: bool) -> MapSettings {
         MapSettings {
             resolution: self.resolution,
@@ -100,7 +105,7 @@ impl Settings {
         }
     }
 
-    /// What the gather reads, all but the range.
+    /// The gather's settings, except for the range.
     fn gather(&self) -> GatherSettings {
         GatherSettings {
             kind: match self.filter {
@@ -119,27 +124,27 @@ impl Settings {
     }
 }
 
-/// What the maps depend on: they are regenerated when it changes.
+/// The inputs of the maps: when they change, the maps are regenerated.
 #[derive(Debug, Clone, PartialEq)]
 struct MapsKey {
     versions: Versions,
     maps: MapSettings,
-    /// The camera, where maps follow it. Jitter does not count.
+    /// The camera, if maps follow it. Jitter is ignored.
     camera: Option<(glam::Mat4, glam::Vec2)>,
 }
 
 /// Shadow mapping.
 #[derive(Debug)]
 pub struct ShadowMap {
-    /// What can be set.
+    /// The settings.
     pub settings: Settings,
     shadows: Shadows,
     gather: ShadowGather,
-    /// What the maps were generated for.
+    /// The inputs that the maps were generated from.
     generated_for: Option<MapsKey>,
-    /// What the gather was bound with.
+    /// The settings that the gather was bound with.
     bound_with: Option<GatherSettings>,
-    /// What to know of the maps.
+    /// Warnings about the maps.
     warnings: Vec<String>,
 }
 
