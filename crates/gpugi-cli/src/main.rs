@@ -7,6 +7,7 @@ mod bench_path_tracer;
 mod bench_rays;
 mod compare;
 mod doctor;
+mod explain;
 mod interrupt;
 mod measure;
 mod output;

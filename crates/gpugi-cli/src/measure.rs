@@ -15,7 +15,7 @@ use serde_json::{Map, Value};
 use crate::compare::{in_json, print_line};
 use crate::output::{write_json, write_png};
 use crate::progress::Progress;
-use crate::render::{apply_settings, is_path_tracer, parse_size, print_notes, usage};
+use crate::render::{apply_settings, chosen, is_path_tracer, parse_size, print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
@@ -24,9 +24,12 @@ use crate::{Common, Usage, interrupt};
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Techniques, separated by commas (default: the best real-time set)
+    /// Techniques, separated by commas (default: the set that `render` chooses)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
+    /// Compare with all light of the scene, not only the techniques' light paths: light that they lack counts as error
+    #[arg(long)]
+    all_light: bool,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
@@ -78,6 +81,7 @@ struct Report<'a> {
     metrics: Map<String, Value>,
     passes: &'a [PassTime],
     memory_bytes: Memory,
+    map_frames: u32,
     reference: Reference<'a>,
     notes: &'a [String],
 }
@@ -122,7 +126,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let aspect = size[0] as f32 / size[1] as f32;
     let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
     let gpu = Gpu::open(&common.adapter)?;
-    let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
+    let (mut renderer, set) = chosen(&gpu, &scene, size, &arguments.technique)?;
+    notes.extend(set.into_iter().flat_map(|set| set.notes));
     let of_reference = format!("{}.", gpugi::reference::INFO.name);
     if let Some(set) = arguments
         .set
@@ -201,6 +206,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
                 .collect(),
             passes: &measured.passes,
             memory_bytes: measured.memory,
+            map_frames: measured.map_frames,
             reference: Reference {
                 estimated_rel_mse: measured.truth.rel_mse(),
                 seconds: measured.truth.seconds(),
@@ -239,6 +245,7 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
         reference: Quality { samples, noise },
         seed: arguments.seed,
         cache,
+        all_light: arguments.all_light,
     })
 }
 
@@ -277,12 +284,16 @@ fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measu
         );
     }
     if !measured.passes.is_empty() {
-        println!("time, median of the samples that a pass ran in:");
+        println!(
+            "time, median of the frames that a pass ran in ({} for maps, {} samples):",
+            measured.map_frames, arguments.samples
+        );
     }
+    let frames = measured.map_frames + arguments.samples;
     for pass in &measured.passes {
         println!(
-            "  {:34} {:9.4} ms GPU, {} of {}",
-            pass.pass, pass.milliseconds, pass.ran, arguments.samples
+            "  {:34} {:9.4} ms GPU, {} of {frames}",
+            pass.pass, pass.milliseconds, pass.ran
         );
     }
     let memory = measured.memory;

@@ -2,13 +2,17 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::time::Instant;
 
+use gpugi::default_set::DefaultSet;
 use gpugi::display::{Display, DisplaySettings, Exposure, ToneMap};
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::reference::{self, PathTracer};
-use gpugi::{LightingError, Renderer};
+use gpugi::techniques::Registry;
+use gpugi::{LightingError, Purpose, Readiness, Renderer, default_set};
 use gpugi_scene::{Camera, Scene};
 
+use crate::explain::{Costs, explain};
 use crate::output::{self, Aov, Format, write_json};
 use crate::progress::Progress;
 use crate::scene_argument::{self, SceneArguments};
@@ -39,13 +43,16 @@ pub struct Arguments {
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Techniques, separated by commas, or path-tracer (default: the best real-time set)
+    /// Techniques, separated by commas, or path-tracer (default: what suits a still picture of the scene; see --explain)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Samples per pixel (default: 4 for real-time techniques, for smooth edges; 256 for the path tracer)
+    /// Print which techniques were chosen and why, what each adds and what it costs, and the light that is missing
+    #[arg(long)]
+    explain: bool,
+    /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 256 for the path tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,
     /// Seed of all random numbers
@@ -70,8 +77,8 @@ pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
         .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
 }
 
-/// Default samples per pixel for real-time techniques, and for the path tracer.
-const REAL_TIME_SAMPLES: u32 = 4;
+/// Default samples per pixel for techniques, and for the path tracer.
+const TECHNIQUE_SAMPLES: u32 = 4;
 const PATH_TRACER_SAMPLES: u32 = 256;
 
 /// The content of `--report`.
@@ -86,7 +93,8 @@ struct Report {
     techniques: serde_json::Map<String, serde_json::Value>,
     left_out: Vec<String>,
     notes: Vec<String>,
-    /// For real-time techniques only.
+    /// For techniques only: time until their maps are final, and GPU time of passes.
+    maps_seconds: Option<f64>,
     passes_of_last_sample: Vec<Timing>,
     /// For the path tracer only: estimated relative mean squared error, and number of closest-hit rays.
     estimated_rel_mse: Option<f64>,
@@ -109,6 +117,7 @@ struct Rendered {
     scene_bytes_on_gpu: u64,
     techniques: serde_json::Map<String, serde_json::Value>,
     left_out: Vec<String>,
+    maps_seconds: Option<f64>,
     passes_of_last_sample: Vec<Timing>,
     estimated_rel_mse: Option<f64>,
     path_segments: Option<u64>,
@@ -138,6 +147,23 @@ pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
                 })
         })
         .collect()
+}
+
+/// A renderer with the named techniques, or with the default set for a still picture, which is returned too.
+pub fn chosen(
+    gpu: &Gpu,
+    scene: &Scene,
+    size: [u32; 2],
+    named: &[String],
+) -> anyhow::Result<(Renderer, Option<DefaultSet>)> {
+    if !named.is_empty() {
+        let renderer = Renderer::new(gpu, scene, size, named).map_err(usage)?;
+        return Ok((renderer, None));
+    }
+    let registry = Registry::default();
+    let set = default_set(scene, &gpu.adapter, Purpose::StillPicture, &registry);
+    let renderer = Renderer::with_set(gpu, scene, size, &set, &registry).map_err(usage)?;
+    Ok((renderer, Some(set)))
 }
 
 /// Applies `--set` options.
@@ -179,7 +205,7 @@ pub fn path_tracer_settings(options: &[String]) -> anyhow::Result<reference::Set
 
 /// Renders.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
-    let started = std::time::Instant::now();
+    let started = Instant::now();
     let format = output::format(&arguments.output)?;
     output::check_folders(
         [Some(&arguments.output), arguments.report.as_ref()]
@@ -224,6 +250,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             techniques: rendered.techniques,
             left_out: rendered.left_out,
             notes,
+            maps_seconds: rendered.maps_seconds,
             passes_of_last_sample: rendered.passes_of_last_sample,
             estimated_rel_mse: rendered.estimated_rel_mse,
             path_segments: rendered.path_segments,
@@ -252,6 +279,32 @@ pub fn print_notes(common: &Common, notes: &[String]) {
     }
 }
 
+/// Brings the maps to their final state, until the user presses Ctrl-C. Returns how far they are.
+fn converge(
+    common: &Common,
+    renderer: &mut Renderer,
+    camera: &Camera,
+    timed: bool,
+    costs: &mut Costs,
+) -> Result<Readiness, LightingError> {
+    let mut progress = Progress::new(common.quiet);
+    let readiness = renderer.converge(camera, timed, |readiness, passes| {
+        costs.add_to_maps(&passes);
+        let message = match readiness {
+            Readiness::Pending { what, .. } => format!("maps: {what}"),
+            Readiness::Refining { .. } | Readiness::Ready => "maps".to_owned(),
+        };
+        progress.show(f64::from(readiness.progress()), &message);
+        if interrupt::asked() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    progress.finish();
+    Ok(readiness)
+}
+
 fn render_techniques(
     common: &Common,
     arguments: &Arguments,
@@ -261,23 +314,44 @@ fn render_techniques(
     shown: Option<&DisplaySettings>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
-    let mut renderer =
-        Renderer::new(gpu, scene, arguments.size, &arguments.technique).map_err(usage)?;
-    apply_settings(&mut renderer, &arguments.set)?;
-    renderer.set_seed(arguments.seed);
-    let left_out = renderer.left_out();
-    if !left_out.is_empty() {
-        notes.push(format!("not in this picture: {}", left_out.join("; ")));
-    }
+    let (mut renderer, mut set) = chosen(gpu, scene, arguments.size, &arguments.technique)?;
     print_notes(common, notes);
-    let samples = arguments.samples.unwrap_or(REAL_TIME_SAMPLES);
+    let started = Instant::now();
+    let (maps, left_out, mut costs) = loop {
+        apply_settings(&mut renderer, &arguments.set)?;
+        renderer.set_seed(arguments.seed);
+        let left_out = renderer.left_out();
+        let mut of_set = Vec::new();
+        if !left_out.is_empty() {
+            of_set.push(format!("not in this picture: {}", left_out.join("; ")));
+        }
+        of_set.extend(set.iter().flat_map(|set| set.notes.iter().cloned()));
+        print_notes(common, &of_set);
+        let mut costs = Costs::default();
+        match converge(common, &mut renderer, camera, arguments.explain, &mut costs) {
+            Ok(maps) => {
+                notes.extend(of_set);
+                break (maps, left_out, costs);
+            }
+            Err(error) => {
+                let smaller = set.take().and_then(|set| set.without_atlas(&error));
+                let smaller = set.insert(smaller.ok_or_else(|| usage(error))?);
+                let registry = Registry::default();
+                renderer = Renderer::with_set(gpu, scene, arguments.size, smaller, &registry)
+                    .map_err(usage)?;
+            }
+        }
+    };
+    let maps_seconds = started.elapsed().as_secs_f64();
+    let samples = arguments.samples.unwrap_or(TECHNIQUE_SAMPLES);
     let mut progress = Progress::new(common.quiet);
     let mut passes_of_last_sample = Vec::new();
     for sample in 1..=samples {
-        let timed = sample == samples && arguments.report.is_some();
+        let timed = arguments.explain || (sample == samples && arguments.report.is_some());
         passes_of_last_sample = renderer
             .render_sample(camera, samples, None, timed)?
             .wait()?;
+        costs.add_sample(&passes_of_last_sample);
         if sample % 8 == 0 {
             // Wait regularly, so that the progress bar is accurate and the queue stays short.
             gpu.wait()?;
@@ -292,9 +366,26 @@ fn render_techniques(
     }
     progress.finish();
     gpu.wait()?;
+    if interrupt::asked() && !common.quiet {
+        eprintln!(
+            "interrupted: the maps were {:.0} % done, the picture has {} of {samples} samples a pixel",
+            maps.progress() * 100.0,
+            renderer.samples()
+        );
+    }
     let warnings = renderer.warnings();
     print_notes(common, &warnings);
     notes.extend(warnings);
+    if arguments.explain && !common.quiet {
+        explain(
+            gpu,
+            &renderer,
+            set.as_ref(),
+            &left_out,
+            &costs,
+            maps_seconds,
+        );
+    }
     output::write_aovs(
         &renderer,
         &arguments.output,
@@ -326,6 +417,7 @@ fn render_techniques(
             })
             .collect(),
         left_out,
+        maps_seconds: Some(maps_seconds),
         passes_of_last_sample,
         estimated_rel_mse: None,
         path_segments: None,
@@ -342,9 +434,9 @@ fn render_reference(
     notes: &[String],
 ) -> anyhow::Result<Rendered> {
     let settings = path_tracer_settings(&arguments.set)?;
-    if !arguments.aov.is_empty() || arguments.dump_maps.is_some() {
+    if !arguments.aov.is_empty() || arguments.dump_maps.is_some() || arguments.explain {
         return Err(Usage(
-            "--aov and --dump-maps show what real-time techniques keep; path-tracer keeps neither"
+            "--aov, --dump-maps and --explain are about techniques and what they keep; path-tracer keeps nothing and adds all light"
                 .into(),
         )
         .into());
@@ -390,6 +482,7 @@ fn render_reference(
         scene_bytes_on_gpu: tracer.scene().bytes,
         techniques,
         left_out: Vec::new(),
+        maps_seconds: None,
         passes_of_last_sample: Vec::new(),
         estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),
         path_segments: Some(tracer.segments()?),

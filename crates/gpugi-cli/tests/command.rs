@@ -28,12 +28,27 @@ fn renders_a_picture_with_report_and_quantities() {
         &path("maps"),
         "--set",
         "shadow-map.area-samples=4",
+        "--set",
+        "radiosity.iterations=8",
+        "--explain",
     ]);
     assert!(
         output.status.success(),
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+    let explained = String::from_utf8_lossy(&output.stdout).into_owned();
+    for part in [
+        "shadow-map\n  chosen: the scene has lights (area)\n",
+        "radiosity\n  chosen: nothing moves, and 288 triangles are soon unwrapped\n",
+        "steps=16",
+        "adds: light reflected between diffuse surfaces (area)",
+        "per sample",
+        "maps were final after ",
+        "no light of the scene is missing",
+    ] {
+        assert!(explained.contains(part), "{part:?} is not in {explained}");
+    }
     let limits = gpugi_scene::Limits::default();
     let picture = std::fs::read(path("cornell.png")).expect("the picture");
     let picture =
@@ -58,6 +73,7 @@ fn renders_a_picture_with_report_and_quantities() {
         "cornell-normal.exr",
         "cornell-depth.exr",
         "maps/shadow-map.atlas.exr",
+        "maps/radiosity.irradiance.exr",
     ] {
         let image = gpugi_scene::image::load_radiance(folder.join(name).as_path(), &limits)
             .map(|image| image.width);
@@ -67,6 +83,38 @@ fn renders_a_picture_with_report_and_quantities() {
     let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
     assert_eq!(report["samples"], 2);
     assert_eq!(report["techniques"]["shadow-map"]["area-samples"], 4);
+    // Chosen for the still picture, then set.
+    assert_eq!(report["techniques"]["radiosity"]["steps"], 16);
+    assert_eq!(report["techniques"]["radiosity"]["iterations"], 8);
+    assert_eq!(report["left_out"], serde_json::json!([]));
+    assert!(report["maps_seconds"].as_f64() > Some(0.0), "{report}");
+    // All light paths of a matt room: under the lamp, the ceiling has indirect light alone.
+    let ceiling = texel(24, 3);
+    assert!(ceiling.iter().all(|&value| value > 10), "{ceiling:?}");
+}
+
+/// One sample shows all iterates of radiosity, however many frames they take.
+#[test]
+fn maps_converge_before_the_first_sample() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("converge");
+    let render = |name: &str, setting: &str| {
+        let path = folder.join(name);
+        let path_text = path.display().to_string();
+        let mut arguments = vec!["render", "cornell", "-o", &path_text, "--size", "16x12"];
+        arguments.extend(["--samples", "1", "--technique", "radiosity"]);
+        arguments.extend(["--set", "radiosity.resolution=32", "--set", setting]);
+        let output = gpugi(&arguments);
+        assert!(output.status.success(), "{output:?}");
+        let limits = gpugi_scene::Limits::default();
+        let picture = gpugi_scene::image::load_radiance(&path, &limits);
+        picture.expect("an EXR").pixels
+    };
+    let one_by_one = render("one-by-one.exr", "radiosity.steps=1");
+    assert_eq!(one_by_one, render("at-once.exr", "radiosity.steps=256"));
+    assert_ne!(one_by_one, render("few.exr", "radiosity.iterations=1"));
 }
 
 #[test]
@@ -132,6 +180,8 @@ fn radiance_files_hold_what_the_exposure_does_not_touch() {
             "16x16",
             "--samples",
             "1",
+            "--technique",
+            "shadow-map",
             "--exposure",
             exposure,
         ];

@@ -117,7 +117,7 @@ fn settings_change_the_error_and_the_cache_can_be_left_alone() {
     let json = folder.join("report.json").display().to_string();
     let error = |more: &[&str]| {
         let mut arguments = SMALL.to_vec();
-        arguments.extend(["--no-cache", "--json", &json]);
+        arguments.extend(["--technique", "shadow-map", "--no-cache", "--json", &json]);
         arguments.extend(more);
         let output = gpugi(&arguments);
         assert!(output.status.success(), "{}", text(&output.stderr));
@@ -132,6 +132,34 @@ fn settings_change_the_error_and_the_cache_can_be_left_alone() {
     assert!(few > 2.0 * many, "{few} with one sample, {many} with 64");
     let files = std::fs::read_dir(&folder).expect("the folder").count();
     assert_eq!(files, 1, "more than the report");
+}
+
+#[test]
+fn light_that_is_missing_counts_as_error_with_all_light() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("measure-all-light");
+    let json = folder.join("report.json").display().to_string();
+    let flip = |more: &[&str]| {
+        let mut arguments = SMALL.to_vec();
+        arguments.extend(["--technique", "shadow-map", "--no-cache", "--json", &json]);
+        arguments.extend(more);
+        let output = gpugi(&arguments);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let report = std::fs::read_to_string(&json).expect("the report");
+        let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+        let pattern = report["reference"]["parts"][0]["pattern"].as_str();
+        let flip = report["metrics"]["flip"]["value"].as_f64();
+        (
+            pattern.expect("a pattern").to_owned(),
+            flip.expect("a number"),
+        )
+    };
+    let (own_pattern, own) = flip(&[]);
+    let (all_pattern, all) = flip(&["--all-light"]);
+    assert_eq!([&*own_pattern, &*all_pattern], ["LE|L[DG]E", "L.*E"]);
+    assert!(all > 2.0 * own, "{all} with all light, {own} with its own");
 }
 
 #[test]

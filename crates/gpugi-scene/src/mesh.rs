@@ -144,6 +144,34 @@ impl Mesh {
         weld(&self.positions)
     }
 
+    /// Number of connected pieces: triangles that share a corner, after welding equal positions, are one piece.
+    pub fn pieces(&self) -> usize {
+        let welded = self.weld_positions();
+        // A forest of corners: each points towards the root of its piece.
+        let mut parents: Vec<u32> = (0..welded.len() as u32).collect();
+        let root = |parents: &mut [u32], mut corner: u32| {
+            while parents[corner as usize] != corner {
+                parents[corner as usize] = parents[parents[corner as usize] as usize];
+                corner = parents[corner as usize];
+            }
+            corner
+        };
+        let mut pieces = 0;
+        let mut is_used = vec![false; welded.len()];
+        for triangle in self.indices.as_chunks::<3>().0 {
+            let corners = triangle.map(|index| welded[index as usize]);
+            for corner in corners {
+                pieces += usize::from(!std::mem::replace(&mut is_used[corner as usize], true));
+            }
+            for other in &corners[1..] {
+                let [a, b] = [corners[0], *other].map(|corner| root(&mut parents, corner));
+                pieces -= usize::from(a != b);
+                parents[b as usize] = a;
+            }
+        }
+        pieces
+    }
+
     /// Whether the mesh bounds a solid: it has triangles, and after welding equal positions and dropping triangles that
     /// become degenerate, each edge joins exactly two triangles that traverse it in opposite directions. Second-depth
     /// shadow maps require this. Indices must be in range.
@@ -162,5 +190,37 @@ impl Mesh {
             }
         }
         !edges.is_empty() && edges.iter().all(|&(a, b)| edges.contains(&(b, a)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin::builtin;
+
+    #[test]
+    fn pieces_are_joined_by_equal_positions() {
+        let corners = |positions: &[f32], indices: &[u32]| Mesh {
+            positions: positions.iter().map(|&x| Vec3::new(x, 0.0, 0.0)).collect(),
+            indices: indices.to_vec(),
+            ..Mesh::default()
+        };
+        assert_eq!(Mesh::default().pieces(), 0);
+        let apart = corners(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0], &[0, 1, 2, 3, 4, 5]);
+        assert_eq!(apart.pieces(), 2);
+        let touching = corners(&[0.0, 1.0, 2.0, 2.0, 4.0, 5.0, 9.0], &[0, 1, 2, 3, 4, 5]);
+        assert_eq!(touching.pieces(), 1);
+        let joined_last = corners(
+            &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
+            &[0, 1, 2, 3, 4, 5, 5, 0, 0],
+        );
+        assert_eq!(joined_last.pieces(), 1);
+        // Body, lid, knob, handle and spout of the teapot overlap without touching, or share rims.
+        let teapot = builtin("teapot", 1).unwrap();
+        let pieces: Vec<usize> = teapot.meshes.iter().map(|mesh| mesh.pieces()).collect();
+        assert!(
+            pieces.iter().all(|&pieces| (1..=6).contains(&pieces)),
+            "{pieces:?}"
+        );
     }
 }

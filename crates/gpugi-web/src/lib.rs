@@ -4,8 +4,8 @@
 //! unwrapped and gets its hierarchies in one go, which can take seconds. Call [`render`] in a worker then, or the page
 //! freezes meanwhile.
 
-use gpugi::Renderer;
 use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::{Readiness, Renderer};
 use gpugi_scene::builtin::builtin;
 use js_sys::Float32Array;
 use wasm_bindgen::prelude::*;
@@ -27,9 +27,9 @@ fn throw_panics() {
 }
 
 /// Renders what the first camera of a built-in scene sees, as the command does: `gpugi render SCENE --technique ...
-/// --set ... --size ... --samples ...`. Without `techniques`, by the scene's default set. A setting is
-/// `technique.key=value`; `width` and `height` are in pixels. Resolves to linear radiance, three floats per pixel, row
-/// by row from the top.
+/// --set ... --size ... --samples ...`: maps converge, then samples accumulate. Without `techniques`, by the scene's
+/// default set for a live view: unwrapping an atlas is slow in a browser. A setting is `technique.key=value`; `width` and
+/// `height` are in pixels. Resolves to linear radiance, three floats per pixel, row by row from the top.
 ///
 /// # Errors
 /// Rejects where the browser has no WebGPU, for unknown names, and for what the GPU refuses.
@@ -54,8 +54,12 @@ pub async fn render(
             parts.ok_or_else(|| JsError::new(&format!("{setting}: is not technique.key=value")))?;
         renderer.set(technique, key, value)?;
     }
+    let camera = &scene.cameras[0];
+    while renderer.try_converge(camera)? != Readiness::Ready {
+        turn().await;
+    }
     while renderer.samples() < samples {
-        renderer.try_render_sample(&scene.cameras[0], samples, None)?;
+        renderer.try_render_sample(camera, samples, None)?;
         turn().await;
     }
     let radiance = renderer.begin_radiance()?.await?;

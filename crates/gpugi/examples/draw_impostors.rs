@@ -28,6 +28,7 @@ const OPTIONS: Options = Options {
     },
     seed: 0,
     cache: None,
+    all_light: false,
 };
 
 /// A name in the table and the settings of distance-impostor that it stands for.

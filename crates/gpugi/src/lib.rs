@@ -1,12 +1,15 @@
 //! Global illumination on any GPU: generate illumination into maps, then gather it at surface points.
 //!
 //! ```no_run
-//! use gpugi::{Renderer, display::DisplaySettings, gpu::{AdapterChoice, Gpu}};
+//! use std::ops::ControlFlow;
+//! use gpugi::{Purpose, Renderer, display::DisplaySettings, gpu::{AdapterChoice, Gpu}};
 //!
 //! let scene = gpugi_scene::builtin::builtin("cornell", 1).expect("a built-in scene");
 //! let gpu = Gpu::open(&AdapterChoice::Best)?;
-//! let mut renderer = Renderer::new(&gpu, &scene, [640, 640], &[])?;
-//! renderer.render_sample(&scene.cameras[0], 1, Some(&DisplaySettings::default()), false)?;
+//! let camera = &scene.cameras[0];
+//! let mut renderer = Renderer::for_purpose(&gpu, &scene, [640, 640], Purpose::StillPicture)?;
+//! renderer.converge(camera, false, |_readiness, _times| ControlFlow::Continue(()))?;
+//! renderer.render_sample(camera, 1, Some(&DisplaySettings::default()), false)?;
 //! let rgba = renderer.pixels()?;
 //! # Ok::<(), gpugi::LightingError>(())
 //! ```
@@ -16,6 +19,7 @@ extern crate self as gpugi;
 
 pub mod bake;
 pub mod capture;
+pub mod default_set;
 pub mod display;
 pub mod gpu;
 pub mod impostor;
@@ -36,5 +40,6 @@ pub mod techniques;
 #[cfg(test)]
 mod testing;
 
+pub use default_set::{Purpose, default_set};
 pub use lighting::{Lighting, LightingError, Readiness};
 pub use renderer::Renderer;

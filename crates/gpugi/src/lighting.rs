@@ -70,6 +70,14 @@ pub enum Readiness {
 }
 
 impl Readiness {
+    /// Share of the work that is done (0 to 1).
+    pub fn progress(&self) -> f32 {
+        match *self {
+            Self::Ready => 1.0,
+            Self::Refining { progress } | Self::Pending { progress, .. } => progress,
+        }
+    }
+
     /// Whether what is gathered shows the scene as it is.
     pub fn is_usable(&self) -> bool {
         !matches!(self, Self::Pending { .. })
@@ -119,7 +127,7 @@ impl Lighting {
         })
     }
 
-    /// The named techniques of `registry`, in its order; none named means every technique of the scene's default set.
+    /// The named techniques of `registry`, in its order.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -129,14 +137,7 @@ impl Lighting {
         names: &[String],
         registry: &Registry,
     ) -> Result<Self, LightingError> {
-        let default_set = default_set(scene, registry);
-        let is_wanted = |name: &str| {
-            if names.is_empty() {
-                default_set.contains(&name)
-            } else {
-                names.iter().any(|one| one == name)
-            }
-        };
+        let is_wanted = |name: &str| names.iter().any(|one| one == name);
         let wanted = registry.all().iter().filter(|one| is_wanted(one.info.name));
         let techniques: Vec<_> = wanted
             .map(|one| (one.make)(gpu, scene))
@@ -413,9 +414,9 @@ impl Lighting {
         found.map_or(&[], |(_, plan)| &plan.paths)
     }
 
-    /// Light that exists in the scene and that no technique in use adds: a few words each.
+    /// Light that exists in the scene, as far as the factors of its materials tell, and that no technique in use adds: a few words each.
     pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
-        left_out(&self.light_paths(), &light_classes(scene))
+        left_out(&self.light_paths(), &light_classes(scene), &scene.lobes())
     }
 
     /// Every map that exists now.
@@ -431,17 +432,6 @@ impl Lighting {
             .iter()
             .map(|technique| (technique.info().name, technique.inspect()))
     }
-}
-
-/// The names of a scene's default set: the techniques that add light of a class that the scene has, and that suit it.
-pub fn default_set(scene: &GpuScene, registry: &Registry) -> Vec<&'static str> {
-    let present = light_classes(scene);
-    let infos = registry.all().iter().map(|one| one.info);
-    let in_set = infos.filter(|info| {
-        let mut classes = info.paths.iter().map(|paths| paths.class);
-        classes.any(|class| present.contains(&class)) && (info.suits)(scene)
-    });
-    in_set.map(|info| info.name).collect()
 }
 
 /// Classes of light that a scene has.

@@ -1,20 +1,22 @@
 //! Pictures: a camera's pixels as receivers of a scene's lighting, and their display.
 
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 
 use glam::Vec2;
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
+use crate::default_set::{DefaultSet, Purpose, default_set};
 use crate::display::{Display, DisplaySettings, Part, Present};
 use crate::gpu::{
-    Frame, Gpu, GpuError, ReadBack, Timings, begin_read_buffer, begin_read_part, read_buffer,
+    Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
+    read_buffer,
 };
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
-use crate::techniques::{Map, Registry, Technique};
+use crate::techniques::{Inspection, Map, Registry, Technique};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
@@ -29,6 +31,12 @@ pub struct Renderer {
     seed: u32,
 }
 
+/// While pipelines compile.
+const COMPILING: Readiness = Readiness::Pending {
+    progress: 0.0,
+    what: "shaders",
+};
+
 /// As many rows of the picture as fit one buffer of surface points.
 #[derive(Debug)]
 struct Tile {
@@ -38,7 +46,8 @@ struct Tile {
 }
 
 impl Renderer {
-    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set.
+    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a live view.
+    /// [`Renderer::for_purpose`] also serves others.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -62,6 +71,20 @@ impl Renderer {
         names: &[String],
         registry: &Registry,
     ) -> Result<Self, LightingError> {
+        if names.is_empty() {
+            let set = default_set(scene, &gpu.adapter, Purpose::LiveView, registry);
+            return Self::with_set(gpu, scene, size, &set, registry);
+        }
+        Self::of(gpu, scene, size, names, registry)
+    }
+
+    fn of(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        names: &[String],
+        registry: &Registry,
+    ) -> Result<Self, LightingError> {
         let mut scene = Lighting::upload(gpu, scene, names, registry)?;
         let lighting = Lighting::new(gpu, &mut scene, names, registry)?;
         let tiles = tiles(gpu, &lighting, size, u32::MAX)?;
@@ -77,6 +100,41 @@ impl Renderer {
             samples: 0,
             seed: 0,
         })
+    }
+
+    /// A renderer with the scene's default set for `purpose`.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn for_purpose(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        purpose: Purpose,
+    ) -> Result<Self, LightingError> {
+        let registry = Registry::default();
+        let set = default_set(scene, &gpu.adapter, purpose, &registry);
+        Self::with_set(gpu, scene, size, &set, &registry)
+    }
+
+    /// A renderer with the techniques and settings of `set`.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn with_set(
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+        set: &DefaultSet,
+        registry: &Registry,
+    ) -> Result<Self, LightingError> {
+        let mut renderer = Self::of(gpu, scene, size, &set.names(), registry)?;
+        for choice in &set.choices {
+            for (name, value) in &choice.settings {
+                renderer.set(choice.technique, name, value)?;
+            }
+        }
+        Ok(renderer)
     }
 
     /// Changes the size of the picture (pixels); accumulation restarts, maps stay.
@@ -224,6 +282,58 @@ impl Renderer {
         self.scene.invalidate_geometry();
     }
 
+    /// Brings the maps of all techniques to their final state for what `camera` sees, before the first sample of a still picture:
+    /// otherwise the first samples show maps that are still refined, such as the first of 256 iterates of radiosity. Adds no sample.
+    /// Calls `report` after each frame with how far the maps are and, if `timed`, the GPU times of the frame's passes; with
+    /// [`ControlFlow::Break`] the maps stay as they are. Returns how far they are at the end: [`Readiness::Ready`] unless `report` broke
+    /// off. The number of frames depends on scene and settings alone, never on the clock.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn converge(
+        &mut self,
+        camera: &Camera,
+        timed: bool,
+        mut report: impl FnMut(Readiness, Vec<Timing>) -> ControlFlow<()>,
+    ) -> Result<Readiness, LightingError> {
+        let gpu = self.gpu.clone();
+        loop {
+            let mut frame = Frame::new(&gpu, timed);
+            let readiness = self.prepare(&mut frame, camera)?;
+            let times = frame.submit()?;
+            // Waiting after each frame keeps the queue short, so that progress is accurate and breaking off takes effect at once.
+            gpu.wait()?;
+            let flow = report(readiness, times.wait()?);
+            if readiness == Readiness::Ready || flow.is_break() {
+                return Ok(readiness);
+            }
+            self.scene.wait_for_atlas();
+        }
+    }
+
+    /// One frame of [`Renderer::converge`] that never waits, for loops that must not block: to be called until the maps are
+    /// [`Readiness::Ready`].
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn try_converge(&mut self, camera: &Camera) -> Result<Readiness, LightingError> {
+        if self.gpu.is_compiling() {
+            return Ok(COMPILING);
+        }
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        let readiness = self.prepare(&mut frame, camera)?;
+        frame.submit()?;
+        Ok(readiness)
+    }
+
+    /// Records a frame that only brings maps further, for the view through the pixels' centres.
+    fn prepare(&mut self, frame: &mut Frame<'_>, camera: &Camera) -> Result<Readiness, GpuError> {
+        let diagonal = self.scene.diagonal();
+        let view = View::new(camera, self.size, Vec2::ZERO, 0, self.seed, diagonal);
+        self.lighting.prepare(frame, &mut self.scene, &view)
+    }
+
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
     /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass. Waits for the GPU only while maps are pending.
     ///
@@ -261,10 +371,7 @@ impl Renderer {
         display: Option<&DisplaySettings>,
     ) -> Result<Readiness, LightingError> {
         if self.gpu.is_compiling() {
-            return Ok(Readiness::Pending {
-                progress: 0.0,
-                what: "shaders",
-            });
+            return Ok(COMPILING);
         }
         let gpu = self.gpu.clone();
         let mut frame = Frame::new(&gpu, false);
@@ -412,6 +519,11 @@ impl Renderer {
         begin_read_part(&self.gpu, &tile.receiver.points.points, range, |bytes| {
             VisiblePoint::unpack(&bytemuck::pod_collect_to_vec(&bytes))
         })
+    }
+
+    /// What exists of each technique on the GPU, with its name.
+    pub fn inspect(&self) -> impl Iterator<Item = (&'static str, Inspection)> {
+        self.lighting.inspect()
     }
 
     /// Bytes that techniques hold to make their maps.

@@ -10,12 +10,11 @@ use gpugi::bake::{CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake,
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
-use gpugi::lighting::default_set;
-use gpugi::scene::GpuScene;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity, shadow_map};
+use gpugi::{Purpose, default_set};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity};
@@ -192,7 +191,7 @@ pub fn run(
     }
     work.timed("unwrapping");
     let mut atlas = work.done.atlas.clone();
-    let lights = Lights::new(&gpu, &scene, techniques, &options.include)?;
+    let lights = Lights::new(&gpu, &scene, techniques, &options.include);
     if !lights.names.is_empty() {
         leave_out(&scene, &mut atlas, options.bake_mode, options.lobes);
     }
@@ -461,7 +460,7 @@ struct Lights {
 
 impl Lights {
     /// The techniques in `named`, plus those that `parts` need. All parts if both are empty.
-    fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> anyhow::Result<Self> {
+    fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> Self {
         let mut names: Vec<String> = named.to_vec();
         names.retain(|name| name != FACTOR);
         let all = [Part::Direct, Part::Indirect];
@@ -472,17 +471,17 @@ impl Lights {
         };
         let only_indirect = names.is_empty() && parts == [Part::Indirect];
         if !parts.is_empty() {
-            let best = default_set(&GpuScene::new(gpu, scene)?, &Registry::default());
-            let direct = best.into_iter().filter(|name| DIRECT.contains(name));
-            names.extend(direct.map(str::to_owned));
+            let best = default_set(scene, &gpu.adapter, Purpose::Bake, &Registry::default());
+            let best = best.names().into_iter();
+            names.extend(best.filter(|name| DIRECT.contains(&name.as_str())));
         }
         if parts.contains(&Part::Indirect) {
             names.push(INDIRECT.to_owned());
         }
-        Ok(Self {
+        Self {
             names,
             only_indirect,
-        })
+        }
     }
 
     fn adds(&self, name: &str) -> bool {

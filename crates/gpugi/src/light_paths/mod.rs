@@ -19,6 +19,9 @@ use std::borrow::Cow;
 /// Emitters and the sky seen directly by the eye. This light belongs to the frame, whatever the techniques.
 pub const SEEN_DIRECTLY: &str = "LE";
 
+/// All light paths.
+const ALL: &str = "L.*E";
+
 /// A light class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -106,7 +109,7 @@ impl PathFilter {
 
 impl Default for PathFilter {
     fn default() -> Self {
-        Self::new("L.*E").expect("a pattern")
+        Self::new(ALL).expect("a pattern")
     }
 }
 
@@ -147,34 +150,72 @@ pub fn never_found(covered: &[LightPaths]) -> Option<String> {
     overlap(covered, &[punctual]).map(|(_, path)| path)
 }
 
-/// Describes the light that a set of techniques leaves out, for the light classes that a scene has. Each entry is a few
-/// words for human readers.
+/// Describes the light that a set of techniques leaves out, for the light classes that a scene has and for the `lobes`
+/// of its surfaces, some of `DGS`. Each entry is a few words for human readers.
 ///
 /// # Panics
 /// See [`overlap`].
-pub fn left_out(covered: &[LightPaths], present: &[LightClass]) -> Vec<String> {
+pub fn left_out(covered: &[LightPaths], present: &[LightClass], lobes: &str) -> Vec<String> {
     let mut missing = Vec::new();
+    if lobes.is_empty() {
+        return missing;
+    }
     for &class in present {
-        let is_missing = |pattern: &str| {
+        let shortest_missing = |pattern: &str| {
             let mut all = vec![compiled(pattern)];
             all.extend(automata(covered, class));
             shortest_path(&all, |accepted| {
                 accepted[0] && !accepted[1..].contains(&true)
             })
-            .is_some()
         };
-        let direct: Vec<_> = ["LDE", "LGE", "LSE"]
-            .into_iter()
-            .filter(|path| is_missing(path))
-            .collect();
+        let direct = lobes.chars().map(|lobe| format!("L{lobe}E"));
+        let direct: Vec<String> = direct.filter_map(|path| shortest_missing(&path)).collect();
         if !direct.is_empty() {
             missing.push(format!("{} ({class})", direct.join(", ")));
         }
-        if is_missing("L[DGS][DGS]+E") {
-            missing.push(format!("indirect light, L[DGS][DGS]+E ({class})"));
+        if let Some(path) = shortest_missing(&format!("L[{lobes}]{{2,}}E")) {
+            missing.push(format!("indirect light, such as {path} ({class})"));
         }
     }
     missing
+}
+
+/// Kinds of light in words, each with its shortest path.
+const WORDS: [(&str, &str); 7] = [
+    ("LDE", "direct light on diffuse surfaces"),
+    ("LGE", "highlights of lights on glossy surfaces"),
+    ("LSE", "lights seen in mirrors and through glass"),
+    ("LDDE", "light reflected between diffuse surfaces"),
+    ("LSDE", "caustics"),
+    ("LDGE", "lit surroundings seen in gloss"),
+    ("LDSE", "lit surroundings seen in mirrors and through glass"),
+];
+
+/// Describes light paths in words for human readers, with the light classes of each kind of light among `present`:
+/// `caustics (area)`.
+///
+/// # Panics
+/// See [`overlap`].
+pub fn in_words(paths: &[LightPaths], present: &[LightClass]) -> Vec<String> {
+    let words = WORDS.iter().filter_map(|&(path, words)| {
+        let is_added =
+            |class: &&LightClass| overlap(paths, &[LightPaths::new(**class, path)]).is_some();
+        let classes: Vec<String> = present
+            .iter()
+            .filter(is_added)
+            .map(LightClass::to_string)
+            .collect();
+        (!classes.is_empty()).then(|| format!("{words} ({})", classes.join(", ")))
+    });
+    words.collect()
+}
+
+/// The whole light of a scene with these light classes, as one part.
+pub fn all_light(present: &[LightClass]) -> Part {
+    Part {
+        classes: present.to_vec(),
+        pattern: ALL.to_owned(),
+    }
 }
 
 /// A part of an image's light: light classes whose paths match one pattern.

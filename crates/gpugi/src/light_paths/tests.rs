@@ -265,24 +265,59 @@ fn overlapping_sets_are_found_by_class() {
 fn what_is_left_out_is_named() {
     let left_out = |pattern| {
         let class = LightClass::Area;
-        super::left_out(&[LightPaths::new(class, pattern)], &[class])
+        super::left_out(&[LightPaths::new(class, pattern)], &[class], "DGS")
     };
     assert_eq!(
         left_out("L[DG]E"),
-        ["LSE (area)", "indirect light, L[DGS][DGS]+E (area)"]
+        ["LSE (area)", "indirect light, such as LDDE (area)"]
     );
     assert_eq!(
-        left_out("L.{1,9}E"),
-        ["indirect light, L[DGS][DGS]+E (area)"]
+        left_out("L.{1,4}E|LD*E"),
+        ["indirect light, such as LGDDDDE (area)"]
     );
     assert!(left_out("L.+E").is_empty());
     assert_eq!(
-        super::left_out(&[], &[LightClass::Punctual]),
+        super::left_out(&[], &[LightClass::Punctual], "DGS"),
         [
             "LDE, LGE, LSE (punctual)",
-            "indirect light, L[DGS][DGS]+E (punctual)"
+            "indirect light, such as LDDE (punctual)"
         ]
     );
+    // Where nothing is glossy, no light is missing in gloss.
+    let class = LightClass::Area;
+    let diffuse = [LightPaths::new(class, "LD+E")];
+    let of_lobes = |lobes| super::left_out(&diffuse, &[class], lobes);
+    assert!(of_lobes("D").is_empty() && of_lobes("").is_empty());
+    assert_eq!(
+        of_lobes("DG"),
+        ["LGE (area)", "indirect light, such as LGDE (area)"]
+    );
+}
+
+#[test]
+fn light_paths_are_told_in_words() {
+    let (area, sky) = (LightClass::Area, LightClass::Environment);
+    let paths = [
+        LightPaths::new(area, "L[DG]E"),
+        LightPaths::new(sky, "LDE"),
+        LightPaths::new(sky, "LS{1,5}DE"),
+    ];
+    assert_eq!(
+        super::in_words(&paths, &[area, sky]),
+        [
+            "direct light on diffuse surfaces (area, environment)",
+            "highlights of lights on glossy surfaces (area)",
+            "caustics (environment)",
+        ]
+    );
+    assert_eq!(
+        super::in_words(&paths, &[area]),
+        [
+            "direct light on diffuse surfaces (area)",
+            "highlights of lights on glossy surfaces (area)",
+        ]
+    );
+    assert!(super::in_words(&paths, &[LightClass::Punctual]).is_empty());
 }
 
 #[test]

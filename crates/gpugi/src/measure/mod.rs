@@ -13,8 +13,8 @@ use gpugi_scene::image::metrics::{Comparison, Metric, MetricError, Picture, comp
 use gpugi_scene::{Camera, Scene};
 
 use crate::gpu::{Gpu, Timing};
-use crate::light_paths::{LightClass, never_found, parts};
-use crate::lighting::LightingError;
+use crate::light_paths::{LightClass, all_light, never_found, parts};
+use crate::lighting::{LightingError, Readiness};
 use crate::renderer::Renderer;
 use crate::techniques::Map;
 
@@ -74,6 +74,9 @@ pub struct Options {
     pub seed: u32,
     /// Where references are kept between measurements.
     pub cache: Option<Cache>,
+    /// Whether the reference has all light paths, instead of those of the techniques: light that the techniques lack
+    /// counts as error.
+    pub all_light: bool,
 }
 
 impl Default for Options {
@@ -83,6 +86,7 @@ impl Default for Options {
             reference: Quality::default(),
             seed: 0,
             cache: None,
+            all_light: false,
         }
     }
 }
@@ -92,10 +96,9 @@ impl Default for Options {
 pub struct PassTime {
     /// The pass, such as `shadow-map.gather`.
     pub pass: String,
-    /// Number of samples in which the pass ran. Maps are built in the first sample, and again only when something
-    /// changed.
+    /// Number of frames in which the pass ran: those in which the maps converge, and the samples.
     pub ran: u32,
-    /// Median over these samples (GPU milliseconds).
+    /// Median over these frames (GPU milliseconds).
     pub milliseconds: f64,
 }
 
@@ -123,6 +126,8 @@ pub struct Measured {
     pub truth: Truth,
     /// The difference of the two images by every metric that applies.
     pub metrics: Vec<(Metric, Comparison)>,
+    /// Number of frames in which the maps converged, before the first sample.
+    pub map_frames: u32,
     /// GPU time of each pass; empty if the adapter cannot time passes.
     pub passes: Vec<PassTime>,
     /// GPU memory for the techniques' image.
@@ -141,7 +146,7 @@ impl Measured {
     }
 }
 
-/// Measures the techniques of `renderer`, which renders `scene`, as seen by `camera`.
+/// Measures the techniques of `renderer`, which renders `scene`, as seen by `camera`. Maps converge first.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -154,7 +159,7 @@ pub fn measure(
     report: Report<'_>,
 ) -> Result<Measured, MeasureError> {
     let size = renderer.size();
-    let passes = render(gpu, renderer, camera, options, report)?;
+    let (map_frames, passes) = render(gpu, renderer, camera, options, report)?;
     let radiance = renderer.radiance()?;
     let memory = Memory {
         scene: renderer.scene().bytes,
@@ -163,7 +168,11 @@ pub fn measure(
         picture: renderer.picture_bytes(),
     };
     let (covered, classes) = (renderer.light_paths(), renderer.light_classes());
-    let parts = parts(&covered, &classes);
+    let parts = if options.all_light {
+        vec![all_light(&classes)]
+    } else {
+        parts(&covered, &classes)
+    };
     let subject = Subject {
         scene,
         camera,
@@ -202,6 +211,7 @@ pub fn measure(
         radiance,
         truth,
         metrics,
+        map_frames,
         passes,
         memory,
         notes,
@@ -218,14 +228,14 @@ pub fn measure(
     Ok(measured)
 }
 
-/// Renders the techniques' image and returns the times of its passes.
+/// Renders the techniques' image. Returns the number of frames in which its maps converged, and the times of its passes.
 fn render(
     gpu: &Gpu,
     renderer: &mut Renderer,
     camera: &Camera,
     options: &Options,
     report: Report<'_>,
-) -> Result<Vec<PassTime>, MeasureError> {
+) -> Result<(u32, Vec<PassTime>), MeasureError> {
     renderer.set_seed(options.seed);
     let names: Vec<&str> = renderer
         .techniques()
@@ -234,6 +244,19 @@ fn render(
         .collect();
     let stage = names.join(", ");
     let mut times = Vec::new();
+    let mut map_frames = 0;
+    let readiness = renderer.converge(camera, true, |readiness, frame| {
+        collect(&mut times, frame);
+        map_frames += 1;
+        report(&Progress {
+            stage: "maps".to_owned(),
+            fraction: f64::from(readiness.progress()),
+            state: format!("{:.0} %", readiness.progress() * 100.0),
+        })
+    })?;
+    if readiness != Readiness::Ready {
+        return Err(MeasureError::Interrupted);
+    }
     for sample in 1..=options.samples {
         let frame = renderer
             .render_sample(camera, options.samples, None, true)?
@@ -252,7 +275,7 @@ fn render(
             return Err(MeasureError::Interrupted);
         }
     }
-    Ok(times
+    let passes = times
         .into_iter()
         .map(|(pass, mut times)| {
             times.sort_by(f64::total_cmp);
@@ -262,7 +285,8 @@ fn render(
                 milliseconds: times[times.len() / 2],
             }
         })
-        .collect())
+        .collect();
+    Ok((map_frames, passes))
 }
 
 /// Adds a frame's times to those of earlier frames. A pass that ran several times in a frame counts once, with the sum

@@ -43,6 +43,11 @@ pub(super) fn emitters(scene: &Scene) -> Vec<Emitter> {
         .collect()
 }
 
+/// Whether the scene has emissive triangles.
+pub(crate) fn has_emitters(scene: &Scene) -> bool {
+    (0..scene.instances.len()).any(|index| !emitters_of(scene, index).is_empty())
+}
+
 /// The emissive triangles of one instance in world space, with the mean of its emissive texture over each.
 pub(super) fn emitters_of(scene: &Scene, index: usize) -> Vec<Emitter> {
     let instance = &scene.instances[index];

@@ -34,10 +34,12 @@ use bounds_tree::BoundsTree;
 pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
 pub use edit::Edit;
 pub use emitters::Emitter;
+pub(crate) use emitters::has_emitters;
 pub(crate) use environment::check_environment;
 use geometry::Geometry;
 use images::ImageArrays;
 pub use motion::Placement;
+pub(crate) use objects::has_smooth_objects;
 use objects::seen_class;
 pub use objects::{Claims, Object};
 use rays::Rays;
@@ -250,6 +252,20 @@ impl GpuScene {
         let mut objects = self.objects.iter();
         let transmits = objects.any(|object| object.is_transmissive);
         [self.has_alpha, transmits]
+    }
+
+    /// Lobes of the surfaces, as far as the factors of materials tell: some of `DGS`.
+    pub fn lobes(&self) -> String {
+        let materials = self.host.instances.iter().map(|instance| instance.material);
+        let mut has = [false; 3];
+        for material in materials {
+            let lobes = objects::lobes(&self.host.materials[material]);
+            has = [0, 1, 2].map(|one| has[one] || lobes[one]);
+        }
+        let lobes = "DGS".chars().zip(has);
+        lobes
+            .filter_map(|(lobe, has)| has.then_some(lobe))
+            .collect()
     }
 
     /// Whether any surface reflects or transmits light other than diffusely.

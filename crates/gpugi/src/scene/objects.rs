@@ -5,7 +5,8 @@
 
 use std::ops::BitOr;
 
-use gpugi_scene::{AlphaMode, Material, MaterialModel, names};
+use glam::Vec3;
+use gpugi_scene::{AlphaMode, Material, MaterialModel, Scene, names};
 
 use super::DrawClass;
 
@@ -31,8 +32,7 @@ impl Object {
             name: name.to_owned(),
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
-            is_smooth: !matches!(material.model, MaterialModel::Phong { .. })
-                && material.roughness < DELTA_ROUGHNESS,
+            is_smooth: is_smooth(material),
             is_diffuse: match material.model {
                 MaterialModel::MetallicRoughness => {
                     material.transmission <= 0.0
@@ -49,6 +49,35 @@ impl Object {
     pub fn is_named_by(&self, list: &str) -> bool {
         names::is_named_by(&self.name, list)
     }
+}
+
+fn is_smooth(material: &Material) -> bool {
+    !matches!(material.model, MaterialModel::Phong { .. }) && material.roughness < DELTA_ROUGHNESS
+}
+
+/// Whether the surface has a diffuse, a glossy and an ideal lobe, as far as the material's factors tell.
+pub(super) fn lobes(material: &Material) -> [bool; 3] {
+    let (diffuse, specular) = match material.model {
+        MaterialModel::Phong { kd, ks, .. } => (kd != Vec3::ZERO, ks != Vec3::ZERO),
+        MaterialModel::Conductor { .. } => (false, true),
+        MaterialModel::MetallicRoughness => {
+            let is_metal =
+                material.metallic >= 1.0 && material.metallic_roughness_texture.is_none();
+            let reflects = material.specular > 0.0 && material.specular_color != Vec3::ZERO;
+            (
+                !is_metal && material.transmission < 1.0,
+                reflects || material.metallic > 0.0 || material.transmission > 0.0,
+            )
+        }
+    };
+    let is_smooth = is_smooth(material);
+    [diffuse, specular && !is_smooth, specular && is_smooth]
+}
+
+/// Whether any surface of the scene reflects or refracts ideally ([`Object::is_smooth`]).
+pub(crate) fn has_smooth_objects(scene: &Scene) -> bool {
+    let mut instances = scene.instances.iter();
+    instances.any(|instance| is_smooth(&scene.materials[instance.material]))
 }
 
 /// `DELTA_ROUGHNESS` of shared/brdf.wesl.

@@ -17,6 +17,8 @@ pub use registry::{Registration, Registry};
 
 use std::any::Any;
 
+use gpugi_scene::Scene;
+
 use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
@@ -35,8 +37,9 @@ pub struct Info {
     pub source: &'static str,
     /// The light that it can add.
     pub paths: &'static [LightPaths],
-    /// Whether a scene that has such light has everything else that the technique needs: then it belongs to the scene's default set.
-    pub suits: fn(&GpuScene) -> bool,
+    /// Whether a scene that has such light has everything else that the technique needs, and the technique is fast enough for a live view:
+    /// then it belongs to every default set of the scene ([`crate::default_set`]).
+    pub suits: fn(&Scene) -> bool,
     /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
     /// Whether it lights points of its own, which the camera may not see: cubes around objects, texels.

@@ -16,7 +16,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
 use crate::settings::SettingSet;
 use crate::shader;
 use object::{Caustic, Making};
@@ -30,7 +30,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Punctual, "LS+[DG]E"),
         LightPaths::new(LightClass::Area, "LS+[DG]E"),
     ],
-    suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+    suits: has_smooth_objects,
     keeps_texels: false,
     lights_points: false,
 };

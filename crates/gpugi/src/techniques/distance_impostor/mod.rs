@@ -17,7 +17,7 @@ use crate::capture::{Output, PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
 use crate::settings::{Kind, SettingSet, SettingValue};
 use impostor::{Impostor, Kernels, Making};
 
@@ -31,7 +31,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L[DG]?S+E"),
         LightPaths::new(LightClass::Environment, "L[DG]?S+E"),
     ],
-    suits: |scene| scene.objects.iter().any(|object| object.is_smooth),
+    suits: has_smooth_objects,
     keeps_texels: false,
     lights_points: true,
 };

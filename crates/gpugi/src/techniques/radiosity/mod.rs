@@ -39,7 +39,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, BETWEEN_ALL[0]),
         LightPaths::new(LightClass::Environment, BETWEEN_ALL[0]),
     ],
-    // Unwrapping may take minutes, so the technique is never chosen automatically.
+    // Unwrapping takes too long for a live view; default sets for other purposes decide for themselves.
     suits: |_| false,
     keeps_texels: true,
     lights_points: true,

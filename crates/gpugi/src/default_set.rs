@@ -1,0 +1,332 @@
+//! The techniques that gpugi chooses where nobody names any: by what the light is for, by what the scene holds, and by
+//! the kind of adapter. Never by the clock, so a scene gets the same set on all adapters of a kind.
+
+use std::collections::BTreeSet;
+
+use gpugi_scene::Scene;
+
+use crate::gpu::{AdapterSummary, GpuError};
+use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::lighting::LightingError;
+use crate::scene::has_emitters;
+use crate::techniques::{Info, Registry, caustics, distance_impostor, radiosity};
+
+const CAUSTICS: &str = caustics::INFO.name;
+const IMPOSTORS: &str = distance_impostor::INFO.name;
+const RADIOSITY: &str = radiosity::INFO.name;
+
+/// With more triangles than this, no still picture waits for an atlas that nobody asked for. Unwrapping 94,722
+/// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
+const MOST_UNWRAPPED: u64 = 100_000;
+
+/// Meshes of more connected pieces than this, such as foliage, are not unwrapped unasked: each piece takes a chart with
+/// its gutter, which fill the pages, and packing them takes a minute for 20,000.
+const MOST_PIECES: usize = 4_000;
+
+/// What light is computed for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// One picture of a scene that stands still. It may wait seconds for its maps
+    /// ([`Renderer::converge`](crate::Renderer::converge)).
+    StillPicture,
+    /// Frames in motion. Each is due within milliseconds, and nothing may stall it.
+    LiveView,
+    /// Light that is stored in textures. It may take minutes.
+    Bake,
+}
+
+/// A technique of a set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// Name of the technique.
+    pub technique: &'static str,
+    /// Why it is in the set, in a few words.
+    pub reason: String,
+    /// Settings that differ from their defaults: names, and values as text.
+    pub settings: Vec<(&'static str, String)>,
+}
+
+/// A set of techniques.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DefaultSet {
+    /// The techniques.
+    pub choices: Vec<Choice>,
+    /// Why the set lacks light that a technique could add: one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl DefaultSet {
+    /// Names of the techniques.
+    pub fn names(&self) -> Vec<String> {
+        let choices = self.choices.iter();
+        choices.map(|one| one.technique.to_owned()).collect()
+    }
+
+    /// The set without the technique that `error` says has no atlas, which only the attempt to unwrap the scene tells;
+    /// `None` if it is another error.
+    pub fn without_atlas(mut self, error: &LightingError) -> Option<Self> {
+        let LightingError::Gpu(GpuError::Pass { pass, .. }) = error else {
+            return None;
+        };
+        let at = self.choices.iter().position(|one| one.technique == pass)?;
+        self.choices.remove(at);
+        self.notes
+            .push(format!("left out, for want of an atlas: {error}"));
+        Some(self)
+    }
+}
+
+/// The set for `purpose` on `adapter`, of the techniques in `registry`:
+///
+/// - for every purpose, the techniques that suit the scene and are fast enough for a live view: direct light, and what
+///   mirrors and glass make of it;
+/// - for a still picture and for a bake, also indirect light between diffuse surfaces.
+pub fn default_set(
+    scene: &Scene,
+    adapter: &AdapterSummary,
+    purpose: Purpose,
+    registry: &Registry,
+) -> DefaultSet {
+    let classes = light_classes(scene);
+    let of_classes = |paths: &&LightPaths| classes.contains(&paths.class);
+    let infos = registry.all().iter().map(|one| one.info);
+    let fast: Vec<&Info> = infos
+        .filter(|info| info.paths.iter().any(|paths| of_classes(&paths)) && (info.suits)(scene))
+        .collect();
+    let choices = fast.iter().map(|info| Choice {
+        technique: info.name,
+        reason: reason(info, &classes),
+        settings: Vec::new(),
+    });
+    let mut set = DefaultSet {
+        choices: choices.collect(),
+        notes: Vec::new(),
+    };
+    if purpose == Purpose::LiveView || classes.is_empty() {
+        // Indirect light in an atlas is noisy while things move, and whenever meshes change the frame waits for another
+        // atlas.
+        return set;
+    }
+    let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
+    let paths: Vec<LightPaths> = paths.cloned().collect();
+    let is_added = overlap(&paths, radiosity::INFO.paths).is_some();
+    if registry.find(RADIOSITY).is_some() && !is_added {
+        match indirect(scene, adapter, purpose) {
+            Ok(choice) => set.choices.push(choice),
+            Err(reason) => set.notes.push(reason),
+        }
+    }
+    set
+}
+
+/// The technique for indirect light between diffuse surfaces, or why there is none.
+fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Result<Choice, String> {
+    let triangles = scene.statistics().triangles;
+    if purpose == Purpose::Bake {
+        return Ok(Choice {
+            technique: RADIOSITY,
+            reason: "texels are laid out for the bake".into(),
+            settings: Vec::new(),
+        });
+    }
+    let pieces = pieces(scene);
+    if triangles <= MOST_UNWRAPPED && pieces <= MOST_PIECES {
+        return Ok(Choice {
+            technique: RADIOSITY,
+            reason: format!("nothing moves, and {triangles} triangles are soon unwrapped"),
+            settings: radiosity_sizes(triangles, is_software(adapter)),
+        });
+    }
+    // Obscurances, whose ambient light stands for indirect light, need the same atlas. A technique that needs none
+    // belongs here.
+    Err(format!(
+        "indirect light needs an atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long: radiosity adds it if it is named"
+    ))
+}
+
+/// Number of connected pieces of all meshes in use.
+fn pieces(scene: &Scene) -> usize {
+    let used: BTreeSet<usize> = scene
+        .instances
+        .iter()
+        .map(|instance| instance.mesh)
+        .collect();
+    used.iter().map(|&mesh| scene.meshes[mesh].pieces()).sum()
+}
+
+/// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. In software, where rays
+/// take most of the time, coarser texels get more iterates: in small scenes, noise shows before blur does.
+fn radiosity_sizes(triangles: u64, is_software: bool) -> Vec<(&'static str, String)> {
+    let side = (12 * triangles).isqrt().next_power_of_two();
+    let (resolution, iterations) = if is_software {
+        let side = side.clamp(128, 512);
+        (side, 128 * 128 / side)
+    } else {
+        (side.clamp(512, 1024), 256)
+    };
+    // Nobody watches the iterates: more per frame save the overhead of frames.
+    [
+        ("resolution", resolution),
+        ("iterations", iterations),
+        ("steps", 16),
+    ]
+    .map(|(name, value)| (name, value.to_string()))
+    .to_vec()
+}
+
+/// Why a technique suits the scene.
+fn reason(info: &Info, classes: &[LightClass]) -> String {
+    let added = |class: &&LightClass| info.paths.iter().any(|paths| paths.class == **class);
+    let lights: Vec<String> = classes
+        .iter()
+        .filter(added)
+        .map(LightClass::to_string)
+        .collect();
+    let and = match info.name {
+        CAUSTICS | IMPOSTORS => ", and mirrors or glass",
+        _ => "",
+    };
+    format!("the scene has lights ({}){and}", lights.join(", "))
+}
+
+fn is_software(adapter: &AdapterSummary) -> bool {
+    adapter.device_type == wgpu::DeviceType::Cpu
+}
+
+/// Classes of light that a scene has.
+fn light_classes(scene: &Scene) -> Vec<LightClass> {
+    let is_present = |class: &LightClass| match class {
+        LightClass::Punctual => !scene.lights.is_empty(),
+        LightClass::Area => has_emitters(scene),
+        LightClass::Environment => scene.environment.is_some(),
+    };
+    LightClass::ALL.into_iter().filter(is_present).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat4, Vec3};
+    use gpugi_scene::Mesh;
+    use gpugi_scene::builtin::{SCENES, builtin};
+
+    use super::*;
+    use crate::Renderer;
+    use crate::light_paths::in_words;
+    use crate::testing::test_gpu;
+
+    /// What each scene has for a still picture beside shadow-map and radiosity.
+    #[test]
+    fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
+        let Some(gpu) = test_gpu() else { return };
+        let registry = Registry::default();
+        for one in SCENES {
+            let scene = builtin(one.name, 1).unwrap();
+            let set = |purpose| default_set(&scene, &gpu.adapter, purpose, &registry);
+            let [still, live, bake] =
+                [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
+            assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
+            assert_eq!(still.names(), bake.names());
+            let (last, fast) = still.choices.split_last().unwrap();
+            assert_eq!(fast, live.choices);
+            assert_eq!(last.technique, RADIOSITY);
+            assert!(fast.iter().all(|one| one.settings.is_empty()));
+            // Refused if light paths overlap, or if a setting does not exist.
+            let size = [8, 8];
+            let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();
+            let classes = renderer.light_classes();
+            assert_eq!(classes, light_classes(&scene), "{}", one.name);
+            let words = in_words(&renderer.light_paths(), &classes);
+            let is_told = |what: &str| words.iter().any(|one| one.starts_with(what));
+            assert!(is_told("direct light on diffuse surfaces"), "{words:?}");
+            assert!(
+                is_told("light reflected between diffuse surfaces"),
+                "{words:?}"
+            );
+            let is_smooth = renderer
+                .scene()
+                .objects
+                .iter()
+                .any(|object| object.is_smooth);
+            let has_impostors = still.names().iter().any(|name| name == IMPOSTORS);
+            assert_eq!(has_impostors, is_smooth, "{}", one.name);
+            assert_eq!(
+                is_told("lit surroundings seen in mirrors"),
+                is_smooth,
+                "{words:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn sizes_depend_on_triangles_and_kind_of_adapter_alone() {
+        let sizes = |triangles, is_software| {
+            let sizes = radiosity_sizes(triangles, is_software);
+            [0, 1].map(|at| sizes[at].1.parse::<u32>().unwrap())
+        };
+        assert_eq!(sizes(1, true), [128, 128]);
+        assert_eq!(sizes(1_500, true), [256, 64]);
+        assert_eq!(sizes(MOST_UNWRAPPED, true), [512, 32]);
+        assert_eq!(sizes(1, false), [512, 256]);
+        assert_eq!(sizes(MOST_UNWRAPPED, false), [1024, 256]);
+    }
+
+    #[test]
+    fn what_takes_long_to_unwrap_is_left_to_those_who_ask() {
+        let Some(gpu) = test_gpu() else { return };
+        let registry = Registry::default();
+        let mut scene = builtin("cornell", 1).unwrap();
+        let copies = MOST_UNWRAPPED / scene.statistics().triangles;
+        for _ in 0..copies {
+            scene.instances.extend_from_within(..8);
+        }
+        let set = default_set(&scene, &gpu.adapter, Purpose::StillPicture, &registry);
+        assert_eq!(set.names(), ["shadow-map"]);
+        let triangles = scene.statistics().triangles.to_string();
+        assert!(
+            set.notes.len() == 1 && set.notes[0].contains(&triangles),
+            "{:?}",
+            set.notes
+        );
+        let bake = default_set(&scene, &gpu.adapter, Purpose::Bake, &registry);
+        assert_eq!(bake.names(), ["shadow-map", RADIOSITY]);
+        // Few triangles, but each a piece of its own.
+        let mut leaves = builtin("cornell", 1).unwrap();
+        let corners = 0..3 * (MOST_PIECES as u32 + 1);
+        let apart = corners
+            .clone()
+            .map(|corner| Vec3::new(corner as f32, (corner % 3) as f32, 0.0));
+        let mesh = leaves.add_mesh(Mesh {
+            positions: apart.collect(),
+            normals: vec![Vec3::Z; corners.len()],
+            indices: corners.collect(),
+            ..Mesh::default()
+        });
+        leaves.add_instance("leaves", mesh, 0, Mat4::IDENTITY);
+        let set = default_set(&leaves, &gpu.adapter, Purpose::StillPicture, &registry);
+        assert_eq!(set.names(), ["shadow-map"]);
+        // What only unwrapping tells.
+        let mut set = default_set(
+            &builtin("cornell", 1).unwrap(),
+            &gpu.adapter,
+            Purpose::StillPicture,
+            &registry,
+        );
+        let of_pass = |pass: &str| GpuError::Pass {
+            pass: pass.into(),
+            reason: "too large".into(),
+        };
+        assert_eq!(
+            set.clone().without_atlas(&of_pass("radiosity.rays").into()),
+            None
+        );
+        set = set.without_atlas(&of_pass(RADIOSITY).into()).unwrap();
+        assert_eq!(set.names(), ["shadow-map"]);
+        assert!(set.notes[0].contains("too large"));
+        // Nothing to light, nothing to light it with.
+        let nothing = Scene::new("nothing");
+        for purpose in [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake] {
+            let set = default_set(&nothing, &gpu.adapter, purpose, &registry);
+            assert_eq!(set, DefaultSet::default());
+        }
+    }
+}
