@@ -9,11 +9,12 @@ use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
 use crate::scene::has_emitters;
-use crate::techniques::{Info, Registry, caustics, distance_impostor, radiosity};
+use crate::techniques::{Info, Registry, caustics, distance_impostor, final_gather, radiosity};
 
 const CAUSTICS: &str = caustics::INFO.name;
 const IMPOSTORS: &str = distance_impostor::INFO.name;
 const RADIOSITY: &str = radiosity::INFO.name;
+const FINAL_GATHER: &str = final_gather::INFO.name;
 
 /// With more triangles than this, no still picture waits for an atlas that nobody asked for. Unwrapping 94,722
 /// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
@@ -51,7 +52,7 @@ pub struct Choice {
 pub struct DefaultSet {
     /// The techniques.
     pub choices: Vec<Choice>,
-    /// Why the set lacks light that a technique could add: one sentence each.
+    /// Why the set is not the first choice: one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -62,16 +63,20 @@ impl DefaultSet {
         choices.map(|one| one.technique.to_owned()).collect()
     }
 
-    /// The set without the technique that `error` says has no atlas, which only the attempt to unwrap the scene tells;
-    /// `None` if it is another error.
+    /// The set with final-gather in place of the technique that `error` says has no atlas, which only the attempt to
+    /// unwrap the scene tells; `None` if it is another error.
     pub fn without_atlas(mut self, error: &LightingError) -> Option<Self> {
         let LightingError::Gpu(GpuError::Pass { pass, .. }) = error else {
             return None;
         };
         let at = self.choices.iter().position(|one| one.technique == pass)?;
-        self.choices.remove(at);
+        self.choices[at] = Choice {
+            technique: FINAL_GATHER,
+            reason: "it needs no atlas".into(),
+            settings: Vec::new(),
+        };
         self.notes
-            .push(format!("left out, for want of an atlas: {error}"));
+            .push(format!("{FINAL_GATHER} stands in for {error}"));
         Some(self)
     }
 }
@@ -110,38 +115,38 @@ pub fn default_set(
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
     let is_added = overlap(&paths, radiosity::INFO.paths).is_some();
-    if registry.find(RADIOSITY).is_some() && !is_added {
-        match indirect(scene, adapter, purpose) {
-            Ok(choice) => set.choices.push(choice),
-            Err(reason) => set.notes.push(reason),
-        }
+    let choice = indirect(scene, adapter, purpose);
+    if registry.find(choice.technique).is_some() && !is_added {
+        set.choices.push(choice);
     }
     set
 }
 
-/// The technique for indirect light between diffuse surfaces, or why there is none.
-fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Result<Choice, String> {
+/// The technique for indirect light between diffuse surfaces.
+fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice {
     let triangles = scene.statistics().triangles;
     if purpose == Purpose::Bake {
-        return Ok(Choice {
+        return Choice {
             technique: RADIOSITY,
             reason: "texels are laid out for the bake".into(),
             settings: Vec::new(),
-        });
+        };
     }
     let pieces = pieces(scene);
     if triangles <= MOST_UNWRAPPED && pieces <= MOST_PIECES {
-        return Ok(Choice {
+        return Choice {
             technique: RADIOSITY,
             reason: format!("nothing moves, and {triangles} triangles are soon unwrapped"),
             settings: radiosity_sizes(triangles, is_software(adapter)),
-        });
+        };
     }
-    // Obscurances, whose ambient light stands for indirect light, need the same atlas. A technique that needs none
-    // belongs here.
-    Err(format!(
-        "indirect light needs an atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long: radiosity adds it if it is named"
-    ))
+    Choice {
+        technique: FINAL_GATHER,
+        reason: format!(
+            "it needs no atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long"
+        ),
+        settings: Vec::new(),
+    }
 }
 
 /// Number of connected pieces of all meshes in use.
@@ -271,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_takes_long_to_unwrap_is_left_to_those_who_ask() {
+    fn final_gather_lights_what_takes_long_to_unwrap() {
         let Some(gpu) = test_gpu() else { return };
         let registry = Registry::default();
         let mut scene = builtin("cornell", 1).unwrap();
@@ -280,13 +285,9 @@ mod tests {
             scene.instances.extend_from_within(..8);
         }
         let set = default_set(&scene, &gpu.adapter, Purpose::StillPicture, &registry);
-        assert_eq!(set.names(), ["shadow-map"]);
+        assert_eq!(set.names(), ["shadow-map", FINAL_GATHER]);
         let triangles = scene.statistics().triangles.to_string();
-        assert!(
-            set.notes.len() == 1 && set.notes[0].contains(&triangles),
-            "{:?}",
-            set.notes
-        );
+        assert!(set.choices[1].reason.contains(&triangles), "{set:?}");
         let bake = default_set(&scene, &gpu.adapter, Purpose::Bake, &registry);
         assert_eq!(bake.names(), ["shadow-map", RADIOSITY]);
         // Few triangles, but each a piece of its own.
@@ -303,7 +304,7 @@ mod tests {
         });
         leaves.add_instance("leaves", mesh, 0, Mat4::IDENTITY);
         let set = default_set(&leaves, &gpu.adapter, Purpose::StillPicture, &registry);
-        assert_eq!(set.names(), ["shadow-map"]);
+        assert_eq!(set.names(), ["shadow-map", FINAL_GATHER]);
         // What only unwrapping tells.
         let mut set = default_set(
             &builtin("cornell", 1).unwrap(),
@@ -320,7 +321,7 @@ mod tests {
             None
         );
         set = set.without_atlas(&of_pass(RADIOSITY).into()).unwrap();
-        assert_eq!(set.names(), ["shadow-map"]);
+        assert_eq!(set.names(), ["shadow-map", FINAL_GATHER]);
         assert!(set.notes[0].contains("too large"));
         // Nothing to light, nothing to light it with.
         let nothing = Scene::new("nothing");

