@@ -9,11 +9,14 @@ use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
 use crate::scene::has_emitters;
-use crate::techniques::{Info, Registry, caustics, distance_impostor, final_gather, radiosity};
+use crate::techniques::{
+    Info, Registry, caustics, distance_impostor, final_gather, radiosity, shadow_map,
+};
 
 const CAUSTICS: &str = caustics::INFO.name;
 const IMPOSTORS: &str = distance_impostor::INFO.name;
 const RADIOSITY: &str = radiosity::INFO.name;
+const SHADOWS: &str = shadow_map::INFO.name;
 const FINAL_GATHER: &str = final_gather::INFO.name;
 
 /// With more triangles than this, no still picture waits for an atlas that nobody asked for. Unwrapping 94,722
@@ -101,7 +104,11 @@ pub fn default_set(
     let choices = fast.iter().map(|info| Choice {
         technique: info.name,
         reason: reason(info, &classes),
-        settings: Vec::new(),
+        settings: if info.name == SHADOWS && purpose == Purpose::StillPicture {
+            soft_shadows(scene, adapter)
+        } else {
+            Vec::new()
+        },
     });
     let mut set = DefaultSet {
         choices: choices.collect(),
@@ -147,6 +154,20 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
         ),
         settings: Vec::new(),
     }
+}
+
+/// Settings of shadow-map for a still picture, whose samples share the work of soft shadows. In software, where each
+/// point of an area light takes long, half as many serve each sample.
+fn soft_shadows(scene: &Scene, adapter: &AdapterSummary) -> Vec<(&'static str, String)> {
+    let has_emitters = has_emitters(scene);
+    if !has_emitters && scene.lights.iter().all(|light| light.radius <= 0.0) {
+        return Vec::new();
+    }
+    let mut settings = vec![("per-sample", true.to_string())];
+    if has_emitters && is_software(adapter) {
+        settings.push(("area-samples", 32.to_string()));
+    }
+    settings
 }
 
 /// Number of connected pieces of all meshes in use.
@@ -232,9 +253,14 @@ mod tests {
             assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
             assert_eq!(still.names(), bake.names());
             let (last, fast) = still.choices.split_last().unwrap();
-            assert_eq!(fast, live.choices);
+            let names = |choices: &[Choice]| -> Vec<_> {
+                choices.iter().map(|one| one.technique).collect()
+            };
+            assert_eq!(names(fast), names(&live.choices));
             assert_eq!(last.technique, RADIOSITY);
-            assert!(fast.iter().all(|one| one.settings.is_empty()));
+            assert!(live.choices.iter().all(|one| one.settings.is_empty()));
+            let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
+            assert_eq!(fast.iter().any(|one| !one.settings.is_empty()), is_soft);
             // Refused if light paths overlap, or if a setting does not exist.
             let size = [8, 8];
             let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();

@@ -5,11 +5,13 @@ mod common;
 use std::sync::Arc;
 
 use std::f64::consts::PI;
+use std::ops::ControlFlow;
 
 use common::{Lit, floor, from_above, gpu, lit_by, meets, picture, place, render, renderer};
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
+use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
-use gpugi_scene::image::metrics::rel_mse;
+use gpugi_scene::image::metrics::{Metric, rel_mse};
 use gpugi_scene::{
     AlphaMode, Camera, Image, Light, LightKind, Material, Pixels, Scene, Texture, TextureRef, Wrap,
 };
@@ -465,5 +467,50 @@ fn every_face_of_a_hemicube_casts() {
             dark.iter().all(|&count| count > 5),
             "{dark:?} pixels in the four shadows"
         );
+    }
+}
+
+/// Error against the path tracer of the shadow of a box on the floor, without the path tracer's own error.
+fn soft_shadow_error(gpu: &gpugi::gpu::Gpu, light: Light, per_sample: bool) -> f64 {
+    let mut scene = lit_by(floor(2.0), light);
+    let block = cuboid(vec3(-0.3, 0.0, -0.3), vec3(0.3, 1.0, 0.3), 1);
+    place(&mut scene, block, Material::matt("", Vec3::splat(0.5)));
+    let camera = Camera::look_at("", vec3(2.0, 2.5, 2.0), vec3(-0.3, 0.2, -0.3), 0.9);
+    let names = ["shadow-map".to_owned()];
+    let mut renderer = gpugi::Renderer::new(gpu, &scene, [48, 48], &names).expect("a renderer");
+    let setting = per_sample.to_string();
+    renderer
+        .set("shadow-map", "per-sample", &setting)
+        .expect("a setting");
+    let options = Options {
+        samples: 64,
+        reference: Quality {
+            samples: 512,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let found = measure(gpu, &scene, &camera, &mut renderer, &options, &mut |_| {
+        ControlFlow::Continue(())
+    });
+    let found = found.expect("a measurement");
+    found.value(Metric::RelMse).expect("a value") - found.truth.rel_mse()
+}
+
+#[test]
+fn samples_of_a_picture_add_up_to_exact_soft_shadows() {
+    let Some(gpu) = gpu() else { return };
+    let kinds = [
+        (LightKind::Point, Vec3::splat(20.0), 0.3),
+        (LightKind::Directional, Vec3::splat(3.0), 0.1),
+    ];
+    for (kind, intensity, radius) in kinds {
+        let mut light = Light::new("", kind, intensity).aimed(vec3(1.5, 3.0, -1.0), Vec3::ZERO);
+        light.radius = radius;
+        let [moved, fixed] =
+            [true, false].map(|per_sample| soft_shadow_error(&gpu, light.clone(), per_sample));
+        println!("{kind:?}: rel-mse {moved:.1e}, of the light's centre {fixed:.1e}");
+        assert!(moved < 1e-3, "{kind:?}: {moved}");
+        assert!(fixed > 5.0 * moved, "{kind:?}: {fixed}, {moved}");
     }
 }

@@ -1,11 +1,13 @@
 //! Light samples and the depth views that they need.
 
+use std::borrow::Cow;
+
 use glam::Vec3;
 use gpugi_scene::{Light, LightKind};
 
 use super::cascades::cascades;
 use super::gpu::LightSample;
-use super::samples::{on_emitters, punctual};
+use super::samples::{on_emitters, punctual, within_radius};
 use super::sharing::{Demand, share};
 use super::warp::warped;
 use crate::capture::View;
@@ -29,6 +31,9 @@ pub struct MapSettings {
     pub area_samples: u32,
     /// Side of an area sample's hemicube if the atlas has room (texels).
     pub area_resolution: u32,
+    /// Which points of area lights and of lights with a radius are sampled. Without a number, every frame lights with
+    /// the same points of area lights, and with the centres of other lights, whose radius is left to filters.
+    pub turn: Option<u32>,
     /// Whether points outside the camera's view are lit. Then each light also has a view of everything that it may
     /// light.
     pub beyond_camera: bool,
@@ -47,7 +52,7 @@ pub struct LightList {
 
 /// A light source: a punctual light, or a sample point of an area light.
 enum Source<'a> {
-    Punctual(&'a Light),
+    Punctual(Cow<'a, Light>),
     Area(LightSample),
 }
 
@@ -55,10 +60,17 @@ impl LightList {
     /// The lights of `scene`, and depth views that cover what `view` sees or, with [`MapSettings::beyond_camera`], the
     /// whole scene. The views are smaller than requested if one atlas cannot hold them all.
     pub fn new(scene: &GpuScene, view: &View, settings: &MapSettings) -> Self {
-        let area = on_emitters(&scene.emitters, settings.area_samples, 0);
-        let sources: Vec<Source<'_>> = scene
-            .lights
-            .iter()
+        let area = on_emitters(
+            &scene.emitters,
+            settings.area_samples,
+            settings.turn.unwrap_or(0),
+        );
+        let lights = (0..).zip(&scene.lights);
+        let sources: Vec<Source<'_>> = lights
+            .map(|(index, light)| match settings.turn {
+                Some(turn) if light.radius > 0.0 => Cow::Owned(within_radius(light, index, turn)),
+                _ => Cow::Borrowed(light),
+            })
             .map(Source::Punctual)
             .chain(area.into_iter().map(Source::Area))
             .collect();

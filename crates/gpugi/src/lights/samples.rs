@@ -1,6 +1,6 @@
 //! Converts a scene's lights to light samples.
 
-use glam::Vec3;
+use glam::{Mat4, Quat, Vec3};
 use gpugi_scene::{Light, LightKind};
 
 use super::gpu::LightSample;
@@ -35,6 +35,36 @@ pub fn punctual(light: &Light) -> LightSample {
         }
     }
     sample
+}
+
+/// A light without a radius at a point of one that has a radius: uniform over the sphere of a point or spot light, and
+/// over the cap of directions of a directional one, as the path tracer samples them. `index` is the light's, so that
+/// lights do not move alike; another `turn` gives another point.
+pub fn within_radius(light: &Light, index: u32, turn: u32) -> Light {
+    let shift = additive(R2, index.wrapping_mul(0x9e37));
+    let [u, v] = additive(R2, turn);
+    let [u, v] = [(u + shift[0]).fract() as f32, (v + shift[1]).fract() as f32];
+    let is_directional = light.kind == LightKind::Directional;
+    let z = if is_directional {
+        light.radius.cos() + (1.0 - light.radius.cos()) * v
+    } else {
+        2.0 * v - 1.0
+    };
+    let (sine, phi) = ((1.0 - z * z).max(0.0).sqrt(), std::f32::consts::TAU * u);
+    let direction = light.direction();
+    let (x_axis, y_axis) = direction.any_orthonormal_pair();
+    let drawn = (x_axis * phi.cos() + y_axis * phi.sin()) * sine + direction * z;
+    let mut moved = Light {
+        radius: 0.0,
+        ..light.clone()
+    };
+    if is_directional {
+        let turned = Quat::from_rotation_arc(direction, drawn);
+        moved.world_from_light = Mat4::from_quat(turned) * light.world_from_light;
+    } else {
+        moved.world_from_light.w_axis += (drawn * light.radius).extend(0.0);
+    }
+    moved
 }
 
 /// `count` sample points on emissive triangles, without views. They are stratified by emitted power: each represents an

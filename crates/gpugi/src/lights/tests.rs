@@ -63,6 +63,7 @@ fn scene(lights: Vec<Light>) -> Scene {
 }
 
 const SETTINGS: MapSettings = MapSettings {
+    turn: None,
     resolution: 512,
     gutters: [4, 4],
     second_depth: false,

@@ -76,6 +76,9 @@ crate::settings! {
         pub area_resolution: u32 = 256 => in_range(16.0, 2048.0).unit("texels"),
         /// Comparisons per lookup in an area sample's map.
         pub area_taps: u32 = 4 => in_range(1.0, 256.0),
+        /// Whether each sample of a picture is lit from other points of area lights and of lights with a radius. Soft
+        /// shadows become exact with the number of samples; each draws its own maps.
+        pub per_sample: bool = false => any(),
     }
 }
 
@@ -92,7 +95,7 @@ impl Settings {
     }
 
     /// The lights' maps; with `beyond_camera`, also for points that the camera does not see.
-    fn maps(&self, beyond_camera: bool) -> MapSettings {
+    fn maps(&self, beyond_camera: bool, sample: u32) -> MapSettings {
         MapSettings {
             resolution: self.resolution,
             gutters: [false, true].map(|has_radius| self.gutter(has_radius)),
@@ -101,6 +104,7 @@ impl Settings {
             cascades: self.cascades,
             area_samples: self.area_samples,
             area_resolution: self.area_resolution,
+            turn: self.per_sample.then_some(sample),
             beyond_camera,
         }
     }
@@ -201,7 +205,9 @@ impl Technique for ShadowMap {
                 environment: 0,
                 ..scene.versions
             },
-            maps: self.settings.maps(earlier.lights_elsewhere),
+            maps: self
+                .settings
+                .maps(earlier.lights_elsewhere, view.uniform.sample_index),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
         if self.generated_for.as_ref() != Some(&key) {
