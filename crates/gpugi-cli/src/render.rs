@@ -43,7 +43,8 @@ pub struct Arguments {
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Techniques, separated by commas, or path-tracer (default: what suits a still picture of the scene; see --explain)
+    /// Techniques, separated by commas, or path-tracer (default: what suits a still picture of the scene; see
+    /// --explain)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)

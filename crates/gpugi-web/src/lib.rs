@@ -28,8 +28,8 @@ fn throw_panics() {
 
 /// Renders what the first camera of a built-in scene sees, as the command does: `gpugi render SCENE --technique ...
 /// --set ... --size ... --samples ...`: maps converge, then samples accumulate. Without `techniques`, by the scene's
-/// default set for a live view: unwrapping an atlas is slow in a browser. A setting is `technique.key=value`; `width` and
-/// `height` are in pixels. Resolves to linear radiance, three floats per pixel, row by row from the top.
+/// default set for a live view: unwrapping an atlas is slow in a browser. A setting is `technique.key=value`; `width`
+/// and `height` are in pixels. Resolves to linear radiance, three floats per pixel, row by row from the top.
 ///
 /// # Errors
 /// Rejects where the browser has no WebGPU, for unknown names, and for what the GPU refuses.

@@ -1,5 +1,6 @@
-//! The light of a scene: a set of techniques and what they share. [`Lighting::prepare`] brings their maps up to date, [`Lighting::gather`] lights a
-//! receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are thin loops around these two.
+//! The light of a scene: a set of techniques and what they share. [`Lighting::prepare`] brings their maps up to date,
+//! [`Lighting::gather`] lights a receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are
+//! thin loops around these two.
 
 use std::collections::BTreeMap;
 
@@ -158,13 +159,14 @@ impl Lighting {
         Ok(lighting)
     }
 
-    /// Declares that receivers will be lit that the camera need not see, such as texels and probes: maps then cover the whole scene.
+    /// Declares that receivers will be lit that the camera need not see, such as texels and probes: maps then cover the
+    /// whole scene.
     pub fn light_elsewhere(&mut self) {
         self.lights_elsewhere = true;
     }
 
-    /// Plans what each technique does in the scene, and hands each object to the techniques that claim it. To be called after changes of the scene; after
-    /// changes of settings it is called by itself.
+    /// Plans what each technique does in the scene, and hands each object to the techniques that claim it. To be called
+    /// after changes of the scene; after changes of settings it is called by itself.
     ///
     /// # Errors
     /// [`LightingError::Overlap`]; the plans are made all the same, and their light is added twice.
@@ -206,7 +208,8 @@ impl Lighting {
     /// Sets one setting of one technique from text. What is refused is not kept.
     ///
     /// # Errors
-    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`], [`LightingError::Overlap`].
+    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`],
+    /// [`LightingError::Overlap`].
     pub fn set(
         &mut self,
         scene: &mut GpuScene,
@@ -271,8 +274,8 @@ impl Lighting {
         })
     }
 
-    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: what takes several frames is pending, and goes on in the
-    /// next call. Whoever loses interest stops calling.
+    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: what takes several
+    /// frames is pending, and goes on in the next call. Whoever loses interest stops calling.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -368,7 +371,8 @@ impl Lighting {
         Ok(saved)
     }
 
-    /// Lets techniques continue from saved progress, after a [`Lighting::prepare`]; returns what has to wait for the next one.
+    /// Lets techniques continue from saved progress, after a [`Lighting::prepare`]; returns what has to wait for the
+    /// next one.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -414,7 +418,8 @@ impl Lighting {
         found.map_or(&[], |(_, plan)| &plan.paths)
     }
 
-    /// Light that exists in the scene, as far as the factors of its materials tell, and that no technique in use adds: a few words each.
+    /// Light that exists in the scene, as far as the factors of its materials tell, and that no technique in use adds:
+    /// a few words each.
     pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
         left_out(&self.light_paths(), &light_classes(scene), &scene.lobes())
     }

@@ -46,8 +46,8 @@ struct Tile {
 }
 
 impl Renderer {
-    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a live view.
-    /// [`Renderer::for_purpose`] also serves others.
+    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a
+    /// live view. [`Renderer::for_purpose`] also serves others.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -158,12 +158,14 @@ impl Renderer {
     /// Sets one setting of one technique from text. What is refused is not kept.
     ///
     /// # Errors
-    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`], [`LightingError::Overlap`].
+    /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`],
+    /// [`LightingError::Overlap`].
     pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
         self.lighting.set(&mut self.scene, technique, name, value)
     }
 
-    /// Changes the technique of this type, if it is in use, by its struct: `renderer.change(|shadows: &mut ShadowMap| shadows.settings.taps = 32)`.
+    /// Changes the technique of this type, if it is in use, by its struct: `renderer.change(|shadows: &mut ShadowMap|
+    /// shadows.settings.taps = 32)`.
     ///
     /// # Errors
     /// [`LightingError::Overlap`].
@@ -177,8 +179,8 @@ impl Renderer {
         self.lighting.validate(&mut self.scene)
     }
 
-    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps that improve from
-    /// frame to frame are kept when accumulation restarts.
+    /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps
+    /// that improve from frame to frame are kept when accumulation restarts.
     pub fn set_seed(&mut self, seed: u32) {
         self.seed = seed;
         self.samples = 0;
@@ -225,7 +227,8 @@ impl Renderer {
     /// Follows the scene to its state `after` ([`GpuScene::update`]); accumulation restarts.
     ///
     /// # Errors
-    /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is now.
+    /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is
+    /// now.
     pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
         self.samples = 0;
         self.scene.update(&self.gpu, after)?;
@@ -282,11 +285,12 @@ impl Renderer {
         self.scene.invalidate_geometry();
     }
 
-    /// Brings the maps of all techniques to their final state for what `camera` sees, before the first sample of a still picture:
-    /// otherwise the first samples show maps that are still refined, such as the first of 256 iterates of radiosity. Adds no sample.
-    /// Calls `report` after each frame with how far the maps are and, if `timed`, the GPU times of the frame's passes; with
-    /// [`ControlFlow::Break`] the maps stay as they are. Returns how far they are at the end: [`Readiness::Ready`] unless `report` broke
-    /// off. The number of frames depends on scene and settings alone, never on the clock.
+    /// Brings the maps of all techniques to their final state for what `camera` sees, before the first sample of a
+    /// still picture: otherwise the first samples show maps that are still refined, such as the first of 256 iterates
+    /// of radiosity. Adds no sample. Calls `report` after each frame with how far the maps are and, if `timed`, the GPU
+    /// times of the frame's passes; with [`ControlFlow::Break`] the maps stay as they are. Returns how far they are at
+    /// the end: [`Readiness::Ready`] unless `report` broke off. The number of frames depends on scene and settings
+    /// alone, never on the clock.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -301,7 +305,8 @@ impl Renderer {
             let mut frame = Frame::new(&gpu, timed);
             let readiness = self.prepare(&mut frame, camera)?;
             let times = frame.submit()?;
-            // Waiting after each frame keeps the queue short, so that progress is accurate and breaking off takes effect at once.
+            // Waiting after each frame keeps the queue short, so that progress is accurate and breaking off takes
+            // effect at once.
             gpu.wait()?;
             let flow = report(readiness, times.wait()?);
             if readiness == Readiness::Ready || flow.is_break() {
@@ -311,8 +316,8 @@ impl Renderer {
         }
     }
 
-    /// One frame of [`Renderer::converge`] that never waits, for loops that must not block: to be called until the maps are
-    /// [`Readiness::Ready`].
+    /// One frame of [`Renderer::converge`] that never waits, for loops that must not block: to be called until the maps
+    /// are [`Readiness::Ready`].
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -334,8 +339,9 @@ impl Renderer {
         self.lighting.prepare(frame, &mut self.scene, &view)
     }
 
-    /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the only one of
-    /// `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass. Waits for the GPU only while maps are pending.
+    /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the
+    /// only one of `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
+    /// Waits for the GPU only while maps are pending.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -360,7 +366,8 @@ impl Renderer {
         }
     }
 
-    /// As [`Renderer::render_sample`], without ever waiting: while pipelines compile or maps are pending, no sample is added.
+    /// As [`Renderer::render_sample`], without ever waiting: while pipelines compile or maps are pending, no sample is
+    /// added.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -425,7 +432,8 @@ impl Renderer {
         frame.submit().map(|_| ())
     }
 
-    /// Draws the display picture onto a colour target of its size, such as the texture of a window: pass `display.present`.
+    /// Draws the display picture onto a colour target of its size, such as the texture of a window: pass
+    /// `display.present`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -438,7 +446,8 @@ impl Renderer {
         present.record(frame, &self.display, self.size, target)
     }
 
-    /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display settings.
+    /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display
+    /// settings.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -502,7 +511,8 @@ impl Renderer {
         Ok(all)
     }
 
-    /// The surface point that the last sample shows at `pixel` (from the top left), when it arrives; `None` where no surface is.
+    /// The surface point that the last sample shows at `pixel` (from the top left), when it arrives; `None` where no
+    /// surface is.
     ///
     /// # Errors
     /// [`GpuError::Input`] when the pixel is outside of the picture.
@@ -549,7 +559,8 @@ impl Tile {
     }
 }
 
-/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points` pixels each.
+/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
+/// pixels each.
 fn tiles(
     gpu: &Gpu,
     lighting: &Lighting,

@@ -34,8 +34,8 @@ pub struct Arguments {
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Instead of texels, write a .ktx2 with the light of final-gather in a grid of this many ambient cubes per metre, as
-    /// Bevy reads irradiance volumes
+    /// Instead of texels, write a .ktx2 with the light of final-gather in a grid of this many ambient cubes per metre,
+    /// as Bevy reads irradiance volumes
     #[arg(long, value_name = "DENSITY")]
     irradiance_volume: Option<f32>,
     #[command(flatten)]

@@ -1,4 +1,5 @@
-//! Irradiance volumes: light at the points of a grid in the scene, as ambient cubes that engines look up for what moves.
+//! Irradiance volumes: light at the points of a grid in the scene, as ambient cubes that engines look up for what
+//! moves.
 
 use glam::{UVec3, Vec3};
 use gpugi_scene::image::HalfTexture;
@@ -31,8 +32,8 @@ pub struct IrradianceVolume {
     pub counts: UVec3,
     /// What the voxels fill together (m).
     pub bounds: Bounds,
-    /// Per voxel, x first, then y, then z: irradiance over pi in its middle, of surfaces that face +X, -X, +Y, -Y, +Z and
-    /// -Z. That is the radiance of a white Lambert surface there (W/sr/m^2).
+    /// Per voxel, x first, then y, then z: irradiance over pi in its middle, of surfaces that face +X, -X, +Y, -Y, +Z
+    /// and -Z. That is the radiance of a white Lambert surface there (W/sr/m^2).
     pub cubes: Vec<[Vec3; 6]>,
 }
 
@@ -102,9 +103,9 @@ impl IrradianceVolume {
         })
     }
 
-    /// A 3D texture of Rx x 2 Ry x 3 Rz texels, as Bevy reads irradiance volumes: the slices of x, of y and of z above each
-    /// other along the third axis; in each, sides that face along the axis in the first half of the second axis, and those
-    /// that face against it in the other.
+    /// A 3D texture of Rx x 2 Ry x 3 Rz texels, as Bevy reads irradiance volumes: the slices of x, of y and of z above
+    /// each other along the third axis; in each, sides that face along the axis in the first half of the second axis,
+    /// and those that face against it in the other.
     pub fn texture(&self) -> HalfTexture {
         let UVec3 { x, y, z } = self.counts;
         let texel = |at: UVec3| {

@@ -161,8 +161,8 @@ impl Source<'_> {
     }
 
     /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
-    /// has the views that follow the camera first (cascades, a warped view). With [`MapSettings::beyond_camera`], and for
-    /// a spot light without a warped view, a view of everything that it may light comes last.
+    /// has the views that follow the camera first (cascades, a warped view). With [`MapSettings::beyond_camera`], and
+    /// for a spot light without a warped view, a view of everything that it may light comes last.
     fn views(
         &self,
         scene: &GpuScene,

@@ -228,7 +228,8 @@ pub fn measure(
     Ok(measured)
 }
 
-/// Renders the techniques' image. Returns the number of frames in which its maps converged, and the times of its passes.
+/// Renders the techniques' image. Returns the number of frames in which its maps converged, and the times of its
+/// passes.
 fn render(
     gpu: &Gpu,
     renderer: &mut Renderer,

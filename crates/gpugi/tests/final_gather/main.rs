@@ -154,8 +154,8 @@ impl Off for Vec<Vec3> {
     }
 }
 
-/// In a room of constant radiance, every point receives pi. Without normalization that holds at the reference point; the
-/// estimates differ toward the walls.
+/// In a room of constant radiance, every point receives pi. Without normalization that holds at the reference point;
+/// the estimates differ toward the walls.
 #[test]
 fn a_room_of_constant_radiance_is_even() {
     let Some(gpu) = gpu() else { return };
@@ -258,8 +258,8 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
     }
 }
 
-/// Albedo 0.99: every bounce has nearly all the light of the one before. The radiosity of the room is e / (1 - rho). Surface
-/// points keep albedos in nine bits, 507 / 512, so that the room is 2.4 % brighter after all bounces.
+/// Albedo 0.99: every bounce has nearly all the light of the one before. The radiosity of the room is e / (1 - rho).
+/// Surface points keep albedos in nine bits, 507 / 512, so that the room is 2.4 % brighter after all bounces.
 #[test]
 fn light_in_a_furnace_neither_grows_nor_is_lost() {
     let Some(gpu) = gpu() else { return };

@@ -8,7 +8,8 @@ use gpugi_scene::builtin::shapes::quad;
 use super::common::{gpu, place};
 use super::shining_room;
 
-/// A room whose wall at +X shines: sides that face it are bright. The texture has every side of every voxel in its place.
+/// A room whose wall at +X shines: sides that face it are bright. The texture has every side of every voxel in its
+/// place.
 #[test]
 fn a_volume_has_six_sides_per_voxel() {
     let Some(gpu) = gpu() else { return };

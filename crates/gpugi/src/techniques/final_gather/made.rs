@@ -85,7 +85,8 @@ impl Layout {
     }
 
     /// Whether it serves the scene as it is, with the same settings. A grid stays while the scene does not leave its
-    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all points.
+    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all
+    /// points.
     fn serves(&self, settings: &Settings, claimed: &[u32], scene: &GpuScene) -> bool {
         match self {
             Self::Grid(bounds, _) => {

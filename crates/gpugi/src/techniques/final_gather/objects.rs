@@ -51,8 +51,8 @@ impl ObjectPoint {
         })
     }
 
-    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did. `point`: the
-    /// index of the object's reference point.
+    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did. `point`:
+    /// the index of the object's reference point.
     ///
     /// # Errors
     /// [`GpuError`].
