@@ -335,7 +335,8 @@ impl Renderer {
     /// Records a frame that only brings maps further, for the view through the pixels' centres.
     fn prepare(&mut self, frame: &mut Frame<'_>, camera: &Camera) -> Result<Readiness, GpuError> {
         let diagonal = self.scene.diagonal();
-        let view = View::new(camera, self.size, Vec2::ZERO, 0, self.seed, diagonal);
+        let (index, seed) = (View::NO_SAMPLE, self.seed);
+        let view = View::new(camera, self.size, Vec2::ZERO, index, seed, diagonal);
         self.lighting.prepare(frame, &mut self.scene, &view)
     }
 

@@ -173,7 +173,14 @@ impl<'a> LightBake<'a> {
             ..Camera::look_at("all", center + Vec3::Y * diagonal, center, 1.0)
         };
         Ok(Self {
-            view: View::new(&all, [1, 1], Vec2::ZERO, 0, options.seed, diagonal),
+            view: View::new(
+                &all,
+                [1, 1],
+                Vec2::ZERO,
+                View::NO_SAMPLE,
+                options.seed,
+                diagonal,
+            ),
             gpu: gpu.clone(),
             scene,
             atlas,

@@ -74,7 +74,8 @@ impl IrradianceVolume {
         let receiver = Receiver::of_probes(gpu, &probes, Output::Irradiance, &target, slots)?;
         let diagonal = on_gpu.diagonal();
         let camera = Camera::look_at("", bounds.center(), bounds.center() + Vec3::NEG_Z, 1.0);
-        let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, 0, 0, diagonal);
+        let index = View::NO_SAMPLE;
+        let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
         loop {
             let mut frame = Frame::new(gpu, false);
             let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view)?;
@@ -88,6 +89,7 @@ impl IrradianceVolume {
                 break;
             }
             gpu.wait()?;
+            on_gpu.wait_for_atlas();
         }
         let light: Vec<[f32; 4]> = read_buffer(gpu, &target.radiance, u64::from(count) * 16)?;
         let side = |[red, green, blue, _]: [f32; 4]| {

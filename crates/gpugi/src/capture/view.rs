@@ -47,6 +47,9 @@ pub struct View {
 }
 
 impl View {
+    /// Sample index of a view that belongs to no sample of a picture: maps are generated for all samples alike.
+    pub const NO_SAMPLE: u32 = u32::MAX;
+
     /// The view of `camera` for an image of `size` pixels. `jitter` moves the sample within the pixel, each component
     /// in [-1/2, 1/2]; `diagonal` is the scene's (m).
     pub fn new(

@@ -262,6 +262,7 @@ impl Impostors {
     /// Begins a frame, and drops maps that are no longer requested.
     pub fn begin_frame(&mut self) {
         self.frame += 1;
+        self.shapes.begin_frame();
         let now = self.frame;
         let last = |one: &ObjectMaps| one.asked.unwrap_or(now);
         self.kept.retain(|one| now - last(one) <= Self::PATIENCE);

@@ -9,13 +9,16 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, GpuScene};
 use crate::shader;
 
-/// Captures shapes, one after another in the same buffers.
+/// Captures shapes. Their buffers serve again in later frames, but once per frame: what a view writes lies before all
+/// passes of its frame.
 #[derive(Debug)]
 pub(super) struct ShapePasses {
     kernels: CaptureKernels,
     store: Kernel,
-    /// The latest shape's capture, and its points as bind group 1 of `store`.
-    capture: Option<(Capture, wgpu::BindGroup)>,
+    /// Captures, each with its points as bind group 1 of `store`.
+    captures: Vec<(Capture, wgpu::BindGroup)>,
+    /// How many of them serve in this frame.
+    used: usize,
 }
 
 impl ShapePasses {
@@ -24,26 +27,36 @@ impl ShapePasses {
         Ok(Self {
             kernels: kernels.clone(),
             store: Kernel::new(gpu, &store, "shape", Some(&scene.layout))?,
-            capture: None,
+            captures: Vec::new(),
+            used: 0,
         })
     }
 
-    /// The capture of a cube with faces of `side` x `side` texels.
+    /// Lets all captures serve again.
+    pub fn begin_frame(&mut self) {
+        self.used = 0;
+    }
+
+    /// A capture of a cube with faces of `side` x `side` texels that has not served in this frame.
     fn capture(
         &mut self,
         gpu: &Gpu,
         side: u32,
     ) -> Result<&mut (Capture, wgpu::BindGroup), GpuError> {
-        let kept = self.capture.take();
-        let capture = match kept.filter(|(kept, _)| kept.size()[0] == side) {
-            Some(kept) => kept,
+        let free = self.captures.iter().skip(self.used);
+        let found = free
+            .clone()
+            .position(|(capture, _)| capture.size()[0] == side);
+        match found {
+            Some(ahead) => self.captures.swap(self.used, self.used + ahead),
             None => {
                 let capture = Capture::of_cube(gpu, &self.kernels, side)?;
                 let points = capture.points.bind(gpu, &self.store)?;
-                (capture, points)
+                self.captures.insert(self.used, (capture, points));
             }
-        };
-        Ok(self.capture.insert(capture))
+        }
+        self.used += 1;
+        Ok(&mut self.captures[self.used - 1])
     }
 }
 

@@ -300,3 +300,49 @@ fn faces_in_turn_end_as_all_at_once() {
         world.after(brighter).expect("a light", at_once, 0);
     }
 }
+
+/// The frame's writes lie before all of its passes, so shapes of one frame must not share what says where they are.
+#[test]
+fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = scene();
+    let glass = scene.instances[GLASS].clone();
+    let other =
+        Mat4::from_translation(vec3(-1.0, 0.4, 0.7)) * Mat4::from_scale(vec3(2.0, 1.0, 1.5));
+    scene.add_instance("other", glass.mesh, glass.material, other);
+    let on_gpu = |scene| GpuScene::new(&gpu, scene).unwrap();
+    let shapes = |per_frame: &[&[u32]]| -> Vec<Vec<f32>> {
+        let mut on_gpu = on_gpu(&scene);
+        let kernels = CaptureKernels::new(&gpu, &on_gpu).unwrap();
+        let mut impostors = Impostors::new(&gpu, &on_gpu, &kernels).unwrap();
+        let mut maps = Vec::new();
+        for &instances in per_frame {
+            let mut frame = Frame::new(&gpu, false);
+            on_gpu.merge(&mut frame);
+            impostors.begin_frame();
+            for &instance in instances {
+                let wanted = Wanted {
+                    instance,
+                    side: SIDE,
+                    shape_side: Some(SIDE),
+                    reference: None,
+                    layers: 1,
+                    renewal: Renewal::default(),
+                };
+                let of = impostors.of(&mut frame, &on_gpu, wanted, 0, 0).unwrap();
+                maps.push(of.shape.distances.clone());
+            }
+            frame.submit().unwrap();
+        }
+        let faces = |texture| (0..6).map(move |face| (texture, face));
+        let read = |(texture, face)| -> Vec<f32> {
+            read_texture(&gpu, texture, TextureAspect::All, face, 0).unwrap()
+        };
+        let all = |texture| faces(texture).flat_map(read).collect();
+        maps.iter().map(all).collect()
+    };
+    let (ball, other) = (GLASS as u32, scene.instances.len() as u32 - 1);
+    let together = shapes(&[&[ball, other]]);
+    assert_eq!(together, shapes(&[&[ball], &[other]]));
+    assert_ne!(together[0], together[1]);
+}

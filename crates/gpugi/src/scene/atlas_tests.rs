@@ -116,3 +116,24 @@ fn an_atlas_of_too_many_pages_is_refused_whoever_laid_it_out() {
     let refused = of(limit / u64::from(2 * SIZE * SIZE + 2)).unwrap_err();
     assert!(refused.to_string().contains("density"), "{refused}");
 }
+
+#[test]
+fn an_atlas_of_meshes_that_are_no_more_is_dropped() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = block_on_floor();
+    let mut on_gpu = GpuScene::with_texels(&gpu, &scene).unwrap();
+    let ask = |on_gpu: &GpuScene| on_gpu.atlas(&gpu, "test", SIZE, 0.0, 16).unwrap();
+    // Meshes bend in every frame, faster than atlases are laid out.
+    for _ in 0..4 {
+        assert_eq!(ask(&on_gpu), None);
+        Arc::make_mut(&mut scene.meshes[1]).positions[0] *= 1.1;
+        on_gpu.update(&gpu, &scene).unwrap();
+    }
+    while ask(&on_gpu).is_none() {
+        on_gpu.wait_for_atlas();
+    }
+    let fresh = GpuScene::with_texels(&gpu, &scene).unwrap();
+    assert_eq!(ask(&fresh), None);
+    fresh.wait_for_atlas();
+    assert_eq!(ask(&on_gpu), ask(&fresh));
+}

@@ -1,6 +1,7 @@
 //! Atlases in which techniques keep light. An atlas is laid out at the first request, beside the frames that wait for
 //! it, because it may take minutes; all techniques that request the same share it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
 
 use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
@@ -18,8 +19,20 @@ pub(super) struct Atlases(Mutex<Kept>);
 #[derive(Debug, Default)]
 struct Kept {
     shared: Vec<SharedAtlas>,
-    /// One at a time: whoever drags a setting asks for many.
+    /// One at a time: whoever drags a setting, or bends a mesh in every frame, asks for many.
     job: Option<Job>,
+}
+
+impl Atlases {
+    /// What is left when meshes have changed: only a job that still runs, of meshes that are no more.
+    pub fn of_other_meshes(self) -> Self {
+        let mut kept = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
+        kept.shared.clear();
+        if let Some(job) = &mut kept.job {
+            job.is_stale = true;
+        }
+        Self(Mutex::new(kept))
+    }
 }
 
 #[derive(Debug)]
@@ -35,6 +48,8 @@ struct Job {
     size: u32,
     density: f32,
     result: Arc<OnceLock<Result<Arc<Atlas>, String>>>,
+    /// Whether meshes have changed since it was started.
+    is_stale: bool,
 }
 
 impl Job {
@@ -52,22 +67,27 @@ impl Job {
         let result = Arc::new(OnceLock::new());
         let (scene, done) = (scene.clone(), result.clone());
         let lay_out = move || {
-            let atlas = Atlas::new(&scene, &options).map(Arc::new);
-            let _ = done.set(atlas.map_err(|error| error.to_string()));
+            // Whoever waits for the result must get one.
+            let atlas = catch_unwind(AssertUnwindSafe(|| Atlas::new(&scene, &options)));
+            let _ = done.set(match atlas {
+                Ok(atlas) => atlas.map(Arc::new).map_err(|error| error.to_string()),
+                Err(_) => Err("unwrapping failed".into()),
+            });
         };
         #[cfg(target_arch = "wasm32")]
         lay_out();
         #[cfg(not(target_arch = "wasm32"))]
-        rayon::spawn(lay_out);
+        std::thread::spawn(lay_out);
         Self {
             size,
             density,
             result,
+            is_stale: false,
         }
     }
 
     fn is_of(&self, size: u32, density: f32) -> bool {
-        (self.size, self.density) == (size, density)
+        !self.is_stale && (self.size, self.density) == (size, density)
     }
 }
 
@@ -145,7 +165,14 @@ impl GpuScene {
             *job = Some(mine);
             return Ok(None);
         };
-        let atlas = result.clone().map_err(refused)?;
+        let atlas = match result.clone() {
+            Ok(atlas) => atlas,
+            Err(reason) => {
+                // Asked again, it fails again without the work.
+                *job = Some(mine);
+                return Err(refused(reason));
+            }
+        };
         shared.push(SharedAtlas {
             size,
             density,

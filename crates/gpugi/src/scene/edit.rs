@@ -10,7 +10,7 @@ use super::environment::{check_environment, environment_texture};
 use super::motion::{moved, same_meshes};
 use super::rows::{is_mirrored, set_place, texture_slots};
 use super::upload::{are_same, is_same_image, is_see_through};
-use super::{Atlases, GpuScene, Object, Versions};
+use super::{GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
 
 /// One edit of a scene: replaces a value that the scene already has. Indices are those of the scene on the GPU.
@@ -340,7 +340,7 @@ impl GpuScene {
         }
         self.versions.topology += 1;
         self.versions.meshes += 1;
-        self.atlases = Atlases::default();
+        self.atlases = std::mem::take(&mut self.atlases).of_other_meshes();
         Arc::make_mut(&mut self.geometry).bend(gpu, index, mesh);
         let instances = self.host.instances.iter().enumerate();
         let of_mesh = instances.filter(|(_, instance)| instance.mesh == index);
@@ -406,11 +406,10 @@ impl GpuScene {
         } else {
             std::mem::take(&mut self.placements)
         };
-        let atlases = if triangles {
-            Atlases::default()
-        } else {
-            std::mem::take(&mut self.atlases)
-        };
+        let mut atlases = std::mem::take(&mut self.atlases);
+        if triangles {
+            atlases = atlases.of_other_meshes();
+        }
         let grown = |count: u64, changed: bool| count + u64::from(changed);
         let version = grown(versions.geometry, geometry);
         let placements = moved(placements, after, &same_meshes, version);

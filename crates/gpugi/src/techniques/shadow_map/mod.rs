@@ -104,7 +104,8 @@ impl Settings {
             cascades: self.cascades,
             area_samples: self.area_samples,
             area_resolution: self.area_resolution,
-            turn: self.per_sample.then_some(sample),
+            // What is lit for all samples, such as texels, takes the lights' centres.
+            turn: (self.per_sample && sample != View::NO_SAMPLE).then_some(sample),
             beyond_camera,
         }
     }
