@@ -38,7 +38,7 @@ pub struct Info {
     /// The light that it can add.
     pub paths: &'static [LightPaths],
     /// Whether a scene that has such light has everything else that the technique needs, and the technique is fast
-    /// enough for a live view: then it belongs to every default set of the scene ([`crate::default_set`]).
+    /// enough for a live view: then it belongs to every default set of the scene ([`crate::default_set()`]).
     pub suits: fn(&Scene) -> bool,
     /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
