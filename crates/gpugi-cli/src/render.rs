@@ -369,7 +369,7 @@ fn render_techniques(
     gpu.wait()?;
     if interrupt::asked() && !common.quiet {
         eprintln!(
-            "interrupted: the maps were {:.0} % done, the picture has {} of {samples} samples a pixel",
+            "interrupted: the maps were {:.0} % done, the picture has {} of {samples} samples per pixel",
             maps.progress() * 100.0,
             renderer.samples()
         );
@@ -464,7 +464,7 @@ fn render_reference(
     progress.finish();
     if interrupt::asked() && !common.quiet {
         eprintln!(
-            "interrupted: the picture has {} of {samples} samples a pixel, and some pixels more",
+            "interrupted: the picture has {} of {samples} samples per pixel, and some pixels more",
             done.samples
         );
     }

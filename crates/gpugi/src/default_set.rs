@@ -1,5 +1,5 @@
-//! The techniques that gpugi chooses where nobody names any: by what the light is for, by what the scene holds, and by
-//! the kind of adapter. Never by the clock, so a scene gets the same set on all adapters of a kind.
+//! The default techniques, chosen by the purpose of the light, by the scene and by the kind of adapter. The clock plays
+//! no part, so a scene gets the same set on all adapters of a kind.
 
 use std::collections::BTreeSet;
 
@@ -19,12 +19,12 @@ const RADIOSITY: &str = radiosity::INFO.name;
 const SHADOWS: &str = shadow_map::INFO.name;
 const FINAL_GATHER: &str = final_gather::INFO.name;
 
-/// With more triangles than this, no still picture waits for an atlas that nobody asked for. Unwrapping 94,722
+/// A still picture of more triangles than this does not wait for an atlas by default. Unwrapping 94,722
 /// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
 const MOST_UNWRAPPED: u64 = 100_000;
 
-/// Meshes of more connected pieces than this, such as foliage, are not unwrapped unasked: each piece takes a chart with
-/// its gutter, which fill the pages, and packing them takes a minute for 20,000.
+/// Meshes of more connected pieces than this, such as foliage, are not unwrapped by default: each piece takes a chart
+/// with its gutter, which fill the pages, and packing them takes a minute for 20,000.
 const MOST_PIECES: usize = 4_000;
 
 /// What light is computed for.

@@ -274,8 +274,8 @@ impl Lighting {
         })
     }
 
-    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: what takes several
-    /// frames is pending, and goes on in the next call. Whoever loses interest stops calling.
+    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: work that takes
+    /// several frames is pending and continues in the next call. To cancel it, stop calling.
     ///
     /// # Errors
     /// [`GpuError`].

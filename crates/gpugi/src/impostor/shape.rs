@@ -9,8 +9,8 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, GpuScene};
 use crate::shader;
 
-/// Captures shapes. Their buffers serve again in later frames, but once per frame: what a view writes lies before all
-/// passes of its frame.
+/// Captures shapes. Later frames reuse the buffers. Within a frame each shape needs its own, because all writes to
+/// buffers precede the frame's passes.
 #[derive(Debug)]
 pub(super) struct ShapePasses {
     kernels: CaptureKernels,

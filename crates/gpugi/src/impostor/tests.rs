@@ -301,7 +301,7 @@ fn faces_in_turn_end_as_all_at_once() {
     }
 }
 
-/// The frame's writes lie before all of its passes, so shapes of one frame must not share what says where they are.
+/// All writes to buffers precede the frame's passes, so the shapes of one frame must not share their view.
 #[test]
 fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
     let Some(gpu) = test_gpu() else { return };

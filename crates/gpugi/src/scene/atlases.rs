@@ -19,12 +19,12 @@ pub(super) struct Atlases(Mutex<Kept>);
 #[derive(Debug, Default)]
 struct Kept {
     shared: Vec<SharedAtlas>,
-    /// One at a time: whoever drags a setting, or bends a mesh in every frame, asks for many.
+    /// One at a time: dragging a setting, or bending a mesh in every frame, would start many.
     job: Option<Job>,
 }
 
 impl Atlases {
-    /// What is left when meshes have changed: only a job that still runs, of meshes that are no more.
+    /// To be called when meshes have changed: keeps only a job that still runs, whose result is stale.
     pub fn of_other_meshes(self) -> Self {
         let mut kept = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         kept.shared.clear();
@@ -67,7 +67,7 @@ impl Job {
         let result = Arc::new(OnceLock::new());
         let (scene, done) = (scene.clone(), result.clone());
         let lay_out = move || {
-            // Whoever waits for the result must get one.
+            // A panic must not leave callers waiting for ever.
             let atlas = catch_unwind(AssertUnwindSafe(|| Atlas::new(&scene, &options)));
             let _ = done.set(match atlas {
                 Ok(atlas) => atlas.map(Arc::new).map_err(|error| error.to_string()),

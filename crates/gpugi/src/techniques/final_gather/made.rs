@@ -148,13 +148,13 @@ impl Layout {
     }
 }
 
-/// Where the cubes are, what they show, and how light goes on from there: decided by the plan.
+/// What the plan decides: where the cubes are, what they show, and whether light bounces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Own {
     pub places: Places,
-    /// Emitters, whose direct light nobody else adds.
+    /// Whether cubes show emitters, because no other technique adds their direct light.
     pub emission: bool,
-    /// The sky, likewise.
+    /// The same of the sky.
     pub environment: bool,
     /// Whether light bounces on among the lights; otherwise the techniques before this one already do that.
     pub bounces: bool,
