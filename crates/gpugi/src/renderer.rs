@@ -16,7 +16,7 @@ use crate::gpu::{
     read_buffer,
 };
 use crate::light_paths::{LightClass, LightPaths};
-use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Inspection, Map, Registry, Technique};
@@ -32,6 +32,7 @@ pub struct Renderer {
     display: Display,
     samples: u32,
     seed: u32,
+    budget: Budget,
 }
 
 /// While pipelines compile.
@@ -102,6 +103,7 @@ impl Renderer {
             tiles,
             samples: 0,
             seed: 0,
+            budget: Budget::UNLIMITED,
         })
     }
 
@@ -187,6 +189,16 @@ impl Renderer {
     pub fn set_seed(&mut self, seed: u32) {
         self.seed = seed;
         self.samples = 0;
+    }
+
+    /// Limits the work on maps per frame, for live views; unlimited at first.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.budget = budget;
+    }
+
+    /// Work on maps in the last frame, in units of [`Budget`].
+    pub fn work(&self) -> u64 {
+        self.lighting.work()
     }
 
     /// Width and height of the picture (pixels).
@@ -340,7 +352,8 @@ impl Renderer {
         let diagonal = self.scene.diagonal();
         let (index, seed) = (View::NO_SAMPLE, self.seed);
         let view = View::new(camera, self.size, Vec2::ZERO, index, seed, diagonal);
-        self.lighting.prepare(frame, &mut self.scene, &view)
+        let budget = self.budget;
+        self.lighting.prepare(frame, &mut self.scene, &view, budget)
     }
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the
@@ -406,7 +419,10 @@ impl Renderer {
         };
         let diagonal = self.scene.diagonal();
         let view = View::new(camera, self.size, jitter, self.samples, self.seed, diagonal);
-        let readiness = self.lighting.prepare(frame, &mut self.scene, &view)?;
+        let budget = self.budget;
+        let readiness = self
+            .lighting
+            .prepare(frame, &mut self.scene, &view, budget)?;
         if !readiness.is_usable() {
             return Ok(readiness);
         }

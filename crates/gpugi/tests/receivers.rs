@@ -8,7 +8,7 @@ use common::gpu;
 use glam::{Mat4, Vec2, Vec3, vec3};
 use gpugi::capture::{Output, Probe, Receiver, Slots, Target, View};
 use gpugi::gpu::{Frame, Gpu, read_buffer};
-use gpugi::lighting::Lighting;
+use gpugi::lighting::{Budget, Lighting};
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{Camera, Environment, Image, Light, LightKind, Material, Pixels, Scene};
@@ -36,7 +36,7 @@ fn lit(
     loop {
         let mut frame = Frame::new(gpu, false);
         let readiness = lighting
-            .prepare(&mut frame, &mut on_gpu, &view)
+            .prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)
             .expect("maps");
         if readiness.is_usable() {
             frame.clear(&target.radiance);

@@ -3,6 +3,7 @@
 //! [`Technique`] is the trait that [`crate::lighting::Lighting`] loops over; [`Registry`] lists the techniques in the
 //! order of the frame. docs/adding-a-technique.md walks through a new one.
 
+mod budget;
 pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
@@ -13,6 +14,7 @@ pub mod radiosity;
 mod registry;
 pub mod shadow_map;
 
+pub use budget::Budget;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;
@@ -56,6 +58,8 @@ pub struct Plan {
     /// The list of object names in its settings, separated by commas; empty if there is none.
     /// [`crate::lighting::Lighting::set`] refuses names that no object has.
     pub object_names: String,
+    /// What its gather looks up per point, roughly: lights, depth maps or other maps. The unit of [`Budget`].
+    pub lookups: u32,
 }
 
 impl Plan {
@@ -65,6 +69,7 @@ impl Plan {
             paths: paths.into(),
             claims: vec![Claims::NONE; scene.objects.len()],
             object_names: String::new(),
+            lookups: 1,
         }
     }
 }
@@ -76,7 +81,8 @@ pub struct Generated {
     pub revision: u64,
     /// Part of the work on a still scene that is done (0 to 1); at 1 the maps are final.
     pub progress: f32,
-    /// What the maps wait for before they show the current scene; `None` when they can be gathered.
+    /// What the maps wait for before they can be gathered. `None` also while they still hold light of the scene before
+    /// its last change, with a progress below 1.
     pub pending: Option<&'static str>,
 }
 
@@ -234,6 +240,11 @@ pub struct Earlier<'a> {
     pub revision: u64,
     /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
     pub lights_elsewhere: bool,
+    budget: Budget,
+    /// What a gather of these techniques looks up per point.
+    lookups: u64,
+    /// Work that the technique has done so far in this frame, in units of [`Budget`].
+    work: u64,
 }
 
 impl<'a> Earlier<'a> {
@@ -253,7 +264,34 @@ impl<'a> Earlier<'a> {
             settings_version,
             revision,
             lights_elsewhere,
+            budget: Budget::UNLIMITED,
+            lookups: 1,
+            work: 0,
         }
+    }
+
+    /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point.
+    pub(crate) fn within(self, budget: Budget, lookups: u64) -> Self {
+        Self {
+            budget,
+            lookups,
+            ..self
+        }
+    }
+
+    /// Whether the technique may begin another step in this frame: always the first one.
+    pub fn may_step(&self) -> bool {
+        self.budget.allows_step(self.work)
+    }
+
+    /// Counts work of the technique's own: rays traced, or lookups at points. [`Earlier::gather`] counts by itself.
+    pub fn count(&mut self, work: u64) {
+        self.work = self.work.saturating_add(work.max(1));
+    }
+
+    /// Work that the technique has done so far in this frame.
+    pub(crate) fn work(&self) -> u64 {
+        self.work
     }
 
     /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and
@@ -268,6 +306,7 @@ impl<'a> Earlier<'a> {
         receiver: &Receiver,
         with_emission: bool,
     ) -> Result<(), GpuError> {
+        self.count(u64::from(receiver.points.count) * self.lookups);
         if with_emission {
             self.emission.record(frame, scene, receiver)?;
         } else {

@@ -195,7 +195,10 @@ impl Technique for ImageBasedLighting {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
-        Plan::adding(INFO.paths, scene)
+        Plan {
+            lookups: self.settings.samples * u32::from(scene.environment.is_some()),
+            ..Plan::adding(INFO.paths, scene)
+        }
     }
 
     fn generate(
