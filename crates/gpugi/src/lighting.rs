@@ -11,6 +11,7 @@ use crate::capture::{CaptureKernels, Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
+use crate::prefiltered::Environments;
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
@@ -94,6 +95,7 @@ pub struct Lighting {
     capture: CaptureKernels,
     emission: Emission,
     impostors: Impostors,
+    environments: Environments,
     techniques: Vec<Box<dyn Technique>>,
     plans: Vec<Plan>,
     generated: Vec<Generated>,
@@ -153,6 +155,7 @@ impl Lighting {
             emission: Emission::new(gpu, scene)?,
             impostors: Impostors::new(gpu, scene, &capture)?,
             capture,
+            environments: Environments::default(),
             plans: Vec::new(),
             generated: vec![Generated::FINAL; techniques.len()],
             lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
@@ -293,6 +296,7 @@ impl Lighting {
     ) -> Result<Readiness, GpuError> {
         scene.merge(frame);
         self.impostors.begin_frame();
+        self.environments.begin_frame();
         self.work = 0;
         let (mut revision, mut lookups) = (0, 1);
         for index in 0..self.techniques.len() {
@@ -301,6 +305,7 @@ impl Lighting {
                 &mut self.emission,
                 techniques,
                 &mut self.impostors,
+                &mut self.environments,
                 self.settings_version,
                 revision,
                 self.lights_elsewhere,

@@ -25,6 +25,7 @@ use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
+use crate::prefiltered::{Environments, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 
@@ -234,6 +235,7 @@ pub struct Earlier<'a> {
     techniques: &'a mut [Box<dyn Technique>],
     /// The maps around objects.
     pub impostors: &'a mut Impostors,
+    environments: &'a mut Environments,
     /// Grows when a setting of any technique changes: earlier captures are stale.
     pub settings_version: u64,
     /// Grows when the light of these techniques improves although nothing has changed.
@@ -253,6 +255,7 @@ impl<'a> Earlier<'a> {
         emission: &'a mut Emission,
         techniques: &'a mut [Box<dyn Technique>],
         impostors: &'a mut Impostors,
+        environments: &'a mut Environments,
         settings_version: u64,
         revision: u64,
         lights_elsewhere: bool,
@@ -261,6 +264,7 @@ impl<'a> Earlier<'a> {
             emission,
             techniques,
             impostors,
+            environments,
             settings_version,
             revision,
             lights_elsewhere,
@@ -292,6 +296,29 @@ impl<'a> Earlier<'a> {
     /// Work that the technique has done so far in this frame.
     pub(crate) fn work(&self) -> u64 {
         self.work
+    }
+
+    /// The maps `wanted` of the scene's environment, and whether they show it. `is_read`: they are filled, as far as this
+    /// frame may; otherwise they are only bound.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prefiltered(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        wanted: Wanted,
+        is_read: bool,
+    ) -> Result<(&Prefiltered, bool), GpuError> {
+        let (budget, work) = (self.budget, &mut self.work);
+        let takes = |step: u64| {
+            let may_step = budget.allows_step(*work);
+            *work = work.saturating_add(u64::from(may_step) * step);
+            may_step
+        };
+        let is_filled = !is_read || self.environments.fill(frame, scene, wanted, takes)?;
+        let maps = self.environments.of(frame.gpu, scene, wanted)?;
+        Ok((maps, is_filled))
     }
 
     /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and
