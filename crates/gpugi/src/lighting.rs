@@ -2,6 +2,9 @@
 //! [`Lighting::gather`] lights a receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are
 //! thin loops around these two.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 
 use gpugi_scene::Scene;
@@ -365,13 +368,14 @@ impl Lighting {
         receiver: &Receiver,
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
-        self.emission.record(frame, scene, receiver)?;
+        let gathered = self.emission.attenuation.begin(frame, receiver)?;
+        self.emission.record(frame, scene, &gathered)?;
         for technique in &mut self.techniques {
             if adds(technique.info().name) {
-                technique.gather(frame, scene, receiver)?;
+                technique.gather(frame, scene, &gathered)?;
             }
         }
-        Ok(())
+        self.emission.attenuation.end(frame, receiver)
     }
 
     /// Saved progress of techniques, by name. Waits for the GPU.

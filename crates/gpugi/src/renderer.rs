@@ -234,6 +234,11 @@ impl Renderer {
         self.lighting.techniques()
     }
 
+    /// The lighting of the scene.
+    pub fn lighting(&self) -> &Lighting {
+        &self.lighting
+    }
+
     /// The scene on the GPU.
     pub fn scene(&self) -> &GpuScene {
         &self.scene

@@ -300,6 +300,11 @@ impl<'a> LightBake<'a> {
         task: &LightTask,
         adds: impl Fn(&str) -> bool,
     ) -> Result<LightPart, LightingError> {
+        if let LightTask::Texels { tile, samples } = task
+            && !self.has_task(*tile, samples)
+        {
+            return Err(unfit("this is a task of another bake"));
+        }
         while self.refining.is_some() {
             self.refine()?;
             self.gpu.wait()?;
@@ -307,9 +312,6 @@ impl<'a> LightBake<'a> {
         let LightTask::Texels { tile, samples } = task else {
             return Ok(LightPart::Maps(self.lighting.save()?));
         };
-        if !self.has_task(*tile, samples) {
-            return Err(unfit("another bake has this task"));
-        }
         let mut running = self.begin(*tile, samples.clone(), None)?;
         while running.next < running.samples.end {
             self.light(&mut running, &adds)?;
@@ -336,6 +338,11 @@ impl<'a> LightBake<'a> {
                 self.keep(part)
             }
         }
+    }
+
+    /// Whether all texels are lit.
+    pub fn is_complete(&self) -> bool {
+        self.done.iter().all(Option::is_some)
     }
 
     /// Whether a task of the bake lights these samples of a tile.

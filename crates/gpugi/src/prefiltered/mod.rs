@@ -2,6 +2,8 @@
 //! over ever wider lobes (tutorial sections 3.2.1 and 3.2.2). Techniques that want the same maps share them.
 
 pub(crate) mod gpu;
+#[cfg(test)]
+mod tests;
 
 use wgpu::BindingResource::{Sampler, TextureView};
 
@@ -201,6 +203,12 @@ impl Environments {
         self.frame += 1;
         let now = self.frame;
         self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
+    }
+
+    /// Number of maps that are kept.
+    #[cfg(test)]
+    pub(crate) fn len(&self) -> usize {
+        self.kept.len()
     }
 
     /// The maps `wanted`, which may not be filled yet.

@@ -334,15 +334,16 @@ impl<'a> Earlier<'a> {
         with_emission: bool,
     ) -> Result<(), GpuError> {
         self.count(u64::from(receiver.points.count) * self.lookups);
+        let gathered = self.emission.attenuation.begin(frame, receiver)?;
         if with_emission {
-            self.emission.record(frame, scene, receiver)?;
+            self.emission.record(frame, scene, &gathered)?;
         } else {
-            frame.clear(&receiver.target.radiance);
+            frame.clear(&gathered.target.radiance);
         }
         for technique in &mut *self.techniques {
-            technique.gather(frame, scene, receiver)?;
+            technique.gather(frame, scene, &gathered)?;
         }
-        Ok(())
+        self.emission.attenuation.end(frame, receiver)
     }
 }
 

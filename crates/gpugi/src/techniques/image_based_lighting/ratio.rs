@@ -87,7 +87,7 @@ impl RatioPass {
     }
 
     fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&LobeSumTarget, GpuError> {
-        let Receiver { points, target } = receiver;
+        let Receiver { points, target, .. } = receiver;
         self.bound.of(receiver, || {
             let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
             let usage = wgpu::BufferUsages::STORAGE;
