@@ -2,13 +2,14 @@
 
 #[cfg(test)]
 mod tests;
+mod tiles;
 
-use std::ops::{ControlFlow, Range};
+use std::ops::ControlFlow;
 
 use glam::Vec2;
 use gpugi_scene::{Camera, Scene};
 
-use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
+use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
 use crate::display::{Display, DisplaySettings, Part, Present};
 use crate::gpu::{
@@ -20,6 +21,7 @@ use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes}
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Inspection, Map, Registry, Technique};
+use tiles::{Tile, tiles};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
@@ -40,14 +42,6 @@ const COMPILING: Readiness = Readiness::Pending {
     progress: 0.0,
     what: "shaders",
 };
-
-/// As many rows of the picture as fit one buffer of surface points.
-#[derive(Debug)]
-struct Tile {
-    rows: Range<u32>,
-    capture: Capture,
-    receiver: Receiver,
-}
 
 impl Renderer {
     /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a
@@ -573,47 +567,4 @@ impl Renderer {
     pub fn maps(&self) -> Vec<Map> {
         self.lighting.maps()
     }
-}
-
-impl Tile {
-    fn part(&self) -> Part {
-        Part {
-            radiance: self.receiver.target.radiance.clone(),
-            pixels: self.receiver.points.count,
-        }
-    }
-}
-
-/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
-/// pixels each.
-fn tiles(
-    gpu: &Gpu,
-    lighting: &Lighting,
-    size: [u32; 2],
-    most_points: u32,
-) -> Result<Vec<Tile>, GpuError> {
-    let limits = gpu.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    let most_points = (bytes / SURFACE_POINT_BYTES).min(u64::from(most_points));
-    let most_rows =
-        (most_points / u64::from(size[0].max(1))).min(u64::from(limits.max_texture_dimension_2d));
-    // A row at least: if that is too large, its buffer says so.
-    let count = u64::from(size[1]).div_ceil(most_rows.max(1)).max(1) as u32;
-    let kernels = lighting.capture_kernels();
-    (0..count)
-        .map(|index| {
-            let row =
-                |index: u32| (u64::from(size[1]) * u64::from(index) / u64::from(count)) as u32;
-            let rows = row(index)..row(index + 1);
-            let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
-            let target = Target::new(gpu, capture.points.count)?;
-            Ok(Tile {
-                receiver: Receiver::new(&capture.points, &target),
-                capture,
-                rows,
-            })
-        })
-        .collect()
 }
