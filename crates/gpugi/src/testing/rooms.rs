@@ -59,7 +59,10 @@ fn imports_run_one_way() {
         };
         let text = std::fs::read_to_string(&file).unwrap();
         // What follows belongs to tests.
-        let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+        let text = text
+            .split("#[cfg(test)]\nmod tests {")
+            .next()
+            .unwrap_or_default();
         let text = comment.replace_all(text, "");
         for found in import.captures_iter(&text) {
             let imported = &found[1];
