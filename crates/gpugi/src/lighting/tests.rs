@@ -137,7 +137,7 @@ fn budgets_bound_frames_and_change_no_map() {
         ["obscurances", "steps", "16"],
         ["caustics", "resolution", "32"],
         ["caustics", "cube-resolution", "32"],
-        ["caustics", "frames", "2"],
+        ["caustics", "frames", "1"],
         ["distance-impostor", "resolution", "32"],
     ];
     let whole = converged(&gpu, &settings, &names, Budget::UNLIMITED);
