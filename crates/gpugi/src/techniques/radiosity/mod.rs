@@ -387,7 +387,9 @@ impl Resume for Radiosity {
         let Some(made) = &self.made else {
             return Ok(None);
         };
-        let Some(lit) = made.lit.as_ref().filter(|_| made.solution.iterates > 0) else {
+        // Dropped iterates are soon made again.
+        let has_light = made.solution.iterates > self.settings.burn_in;
+        let Some(lit) = made.lit.as_ref().filter(|_| has_light) else {
             return Ok(None);
         };
         let saved = Saved {
@@ -413,19 +415,17 @@ impl Resume for Radiosity {
             iterations,
             ..
         } = self.settings;
-        if !(1..=burn_in + iterations).contains(&saved.iterates) {
+        if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
             return Err(unfit("another number of iterates"));
         }
         let solution = &mut made.solution;
         if !solution.resume(gpu, saved.iterates, &saved.light) {
             return Err(unfit("another number of texels"));
         }
-        if saved.iterates > burn_in {
-            let mut frame = Frame::new(gpu, false);
-            solution.average(&mut frame, &made.kernels)?;
-            frame.submit()?;
-            made.is_averaged = true;
-        }
+        let mut frame = Frame::new(gpu, false);
+        solution.average(&mut frame, &made.kernels)?;
+        frame.submit()?;
+        made.is_averaged = true;
         made.revision = saved.revision;
         Ok(true)
     }
