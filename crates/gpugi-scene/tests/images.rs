@@ -13,7 +13,8 @@ const LIMITS: Limits = Limits {
     file_bytes: 1 << 24,
     image_side: 64,
     image_bytes: 1 << 16,
-    elements: 0,
+    scene_bytes: 0,
+    expansion: 1024,
 };
 
 fn encoded(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {

@@ -428,3 +428,26 @@ fn a_refitted_top_level_finds_what_a_new_one_finds() {
         );
     }
 }
+
+#[test]
+fn corners_that_are_not_finite_are_an_error() {
+    let whole = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let broken = [Vec3::ZERO, Vec3::new(0.0, value, 0.0), Vec3::Y];
+        let error = BottomLevel::new([vec![whole], vec![whole, broken]]).unwrap_err();
+        let expected = BvhError::NotFinite {
+            mesh: 1,
+            triangle: 1,
+        };
+        assert_eq!(error, expected);
+    }
+    // An instance that is not finite is left out.
+    let (bottom, _) = BottomLevel::new([vec![whole]]).unwrap();
+    let instance = BvhInstance {
+        mesh: 0,
+        world_from_mesh: Mat4::from_scale(Vec3::splat(f32::NAN)),
+        flags: 0,
+    };
+    let top = bottom.top_level(&[instance]).unwrap();
+    assert_eq!(top.rows.len(), NODE_ROWS as usize);
+}

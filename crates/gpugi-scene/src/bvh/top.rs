@@ -8,7 +8,7 @@ use glam::Mat4;
 
 use super::tree::Tree;
 use super::{
-    BottomLevel, BvhInstance, BvhTooLarge, INSTANCE_ROWS, NODE_ROWS, Row, TOP_LEVELS, at_most,
+    BottomLevel, BvhInstance, BvhError, INSTANCE_ROWS, NODE_ROWS, Row, TOP_LEVELS, at_most,
     node, placed, row_number, traverse,
 };
 use crate::Bounds;
@@ -48,8 +48,8 @@ impl BottomLevel {
     /// has no inverse in 32-bit floats.
     ///
     /// # Errors
-    /// [`BvhTooLarge`].
-    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, BvhTooLarge> {
+    /// [`BvhError`].
+    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, BvhError> {
         let mut boxes = Vec::new();
         let mut items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
         let mut numbers = Vec::new();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
 
-use super::ktx2;
+use super::{exr, ktx2};
 use crate::{Image, ImportError, Limits, Pixels};
 
 /// Bytes per texel of [`Pixels::Rgba8`].
@@ -134,17 +134,36 @@ pub(super) fn check_size(
     let side = limits.image_side;
     if width > side || height > side {
         return error(format!(
-            "{width} x {height} texels exceed the limit of {side} a side"
+            "{width} x {height} texels exceed the limit of {side} a side; --limits side=N raises it"
         ));
     }
     let size = u64::from(width) * u64::from(height) * texel;
     if size > limits.image_bytes {
         return error(format!(
-            "{width} x {height} texels need {size} bytes of the {} that are left for images",
+            "{width} x {height} texels need {size} bytes of the {} that are left for images; --limits images=BYTES raises them",
             limits.image_bytes
         ));
     }
     Ok(())
+}
+
+/// Rejects an image that claims far more texels than `given` bytes can hold.
+pub(super) fn check_expansion(
+    name: &str,
+    (width, height): (u32, u32),
+    texel: u64,
+    given: usize,
+    limits: &Limits,
+) -> Result<(), ImportError> {
+    let size = u64::from(width) * u64::from(height) * texel;
+    let most = limits.expanded(given as u64);
+    if size <= most {
+        return Ok(());
+    }
+    let reason = format!(
+        "{width} x {height} texels need {size} bytes, and a file of {given} bytes may take {most}; --limits expansion=N raises that"
+    );
+    Err(ImportError::new(name, "header", reason))
 }
 
 fn decode(
@@ -159,20 +178,23 @@ fn decode(
     match format {
         ImageFormat::Png => {
             let decoder = codecs::png::PngDecoder::with_limits(reader, decoder_limits(limits));
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
         ImageFormat::Jpeg => {
             let decoder = codecs::jpeg::JpegDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
         ImageFormat::Hdr => {
             let decoder = codecs::hdr::HdrDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
-        _ => {
-            let decoder = codecs::openexr::OpenExrDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
-        }
+        _ => exr::decode(name, bytes, limits, texel),
     }
 }
 
@@ -183,7 +205,8 @@ fn decoder_limits(limits: &Limits) -> image::Limits {
     decoder_limits
 }
 
-fn finish(
+/// Decodes, once the size is within the limits.
+pub(super) fn finish(
     name: &str,
     mut decoder: impl ImageDecoder,
     limits: &Limits,

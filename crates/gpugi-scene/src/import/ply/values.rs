@@ -1,5 +1,7 @@
 //! Reads the values after a PLY header.
 
+use crate::import::quoted;
+
 use super::header::{Element, Format, Kind, Property};
 
 /// Reads numbers in sequence and checks every length against the remaining bytes.
@@ -130,8 +132,7 @@ impl Word<'_> {
             _ => text.parse::<f64>().ok(),
         };
         number.ok_or_else(|| {
-            let shown: String = text.chars().take(40).collect();
-            format!("\"{shown}\" is no number")
+            format!("\"{}\" is no number", quoted(&text))
         })
     }
 }
