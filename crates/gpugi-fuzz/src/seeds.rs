@@ -312,26 +312,25 @@ pub fn exr() -> Vec<Case> {
     let mut cases = Vec::new();
     for compression in compressions {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))] {
-            for half in [false, true] {
+            for is_half in [false, true] {
                 let encoding = Encoding {
                     compression,
                     blocks,
                     line_order: LineOrder::Increasing,
                 };
-                let value = |at: Vec2<usize>| (at.x() as f32 / 8.0, at.y() as f32, 0.25_f32);
                 let mut bytes = Cursor::new(Vec::new());
                 let attributes = LayerAttributes::named("all");
                 let size = (40, 20);
-                let written = if half {
-                    let value = |at| {
-                        let (r, g, b) = value(at);
-                        [r, g, b].map(exr::prelude::f16::from_f32).into()
-                    };
-                    let channels = SpecificChannels::rgb(value as fn(Vec2<usize>) -> Halves);
+                let written = if is_half {
+                    let channels = SpecificChannels::rgb(|at| {
+                        let (r, g, b) = gradient(at);
+                        let half = half::f16::from_f32;
+                        (half(r), half(g), half(b))
+                    });
                     let layer = Layer::new(size, attributes, encoding, channels);
                     ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)
                 } else {
-                    let layer = Layer::new(size, attributes, encoding, SpecificChannels::rgb(value));
+                    let layer = Layer::new(size, attributes, encoding, SpecificChannels::rgb(gradient));
                     ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)
                 };
                 // What the crate cannot write is no seed.
@@ -344,8 +343,9 @@ pub fn exr() -> Vec<Case> {
     cases
 }
 
-/// Three channels of half floats.
-type Halves = (exr::prelude::f16, exr::prelude::f16, exr::prelude::f16);
+fn gradient(at: Vec2<usize>) -> (f32, f32, f32) {
+    (at.x() as f32 / 8.0, at.y() as f32, 0.25)
+}
 
 pub fn ktx2() -> Vec<Case> {
     let texel = [0.0, 0.5, 1.0, 1.0].map(half::f16::from_f32);

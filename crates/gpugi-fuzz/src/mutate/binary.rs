@@ -53,11 +53,12 @@ pub fn mutate(random: &mut Random, bytes: &mut Vec<u8>, donor: &[u8]) {
         bytes.len()
     };
     let at = random.below(reach);
+    let old = bytes.get(at).copied().unwrap_or(0);
     let length = 1 << random.below(10);
     let range = at..at.saturating_add(length).min(bytes.len());
     match random.below(10) {
         0 => set(bytes, at, &[random.next() as u8]),
-        1 => set(bytes, at, &[bytes.get(at).unwrap_or(&0) ^ (1 << random.below(8))]),
+        1 => set(bytes, at, &[old ^ (1 << random.below(8))]),
         2 | 3 => {
             let number = *random.pick(&NUMBERS);
             let width = *random.pick(&[1, 2, 4, 8]);
@@ -70,7 +71,7 @@ pub fn mutate(random: &mut Random, bytes: &mut Vec<u8>, donor: &[u8]) {
         4 => {
             // A little more or less than it was.
             let change = *random.pick(&[1, 255, 2, 254, 16]);
-            set(bytes, at, &[bytes.get(at).unwrap_or(&0).wrapping_add(change)]);
+            set(bytes, at, &[old.wrapping_add(change)]);
         }
         5 => {
             let bits = random.pick(&FLOATS).to_le_bytes();

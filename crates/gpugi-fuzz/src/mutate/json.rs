@@ -94,7 +94,9 @@ fn repeat_or_remove(random: &mut Random, target: &mut Value) {
         }
         Value::Object(members) if !members.is_empty() => {
             let at = random.below(members.len());
-            members.shift_remove_index(at);
+            if let Some(name) = members.keys().nth(at).cloned() {
+                members.shift_remove(&name);
+            }
         }
         _ => {}
     }
