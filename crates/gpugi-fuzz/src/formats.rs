@@ -77,7 +77,11 @@ fn without_numbers(text: &str) -> String {
     let unquoted: Vec<&str> = text.split('"').step_by(2).collect();
     let mut plain = String::new();
     for character in unquoted.join("\"").chars() {
-        let character = if character.is_ascii_digit() { '0' } else { character };
+        let character = if character.is_ascii_digit() {
+            '0'
+        } else {
+            character
+        };
         if !(character == '0' && plain.ends_with('0')) {
             plain.push(character);
         }
@@ -97,7 +101,9 @@ fn imported(case: &Case) -> Result<Scene, Outcome> {
     };
     if peak > MOST + 4 * given {
         return Err(Outcome {
-            failure: Some(format!("import takes more memory than its limits ({signature})")),
+            failure: Some(format!(
+                "import takes more memory than its limits ({signature})"
+            )),
             signature,
         });
     }
@@ -124,7 +130,10 @@ fn sizes(scene: &Scene) -> String {
         u64::from(statistics.animated),
     ];
     // Halves of powers of two: close sizes take the same way.
-    let warning = scene.warnings.last().map_or_else(String::new, |text| without_numbers(text));
+    let warning = scene
+        .warnings
+        .last()
+        .map_or_else(String::new, |text| without_numbers(text));
     format!("{:?} {warning}", sizes.map(|size| size.checked_ilog2()))
 }
 
@@ -142,7 +151,8 @@ fn run_scene(case: &Case) -> Outcome {
 /// Does with a scene what renders and bakes do. The error says what should not have happened.
 fn use_scene(scene: &Scene, signature: &mut String) -> Result<(), String> {
     for mesh in &scene.meshes {
-        mesh.check().map_err(|reason| format!("a mesh that is none: {}", without_numbers(&reason)))?;
+        mesh.check()
+            .map_err(|reason| format!("a mesh that is none: {}", without_numbers(&reason)))?;
     }
     let triangles = scene.meshes.iter().map(|mesh| {
         let corners = mesh.indices.as_chunks::<3>().0.iter();
@@ -158,7 +168,9 @@ fn use_scene(scene: &Scene, signature: &mut String) -> Result<(), String> {
             flags: 0,
         })
         .collect();
-    bottom.top_level(&instances).map_err(|error| error.to_string())?;
+    bottom
+        .top_level(&instances)
+        .map_err(|error| error.to_string())?;
     if scene.statistics().triangles > MOST_TRIANGLES || scene.instances.len() > MOST_INSTANCES {
         return Ok(());
     }
@@ -167,13 +179,25 @@ fn use_scene(scene: &Scene, signature: &mut String) -> Result<(), String> {
         ..AtlasOptions::default()
     };
     match Atlas::new(scene, &options) {
-        Ok(atlas) => atlas.check(scene).map_err(|reason| format!("the atlas: {}", without_numbers(&reason)))?,
+        Ok(atlas) => atlas
+            .check(scene)
+            .map_err(|reason| format!("the atlas: {}", without_numbers(&reason)))?,
         Err(error) => signature.push_str(&without_numbers(&error.to_string())),
     }
     match export_scene(scene) {
         Ok(exported) => {
-            let read = import("exported.glb", &exported.glb, &Files(&Vec::new()), &Limits::default());
-            let read = read.map_err(|error| format!("its export is refused: {}", without_numbers(&error.to_string())))?;
+            let read = import(
+                "exported.glb",
+                &exported.glb,
+                &Files(&Vec::new()),
+                &Limits::default(),
+            );
+            let read = read.map_err(|error| {
+                format!(
+                    "its export is refused: {}",
+                    without_numbers(&error.to_string())
+                )
+            })?;
             if read.statistics().triangles != scene.statistics().triangles {
                 return Err("its export has other triangles".to_owned());
             }
@@ -191,12 +215,17 @@ fn run_bake(case: &Case) -> Outcome {
     };
     let mut signature = sizes(&scene);
     if scene.statistics().triangles > MOST_TRIANGLES || scene.instances.len() > MOST_INSTANCES {
-        return Outcome { signature, failure: None };
+        return Outcome {
+            signature,
+            failure: None,
+        };
     }
     let instances = scene.instances.iter().map(|instance| {
         let corners = 0..scene.meshes[instance.mesh].indices.len();
         Some(InstanceUvs {
-            corners: corners.map(|corner| Vec2::splat(corner as f32 % 8.0 / 8.0)).collect(),
+            corners: corners
+                .map(|corner| Vec2::splat(corner as f32 % 8.0 / 8.0))
+                .collect(),
             page: 0,
             charts: Vec::new(),
         })
@@ -220,10 +249,18 @@ fn run_bake(case: &Case) -> Outcome {
     let mut failure = None;
     match export_bake(Some(original), &scene, &atlas, &[page]) {
         Ok(exported) => {
-            let read = import("baked.glb", &exported.glb, &Files(&Vec::new()), &Limits::default());
-            failure = read
-                .err()
-                .map(|error| format!("its bake is refused: {}", without_numbers(&error.to_string())));
+            let read = import(
+                "baked.glb",
+                &exported.glb,
+                &Files(&Vec::new()),
+                &Limits::default(),
+            );
+            failure = read.err().map(|error| {
+                format!(
+                    "its bake is refused: {}",
+                    without_numbers(&error.to_string())
+                )
+            });
         }
         Err(error) => signature.push_str(&without_numbers(&error.to_string())),
     }
@@ -257,7 +294,11 @@ fn run_checkpoint(case: &Case) -> Outcome {
     let key = checkpoint_key();
     let (read, peak) = measured(|| Checkpoint::from_bytes(bytes, &key, &scene));
     let signature = match read {
-        Ok(checkpoint) => format!("{} {}", checkpoint.light.is_some(), checkpoint.obscurances.is_some()),
+        Ok(checkpoint) => format!(
+            "{} {}",
+            checkpoint.light.is_some(),
+            checkpoint.obscurances.is_some()
+        ),
         Err(error) => without_numbers(&error.to_string()),
     };
     let is_large = peak > 64 * bytes.len() + (8 << 20);

@@ -97,7 +97,11 @@ fn run() -> anyhow::Result<bool> {
         .collect();
     if chosen.is_empty() {
         let names: Vec<&str> = formats::ALL.iter().map(|format| format.name).collect();
-        bail!("there is no format {:?}; there are all, {}", options.format, names.join(", "));
+        bail!(
+            "there is no format {:?}; there are all, {}",
+            options.format,
+            names.join(", ")
+        );
     }
     if let Some(path) = &options.replay {
         return replay(chosen[0], path);
@@ -115,7 +119,8 @@ fn run() -> anyhow::Result<bool> {
 /// Starts children until the time is up, and keeps the case of each that dies.
 fn supervise(format: &Format, options: &Options) -> anyhow::Result<bool> {
     let started = Instant::now();
-    let folder = std::env::temp_dir().join(format!("gpugi-fuzz-{}-{}", format.name, std::process::id()));
+    let folder =
+        std::env::temp_dir().join(format!("gpugi-fuzz-{}-{}", format.name, std::process::id()));
     std::fs::create_dir_all(&folder)?;
     let mut seed = options.seed;
     let mut cases = 0;
@@ -142,7 +147,11 @@ fn supervise(format: &Format, options: &Options) -> anyhow::Result<bool> {
                 is_fine = false;
                 let case = Note::read(&folder.join("case"))?;
                 let place = keep(&options.failures, format, &case)?;
-                println!("{}: the process died ({status}): {}", format.name, place.display());
+                println!(
+                    "{}: the process died ({status}): {}",
+                    format.name,
+                    place.display()
+                );
                 seed += 1000;
                 continue;
             }
@@ -151,7 +160,11 @@ fn supervise(format: &Format, options: &Options) -> anyhow::Result<bool> {
     }
     std::fs::remove_dir_all(&folder).ok();
     let seconds = started.elapsed().as_secs();
-    let verdict = if is_fine { "none failed" } else { "some failed" };
+    let verdict = if is_fine {
+        "none failed"
+    } else {
+        "some failed"
+    };
     println!("{}: {cases} cases in {seconds} s, {verdict}", format.name);
     Ok(is_fine)
 }
@@ -214,7 +227,10 @@ struct Note(File);
 impl Note {
     fn write(&mut self, case: &Case) -> anyhow::Result<()> {
         let mut bytes = Vec::new();
-        for part in case.iter().flat_map(|(name, bytes)| [name.as_bytes(), bytes]) {
+        for part in case
+            .iter()
+            .flat_map(|(name, bytes)| [name.as_bytes(), bytes])
+        {
             bytes.extend((part.len() as u64).to_le_bytes());
             bytes.extend(part);
         }
@@ -232,13 +248,20 @@ impl Note {
             if length == u64::MAX {
                 break;
             }
-            let (part, after) = after.split_at_checked(length as usize).context("a broken note")?;
+            let (part, after) = after
+                .split_at_checked(length as usize)
+                .context("a broken note")?;
             parts.push(part.to_vec());
             rest = after;
         }
         let files = parts.chunks_exact(2);
         Ok(files
-            .map(|file| (String::from_utf8_lossy(&file[0]).into_owned(), file[1].clone()))
+            .map(|file| {
+                (
+                    String::from_utf8_lossy(&file[0]).into_owned(),
+                    file[1].clone(),
+                )
+            })
             .collect())
     }
 }
@@ -274,7 +297,12 @@ fn attempt(format: &Format, case: &Case) -> Outcome {
     let mut outcome = outcome.unwrap_or_else(|_| {
         let panic = PANIC.lock().map(|panic| panic.clone()).unwrap_or_default();
         Outcome {
-            failure: Some(panic.chars().filter(|character| !character.is_control()).collect()),
+            failure: Some(
+                panic
+                    .chars()
+                    .filter(|character| !character.is_control())
+                    .collect(),
+            ),
             signature: String::new(),
         }
     });
@@ -334,7 +362,10 @@ fn store(folder: &Path, case: &Case) -> anyhow::Result<()> {
 }
 
 fn load(path: &Path) -> anyhow::Result<Case> {
-    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let name = |path: &Path| {
+        path.file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+    };
     if path.is_file() {
         let bytes = std::fs::read(path)?;
         return Ok(vec![(name(path).context("no file name")?, bytes)]);

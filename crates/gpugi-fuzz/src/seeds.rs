@@ -3,8 +3,8 @@
 use std::io::Cursor;
 
 use exr::prelude::{
-    Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2,
-    WritableImage,
+    Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
+    SpecificChannels, Vec2, WritableImage,
 };
 use gpugi::bake::{Checkpoint, LightState};
 use gpugi::techniques::obscurances::ObscuranceState;
@@ -53,23 +53,48 @@ fn document() -> (Value, Vec<u8>) {
         }
         (views.len() - 1, accessors.len().saturating_sub(1))
     };
-    let floats = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let floats = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.2];
     let (_, positions) = add("VEC3", 5126, 4, floats(&corners));
     let (_, normals) = add("VEC3", 5126, 4, floats(&[0.0, 0.0, 1.0].repeat(4)));
-    let (_, uvs) = add("VEC2", 5126, 4, floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
+    let (_, uvs) = add(
+        "VEC2",
+        5126,
+        4,
+        floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+    );
     let (_, tangents) = add("VEC4", 5126, 4, floats(&[1.0, 0.0, 0.0, 1.0].repeat(4)));
     let (_, colors) = add("VEC4", 5121, 4, vec![200; 16]);
-    let (_, indices) = add("SCALAR", 5123, 6, [0_u16, 1, 2, 2, 1, 3].map(u16::to_le_bytes).concat());
+    let (_, indices) = add(
+        "SCALAR",
+        5123,
+        6,
+        [0_u16, 1, 2, 2, 1, 3].map(u16::to_le_bytes).concat(),
+    );
     let (_, joints) = add("VEC4", 5121, 4, vec![0, 1, 0, 0].repeat(4));
     let (_, weights) = add("VEC4", 5126, 4, floats(&[0.5, 0.5, 0.0, 0.0].repeat(4)));
     let (_, offsets) = add("VEC3", 5126, 4, floats(&[0.1; 12]));
-    let (_, matrices) = add("MAT4", 5126, 2, floats(&glam::Mat4::IDENTITY.to_cols_array().repeat(2)));
+    let (_, matrices) = add(
+        "MAT4",
+        5126,
+        2,
+        floats(&glam::Mat4::IDENTITY.to_cols_array().repeat(2)),
+    );
     let (_, times) = add("SCALAR", 5126, 2, floats(&[0.0, 1.0]));
     let (_, moves) = add("VEC3", 5126, 2, floats(&[0.0, 0.0, 0.0, 1.0, 2.0, 3.0]));
     let (_, turns) = add("VEC4", 5126, 6, floats(&[0.0, 0.0, 0.0, 1.0].repeat(6)));
     let (_, shares) = add("SCALAR", 5126, 2, floats(&[0.0, 1.0]));
-    let (_, places) = add("VEC3", 5126, 3, floats(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0]));
+    let (_, places) = add(
+        "VEC3",
+        5126,
+        3,
+        floats(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0]),
+    );
     let (picture, _) = add("", 0, 0, encoded(small(), ImageFormat::Png));
     let (photo, _) = add("", 0, 0, encoded(small(), ImageFormat::Jpeg));
     let (numbers, _) = add("", 0, 0, vec![1, 0, 0, 0]);
@@ -227,7 +252,12 @@ pub fn ply() -> Vec<Case> {
              property list uchar int vertex_indices\nend_header\n"
         )
     };
-    let corners = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let corners = [
+        [0.0_f32, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
     let faces = [&[0, 1, 2][..], &[0, 1, 3], &[0, 1, 2, 3]];
     let mut text = header("ascii");
     let mut little = header("binary_little_endian").into_bytes();
@@ -252,11 +282,18 @@ pub fn ply() -> Vec<Case> {
         }
         text.push('\n');
     }
-    vec![one("a.ply", text.into()), one("b.ply", little), one("c.ply", big)]
+    vec![
+        one("a.ply", text.into()),
+        one("b.ply", little),
+        one("c.ply", big),
+    ]
 }
 
 fn small() -> DynamicImage {
-    RgbaImage::from_fn(5, 3, |x, y| image::Rgba([x as u8 * 50, y as u8 * 80, 7, 255 - x as u8])).into()
+    RgbaImage::from_fn(5, 3, |x, y| {
+        image::Rgba([x as u8 * 50, y as u8 * 80, 7, 255 - x as u8])
+    })
+    .into()
 }
 
 fn encoded(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
@@ -270,15 +307,21 @@ fn encoded(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
 }
 
 pub fn png() -> Vec<Case> {
-    let grey = DynamicImage::from(image::GrayImage::from_fn(9, 9, |x, y| image::Luma([(x * y) as u8])));
-    let deep = DynamicImage::ImageRgb16(image::ImageBuffer::from_fn(4, 4, |x, y| Rgb([x as u16 * 9999, y as u16, 3])));
+    let grey = DynamicImage::from(image::GrayImage::from_fn(9, 9, |x, y| {
+        image::Luma([(x * y) as u8])
+    }));
+    let deep = DynamicImage::ImageRgb16(image::ImageBuffer::from_fn(4, 4, |x, y| {
+        Rgb([x as u16 * 9999, y as u16, 3])
+    }));
     [small(), grey, deep]
         .map(|image| one("a.png", encoded(image, ImageFormat::Png)))
         .into()
 }
 
 pub fn jpeg() -> Vec<Case> {
-    let large = RgbImage::from_fn(40, 24, |x, y| Rgb([(x * 6) as u8, (y * 9) as u8, (x * y) as u8]));
+    let large = RgbImage::from_fn(40, 24, |x, y| {
+        Rgb([(x * 6) as u8, (y * 9) as u8, (x * y) as u8])
+    });
     let grey = image::GrayImage::from_fn(17, 17, |x, y| image::Luma([(x * y) as u8]));
     [small(), large.into(), grey.into()]
         .map(|image| one("a.jpg", encoded(image, ImageFormat::Jpeg)))
@@ -328,10 +371,17 @@ pub fn exr() -> Vec<Case> {
                         (half(r), half(g), half(b))
                     });
                     let layer = Layer::new(size, attributes, encoding, channels);
-                    ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)
+                    ExrImage::from_layer(layer)
+                        .write()
+                        .non_parallel()
+                        .to_buffered(&mut bytes)
                 } else {
-                    let layer = Layer::new(size, attributes, encoding, SpecificChannels::rgb(gradient));
-                    ExrImage::from_layer(layer).write().non_parallel().to_buffered(&mut bytes)
+                    let layer =
+                        Layer::new(size, attributes, encoding, SpecificChannels::rgb(gradient));
+                    ExrImage::from_layer(layer)
+                        .write()
+                        .non_parallel()
+                        .to_buffered(&mut bytes)
                 };
                 // What the crate cannot write is no seed.
                 if written.is_ok() {

@@ -90,7 +90,11 @@ pub fn mutate_checkpoint(random: &mut Random, bytes: &mut Vec<u8>, donor: &[u8])
         return binary::mutate(random, bytes, donor);
     }
     let mut content = bytes.split_off(CHECKPOINT_START);
-    binary::mutate(random, &mut content, donor.get(CHECKPOINT_START..).unwrap_or_default());
+    binary::mutate(
+        random,
+        &mut content,
+        donor.get(CHECKPOINT_START..).unwrap_or_default(),
+    );
     bytes[16..].copy_from_slice(blake3::hash(&content).as_bytes());
     bytes.extend(content);
 }

@@ -69,8 +69,25 @@ fn replace(random: &mut Random, target: &mut Value) {
         }
         Value::String(text) => {
             let words = [
-                "SCALAR", "VEC2", "VEC3", "VEC4", "MAT4", "STEP", "CUBICSPLINE", "weights", "rotation", "MASK", "BLEND",
-                "spot", "directional", "../../etc/passwd", "data:,", "data:;base64,AAAA", "", "ATTRIBUTES", "INDICES",
+                "SCALAR",
+                "VEC2",
+                "VEC3",
+                "VEC4",
+                "MAT4",
+                "STEP",
+                "CUBICSPLINE",
+                "weights",
+                "rotation",
+                "MASK",
+                "BLEND",
+                "spot",
+                "directional",
+                "../../etc/passwd",
+                "data:,",
+                "data:;base64,AAAA",
+                "",
+                "ATTRIBUTES",
+                "INDICES",
             ];
             *text = (*random.pick(&words)).to_owned();
         }
@@ -143,7 +160,15 @@ fn extras() -> Vec<(String, Value)> {
 }
 
 fn odd() -> Vec<Value> {
-    vec![json!(null), json!([]), json!({}), json!(""), json!(0), json!([[]]), json!(true)]
+    vec![
+        json!(null),
+        json!([]),
+        json!({}),
+        json!(""),
+        json!(0),
+        json!([[]]),
+        json!(true),
+    ]
 }
 
 fn visit(value: &Value, on: &mut impl FnMut(&Value)) {

@@ -8,8 +8,8 @@ use glam::Mat4;
 
 use super::tree::Tree;
 use super::{
-    BottomLevel, BvhInstance, BvhError, INSTANCE_ROWS, NODE_ROWS, Row, TOP_LEVELS, at_most,
-    node, placed, row_number, traverse,
+    BottomLevel, BvhError, BvhInstance, INSTANCE_ROWS, NODE_ROWS, Row, TOP_LEVELS, at_most, node,
+    placed, row_number, traverse,
 };
 use crate::Bounds;
 

@@ -175,7 +175,10 @@ fn read_parts(bytes: &[u8]) -> Result<(Part<'_>, usize), Fault> {
             .ok_or_else(|| ("header".to_owned(), "chunkCount is missing".to_owned()))?;
         deep = false;
     }
-    fault("header", "no part has the channels R, G and B, or only a deep one")
+    fault(
+        "header",
+        "no part has the channels R, G and B, or only a deep one",
+    )
 }
 
 fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
@@ -203,7 +206,9 @@ fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
             (b"displayWindow", b"box2i") => {
                 content.window().map(|window| header.display = Some(window))
             }
-            (b"lineOrder", b"lineOrder") => content.array().map(|[order]| header.line_order = order),
+            (b"lineOrder", b"lineOrder") => {
+                content.array().map(|[order]| header.line_order = order)
+            }
             (b"tiles", b"tiledesc") => content
                 .u32()
                 .zip(content.u32())
@@ -259,7 +264,12 @@ fn has_rgb(list: &[u8]) -> bool {
 
 impl<'a> Header<'a> {
     fn part(&self, is_tiled: bool, number: Option<u32>) -> Result<Part<'a>, Fault> {
-        let missing = |what: &str| ("header".to_owned(), format!("the attribute {what} is missing"));
+        let missing = |what: &str| {
+            (
+                "header".to_owned(),
+                format!("the attribute {what} is missing"),
+            )
+        };
         let list = self.channels.ok_or_else(|| missing("channels"))?;
         let Some(channels) = channels(list) else {
             let reason = "the list is damaged, or a channel has not one sample per texel";
@@ -279,7 +289,10 @@ impl<'a> Header<'a> {
                 return Ok(window);
             }
             let place = format!("attribute {name}");
-            fault(&place, format!("{min:?} to {max:?} is no rectangle of texels"))
+            fault(
+                &place,
+                format!("{min:?} to {max:?} is no rectangle of texels"),
+            )
         };
         let tiles = is_tiled.then(|| self.tiles.ok_or_else(|| missing("tiles")));
         let tiles = tiles.transpose()?;
@@ -302,12 +315,7 @@ impl<'a> Header<'a> {
 }
 
 /// Rejects a part whose stored texels, of all channels, exceed the limits.
-fn check_stored(
-    name: &str,
-    part: &Part,
-    given: usize,
-    limits: &Limits,
-) -> Result<(), ImportError> {
+fn check_stored(name: &str, part: &Part, given: usize, limits: &Limits) -> Result<(), ImportError> {
     let in_data_window = |mut error: ImportError| {
         error.place = "attribute dataWindow".into();
         error
@@ -348,7 +356,10 @@ impl Part<'_> {
             let offset = offset.and_then(|offset| usize::try_from(offset).ok());
             let chunk = offset.and_then(|offset| self.chunk(bytes.get(offset..)?, counts));
             let Some((number, chunk, content)) = chunk else {
-                return fault(&place, "it lies outside the file or outside the data window");
+                return fault(
+                    &place,
+                    "it lies outside the file or outside the data window",
+                );
             };
             if std::mem::replace(&mut is_used[number], true) {
                 return fault(&place, "another chunk has the same place");
@@ -414,10 +425,24 @@ impl Part<'_> {
             *counter = rest.array().map_or(u64::MAX, u64::from_le_bytes);
         }
         let coefficients = width.next_multiple_of(8) * height.next_multiple_of(8) * self.samples;
-        let least = [2, most, u64::MAX, u64::MAX, u64::MAX, u64::MAX, 2 * most, most];
+        let least = [
+            2,
+            most,
+            u64::MAX,
+            u64::MAX,
+            u64::MAX,
+            u64::MAX,
+            2 * most,
+            most,
+        ];
         let most = [least.as_slice(), &[coefficients, coefficients, 1]].concat();
-        let fits = counters.iter().zip(&most).all(|(counter, most)| counter <= most);
-        let stored = counters[2..6].iter().try_fold(0_u64, |sum, &size| sum.checked_add(size));
+        let fits = counters
+            .iter()
+            .zip(&most)
+            .all(|(counter, most)| counter <= most);
+        let stored = counters[2..6]
+            .iter()
+            .try_fold(0_u64, |sum, &size| sum.checked_add(size));
         if fits && stored.is_some_and(|stored| stored <= rest.0.len() as u64) {
             Ok(())
         } else {
@@ -436,7 +461,10 @@ impl Part<'_> {
         };
         let window = |window: &Window| {
             let corners = [window.min, window.max].concat();
-            corners.into_iter().flat_map(i32::to_le_bytes).collect::<Vec<u8>>()
+            corners
+                .into_iter()
+                .flat_map(i32::to_le_bytes)
+                .collect::<Vec<u8>>()
         };
         let one = 1_f32.to_le_bytes();
         attribute("channels", "chlist", self.channels);

@@ -122,7 +122,11 @@ impl FileResolver {
         }
         let resolved = |path: &Path| path.canonicalize().map_err(|error| error.to_string());
         let is_here = self.folder.as_os_str().is_empty();
-        let folder = if is_here { Path::new(".") } else { &self.folder };
+        let folder = if is_here {
+            Path::new(".")
+        } else {
+            &self.folder
+        };
         // Before the file is looked for, so that a message never tells whether a file elsewhere exists.
         let mut depth = 0_i64;
         for part in path.components() {

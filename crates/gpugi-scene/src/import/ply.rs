@@ -21,10 +21,13 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     let header = Header::parse(bytes)
         .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
     let mut values = Values::new(&bytes[header.size..], header.format);
-    let mesh = read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(|error| match error {
-        Failure::Place(place, reason) => ImportError::new(name, place, reason),
-        Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
-    })?;
+    let mesh =
+        read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(
+            |error| match error {
+                Failure::Place(place, reason) => ImportError::new(name, place, reason),
+                Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
+            },
+        )?;
 
     let mut scene = Scene::new(name);
     let stem = std::path::Path::new(name).file_stem();

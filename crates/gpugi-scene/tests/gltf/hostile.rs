@@ -215,7 +215,10 @@ fn deeply_nested_json_is_an_error() {
         &Limits::default(),
     );
     let place = error.unwrap_err().place;
-    assert!(place.starts_with("materials[0].extras") && place.len() < 80, "{place}");
+    assert!(
+        place.starts_with("materials[0].extras") && place.len() < 80,
+        "{place}"
+    );
 }
 
 #[test]

@@ -53,7 +53,11 @@ pub fn read(
     let mut geometry = reader.vertices(primitive, name, indices, uv_sets)?;
     if geometry.mesh.normals.is_empty() {
         // glTF 2.0, 3.7.2.1: use flat normals and ignore the file's tangents.
-        document.charge(geometry.mesh.indices.len() as u64, geometry.split_bytes(), place)?;
+        document.charge(
+            geometry.mesh.indices.len() as u64,
+            geometry.split_bytes(),
+            place,
+        )?;
         geometry.mesh.tangents.clear();
         geometry.flat = true;
         let sources = tangents::make_flat(&mut geometry.mesh);
@@ -62,7 +66,11 @@ pub fn read(
     if let Some(slot) = normal_slot
         && geometry.mesh.tangents.is_empty()
     {
-        document.charge(geometry.mesh.indices.len() as u64, geometry.split_bytes(), place)?;
+        document.charge(
+            geometry.mesh.indices.len() as u64,
+            geometry.split_bytes(),
+            place,
+        )?;
         match tangents::generate(&mut geometry.mesh, slot) {
             Some(sources) => geometry.follow(&sources),
             None => document.warn(

@@ -26,7 +26,12 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
     let count = usize::try_from(view.count).map_err(|_| "count is too large")?;
     // The decoder has nothing to say but a number.
     let failed = |_: meshopt::Error| "the compressed data is damaged".to_owned();
-    let wrong_stride = || format!("byteStride {stride} does not fit mode {}", quoted(&view.mode));
+    let wrong_stride = || {
+        format!(
+            "byteStride {stride} does not fit mode {}",
+            quoted(&view.mode)
+        )
+    };
     match (view.mode.as_str(), stride) {
         ("ATTRIBUTES", _) => {
             let decoded = vertices(bytes, count, stride).ok_or_else(wrong_stride)?;

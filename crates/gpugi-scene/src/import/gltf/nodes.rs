@@ -9,7 +9,9 @@ use super::geometry::{self, Geometry};
 use super::instancing::{self, Instancing};
 use super::material::Materials;
 use super::{extras, rig, schema};
-use crate::animation::{Deformer, JOINT_BYTES, MorphTarget, Node, Rig, Transform, rigid, unit_rotation};
+use crate::animation::{
+    Deformer, JOINT_BYTES, MorphTarget, Node, Rig, Transform, rigid, unit_rotation,
+};
 use crate::import::quoted;
 use crate::{Camera, ImportError, Instance, Light, LightKind, Mesh, Origin, Projection, Scene};
 

@@ -5,8 +5,8 @@ use glam::Mat4;
 use super::document::Document;
 use super::schema::{self, AnimationSampler};
 use crate::ImportError;
-use crate::import::quoted;
 use crate::animation::{Animation, Channel, Interpolation, Property, Rig, Skin};
+use crate::import::quoted;
 
 /// Memory of a joint of a skin (bytes): its node, its matrix at rest and its matrix in a pose.
 const SKIN_JOINT_BYTES: u64 = 8 + 2 * 64;
@@ -90,7 +90,10 @@ fn read_channel(
         "scale" => (Property::Scale, 3),
         "weights" => (Property::Weights, target.weights.len()),
         other => {
-            document.warn(&target_place, format!("\"{}\" is not animated", quoted(other)));
+            document.warn(
+                &target_place,
+                format!("\"{}\" is not animated", quoted(other)),
+            );
             return Ok(None);
         }
     };

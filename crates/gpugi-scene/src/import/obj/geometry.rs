@@ -236,8 +236,7 @@ impl<'a> Parser<'a> {
         let position = next("vertex", self.positions.len())?;
         let uv = next("texture coordinate", self.uvs.len())?;
         let normal = next("normal", self.normals.len())?;
-        let position =
-            position.ok_or_else(|| format!("\"{}\" names no vertex", quoted(word)))?;
+        let position = position.ok_or_else(|| format!("\"{}\" names no vertex", quoted(word)))?;
         Ok((position, uv, normal))
     }
 

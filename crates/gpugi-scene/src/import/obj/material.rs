@@ -4,8 +4,8 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
-use super::texture::{Map, Textures};
 use super::numbers;
+use super::texture::{Map, Textures};
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene};

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use glam::{Affine2, Vec2};
 
 use crate::image::decode_color;
-use crate::import::quoted;
 use crate::import::budget::Budget;
+use crate::import::quoted;
 use crate::{Image, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
 /// A map statement: options and a file name.

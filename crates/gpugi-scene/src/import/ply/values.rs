@@ -131,8 +131,6 @@ impl Word<'_> {
             Kind::F32 => text.parse::<f32>().map(f64::from).ok(),
             _ => text.parse::<f64>().ok(),
         };
-        number.ok_or_else(|| {
-            format!("\"{}\" is no number", quoted(&text))
-        })
+        number.ok_or_else(|| format!("\"{}\" is no number", quoted(&text)))
     }
 }
