@@ -147,10 +147,8 @@ impl Gpu {
         let faults = Arc::new(Mutex::new(Faults::default()));
         let record = faults.clone();
         device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
-                faults.lost = Some(format!("{reason:?}: {message}"));
-            }
+            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+            faults.lost = Some(format!("{reason:?}: {message}"));
         });
         let record = faults.clone();
         device.on_uncaptured_error(Arc::new(move |error| {
@@ -200,10 +198,13 @@ impl Gpu {
         let created = create();
         // Natively these futures are ready: nothing waits for the GPU.
         let errors = [internal.pop(), memory.pop(), validation.pop()].map(pollster::block_on);
-        self.check_lost()?;
         match errors.into_iter().flatten().next() {
-            Some(error) => Err(GpuError::in_pass(what, &error)),
-            None => Ok(created),
+            Some(error) => {
+                // What a lost device refuses is not at fault.
+                self.notice_loss()?;
+                Err(GpuError::in_pass(what, &error))
+            }
+            None => self.check_lost().map(|()| created),
         }
     }
 
@@ -214,9 +215,15 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
     pub fn check(&self) -> Result<(), GpuError> {
-        self.check_lost()?;
+        self.notice_loss()?;
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
         faults.error.take().map_or(Ok(()), Err)
+    }
+
+    /// As [`Gpu::check_lost`], but also notices that the device's owner has destroyed it, of which only a poll tells.
+    pub(super) fn notice_loss(&self) -> Result<(), GpuError> {
+        self.device.poll(wgpu::PollType::Poll).ok();
+        self.check_lost()
     }
 
     /// Checks that the device still works.

@@ -49,6 +49,17 @@ impl Gpu {
             return;
         };
         self.count_uploaded(bytes);
+        // The staging belt panics where a buffer of a lost device cannot be mapped, so once per submission look whether it
+        // is lost. What calls this learns of it from the submission.
+        let is_first = self.pending().encoder.is_none();
+        let state = if is_first {
+            self.notice_loss()
+        } else {
+            self.check_lost()
+        };
+        if state.is_err() {
+            return;
+        }
         let mut pending = self.pending();
         // In a browser, direct writes are cheap.
         if size.get() > LARGE || cfg!(target_arch = "wasm32") {
