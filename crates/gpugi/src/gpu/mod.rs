@@ -215,14 +215,20 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::Lost`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
     pub fn check(&self) -> Result<(), GpuError> {
-        self.notice_loss()?;
+        self.check_lost()?;
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
-        faults.error.take().map_or(Ok(()), Err)
+        let Some(error) = faults.error.take() else {
+            return Ok(());
+        };
+        drop(faults);
+        self.notice_loss()?;
+        Err(error)
     }
 
-    /// As [`Gpu::check_lost`], but also notices that the device's owner has destroyed it, of which only a poll tells.
-    pub(super) fn notice_loss(&self) -> Result<(), GpuError> {
-        self.device.poll(wgpu::PollType::Poll).ok();
+    /// After an error: whether its cause is that the owner of the device has destroyed it. wgpu tells of that once the
+    /// queue is empty.
+    fn notice_loss(&self) -> Result<(), GpuError> {
+        self.device.poll(wgpu::PollType::wait_indefinitely()).ok();
         self.check_lost()
     }
 
