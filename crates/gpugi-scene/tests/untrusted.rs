@@ -160,6 +160,11 @@ fn pictures_that_claim_more_than_their_bytes_can_hold() {
         let error = soon(|| decode("a.jpg", &jpeg, &Limits::default())).unwrap_err();
         assert!(error.reason.contains("--limits expansion"), "{error}");
     }
+    let mut scans = encoded(ImageFormat::Jpeg);
+    let end = scans.len() - 2;
+    scans.splice(end..end, [0xff, 0xda].repeat(200));
+    let error = decode_color("a.jpg", &scans, &Limits::default()).unwrap_err();
+    assert!(error.reason.contains("201 scans"), "{error}");
     let mut raised = Limits::default();
     raised.set("expansion=10000000, images=1KiB").unwrap();
     let error = decode_color("a.jpg", &jpeg, &raised).unwrap_err();
@@ -444,6 +449,15 @@ fn messages_say_where_and_quote_little() {
     file.extend(b"N\":4    more bytes");
     let error = import("a.glb", &file, &Nothing, &Limits::default()).unwrap_err();
     assert!(error.reason.contains(r#""N\":4""#), "{error}");
+}
+
+#[test]
+fn warnings_do_not_flood() {
+    let flat = json!({ "mesh": 0, "scale": [0, 0, 0] });
+    let file = triangle(|document| document["nodes"] = json!(vec![flat; 5000]));
+    let scene = import("a.gltf", &file, &Nothing, &Limits::default()).unwrap();
+    assert_eq!(scene.warnings.len(), 101);
+    assert_eq!(scene.warnings[100], "and 4900 more warnings");
 }
 
 /// A folder with a scene, a file beside it, one below it, one outside, and a symbolic link to that one.

@@ -147,6 +147,11 @@ pub(super) fn check_size(
     Ok(())
 }
 
+/// The marker before each scan of a JPEG. Compressed data never holds it.
+const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
+/// Encoders write about ten scans.
+const MOST_SCANS: usize = 100;
+
 /// Rejects an image that claims far more texels than `given` bytes can hold.
 pub(super) fn check_expansion(
     name: &str,
@@ -174,7 +179,8 @@ fn decode(
     texel: u64,
 ) -> Result<DynamicImage, ImportError> {
     let reader = Cursor::new(bytes);
-    let header = |error| ImportError::new(name, "header", error);
+    let header_error = |reason: String| ImportError::new(name, "header", reason);
+    let header = |error: image::ImageError| header_error(error.to_string());
     match format {
         ImageFormat::Png => {
             let decoder = codecs::png::PngDecoder::with_limits(reader, decoder_limits(limits));
@@ -183,6 +189,13 @@ fn decode(
             finish(name, decoder, limits, texel)
         }
         ImageFormat::Jpeg => {
+            // Each scan visits every block, in as few as two bytes per 32,767 of them.
+            let scans = bytes.windows(2).filter(|pair| *pair == START_OF_SCAN);
+            let scans = scans.count();
+            if scans > MOST_SCANS {
+                let reason = format!("{scans} scans, where {MOST_SCANS} are the most");
+                return Err(header_error(reason));
+            }
             let decoder = codecs::jpeg::JpegDecoder::new(reader);
             let decoder = decoder.map_err(header)?;
             check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;

@@ -172,6 +172,9 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(|error| error.to_string())
 }
 
+/// A file may give cause for a warning in every line; nobody reads more than these.
+const MOST_WARNINGS: usize = 100;
+
 /// Reads a scene from `bytes`. The extension of `name` (.gltf, .glb, .obj, .ply) determines the format; error messages
 /// include `name`.
 pub fn import(
@@ -184,7 +187,7 @@ pub fn import(
         .extension()
         .map(|extension| extension.to_string_lossy().to_lowercase())
         .unwrap_or_default();
-    let scene = match extension.as_str() {
+    let mut scene = match extension.as_str() {
         "gltf" | "glb" => gltf::import(name, bytes, resolver, limits),
         "obj" => obj::import(name, bytes, resolver, limits),
         "ply" => ply::import(name, bytes, limits),
@@ -194,6 +197,11 @@ pub fn import(
             "gpugi reads scenes from .gltf, .glb, .obj and .ply files",
         )),
     }?;
+    let more = scene.warnings.len().saturating_sub(MOST_WARNINGS);
+    if more > 0 {
+        scene.warnings.truncate(MOST_WARNINGS);
+        scene.warnings.push(format!("and {more} more warnings"));
+    }
     for (index, mesh) in scene.meshes.iter().enumerate() {
         mesh.check().map_err(|reason| {
             ImportError::new(name, format!("mesh {index} ({})", mesh.name), reason)
