@@ -70,7 +70,7 @@ struct Header<'a> {
     compression: Option<u8>,
     data: Option<Window>,
     display: Option<Window>,
-    line_order: u8,
+    line_order: Option<u8>,
     /// Width and height of tiles.
     tiles: Option<[u32; 2]>,
     chunks: Option<u64>,
@@ -197,29 +197,43 @@ fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
             return fault(&place(), reason);
         };
         let mut content = Bytes(value);
-        let known = match (name, kind) {
-            (b"channels", b"chlist") => Some(header.channels = Some(value)),
-            (b"compression", b"compression") => content
-                .array()
-                .map(|[compression]| header.compression = Some(compression)),
-            (b"dataWindow", b"box2i") => content.window().map(|window| header.data = Some(window)),
+        let is_whole = match (name, kind) {
+            (b"channels", b"chlist") => {
+                header.channels = Some(value);
+                true
+            }
+            (b"compression", b"compression") => {
+                header.compression = content.array().map(|[number]| number);
+                header.compression.is_some()
+            }
+            (b"dataWindow", b"box2i") => {
+                header.data = content.window();
+                header.data.is_some()
+            }
             (b"displayWindow", b"box2i") => {
-                content.window().map(|window| header.display = Some(window))
+                header.display = content.window();
+                header.display.is_some()
             }
             (b"lineOrder", b"lineOrder") => {
-                content.array().map(|[order]| header.line_order = order)
+                header.line_order = content.array().map(|[order]| order);
+                header.line_order.is_some()
             }
-            (b"tiles", b"tiledesc") => content
-                .u32()
-                .zip(content.u32())
-                .map(|(width, height)| header.tiles = Some([width, height])),
-            (b"chunkCount", b"int") => content
-                .u32()
-                .map(|count| header.chunks = Some(u64::from(count))),
-            (b"type", b"string") => Some(header.kind = Some(value)),
-            _ => Some(()),
+            (b"tiles", b"tiledesc") => {
+                let size = content.u32().zip(content.u32());
+                header.tiles = size.map(|(width, height)| [width, height]);
+                header.tiles.is_some()
+            }
+            (b"chunkCount", b"int") => {
+                header.chunks = content.u32().map(u64::from);
+                header.chunks.is_some()
+            }
+            (b"type", b"string") => {
+                header.kind = Some(value);
+                true
+            }
+            _ => true,
         };
-        if known.is_none() {
+        if !is_whole {
             return fault(&place(), format!("{length} bytes are too few"));
         }
     }
@@ -307,7 +321,7 @@ impl<'a> Header<'a> {
             compression,
             data: window(self.data, "dataWindow")?,
             display: window(self.display, "displayWindow")?,
-            line_order: self.line_order.min(2),
+            line_order: self.line_order.unwrap_or(0).min(2),
             tiles,
             number,
         })
