@@ -62,7 +62,7 @@ const fn format(name: &'static str, seeds: fn() -> Vec<Case>, run: fn(&Case) -> 
 }
 
 /// The files of a case.
-struct Files<'a>(&'a Case);
+pub struct Files<'a>(pub &'a Case);
 
 impl Resolver for Files<'_> {
     fn read(&self, uri: &str) -> Result<Vec<u8>, String> {

@@ -76,7 +76,7 @@ fn document() -> (Value, Vec<u8>) {
         6,
         [0_u16, 1, 2, 2, 1, 3].map(u16::to_le_bytes).concat(),
     );
-    let (_, joints) = add("VEC4", 5121, 4, vec![0, 1, 0, 0].repeat(4));
+    let (_, joints) = add("VEC4", 5121, 4, [0, 1, 0, 0].repeat(4));
     let (_, weights) = add("VEC4", 5126, 4, floats(&[0.5, 0.5, 0.0, 0.0].repeat(4)));
     let (_, offsets) = add("VEC3", 5126, 4, floats(&[0.1; 12]));
     let (_, matrices) = add(
@@ -125,7 +125,10 @@ fn document() -> (Value, Vec<u8>) {
                 "indices": indices, "material": 0, "targets": [{ "POSITION": offsets, "NORMAL": offsets }],
             }] },
             { "primitives": [
-                { "attributes": { "POSITION": positions, "TEXCOORD_0": uvs, "COLOR_0": colors }, "material": 1, "mode": 5 },
+                {
+                    "attributes": { "POSITION": positions, "TEXCOORD_0": uvs, "COLOR_0": colors },
+                    "material": 1, "mode": 5,
+                },
                 { "attributes": { "POSITION": positions, "TEXCOORD_0": uvs }, "indices": indices, "material": 2 },
                 { "attributes": { "POSITION": positions }, "mode": 6 },
             ] },
@@ -154,10 +157,14 @@ fn document() -> (Value, Vec<u8>) {
         "materials": [
             {
                 "name": "glass", "normalTexture": { "index": 0, "scale": 0.5 }, "emissiveFactor": [1, 0, 0],
-                "pbrMetallicRoughness": { "baseColorTexture": { "index": 1 }, "roughnessFactor": 0.1, "metallicFactor": 0 },
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": 1 }, "roughnessFactor": 0.1, "metallicFactor": 0,
+                },
                 "extensions": {
                     "KHR_materials_transmission": { "transmissionFactor": 1 }, "KHR_materials_ior": { "ior": 1.4 },
-                    "KHR_materials_volume": { "thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0.5] },
+                    "KHR_materials_volume": {
+                        "thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0.5],
+                    },
                     "KHR_materials_emissive_strength": { "emissiveStrength": 4 },
                     "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 2, 1] },
                 },
@@ -165,7 +172,9 @@ fn document() -> (Value, Vec<u8>) {
             {
                 "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
                 "extensions": { "KHR_materials_pbrSpecularGlossiness": {
-                    "diffuseTexture": { "index": 0, "extensions": { "KHR_texture_transform": { "scale": [2, 2], "rotation": 1 } } },
+                    "diffuseTexture": {
+                        "index": 0, "extensions": { "KHR_texture_transform": { "scale": [2, 2], "rotation": 1 } },
+                    },
                     "specularGlossinessTexture": { "index": 0 }, "glossinessFactor": 0.7,
                 } },
             },
@@ -232,11 +241,49 @@ pub fn bake() -> Vec<Case> {
 }
 
 pub fn obj() -> Vec<Case> {
-    let scene = "# a house\nmtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 0.5 1 # a tip\nvt 0 0\nvt 1 0\nvt 1 1\n\
-        vn 0 0 1\no floor\nusemtl plain\nf 1/1/1 2/2/1 3/3/1 4\ng roof left\nusemtl shiny\nf 1 2 5\nf -4//1 -3//1 -1//1\n\
-        usemtl metal\nf 3 \\\n4 5\ns off\nusemtl nowhere\nf 4 1 5\n";
-    let library = "newmtl plain\nKd 0.8 0.1 0\nKs 0 0.5 0\nNs 30\nmap_Kd a.png\nnewmtl shiny\nKd 0.9\nKe 1 2 3\nmap_d -s 2 2 a.png\n\
-        norm -bm 0.5 a.png\nd 0.5\nnewmtl metal\nPr 0.2\nPm 1\nNi 1.4\nillum 2\nTr 0.1\n";
+    let scene = "# a house
+mtllib a.mtl
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0.5 0.5 1 # a tip
+vt 0 0
+vt 1 0
+vt 1 1
+vn 0 0 1
+o floor
+usemtl plain
+f 1/1/1 2/2/1 3/3/1 4
+g roof left
+usemtl shiny
+f 1 2 5
+f -4//1 -3//1 -1//1
+usemtl metal
+f 3 \\
+4 5
+s off
+usemtl nowhere
+f 4 1 5
+";
+    let library = "newmtl plain
+Kd 0.8 0.1 0
+Ks 0 0.5 0
+Ns 30
+map_Kd a.png
+newmtl shiny
+Kd 0.9
+Ke 1 2 3
+map_d -s 2 2 a.png
+norm -bm 0.5 a.png
+d 0.5
+newmtl metal
+Pr 0.2
+Pm 1
+Ni 1.4
+illum 2
+Tr 0.1
+";
     vec![vec![
         ("a.obj".to_owned(), scene.into()),
         ("a.mtl".to_owned(), library.into()),
@@ -247,7 +294,8 @@ pub fn obj() -> Vec<Case> {
 pub fn ply() -> Vec<Case> {
     let header = |format: &str| {
         format!(
-            "ply\nformat {format} 1.0\ncomment a tip\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+            "ply\nformat {format} 1.0\ncomment a tip\nelement vertex 4\n\
+             property float x\nproperty float y\nproperty float z\n\
              property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 3\n\
              property list uchar int vertex_indices\nend_header\n"
         )
@@ -439,4 +487,42 @@ pub fn checkpoint() -> Vec<Case> {
     [begun, empty]
         .map(|checkpoint| one("a.checkpoint", checkpoint.to_bytes(&checkpoint_key())))
         .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::image::decode_radiance;
+    use gpugi_scene::{Limits, import};
+
+    use super::*;
+    use crate::formats::{ALL, Files};
+
+    /// A seed that is refused would lead nowhere.
+    #[test]
+    fn seeds_are_read() {
+        for case in [glb(), gltf(), bake(), obj(), ply()].concat() {
+            let (name, bytes) = &case[0];
+            let scene = import(name, bytes, &Files(&case), &Limits::default());
+            let scene = scene.unwrap_or_else(|error| panic!("{error}"));
+            assert!(!scene.instances.is_empty(), "{name}");
+        }
+        let pictures = [png(), jpeg(), hdr(), exr()].concat();
+        for case in &pictures {
+            let (name, bytes) = &case[0];
+            let image = decode_radiance(name, bytes, &Limits::default());
+            image.unwrap_or_else(|error| panic!("{error}"));
+        }
+        // Ten compressions, in lines and in tiles, of whole and of half floats.
+        assert_eq!(exr().len(), 40);
+    }
+
+    #[test]
+    fn seeds_do_not_fail() {
+        for format in &ALL {
+            for case in (format.seeds)() {
+                let outcome = (format.run)(&case);
+                assert_eq!(outcome.failure, None, "{}", format.name);
+            }
+        }
+    }
 }

@@ -153,7 +153,14 @@ fn extras() -> Vec<(String, Value)> {
         ("weights", json!([1, 1])),
         ("matrix", json!([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1])),
         ("normalTexture", json!({ "index": 0, "texCoord": 1 })),
-        ("sparse", json!({ "count": 1, "indices": { "bufferView": 0, "componentType": 5121 }, "values": { "bufferView": 0 } })),
+        (
+            "sparse",
+            json!({
+                "count": 1,
+                "indices": { "bufferView": 0, "componentType": 5121 },
+                "values": { "bufferView": 0 },
+            }),
+        ),
     ]
     .map(|(name, value)| (name.to_owned(), value))
     .to_vec()

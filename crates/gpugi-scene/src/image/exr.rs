@@ -239,8 +239,8 @@ fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
     }
 }
 
-/// The channels of a list: name and bytes per sample. `None` if the list is damaged, or a channel has fewer samples than
-/// texels.
+/// The channels of a list: name and bytes per sample. `None` if the list is damaged, or a channel has fewer samples
+/// than texels.
 fn channels(list: &[u8]) -> Option<Vec<(&[u8], u64)>> {
     let mut rest = Bytes(list);
     let mut found = Vec::new();
@@ -431,8 +431,9 @@ impl Part<'_> {
         if !DWA.contains(&self.compression) || content.len() as u64 == most {
             return Ok(());
         }
-        // Version; bytes of what is not transformed, before and after compression; bytes of AC and DC coefficients after;
-        // bytes of runs after, before, and unpacked; numbers of AC and DC coefficients; how AC is compressed.
+        // Version; bytes of what is not transformed, before and after compression; bytes of AC and DC coefficients, both
+        // compressed; bytes of runs compressed, packed and unpacked; numbers of AC and DC coefficients; how AC is
+        // compressed.
         let mut counters = [0; 11];
         let mut rest = Bytes(content);
         for counter in &mut counters {

@@ -58,8 +58,8 @@ impl From<String> for Failure {
     }
 }
 
-/// Memory of a vertex (bytes): position, normal, texture coordinate and colour, in vectors that may be twice as large as
-/// their contents.
+/// Memory of a vertex (bytes): position, normal, texture coordinate and colour, in vectors that may be twice as large
+/// as their contents.
 const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
 /// Memory of an index (bytes), likewise.
 const INDEX_BYTES: usize = 2 * size_of::<u32>();

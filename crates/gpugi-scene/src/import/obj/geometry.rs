@@ -28,8 +28,8 @@ pub struct Part {
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 /// Memory of a position, normal or texture coordinate (bytes), in a vector that may be twice as large as its contents.
 const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
-/// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors and
-/// the table may be twice as large as their contents.
+/// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
+/// and the table may be twice as large as their contents.
 const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
 /// Memory of a part (bytes), without names: as parsed, as a mesh, and as an instance.
 const PART_BYTES: usize = 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
