@@ -393,6 +393,29 @@ fn moved_instances_keep_their_items() {
 }
 
 #[test]
+fn corners_that_are_not_finite_are_an_error() {
+    let whole = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let broken = [Vec3::ZERO, Vec3::new(0.0, value, 0.0), Vec3::Y];
+        let error = BottomLevel::new([vec![whole], vec![whole, broken]]).unwrap_err();
+        let expected = BvhError::NotFinite {
+            mesh: 1,
+            triangle: 1,
+        };
+        assert_eq!(error, expected);
+    }
+    // An instance that is not finite is left out.
+    let (bottom, _) = BottomLevel::new([vec![whole]]).unwrap();
+    let instance = BvhInstance {
+        mesh: 0,
+        world_from_mesh: Mat4::from_scale(Vec3::splat(f32::NAN)),
+        flags: 0,
+    };
+    let (_, rows) = bottom.top_level(&[instance]).unwrap();
+    assert_eq!(rows.len(), NODE_ROWS as usize);
+}
+
+#[test]
 fn a_tree_is_built_again_when_it_has_become_bad() {
     let mut random = Random(3);
     let (bottom, _) = BottomLevel::new([soup(20, 0.5, &mut random)]).unwrap();

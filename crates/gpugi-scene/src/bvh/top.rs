@@ -5,7 +5,7 @@ use glam::Mat4;
 
 use super::tree::Tree;
 use super::{
-    BottomLevel, BvhInstance, BvhTooLarge, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node, placed,
+    BottomLevel, BvhError, BvhInstance, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node, placed,
     row_number, traverse,
 };
 use crate::Bounds;
@@ -47,11 +47,8 @@ impl BottomLevel {
     /// leaves out instances of meshes without triangles and instances whose transform has no inverse in 32-bit floats.
     ///
     /// # Errors
-    /// [`BvhTooLarge`].
-    pub fn top_level(
-        &self,
-        instances: &[BvhInstance],
-    ) -> Result<(TopLevel, Vec<Row>), BvhTooLarge> {
+    /// [`BvhError`].
+    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<(TopLevel, Vec<Row>), BvhError> {
         let mut boxes = Vec::new();
         let mut rows_of_items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
         let mut numbers = Vec::new();

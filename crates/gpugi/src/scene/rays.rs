@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Mat4;
 use gpugi_scene::bvh::{
-    BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, MovedItem, NODE_ROWS, Row,
+    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MovedItem, NODE_ROWS, Row,
     TopLevel,
 };
 use gpugi_scene::{AlphaMode, Scene};
@@ -149,11 +149,20 @@ pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, G
     )
 }
 
-fn refused(gpu: &Gpu, error: BvhTooLarge) -> GpuError {
-    GpuError::TooLarge {
-        what: format!("ray hierarchy [{}]", error.what),
-        needed: error.needed,
-        limit: error.limit,
-        adapter: gpu.adapter.name.clone(),
+fn refused(gpu: &Gpu, error: BvhError) -> GpuError {
+    match error {
+        BvhError::TooLarge {
+            what,
+            needed,
+            limit,
+        } => GpuError::TooLarge {
+            what: format!("ray hierarchy [{what}]"),
+            needed,
+            limit,
+            adapter: gpu.adapter.name.clone(),
+        },
+        BvhError::NotFinite { .. } => GpuError::Input {
+            what: error.to_string(),
+        },
     }
 }
