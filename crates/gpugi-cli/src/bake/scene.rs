@@ -225,6 +225,7 @@ pub fn run(
             samples: options.samples,
             seed: options.seed,
             memory: u64::from(options.memory) << 20,
+            ..LightOptions::default()
         };
         let mut bake =
             LightBake::new(&gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;

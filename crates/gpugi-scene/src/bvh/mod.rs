@@ -17,7 +17,7 @@ mod tree;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 pub use node::NODE_ROWS;
-pub use top::TopLevel;
+pub use top::{MovedItem, TopLevel};
 use tree::Tree;
 
 use crate::Bounds;

@@ -17,6 +17,8 @@ pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
 pub use error::GpuError;
 pub use frame::{Frame, Keeps, Timing, Timings};
+#[cfg(test)]
+pub(crate) use kernel::WORKGROUPS;
 pub(crate) use kernel::scene_layout;
 pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
 pub(crate) use quad::Quad;

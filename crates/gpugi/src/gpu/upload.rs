@@ -77,6 +77,24 @@ impl Gpu {
         );
     }
 
+    /// Records a compute pass that runs after the writes so far and before all commands that are submitted from now on.
+    pub(crate) fn compute_before_next(
+        &self,
+        name: &str,
+        record: impl FnOnce(&mut wgpu::ComputePass<'_>),
+    ) {
+        let mut pending = self.pending();
+        let encoder = pending
+            .encoder
+            .get_or_insert_with(|| self.device.create_command_encoder(&Default::default()));
+        record(
+            &mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(name),
+                timestamp_writes: None,
+            }),
+        );
+    }
+
     /// Submits commands after the writes that precede them.
     pub fn submit(&self, commands: wgpu::CommandBuffer) {
         self.flush(&mut self.pending(), Some(commands));
