@@ -378,7 +378,8 @@ impl Part<'_> {
             if std::mem::replace(&mut is_used[number], true) {
                 return fault(&place, "another chunk has the same place");
             }
-            self.check_content(content, block)
+            let at = [number as u32 % counts[0], number as u32 / counts[0]];
+            self.check_content(content, at)
                 .map_err(|reason| (place, reason.to_owned()))?;
             chunks.push(chunk);
         }
@@ -420,10 +421,14 @@ impl Part<'_> {
     }
 
     /// Checks what a compressed block says about its own sizes, which decide how much the decoder allocates.
-    fn check_content(&self, content: &[u8], block: (u32, u32)) -> Result<(), &'static str> {
+    /// `at`: the block's column and row.
+    fn check_content(&self, content: &[u8], at: [u32; 2]) -> Result<(), &'static str> {
         const DWA: [u8; 2] = [8, 9];
-        let (width, height) = self.data.size();
-        let [width, height] = [width.min(block.0), height.min(block.1)].map(u64::from);
+        let (whole, block) = (self.data.size(), self.block());
+        // The last block of a row or a column may be smaller.
+        let width = block.0.min(whole.0 - at[0] * block.0);
+        let height = block.1.min(whole.1 - at[1] * block.1);
+        let [width, height] = [width, height].map(u64::from);
         let most = width * height * self.texel;
         if content.len() as u64 > 2 * most + 65_536 {
             return Err("it is far larger than its texels");
