@@ -12,7 +12,7 @@ use glam::{Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi::measure::{Options, Quality, measure};
-use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi_scene::builtin::shapes::{self, cuboid, sphere};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Environment, Image, Material, MaterialModel, Pixels, Scene};
 
@@ -284,4 +284,42 @@ fn reflectivities_are_near_the_truth() {
     let without = error(&gpu, &balls, "environment-map", &[]);
     println!("balls without shadows: rel-mse {without:.1e}");
     assert!(without > 4.0 * lobe.max(ratio), "{without}");
+}
+
+/// A closed room of quads without thickness that face inward: 400 units wide, 260 high, 500 long.
+fn closed_room() -> Scene {
+    let mut scene = Scene::new("closed room");
+    let (low, high) = (vec3(-200.0, 0.0, -250.0), vec3(200.0, 260.0, 250.0));
+    let size = high - low;
+    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    for (corner, right, up) in [
+        (low.with_z(high.z), x, -z),
+        (low.with_y(high.y), x, z),
+        (low, x, y),
+        (high.with_y(low.y), -x, y),
+        (low.with_z(high.z), -z, y),
+        (low.with_x(high.x), z, y),
+    ] {
+        let mesh = shapes::quad(corner, right, up, 1);
+        place(&mut scene, mesh, Material::matt("white", Vec3::ONE));
+    }
+    scene
+}
+
+#[test]
+fn walls_without_thickness_keep_light_out() {
+    let Some(gpu) = gpu() else { return };
+    // Radiance 1 from everywhere: a white surface outside has radiance 1.
+    let scene = under(closed_room(), environment(|_, _| 1.0));
+    let middle = vec3(0.0, 130.0, 0.0);
+    let mut leaks = Vec::new();
+    for toward in [vec3(-1.0, -0.6, -1.0), vec3(1.0, 0.6, 0.9)] {
+        let camera = Camera::look_at("", middle - toward * 100.0, middle + toward, 1.9);
+        let picture = render(&gpu, &scene, &camera, 128, &[]);
+        leaks.extend(picture.lit().map(|lit| lit.radiance.x));
+    }
+    let mean = leaks.iter().sum::<f32>() / leaks.len() as f32;
+    let most = leaks.iter().copied().fold(0.0, f32::max);
+    println!("of the light outside, {mean} on average, at most {most}");
+    assert!(mean < 1e-4 && most < 0.1, "{mean}, at most {most}");
 }

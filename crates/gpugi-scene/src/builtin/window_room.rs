@@ -138,7 +138,10 @@ fn curtains(detail: u32) -> Mesh {
     let (low, high) = (WINDOW_LOW.z, WINDOW_HIGH.z);
     join(
         "curtains",
-        [hanging(low + 8.0, low - 42.0), hanging(high + 42.0, high - 8.0)],
+        [
+            hanging(low + 8.0, low - 42.0),
+            hanging(high + 42.0, high - 8.0),
+        ],
     )
 }
 
@@ -195,5 +198,9 @@ fn blanket(detail: u32) -> Mesh {
 }
 
 fn painting(detail: u32) -> Mesh {
-    cuboid(vec3(60.0, 140.0, -249.0), vec3(145.0, 200.0, -246.0), detail)
+    cuboid(
+        vec3(60.0, 140.0, -249.0),
+        vec3(145.0, 200.0, -246.0),
+        detail,
+    )
 }
