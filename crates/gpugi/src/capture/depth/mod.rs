@@ -14,7 +14,7 @@ pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
+use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState, Shader};
 use crate::scene::{Casters, DrawClass, GpuScene};
 use crate::shader;
 
@@ -59,12 +59,25 @@ pub struct DepthKernels {
 }
 
 impl DepthKernels {
-    /// Compiles the three pipelines: back faces only, all faces, alpha. Of the last two, `slope_bias` moves surfaces
-    /// away by their change of depth over so many texels.
+    /// Compiles the three pipelines for maps of lamps: back faces only, all faces, alpha. The last two move surfaces
+    /// away by their change of depth over a texel. Objects with caustics cast whole shadows.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, slope_bias: f32) -> Result<Self, GpuError> {
+    pub fn of_lamps(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Self::new(gpu, scene, &shader!("capture.depth_alpha"), 1.0)
+    }
+
+    /// Compiles the pipelines for parallel views of the environment, without bias. Its light passes see-through
+    /// surfaces straight.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn of_environment(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Self::new(gpu, scene, &shader!("capture.depth_straight"), 0.0)
+    }
+
+    fn new(gpu: &Gpu, scene: &GpuScene, alpha: &Shader, slope_bias: f32) -> Result<Self, GpuError> {
         let state = |cull, slope_bias, has_fragment| RasterState {
             colors: &[],
             cull,
@@ -84,7 +97,7 @@ impl DepthKernels {
             whole: RasterKernel::new(gpu, &depth, None, &state(None, slope_bias, false))?,
             alpha: RasterKernel::new(
                 gpu,
-                &shader!("capture.depth_alpha"),
+                alpha,
                 Some(&scene.layout),
                 &state(None, slope_bias, true),
             )?,

@@ -98,6 +98,7 @@ struct DecompositionBuffers {
     grid: gpu::Grid,
     side: u32,
     uniform: wgpu::Buffer,
+    cells: wgpu::Buffer,
     owners: wgpu::Buffer,
     domains: wgpu::Buffer,
     texture: wgpu::Texture,
@@ -182,6 +183,21 @@ impl Decomposition {
             rows,
             count: settings.samples as usize,
         }))
+    }
+
+    /// The cells of the last environment decomposed, on their way from the GPU, and their grid.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub(super) fn cells(
+        &self,
+        frame: &mut Frame<'_>,
+    ) -> Result<Option<(gpu::Grid, ReadBack<Vec<[f32; 4]>>)>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let cells = frame.read_back(&made.cells, made.cells.size())?;
+        Ok(Some((made.grid, cells)))
     }
 
     fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &DecompositionBuffers) {
@@ -330,6 +346,7 @@ impl DecompositionBuffers {
             grid,
             side,
             uniform,
+            cells,
             owners,
             domains,
             texture,

@@ -216,7 +216,15 @@ impl Technique for Radiosity {
             if is_own {
                 paths.push(LightPaths::new(class, all));
             } else if is_covered(class) {
-                paths.push(LightPaths::new(class, indirect));
+                // What reached the first surface through glass goes on like the rest.
+                let through_glass = [LightPaths::new(class, "LS+DE")];
+                paths.push(match overlap(covered, &through_glass) {
+                    Some(_) => LightPaths {
+                        class,
+                        pattern: indirect.replacen('L', "LS*", 1).into(),
+                    },
+                    None => LightPaths::new(class, indirect),
+                });
             }
         }
         Plan::adding(paths, scene)
