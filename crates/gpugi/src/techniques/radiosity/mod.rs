@@ -216,15 +216,7 @@ impl Technique for Radiosity {
             if is_own {
                 paths.push(LightPaths::new(class, all));
             } else if is_covered(class) {
-                // What reached the first surface through glass goes on like the rest.
-                let through_glass = [LightPaths::new(class, "LS+DE")];
-                paths.push(match overlap(covered, &through_glass) {
-                    Some(_) => LightPaths {
-                        class,
-                        pattern: indirect.replacen('L', "LS*", 1).into(),
-                    },
-                    None => LightPaths::new(class, indirect),
-                });
+                paths.push(LightPaths::new(class, indirect));
             }
             let caustics = caustic_depth(covered, class);
             if caustics > 0 {
