@@ -80,7 +80,7 @@ impl Draws {
             .cells
             .last()
             .map_or(0.0, |cell| cell.before + cell.expected);
-        let draws = (0..=self.count).map(|index| (index, f64::from(index) + shift));
+        let draws = (0..self.count).map(|index| (index, f64::from(index) + shift));
         draws
             .take_while(|(_, at)| *at < end)
             .map(|(index, at)| {
