@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::draws::CellsOnTheWay;
 use super::gpu;
 use super::{Settings, Spread};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
@@ -185,19 +186,17 @@ impl Decomposition {
         }))
     }
 
-    /// The cells of the last environment decomposed, on their way from the GPU, and their grid.
+    /// The cells of the last environment decomposed.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
-    pub(super) fn cells(
-        &self,
-        frame: &mut Frame<'_>,
-    ) -> Result<Option<(gpu::Grid, ReadBack<Vec<[f32; 4]>>)>, GpuError> {
+    pub(super) fn cells(&self, frame: &mut Frame<'_>) -> Result<Option<CellsOnTheWay>, GpuError> {
         let Some(made) = &self.made else {
             return Ok(None);
         };
-        let cells = frame.read_back(&made.cells, made.cells.size())?;
-        Ok(Some((made.grid, cells)))
+        let rows = frame.read_back(&made.cells, made.cells.size())?;
+        let grid = made.grid;
+        Ok(Some(CellsOnTheWay { grid, rows }))
     }
 
     fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &DecompositionBuffers) {

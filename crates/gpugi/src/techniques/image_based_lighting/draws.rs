@@ -7,12 +7,20 @@ use glam::Vec3;
 
 use super::domains::Domain;
 use super::gpu::Grid;
+use crate::gpu::ReadBack;
 use crate::sequences::{R2, additive};
 
 /// Iterations that find how many draws each cell expects.
 const ROUNDS: usize = 16;
 /// Step of the additive sequence of lowest discrepancy in one dimension.
 const GOLDEN: [f64; 1] = [0.618_033_988_749_894_9];
+
+/// The cells of an environment, as reduce.wesl writes them, on their way from the GPU.
+#[derive(Debug)]
+pub struct CellsOnTheWay {
+    pub grid: Grid,
+    pub rows: ReadBack<Vec<[f32; 4]>>,
+}
 
 /// The cells of an environment, with the number of draws that each expects.
 #[derive(Debug)]

@@ -15,14 +15,14 @@ mod tests;
 
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
-use draws::Draws;
+use draws::{CellsOnTheWay, Draws};
 use glam::{Mat3, Vec3};
 use prefiltered::Prefiltered;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
-use crate::gpu::{Frame, Gpu, GpuError, ReadBack};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{GpuScene, Object, Versions};
 use crate::settings::SettingSet;
@@ -129,16 +129,16 @@ struct Sources {
 struct SourcesOnTheWay {
     of: SourcesKey,
     domains: DomainsOnTheWay,
-    cells: Option<(gpu::Grid, ReadBack<Vec<[f32; 4]>>)>,
+    cells: Option<CellsOnTheWay>,
     draws: Option<Draws>,
 }
 
 impl SourcesOnTheWay {
     /// The sources, once everything has arrived.
     fn get(&mut self) -> Option<Result<Sources, GpuError>> {
-        if let Some((grid, cells)) = &self.cells {
-            match cells.get()? {
-                Ok(cells) => self.draws = Some(Draws::new(*grid, &cells, self.of.1.samples)),
+        if let Some(CellsOnTheWay { grid, rows }) = &self.cells {
+            match rows.get()? {
+                Ok(rows) => self.draws = Some(Draws::new(*grid, &rows, self.of.1.samples)),
                 Err(error) => return Some(Err(error)),
             }
             self.cells = None;

@@ -506,9 +506,10 @@ fn draws_of_all_samples_add_up_to_the_sky() {
     let mut frame = Frame::new(&gpu, false);
     made.decompose(&mut frame, &uploaded, &settings(count))
         .unwrap();
-    let (grid, cells) = made.cells(&mut frame).unwrap().unwrap();
+    let cells = made.cells(&mut frame).unwrap().unwrap();
     frame.submit().unwrap();
-    let draws = Draws::new(grid, &cells.wait().unwrap(), count);
+    let grid = cells.grid;
+    let draws = Draws::new(grid, &cells.rows.wait().unwrap(), count);
     let sun = Vec3::new(0.3, 0.8, -0.5).normalize();
     let is_sun = |one: &&Domain| one.toward.dot(sun) > 0.99;
     let flux = |domains: &mut dyn Iterator<Item = &Domain>| -> f32 {
