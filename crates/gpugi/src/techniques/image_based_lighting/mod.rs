@@ -9,7 +9,7 @@ mod delaunay;
 mod domains;
 mod draws;
 pub(crate) mod gpu;
-mod prefiltered;
+mod ratio;
 #[cfg(test)]
 mod tests;
 
@@ -17,13 +17,14 @@ use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use draws::{CellsOnTheWay, Draws};
 use glam::{Mat3, Vec3};
-use prefiltered::Prefiltered;
+use ratio::RatioPass;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::prefiltered::Wanted;
 use crate::scene::{GpuScene, Object, Versions};
 use crate::settings::SettingSet;
 
@@ -106,7 +107,7 @@ pub struct ImageBasedLighting {
     /// Largest side of an atlas (texels).
     atlas_side: u32,
     /// For [`Reflectivity::Ratio`], once generated.
-    prefiltered: Option<Prefiltered>,
+    ratio: Option<RatioPass>,
     /// What the maps were generated for, with the sample of the picture if each has its own.
     made: Option<(Versions, Settings, Option<u32>)>,
 }
@@ -165,7 +166,7 @@ impl ImageBasedLighting {
             on_the_way: None,
             batches: Batches::new(gpu, scene, settings.reflectivity)?,
             atlas_side: ATLAS_SIDE,
-            prefiltered: None,
+            ratio: None,
             settings,
             made: None,
         })
@@ -257,10 +258,14 @@ impl Technique for ImageBasedLighting {
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
         // Straight through glass; what mirrors throw is missing.
         let passes = |object: &Object| object.is_smooth && object.is_transmissive;
-        if scene.objects.iter().any(passes) {
-            Plan::adding(INFO.paths, scene)
+        let paths = if scene.objects.iter().any(passes) {
+            INFO.paths
         } else {
-            Plan::adding(DIRECT, scene)
+            DIRECT
+        };
+        Plan {
+            lookups: self.settings.samples * u32::from(scene.environment.is_some()),
+            ..Plan::adding(paths, scene)
         }
     }
 
@@ -269,7 +274,7 @@ impl Technique for ImageBasedLighting {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
-        _: &mut Earlier<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         let versions = Versions {
             lights: 0,
@@ -279,15 +284,32 @@ impl Technique for ImageBasedLighting {
         let sample = view.uniform.sample_index;
         let turn = (self.settings.per_sample && sample != View::NO_SAMPLE).then_some(sample);
         let made = (versions, self.settings.clone(), turn);
-        if self.made.as_ref() == Some(&made) {
-            return Ok(Generated::FINAL);
+        let reflectivity = self.settings.reflectivity;
+        let mut is_filled = true;
+        if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
+            self.ratio = None;
+        } else {
+            let found = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
+            is_filled = found.1;
+            if !self
+                .ratio
+                .as_ref()
+                .is_some_and(|ratio| ratio.reads(found.0))
+            {
+                self.ratio = Some(RatioPass::new(frame.gpu, scene, found.0)?);
+            }
         }
         let pending = |what| Generated {
             revision: 0,
             progress: 0.0,
             pending: Some(what),
         };
-        let reflectivity = self.settings.reflectivity;
+        if !is_filled {
+            return Ok(pending("the maps of the environment"));
+        }
+        if self.made.as_ref() == Some(&made) {
+            return Ok(Generated::FINAL);
+        }
         if self.batches.reflectivity != reflectivity {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
         }
@@ -305,15 +327,6 @@ impl Technique for ImageBasedLighting {
         if !self.batches.prepare(frame, scene, &maps.drawing)? {
             return Ok(pending("simplified casters"));
         }
-        if reflectivity != Reflectivity::Ratio {
-            self.prefiltered = None;
-        } else {
-            let prefiltered = match self.prefiltered.take() {
-                Some(prefiltered) => prefiltered,
-                None => Prefiltered::new(frame.gpu, scene)?,
-            };
-            self.prefiltered.insert(prefiltered).generate(frame, scene);
-        }
         self.batches
             .generate(frame, scene, &directions, &views, &maps)?;
         self.made = Some(made);
@@ -326,12 +339,12 @@ impl Technique for ImageBasedLighting {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let Some(prefiltered) = &mut self.prefiltered else {
+        let Some(ratio) = &mut self.ratio else {
             return self.batches.gather(frame, scene, receiver);
         };
-        let sums = prefiltered.begin(frame, receiver)?;
+        let sums = ratio.begin(frame, receiver)?;
         self.batches.gather(frame, scene, &sums)?;
-        prefiltered.apply(frame, scene, receiver)?;
+        ratio.apply(frame, scene, receiver)?;
         Ok(())
     }
 
