@@ -10,13 +10,15 @@ use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
 use crate::scene::has_emitters;
 use crate::techniques::{
-    Info, Registry, caustics, distance_impostor, final_gather, radiosity, shadow_map,
+    Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting, radiosity,
+    shadow_map,
 };
 
 const CAUSTICS: &str = caustics::INFO.name;
 const IMPOSTORS: &str = distance_impostor::INFO.name;
 const RADIOSITY: &str = radiosity::INFO.name;
 const SHADOWS: &str = shadow_map::INFO.name;
+const SKY: &str = image_based_lighting::INFO.name;
 const FINAL_GATHER: &str = final_gather::INFO.name;
 
 /// A still picture of more triangles than this does not wait for an atlas by default. Unwrapping 94,722
@@ -104,10 +106,10 @@ pub fn default_set(
     let choices = fast.iter().map(|info| Choice {
         technique: info.name,
         reason: reason(info, &classes),
-        settings: if info.name == SHADOWS && purpose == Purpose::StillPicture {
-            soft_shadows(scene, adapter)
-        } else {
-            Vec::new()
+        settings: match (info.name, purpose) {
+            (SHADOWS, Purpose::StillPicture) => soft_shadows(scene, adapter),
+            (SKY, Purpose::StillPicture) => vec![("per-sample", true.to_string())],
+            _ => Vec::new(),
         },
     });
     let mut set = DefaultSet {
@@ -259,7 +261,9 @@ mod tests {
             assert_eq!(names(fast), names(&live.choices));
             assert_eq!(last.technique, RADIOSITY);
             assert!(live.choices.iter().all(|one| one.settings.is_empty()));
-            let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
+            let is_soft = has_emitters(&scene)
+                || scene.environment.is_some()
+                || scene.lights.iter().any(|one| one.radius > 0.0);
             assert_eq!(fast.iter().any(|one| !one.settings.is_empty()), is_soft);
             // Refused if light paths overlap, or if a setting does not exist.
             let size = [8, 8];

@@ -76,3 +76,8 @@ fn spheres() {
 fn shapes() {
     still_picture_is_near_the_truth("shapes", 0.095);
 }
+
+#[test]
+fn window_room() {
+    still_picture_is_near_the_truth("window-room", 0.2);
+}

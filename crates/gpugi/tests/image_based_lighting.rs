@@ -12,9 +12,11 @@ use glam::{Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi::measure::{Options, Quality, measure};
-use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi_scene::builtin::shapes::{self, cuboid, sphere};
 use gpugi_scene::image::metrics::Metric;
-use gpugi_scene::{Camera, Environment, Image, Material, MaterialModel, Pixels, Scene};
+use gpugi_scene::{
+    Camera, Environment, Image, Light, LightKind, Material, MaterialModel, Pixels, Scene,
+};
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 32;
@@ -284,4 +286,97 @@ fn reflectivities_are_near_the_truth() {
     let without = error(&gpu, &balls, "environment-map", &[]);
     println!("balls without shadows: rel-mse {without:.1e}");
     assert!(without > 4.0 * lobe.max(ratio), "{without}");
+}
+
+/// A closed room of quads without thickness that face inward: 400 units wide, 260 high, 500 long.
+fn closed_room() -> Scene {
+    let mut scene = Scene::new("closed room");
+    let (low, high) = (vec3(-200.0, 0.0, -250.0), vec3(200.0, 260.0, 250.0));
+    let size = high - low;
+    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    for (corner, right, up) in [
+        (low.with_z(high.z), x, -z),
+        (low.with_y(high.y), x, z),
+        (low, x, y),
+        (high.with_y(low.y), -x, y),
+        (low.with_z(high.z), -z, y),
+        (low.with_x(high.x), z, y),
+    ] {
+        let mesh = shapes::quad(corner, right, up, 1);
+        place(&mut scene, mesh, Material::matt("white", Vec3::ONE));
+    }
+    scene
+}
+
+#[test]
+fn walls_without_thickness_keep_light_out() {
+    let Some(gpu) = gpu() else { return };
+    // Radiance 1 from everywhere: a white surface outside has radiance 1.
+    let scene = under(closed_room(), environment(|_, _| 1.0));
+    let middle = vec3(0.0, 130.0, 0.0);
+    let mut leaks = Vec::new();
+    for toward in [vec3(-1.0, -0.6, -1.0), vec3(1.0, 0.6, 0.9)] {
+        let camera = Camera::look_at("", middle - toward * 100.0, middle + toward, 1.9);
+        let picture = render(&gpu, &scene, &camera, 128, &[]);
+        leaks.extend(picture.lit().map(|lit| lit.radiance.x));
+    }
+    let mean = leaks.iter().sum::<f32>() / leaks.len() as f32;
+    let most = leaks.iter().copied().fold(0.0, f32::max);
+    println!("of the light outside, {mean} on average, at most {most}");
+    assert!(mean < 1e-4 && most < 0.1, "{mean}, at most {most}");
+}
+
+/// A box that sees the sky through one side, which a pane of thin glass closes.
+fn glazed(pane: Material) -> Scene {
+    let mut scene = Scene::new("glazed");
+    let sides = [
+        (vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0),
+        (vec3(-1.0, 2.0, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0),
+        (vec3(-1.0, 0.0, -1.0), Vec3::X * 2.0, Vec3::Y * 2.0),
+        (vec3(-1.0, 0.0, 1.0), Vec3::NEG_Z * 2.0, Vec3::Y * 2.0),
+        (vec3(1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::Y * 2.0),
+    ];
+    for (corner, right, up) in sides {
+        let mesh = shapes::quad(corner, right, up, 1);
+        place(&mut scene, mesh, Material::matt("white", Vec3::splat(0.8)));
+    }
+    let mesh = shapes::quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::Y * 2.0, 1);
+    place(&mut scene, mesh, pane);
+    under(scene, sunny())
+}
+
+#[test]
+fn light_passes_windows() {
+    let Some(gpu) = gpu() else { return };
+    let glass = Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        base_color: vec3(0.7, 0.7, 0.7).extend(1.0),
+        ..Material::default()
+    };
+    let mut scene = glazed(glass);
+    // caustics claims the pane, and brings the lamp's light back, but not the sky's.
+    let lamp = Light::new("lamp", LightKind::Point, Vec3::splat(1e-6));
+    scene.lights.push(lamp.aimed(Vec3::Y, Vec3::ZERO));
+    let names = ["image-based-lighting", "caustics"].map(str::to_owned);
+    let mut renderer = Renderer::new(&gpu, &scene, [32, 32], &names).expect("a renderer");
+    for (name, value) in [("per-sample", "true"), ("resolution", "256")] {
+        renderer.set(&names[0], name, value).expect("a setting");
+    }
+    let camera = Camera::look_at("", vec3(0.0, 1.0, 0.9), vec3(0.0, 0.8, -1.0), 1.2);
+    let options = Options {
+        samples: 32,
+        reference: Quality {
+            samples: 256,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let mut go_on = |_: &_| ControlFlow::Continue(());
+    let measured = measure(&gpu, &scene, &camera, &mut renderer, &options, &mut go_on);
+    let measured = measured.expect("a measurement");
+    let energy = |radiance: &[f32]| radiance.iter().sum::<f32>();
+    let ratio = energy(&measured.radiance) / energy(&measured.truth.radiance);
+    println!("behind a window, {ratio} of the path tracer's energy");
+    assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
 }

@@ -12,6 +12,7 @@ mod solid_teapot;
 mod spheres;
 mod teapot;
 mod textures;
+mod window_room;
 
 use crate::Scene;
 
@@ -66,6 +67,11 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "shapes",
         summary: "one of each: shapes, kinds of light, reflection models, instances",
         build: shapes_scene::build,
+    },
+    BuiltinScene {
+        name: "window-room",
+        summary: "hotel room of walls without thickness, in centimetres, that sees sky and sun through one window",
+        build: window_room::build,
     },
 ];
 

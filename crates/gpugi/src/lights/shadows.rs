@@ -29,7 +29,7 @@ impl Shadows {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
-            kernels: DepthKernels::new(gpu, scene)?,
+            kernels: DepthKernels::of_lamps(gpu, scene)?,
             comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow comparison"),
                 mag_filter: wgpu::FilterMode::Linear,

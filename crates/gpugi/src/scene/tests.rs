@@ -122,7 +122,11 @@ fn depth_passes_and_buffers_agree_on_strides() {
     // If an array's struct had fewer members than the host writes, every element but the first would be read from the
     // wrong place.
     let stride = std::mem::size_of::<DepthViewUniform>() as u32;
-    for shader in [shader!("capture.depth"), shader!("capture.depth_alpha")] {
+    for shader in [
+        shader!("capture.depth"),
+        shader!("capture.depth_alpha"),
+        shader!("capture.depth_straight"),
+    ] {
         let module = shader.parse().unwrap();
         let views = module
             .global_variables

@@ -3,8 +3,7 @@
 //!
 //! The atlas is drawn in bands of its rows. A kernel draws small triangles into a buffer with atomic maxima and lists
 //! larger ones. One render pass then copies the buffer to the atlas, and the hardware draws the listed triangles and
-//! those with alpha. The result is the texture that [`DepthAtlas::record`] draws, with the same coverage, depths and
-//! bias.
+//! those with alpha. The result is the texture that [`DepthAtlas::record`] draws, with the same coverage and depths.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;

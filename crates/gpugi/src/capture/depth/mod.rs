@@ -8,13 +8,13 @@ mod tests;
 mod view;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec2, Vec4};
+use glam::{Mat4, UVec2, Vec4};
 
 pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState};
+use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState, Shader};
 use crate::scene::{Casters, DrawClass, GpuScene};
 use crate::shader;
 
@@ -54,16 +54,30 @@ pub struct DepthAtlas {
 #[derive(Debug)]
 pub struct DepthKernels {
     second_depth: RasterKernel,
-    biased: RasterKernel,
+    whole: RasterKernel,
     alpha: RasterKernel,
 }
 
 impl DepthKernels {
-    /// Compiles the three pipelines: back faces only, all faces with a slope-scaled bias, alpha.
+    /// Compiles the three pipelines for maps of lamps: back faces only, all faces, alpha. The last two move surfaces
+    /// away by their change of depth over a texel. Objects with caustics cast whole shadows.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    pub fn of_lamps(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Self::new(gpu, scene, &shader!("capture.depth_alpha"), 1.0)
+    }
+
+    /// Compiles the pipelines for parallel views of the environment, without bias. Its light passes see-through
+    /// surfaces straight.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn of_environment(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        Self::new(gpu, scene, &shader!("capture.depth_straight"), 0.0)
+    }
+
+    fn new(gpu: &Gpu, scene: &GpuScene, alpha: &Shader, slope_bias: f32) -> Result<Self, GpuError> {
         let state = |cull, slope_bias, has_fragment| RasterState {
             colors: &[],
             cull,
@@ -80,12 +94,12 @@ impl DepthKernels {
                 None,
                 &state(Some(wgpu::Face::Front), 0.0, false),
             )?,
-            biased: RasterKernel::new(gpu, &depth, None, &state(None, 1.0, false))?,
+            whole: RasterKernel::new(gpu, &depth, None, &state(None, slope_bias, false))?,
             alpha: RasterKernel::new(
                 gpu,
-                &shader!("capture.depth_alpha"),
+                alpha,
                 Some(&scene.layout),
-                &state(None, 1.0, true),
+                &state(None, slope_bias, true),
             )?,
         })
     }
@@ -95,12 +109,12 @@ impl DepthKernels {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum DepthDraw {
     SecondDepth,
-    Biased,
+    Whole,
     Alpha,
 }
 
 impl DepthDraw {
-    const ALL: [Self; 3] = [Self::SecondDepth, Self::Biased, Self::Alpha];
+    const ALL: [Self; 3] = [Self::SecondDepth, Self::Whole, Self::Alpha];
 }
 
 impl DepthAtlas {
@@ -168,7 +182,7 @@ impl DepthAtlas {
         let uniforms = uniforms(&specs, &corners, side);
         let views = gpu.storage("shadow views [bytes]", &uniforms)?;
         let group = kernels
-            .biased
+            .whole
             .bind(gpu, 1, &[("views", views.as_entire_binding())])?;
         let alpha_group = kernels
             .alpha
@@ -205,19 +219,18 @@ impl DepthAtlas {
         uniforms(&self.specs, &self.corners, self.texture.width())
     }
 
-    /// The atlas's texture coordinates and depth from world space, of an orthographic view.
-    pub fn atlas_from_world(&self, index: usize) -> Mat4 {
+    /// The atlas's texels and depth from world space, of an orthographic view.
+    pub fn texels_from_world(&self, index: usize) -> Mat4 {
         let spec = &self.specs[index];
-        let scale = 1.0 / self.texture.width() as f32;
-        let corner = Vec2::from(self.corners[index].map(|texels| texels as f32 * scale));
-        let size = Vec2::from(spec.size.map(|texels| texels as f32 * scale));
-        let atlas_from_clip = Mat4::from_cols(
+        let [corner, size] =
+            [self.corners[index], spec.size].map(|texels| UVec2::from(texels).as_vec2());
+        let texels_from_clip = Mat4::from_cols(
             Vec4::new(0.5 * size.x, 0.0, 0.0, 0.0),
             Vec4::new(0.0, -0.5 * size.y, 0.0, 0.0),
             Vec4::Z,
             (corner + 0.5 * size).extend(0.0).extend(1.0),
         );
-        atlas_from_clip * spec.clip_from_world
+        texels_from_clip * spec.clip_from_world
     }
 
     /// Draws every view.
@@ -243,7 +256,7 @@ impl DepthAtlas {
     ) {
         let kind = |class, second_depth| match class {
             DrawClass::Closed if second_depth => DepthDraw::SecondDepth,
-            DrawClass::Closed | DrawClass::Open | DrawClass::DoubleSided => DepthDraw::Biased,
+            DrawClass::Closed | DrawClass::Open | DrawClass::DoubleSided => DepthDraw::Whole,
             DrawClass::Alpha | DrawClass::AlphaDoubleSided => DepthDraw::Alpha,
         };
         let visible: Vec<_> = self
@@ -265,7 +278,7 @@ impl DepthAtlas {
             }
             let (kernel, group) = match draw {
                 DepthDraw::SecondDepth => (&kernels.second_depth, &self.group),
-                DepthDraw::Biased => (&kernels.biased, &self.group),
+                DepthDraw::Whole => (&kernels.whole, &self.group),
                 DepthDraw::Alpha => (&kernels.alpha, &self.alpha_group),
             };
             kernel.set(pass);

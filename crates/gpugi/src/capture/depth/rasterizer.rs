@@ -51,7 +51,7 @@ impl DepthRasterizer {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
-            kernels: DepthKernels::new(gpu, scene)?,
+            kernels: DepthKernels::of_environment(gpu, scene)?,
             compute: None,
             simplified: None,
             geometry: None,

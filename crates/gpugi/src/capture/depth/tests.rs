@@ -33,7 +33,7 @@ fn both(
     specs: Vec<DepthViewSpec>,
     compute: &mut DepthCompute,
 ) -> [Vec<f32>; 2] {
-    let kernels = DepthKernels::new(gpu, scene).unwrap();
+    let kernels = DepthKernels::of_environment(gpu, scene).unwrap();
     let mut atlas = DepthAtlas::new(gpu, &kernels, specs).unwrap();
     [false, true].map(|by_compute| {
         let mut frame = Frame::new(gpu, false);
@@ -152,7 +152,7 @@ fn fitted_views_hold_the_scene_and_little_else() {
 fn small_triangles_are_told_from_large_ones() {
     let Some(gpu) = test_gpu() else { return };
     let scene = GpuScene::new(&gpu, &builtin("spheres", 1).unwrap()).unwrap();
-    let kernels = DepthKernels::new(&gpu, &scene).unwrap();
+    let kernels = DepthKernels::of_environment(&gpu, &scene).unwrap();
     for (side, by_compute) in [(64, true), (256, true), (2048, false)] {
         let specs = around(&scene, 2, side);
         let atlas = DepthAtlas::new(&gpu, &kernels, specs).unwrap();

@@ -10,14 +10,8 @@ use crate::shader;
 
 /// Most direction x point products per dispatch: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
-/// Radius of the disc over which neighbouring pixels spread their comparisons (texels).
-const RADIUS: f32 = 0.5;
 
-/// Offset of points along their normals (texels). The rasterizer's own bias is one texel of slope. At 0.5 and below,
-/// surfaces shadow themselves; larger offsets lose shadows where objects touch.
-const NORMAL_OFFSET: f32 = 0.75;
-
-/// Border of a depth map, outside the scene, as room for the disc (texels).
+/// Border of a depth map, outside the scene, as room for interpolation (texels).
 pub const GUTTER: u32 = 2;
 
 /// How depth maps are stored and drawn.
@@ -71,7 +65,6 @@ pub struct Batches {
     pub reflectivity: Reflectivity,
     rasterizer: DepthRasterizer,
     gather: ReceiverKernel,
-    comparison: wgpu::Sampler,
     made: Option<DirectionMaps>,
     bound: PerReceiver<ReceiverGroups>,
 }
@@ -115,14 +108,6 @@ impl Batches {
             reflectivity,
             rasterizer: DepthRasterizer::new(gpu, scene)?,
             gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
-            comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("shadow comparison"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                // Lit if the point is at least as near as the stored depth (reversed).
-                compare: Some(wgpu::CompareFunction::GreaterEqual),
-                ..Default::default()
-            }),
             made: None,
             bound: PerReceiver::default(),
         })
@@ -229,10 +214,6 @@ impl Batches {
                         "depth_atlas",
                         wgpu::BindingResource::TextureView(&atlas.view),
                     ),
-                    (
-                        "depth_comparison",
-                        wgpu::BindingResource::Sampler(&self.comparison),
-                    ),
                     ("directions", directions.as_entire_binding()),
                 ],
             )?;
@@ -315,11 +296,11 @@ impl Batch {
     /// The batch's depth maps as the shader reads them.
     fn maps(&self) -> impl Iterator<Item = DirectionMap> {
         (0..self.directions.len()).map(|index| {
-            let atlas_from_world = self.atlas.atlas_from_world(index);
+            let texels_from_world = self.atlas.texels_from_world(index);
             DirectionMap {
-                u: atlas_from_world.row(0).to_array(),
-                v: atlas_from_world.row(1).to_array(),
-                depth: atlas_from_world.row(2).to_array(),
+                u: texels_from_world.row(0).to_array(),
+                v: texels_from_world.row(1).to_array(),
+                depth: texels_from_world.row(2).to_array(),
             }
         })
     }
@@ -342,8 +323,8 @@ fn bind(
             let range = Range {
                 first,
                 end: (first + at_once as u32).min(batch.directions.end),
-                radius: RADIUS / batch.atlas.texture.width() as f32,
-                normal_offset: NORMAL_OFFSET,
+                padding_0: 0,
+                padding_1: 0,
             };
             let range = gpu.uniform("range of directions", &range)?;
             of_batch.push(gather.bind(

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::draws::CellsOnTheWay;
 use super::gpu;
 use super::{Settings, Spread};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
@@ -98,6 +99,7 @@ struct DecompositionBuffers {
     grid: gpu::Grid,
     side: u32,
     uniform: wgpu::Buffer,
+    cells: wgpu::Buffer,
     owners: wgpu::Buffer,
     domains: wgpu::Buffer,
     texture: wgpu::Texture,
@@ -182,6 +184,19 @@ impl Decomposition {
             rows,
             count: settings.samples as usize,
         }))
+    }
+
+    /// The cells of the last environment decomposed.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub(super) fn cells(&self, frame: &mut Frame<'_>) -> Result<Option<CellsOnTheWay>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let rows = frame.read_back(&made.cells, made.cells.size())?;
+        let grid = made.grid;
+        Ok(Some(CellsOnTheWay { grid, rows }))
     }
 
     fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &DecompositionBuffers) {
@@ -330,6 +345,7 @@ impl DecompositionBuffers {
             grid,
             side,
             uniform,
+            cells,
             owners,
             domains,
             texture,

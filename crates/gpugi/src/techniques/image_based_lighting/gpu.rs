@@ -71,8 +71,8 @@ pub struct DirectionMap {
 pub struct Range {
     pub first: u32,
     pub end: u32,
-    pub radius: f32,
-    pub normal_offset: f32,
+    pub padding_0: u32,
+    pub padding_1: u32,
 }
 
 /// `LobeSums` of lobe_sums.wesl.

@@ -7,6 +7,7 @@
 mod batches;
 mod delaunay;
 mod domains;
+mod draws;
 pub(crate) mod gpu;
 mod ratio;
 #[cfg(test)]
@@ -14,6 +15,7 @@ mod tests;
 
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
+use draws::{CellsOnTheWay, Draws};
 use glam::{Mat3, Vec3};
 use ratio::RatioPass;
 
@@ -23,7 +25,7 @@ use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::prefiltered::Wanted;
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{GpuScene, Object, Versions};
 use crate::settings::SettingSet;
 
 /// Name, summary, source and light paths of the technique.
@@ -31,11 +33,14 @@ pub const INFO: Info = Info {
     name: "image-based-lighting",
     summary: "direct light of the environment with shadows",
     source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
-    paths: &[LightPaths::new(LightClass::Environment, "L[DG]E")],
+    paths: &[LightPaths::new(LightClass::Environment, "LS*[DG]E")],
     suits: |_| true,
     keeps_texels: false,
     lights_points: false,
 };
+
+/// The light in scenes without glass.
+const DIRECT: &[LightPaths] = &[LightPaths::new(LightClass::Environment, "L[DG]E")];
 
 crate::choices! {
     /// How relaxation spreads directions.
@@ -80,6 +85,9 @@ crate::settings! {
         pub rasterizer: Rasterizer = Rasterizer::Auto => any(),
         /// Fraction of the casters' triangles in depth maps: below 1, meshes are simplified.
         pub caster_detail: f32 = 1.0 => in_range(0.0, 1.0),
+        /// Whether each sample of a picture is lit from other directions. Its shadows become exact with the number of
+        /// samples; each draws its own maps.
+        pub per_sample: bool = false => any(),
     }
 }
 
@@ -91,16 +99,58 @@ type DirectionsAndViews = (Vec<gpu::Direction>, Vec<DepthViewSpec>);
 pub struct ImageBasedLighting {
     settings: Settings,
     decomposition: Decomposition,
-    /// The domains, with the version of the environment's texels and the settings that they were computed for.
-    domains: Option<((u64, Settings), Vec<Domain>)>,
-    /// The same, on their way from the GPU.
-    on_the_way: Option<((u64, Settings), DomainsOnTheWay)>,
+    /// Where the light comes from.
+    found: Option<Sources>,
+    /// The same, on its way from the GPU.
+    on_the_way: Option<SourcesOnTheWay>,
     batches: Batches,
     /// Largest side of an atlas (texels).
     atlas_side: u32,
     /// For [`Reflectivity::Ratio`], once generated.
     ratio: Option<RatioPass>,
-    made: Option<(Versions, Settings)>,
+    /// What the maps were generated for, with the sample of the picture if each has its own.
+    made: Option<(Versions, Settings, Option<u32>)>,
+}
+
+/// The version of the environment's texels and the settings for which sources were computed.
+type SourcesKey = (u64, Settings);
+
+/// Where the light of an environment comes from.
+#[derive(Debug)]
+struct Sources {
+    of: SourcesKey,
+    /// For all samples of a picture alike.
+    domains: Vec<Domain>,
+    /// With [`Settings::per_sample`], for each sample.
+    draws: Option<Draws>,
+}
+
+/// [`Sources`] on their way from the GPU.
+#[derive(Debug)]
+struct SourcesOnTheWay {
+    of: SourcesKey,
+    domains: DomainsOnTheWay,
+    cells: Option<CellsOnTheWay>,
+    draws: Option<Draws>,
+}
+
+impl SourcesOnTheWay {
+    /// The sources, once everything has arrived.
+    fn get(&mut self) -> Option<Result<Sources, GpuError>> {
+        if let Some(CellsOnTheWay { grid, rows }) = &self.cells {
+            match rows.get()? {
+                Ok(rows) => self.draws = Some(Draws::new(*grid, &rows, self.of.1.samples)),
+                Err(error) => return Some(Err(error)),
+            }
+            self.cells = None;
+        }
+        let domains = self.domains.get()?;
+        Some(domains.map(|domains| Sources {
+            of: self.of.clone(),
+            domains,
+            draws: self.draws.take(),
+        }))
+    }
 }
 
 impl ImageBasedLighting {
@@ -112,7 +162,7 @@ impl ImageBasedLighting {
         let settings = Settings::default();
         Ok(Self {
             decomposition: Decomposition::new(gpu, scene)?,
-            domains: None,
+            found: None,
             on_the_way: None,
             batches: Batches::new(gpu, scene, settings.reflectivity)?,
             atlas_side: ATLAS_SIDE,
@@ -122,47 +172,57 @@ impl ImageBasedLighting {
         })
     }
 
-    /// The domains. They are decomposed again only when texels or settings have changed; a new rotation or intensity
-    /// keeps them. `None` while they are on their way from the GPU.
-    fn domains(
+    /// Where the light comes from. It is computed again only when texels or settings have changed; a new rotation or
+    /// intensity keeps it. `None` while it is on its way from the GPU.
+    fn sources(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-    ) -> Result<Option<&[Domain]>, GpuError> {
+    ) -> Result<Option<&Sources>, GpuError> {
         let key = (scene.versions.environment, self.settings.clone());
-        if self.domains.as_ref().is_none_or(|(of, _)| *of != key) {
-            let on_the_way = match self.on_the_way.take() {
-                Some((of, domains)) if of == key => domains,
-                _ => {
-                    let started = self.decomposition.decompose(frame, scene, &self.settings)?;
-                    self.on_the_way = started.map(|domains| (key, domains));
-                    return Ok(None);
-                }
+        if self.found.as_ref().is_none_or(|found| found.of != key) {
+            let Some(mut on_the_way) = self.on_the_way.take().filter(|one| one.of == key) else {
+                let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
+                let cells = match self.settings.per_sample {
+                    true => self.decomposition.cells(frame)?,
+                    false => None,
+                };
+                self.on_the_way = domains.map(|domains| SourcesOnTheWay {
+                    of: key,
+                    domains,
+                    cells,
+                    draws: None,
+                });
+                return Ok(None);
             };
-            match on_the_way.get() {
-                Some(domains) => self.domains = Some((key, domains?)),
-                None => {
-                    self.on_the_way = Some((key, on_the_way));
-                    return Ok(None);
-                }
-            }
+            let Some(found) = on_the_way.get() else {
+                self.on_the_way = Some(on_the_way);
+                return Ok(None);
+            };
+            self.found = Some(found?);
         }
-        Ok(self.domains.as_ref().map(|(_, domains)| &domains[..]))
+        Ok(self.found.as_ref())
     }
 
-    /// Each domain that has light, in world space, and the view of its depth map.
+    /// Each direction that has light, in world space, and the view of its depth map. `turn`: the sample of the picture,
+    /// if each has its own directions.
     fn directions(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
+        turn: Option<u32>,
     ) -> Result<Option<DirectionsAndViews>, GpuError> {
         let side = self.settings.resolution;
         let Some(environment) = &scene.environment else {
             return Ok(Some(Default::default()));
         };
         let world_from_map = Mat3::from_rotation_y(environment.rotation);
-        let Some(domains) = self.domains(frame, scene)? else {
+        let Some(sources) = self.sources(frame, scene)? else {
             return Ok(None);
+        };
+        let domains = match (turn, &sources.draws) {
+            (Some(turn), Some(draws)) => &draws.of_sample(turn),
+            _ => &sources.domains,
         };
         let lit = domains.iter().filter_map(|domain| {
             let flux_density = domain.flux_density * environment.intensity;
@@ -196,9 +256,16 @@ impl Technique for ImageBasedLighting {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+        // Straight through glass; what mirrors throw is missing.
+        let passes = |object: &Object| object.is_smooth && object.is_transmissive;
+        let paths = if scene.objects.iter().any(passes) {
+            INFO.paths
+        } else {
+            DIRECT
+        };
         Plan {
             lookups: self.settings.samples * u32::from(scene.environment.is_some()),
-            ..Plan::adding(INFO.paths, scene)
+            ..Plan::adding(paths, scene)
         }
     }
 
@@ -206,14 +273,17 @@ impl Technique for ImageBasedLighting {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        _: &View,
+        view: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         let versions = Versions {
             lights: 0,
             ..scene.versions
         };
-        let made = (versions, self.settings.clone());
+        // What is lit for all samples, such as texels, takes the domains.
+        let sample = view.uniform.sample_index;
+        let turn = (self.settings.per_sample && sample != View::NO_SAMPLE).then_some(sample);
+        let made = (versions, self.settings.clone(), turn);
         let reflectivity = self.settings.reflectivity;
         let mut is_filled = true;
         if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
@@ -251,7 +321,7 @@ impl Technique for ImageBasedLighting {
                 caster_detail: self.settings.caster_detail,
             },
         };
-        let Some((directions, views)) = self.directions(frame, scene)? else {
+        let Some((directions, views)) = self.directions(frame, scene, turn)? else {
             return Ok(pending("the domains of the environment"));
         };
         if !self.batches.prepare(frame, scene, &maps.drawing)? {

@@ -13,6 +13,7 @@ use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
 
 use super::batches::Plan;
 use super::delaunay;
+use super::draws::Draws;
 use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, Spread};
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
@@ -80,7 +81,7 @@ fn directions(
 ) -> Vec<super::gpu::Direction> {
     loop {
         let mut frame = Frame::new(gpu, false);
-        let found = technique.directions(&mut frame, scene).unwrap();
+        let found = technique.directions(&mut frame, scene, None).unwrap();
         frame.submit().unwrap();
         match found {
             Some((directions, _)) => return directions,
@@ -493,6 +494,65 @@ fn a_domain_knows_how_widely_its_light_is_spread() {
     let spread = f64::from(brightest.lit_solid_angle) / texel;
     println!("a sun of {spread} texels");
     assert!((0.9..1.5).contains(&spread), "{spread} texels");
+}
+
+#[test]
+fn draws_of_all_samples_add_up_to_the_sky() {
+    let Some(gpu) = test_gpu() else { return };
+    // So many that each cell of the sun counts for more than one.
+    let count = 200;
+    let scene = sunny([128, 64]);
+    let uploaded = GpuScene::new(&gpu, &scene).unwrap();
+    let mut made = Decomposition::new(&gpu, &uploaded).unwrap();
+    let mut frame = Frame::new(&gpu, false);
+    made.decompose(&mut frame, &uploaded, &settings(count))
+        .unwrap();
+    let cells = made.cells(&mut frame).unwrap().unwrap();
+    frame.submit().unwrap();
+    let grid = cells.grid;
+    let draws = Draws::new(grid, &cells.rows.wait().unwrap(), count);
+    let sun = Vec3::new(0.3, 0.8, -0.5).normalize();
+    let is_sun = |one: &&Domain| one.toward.dot(sun) > 0.99;
+    let flux = |domains: &mut dyn Iterator<Item = &Domain>| -> f32 {
+        domains.map(|one| one.flux_density.x).sum()
+    };
+    let exact = integral(&scene)[0] as f32;
+    let (mut all, mut upper) = (0.0, 0.0);
+    let sample = draws.of_sample(0);
+    for turn in 0..64 {
+        let drawn = draws.of_sample(turn);
+        assert_eq!(drawn.len(), count as usize);
+        assert!(turn == 0 || drawn[0].toward != sample[0].toward);
+        for one in &drawn {
+            assert!((one.toward.length() - 1.0).abs() < 1e-5);
+        }
+        // Cells as bright as the sun's are drawn in every sample.
+        let of_sun =
+            flux(&mut drawn.iter().filter(is_sun)) / flux(&mut sample.iter().filter(is_sun));
+        assert!((of_sun - 1.0).abs() < 0.1, "{of_sun}");
+        all += flux(&mut drawn.iter()) / exact / 64.0;
+        upper += flux(&mut drawn.iter().filter(|one| one.toward.x > 0.5)) / 64.0;
+    }
+    assert!((all - 1.0).abs() < 0.01, "{all}");
+    let expected: f32 = {
+        let half = sky([128, 64], |x, y| {
+            let d = direction([128, 64], x, y);
+            let lit = if d.x > 0.5 { 1.0 } else { 0.0 };
+            let sun = if d.dot(sun) > 0.997 { 400.0 } else { 0.0 };
+            Vec3::splat(0.6 * lit * (0.3 + (2.0 * d.x).exp() + sun))
+        });
+        integral(&half)[0] as f32
+    };
+    assert!((upper / expected - 1.0).abs() < 0.02, "{upper}, {expected}");
+    assert!(
+        Draws::new(
+            grid,
+            &vec![[0.0; 4]; (grid.stride * grid.height) as usize],
+            8
+        )
+        .of_sample(3)
+        .is_empty()
+    );
 }
 
 /// A ball and a block on a floor under a sunny sky.

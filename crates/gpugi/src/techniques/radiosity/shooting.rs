@@ -54,7 +54,7 @@ impl Shooting {
         steps: &[ForStep<'_>],
     ) -> Result<Self, GpuError> {
         let Batch { shooters, side } = batch;
-        let depth = DepthKernels::new(gpu, scene)?;
+        let depth = DepthKernels::of_lamps(gpu, scene)?;
         let near = scene.diagonal() * 1e-4;
         let hemicube = DepthViewSpec::hemicube(Vec3::ZERO, Vec3::Z, Vec3::X, near, side, GUTTER);
         // The GPU sets the views, so the host cannot cull.

@@ -1,0 +1,145 @@
+//! Directions drawn anew for each sample of a picture, so that the mean of its samples converges to the light of the
+//! whole environment: domains.rs finds directions that serve all samples alike.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::Vec3;
+
+use super::domains::Domain;
+use super::gpu::Grid;
+use crate::gpu::ReadBack;
+use crate::sequences::{R2, additive};
+
+/// Iterations that find how many draws each cell expects.
+const ROUNDS: usize = 16;
+/// Step of the additive sequence of lowest discrepancy in one dimension.
+const GOLDEN: [f64; 1] = [0.618_033_988_749_894_9];
+
+/// The cells of an environment, as reduce.wesl writes them, on their way from the GPU.
+#[derive(Debug)]
+pub struct CellsOnTheWay {
+    pub grid: Grid,
+    pub rows: ReadBack<Vec<[f32; 4]>>,
+}
+
+/// The cells of an environment, with the number of draws that each expects.
+#[derive(Debug)]
+pub struct Draws {
+    grid: Grid,
+    count: u32,
+    /// Cells with light, along a curve on which neighbours are neighbours on the map.
+    cells: Vec<Cell>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    column: u32,
+    row: u32,
+    /// Integral of the radiance (W/m^2).
+    flux_density: Vec3,
+    /// (sr)
+    solid_angle: f32,
+    /// Draws expected of it, and of the cells before it.
+    expected: f64,
+    before: f64,
+}
+
+impl Draws {
+    /// `count` draws per sample, from cells as reduce.wesl writes them. The number that a cell expects is proportional
+    /// to its power, but at most 1: several draws from one cell would nearly coincide.
+    pub fn new(grid: Grid, rows: &[[f32; 4]], count: u32) -> Self {
+        let side = grid.width.div_ceil(2).max(grid.height).next_power_of_two();
+        let mut cells: Vec<Cell> = (0..2 * side * side)
+            .map(|step| along_curve(step, side))
+            .filter(|&[column, row]| column < grid.width && row < grid.height)
+            .map(|[column, row]| {
+                let [r, g, b, solid_angle] = rows[(row * grid.stride + column) as usize];
+                let flux_density = Vec3::new(r, g, b);
+                Cell {
+                    column,
+                    row,
+                    flux_density,
+                    solid_angle,
+                    expected: 0.0,
+                    before: 0.0,
+                }
+            })
+            .filter(|cell| cell.power() > 0.0)
+            .collect();
+        // The power that one draw stands for: where cells are brighter, the share of the others shrinks.
+        let mut share = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let sum: f64 = cells.iter().map(|cell| cell.power().min(share)).sum();
+            share = sum / f64::from(count);
+        }
+        let mut before = 0.0;
+        for cell in &mut cells {
+            cell.before = before;
+            cell.expected = (cell.power() / share).min(1.0);
+            before += cell.expected;
+        }
+        Self { grid, count, cells }
+    }
+
+    /// The directions of sample `turn`, with the light that each stands for: systematic sampling along the curve.
+    pub fn of_sample(&self, turn: u32) -> Vec<Domain> {
+        let [shift] = additive(GOLDEN, turn);
+        let end = self
+            .cells
+            .last()
+            .map_or(0.0, |cell| cell.before + cell.expected);
+        let draws = (0..self.count).map(|index| (index, f64::from(index) + shift));
+        draws
+            .take_while(|(_, at)| *at < end)
+            .map(|(index, at)| {
+                let next = self.cells.partition_point(|cell| cell.before <= at);
+                let cell = &self.cells[next - 1];
+                let within = additive(R2, turn.wrapping_mul(self.count).wrapping_add(index));
+                Domain {
+                    toward: self.direction(cell, within),
+                    flux_density: cell.flux_density / cell.expected as f32,
+                    solid_angle: cell.solid_angle / cell.expected as f32,
+                    lit_solid_angle: cell.solid_angle / cell.expected as f32,
+                }
+            })
+            .collect()
+    }
+
+    /// The direction of a point of a cell, uniform over its solid angle.
+    fn direction(&self, cell: &Cell, [x, y]: [f64; 2]) -> Vec3 {
+        let edge = |row: u32| (PI * f64::from(row) / f64::from(self.grid.height)).cos();
+        let phi = TAU * ((f64::from(cell.column) + x) / f64::from(self.grid.width) - 0.5);
+        let cosine = edge(cell.row) + (edge(cell.row + 1) - edge(cell.row)) * y;
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        glam::dvec3(phi.sin() * sine, cosine, -phi.cos() * sine).as_vec3()
+    }
+}
+
+impl Cell {
+    /// Luminance of the flux density (W/m^2).
+    fn power(&self) -> f64 {
+        f64::from(self.flux_density.dot(Vec3::new(0.2126, 0.7152, 0.0722)))
+    }
+}
+
+/// `along_curve` of domains.wesl.
+fn along_curve(step: u32, of_side: u32) -> [u32; 2] {
+    let of_square = of_side * of_side;
+    let mut rest = step % of_square;
+    let mut cell = [0, 0];
+    let mut side = 1;
+    while side < of_side {
+        let right = (rest / 2) & 1;
+        let down = (rest ^ right) & 1;
+        if down == 0 {
+            if right == 1 {
+                cell = cell.map(|one| side - 1 - one);
+            }
+            cell.swap(0, 1);
+        }
+        cell = [cell[0] + side * right, cell[1] + side * down];
+        rest /= 4;
+        side *= 2;
+    }
+    [cell[0] + step / of_square * of_side, cell[1]]
+}
