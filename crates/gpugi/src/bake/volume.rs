@@ -42,7 +42,8 @@ impl IrradianceVolume {
     /// `density` per metre. `settings`: technique, name and value each.
     ///
     /// # Errors
-    /// [`LightingError`]; [`GpuError::Input`] for an empty scene, [`GpuError::TooLarge`] for too many voxels.
+    /// [`LightingError`]; [`GpuError::Input`] for an empty scene and a density that is not positive, [`GpuError::TooLarge`]
+    /// for too many voxels.
     pub fn bake(
         gpu: &Gpu,
         scene: &Scene,
@@ -51,6 +52,12 @@ impl IrradianceVolume {
         adds: &str,
         density: f32,
     ) -> Result<Self, LightingError> {
+        if !(density.is_finite() && density > 0.0) {
+            return Err(input(format!(
+                "an irradiance volume needs a positive density, not {density} per metre"
+            ))
+            .into());
+        }
         let registry = Registry::default();
         let mut on_gpu = Lighting::upload(gpu, scene, names, &registry)?;
         let mut lighting = Lighting::new(gpu, &mut on_gpu, names, &registry)?;
@@ -129,13 +136,15 @@ impl IrradianceVolume {
     }
 }
 
+fn input(what: String) -> GpuError {
+    GpuError::Input { what }
+}
+
 /// Voxels along each axis.
 fn counts(gpu: &Gpu, bounds: &Bounds, density: f32) -> Result<UVec3, GpuError> {
     let extent = bounds.max - bounds.min;
     if !extent.is_finite() || extent.min_element() < 0.0 {
-        return Err(GpuError::Input {
-            what: "an empty scene has no irradiance volume".into(),
-        });
+        return Err(input("an empty scene has no irradiance volume".into()));
     }
     let counts = (extent * density).ceil().max(Vec3::ONE);
     let counts = counts.min(Vec3::splat(1e6)).as_uvec3();

@@ -2,8 +2,8 @@
 
 use glam::{UVec3, Vec3, vec3};
 use gpugi::bake::IrradianceVolume;
-use gpugi_scene::Material;
-use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::{Material, Scene};
 
 use super::common::{gpu, place};
 use super::shining_room;
@@ -47,5 +47,30 @@ fn a_volume_has_six_sides_per_voxel() {
     }
     // Nearer to the wall it is brighter.
     assert!(volume.cubes[3][0].x > 1.5 * volume.cubes[0][0].x);
-    assert!(bake(1e4).is_err());
+}
+
+#[test]
+fn densities_that_cannot_work_are_refused() {
+    let Some(gpu) = gpu() else { return };
+    let names = ["final-gather".to_owned()];
+    let bake = |scene: &Scene, density: f32| {
+        let baked = IrradianceVolume::bake(&gpu, scene, &names, &[], "final-gather", density);
+        baked.expect_err("no volume").to_string()
+    };
+    let room = shining_room(1.0, Vec3::ZERO);
+    for density in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let message = bake(&room, density);
+        assert!(message.contains("positive density"), "{density}: {message}");
+    }
+    // Too many in all, and too many along one axis.
+    for density in [1e2, 1e4, f32::MAX] {
+        let message = bake(&room, density);
+        assert!(message.contains("fewer per metre"), "{density}: {message}");
+    }
+    let mut thread = Scene::new("thread");
+    let mesh = cuboid(Vec3::ZERO, vec3(1.0, 0.001, 0.001), 1);
+    place(&mut thread, mesh, Material::matt("thread", Vec3::ONE));
+    let message = bake(&thread, 3000.0);
+    assert!(message.contains("fewer per metre"), "{message}");
+    assert!(bake(&Scene::new("empty"), 1.0).contains("empty scene"));
 }
