@@ -2,6 +2,9 @@
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::capture::Output;
+use gpugi::scene::{Claims, GpuScene};
+use gpugi::techniques::Technique;
+use gpugi::techniques::final_gather::FinalGather;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
@@ -141,4 +144,58 @@ fn a_camera_in_a_wall_and_an_object_alone_are_no_trouble() {
         );
         assert_eq!(found[0], Vec3::ZERO, "{places}");
     }
+}
+
+/// More objects than can have reference points: the largest have them, and a warning says so. Names are a promise.
+#[test]
+fn many_objects_are_no_trouble() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = shining_room(1.0, Vec3::splat(0.5));
+    let mesh = scene.add_mesh(cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
+    let grey = scene.add_material(Material::matt("grey", Vec3::splat(0.5)));
+    for index in 0..39 {
+        // Of different sizes, and turned.
+        let size = Mat4::from_scale(Vec3::splat(0.01 + 0.002 * (index * 7 % 39) as f32));
+        let turned = Mat4::from_rotation_y(index as f32);
+        let at = vec3(
+            0.2 * (index % 8) as f32 - 0.7,
+            0.75,
+            0.2 * (index / 8) as f32,
+        );
+        let world_from_mesh = Mat4::from_translation(at) * turned * size;
+        scene.add_instance(&format!("block {index}"), mesh, grey, world_from_mesh);
+    }
+    let on_gpu = GpuScene::new(&gpu, &scene).expect("an upload");
+    let mut technique = FinalGather::default();
+    let set = technique.settings_mut().set("reference-points", "objects");
+    set.expect("a setting");
+    let plan = technique.plan(&on_gpu, &[]);
+    let claimed: Vec<usize> = (0..40)
+        .filter(|&index| plan.claims[index] == Claims::INDIRECT)
+        .collect();
+    let largest: Vec<usize> = (0..40)
+        .filter(|&index| index == 0 || (index - 1) * 7 % 39 >= 8)
+        .collect();
+    assert_eq!(claimed, largest);
+
+    let names = NAMES.map(str::to_owned);
+    let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).expect("a renderer");
+    for (name, value) in [("reference-points", "objects"), ("resolution", "16")] {
+        let set = renderer.set("final-gather", name, value);
+        set.expect("a setting");
+    }
+    let camera = Camera::look_at("", vec3(0.0, 0.75, -1.4), vec3(0.0, 0.75, 0.0), 1.2);
+    let rendered = renderer.render_sample(&camera, 1, None, false);
+    rendered.expect("a picture");
+    let warnings = renderer.warnings();
+    assert!(
+        warnings.iter().any(|one| one.contains("32 largest of 40")),
+        "{warnings:?}"
+    );
+
+    let set = renderer.set("final-gather", "objects", "block*");
+    set.expect("a setting");
+    let refused = renderer.render_sample(&camera, 1, None, false);
+    let message = refused.expect_err("too many objects").to_string();
+    assert!(message.contains("name fewer"), "{message}");
 }

@@ -16,7 +16,7 @@ use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texe
 
 /// Most reference points of a grid, and most objects with one.
 const MOST_POINTS: u64 = 4096;
-const MOST_OBJECTS: u64 = 32;
+pub const MOST_OBJECTS: u64 = 32;
 /// Bounces per frame before the light is gathered for the first time; later a frame has one.
 const BOUNCES_AT_ONCE: u32 = 16;
 /// Widest map of distances (texels): WebGPU promises this much.

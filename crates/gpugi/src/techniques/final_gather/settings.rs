@@ -73,7 +73,8 @@ crate::settings! {
         pub glossy: bool = false => any(),
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
-        /// Objects that are lit by points of their own: names separated by commas, * for any characters.
+        /// Objects that are lit by points of their own: names separated by commas, * for any characters; * alone: all,
+        /// but only the 32 largest of more.
         pub objects: String = ALL.to_owned() => any(),
     }
 }
