@@ -10,7 +10,7 @@ use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
 use super::common::{gpu, place};
-use super::{at_probes, facing, shining_room};
+use super::{at_probes, facing, inside_out, shining_room};
 
 const NAMES: [&str; 2] = ["shadow-map", "final-gather"];
 
@@ -82,7 +82,7 @@ fn odd_scenes_are_black() {
     }
 }
 
-/// Reference points inside a solid see its inside only: they light nothing, and others take their place.
+/// Reference points inside a solid see its inside only: where none can be moved out, others take their place.
 #[test]
 fn points_inside_solids_are_switched_off() {
     let Some(gpu) = gpu() else { return };
@@ -120,6 +120,56 @@ fn points_inside_solids_are_switched_off() {
             (0.8..1.25).contains(&(with / without)),
             "{with} beside {without}"
         );
+    }
+}
+
+/// A column fills a room but for a corridor, narrower than the grid: all points lie in the column. Those next to the
+/// corridor are moved into it.
+#[test]
+fn points_inside_solids_are_moved_out() {
+    let Some(gpu) = gpu() else { return };
+    let grey = || Material::matt("grey", Vec3::splat(0.6));
+    let lit = |mut scene: Scene| {
+        let light = Light::new("", LightKind::Point, Vec3::ONE);
+        let lamp = light.aimed(vec3(1.8, 1.7, 0.3), Vec3::ZERO);
+        scene.lights.push(lamp);
+        scene
+    };
+    let corridor = |low: f32| {
+        let mut scene = Scene::new("corridor");
+        let room = inside_out(cuboid(vec3(low, 0.0, -1.0), vec3(2.0, 2.0, 1.0), 1));
+        place(&mut scene, room, grey());
+        scene
+    };
+    let mut filled = corridor(-1.0);
+    let column = cuboid(vec3(-0.99, 0.01, -0.99), vec3(1.6, 1.99, 0.99), 1);
+    place(&mut filled, column, grey());
+    let probes = [
+        facing(vec3(1.7, 0.02, -0.7), Vec3::Y),
+        facing(vec3(1.9, 0.02, 0.1), Vec3::Y),
+        facing(vec3(1.98, 1.2, 0.6), Vec3::NEG_X),
+        facing(vec3(1.62, 0.4, -0.2), Vec3::X),
+    ];
+    let of = |scene: Scene, density: &str, more: &[&str]| {
+        let settings = [&[density, "resolution=32"], more].concat();
+        let scene = lit(scene);
+        let all = at_probes(&gpu, &scene, &NAMES, &settings, &probes, Output::Irradiance);
+        let direct = at_probes(&gpu, &scene, &NAMES[..1], &[], &probes, Output::Irradiance);
+        let indirect = all.iter().zip(direct).map(|(all, direct)| all.x - direct.x);
+        indirect.collect::<Vec<f32>>()
+    };
+    let expected = of(corridor(1.6), "density=1", &[]);
+    // Where some faces of a point are captured per frame, too.
+    for more in [&[][..], &["faces-per-frame=4"]] {
+        let found = of(filled.clone(), "density=1", more);
+        println!("{found:.4?}, expected {expected:.4?}");
+        for (found, expected) in found.iter().zip(&expected) {
+            let ratio = found / expected;
+            assert!(
+                (0.8..1.25).contains(&ratio),
+                "{found} instead of {expected}"
+            );
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use super::gpu;
 use super::maps::{Kernels, Making, Maps};
 use super::objects::ObjectPoint;
 use super::places::{Grid, Places};
+use super::placing::Placing;
 use super::points::Points;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
@@ -196,13 +197,16 @@ impl Made {
                 });
                 Cubes::OfObjects(objects.collect::<Result<_, _>>()?)
             }
-            Layout::Grid(_, grid) => {
+            Layout::Grid(bounds, grid) => {
                 let points = grid.points().collect();
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+                let placing = Some(Placing::new(grid, bounds));
+                let points = Points::new(gpu, &kernels, &maps, earlier, points, placing, at_once)?;
+                Cubes::Own(points)
             }
             Layout::Camera => {
                 let points = vec![Vec3::ZERO];
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+                let points = Points::new(gpu, &kernels, &maps, earlier, points, None, at_once)?;
+                Cubes::Own(points)
             }
         };
         Ok(Self {
@@ -240,16 +244,21 @@ impl Made {
             self.bounced = 0;
         }
         let [stale, never, turns] = self.turns();
-        let has_bounced = never == 0 && self.bounce(frame, scene);
+        let [was_placed, is_placed] = match &self.cubes {
+            Cubes::Own(points) => points.are_placed(scene.versions.geometry),
+            Cubes::OfObjects(_) => [true; 2],
+        };
+        let is_lit_once = never == 0 && was_placed;
+        let has_bounced = is_lit_once && self.bounce(frame, scene);
         let all = self.bounces();
-        let done = (turns - stale) as f32 + self.bounced as f32;
+        let done = (turns - stale) as f32 + self.bounced as f32 + f32::from(u8::from(is_placed));
         let is_first = !self.is_complete;
-        self.is_complete |= never == 0 && self.bounced >= all;
+        self.is_complete |= is_lit_once && self.bounced >= all;
         // Dependents follow what is better than what could be gathered before.
         self.revision += u64::from(!is_first && (is_lit || has_bounced));
         Ok(Generated {
             revision: self.revision,
-            progress: done / (turns as f32 + all as f32).max(1.0),
+            progress: done / (turns as f32 + all as f32 + 1.0),
             pending: (!self.is_complete).then_some("the light of reference points"),
         })
     }
@@ -325,10 +334,16 @@ impl Made {
             with_environment: u32::from(self.own.environment && scene.environment.is_some()),
             instance: u32::MAX,
             places: probes.places,
+            // Only grids move their points.
+            low: [1.0; 3],
+            margin: 0.0,
+            high: [0.0; 3],
+            padding: 0,
         };
         let making = Making {
             scene,
             kernels: &self.kernels,
+            maps: &self.maps,
             output,
             work,
         };

@@ -64,6 +64,8 @@ pub struct Maps {
     pub probes: gpu::Probes,
     pub lights: wgpu::Buffer,
     pub sources: wgpu::Buffer,
+    /// Ways out of solids (m), four floats per reference point.
+    pub ways_out: wgpu::Buffer,
     /// Distance cubes of all reference points, side by side; one texel where nothing asks for them.
     pub distances: wgpu::Texture,
     /// Bind group 2 of the gather.
@@ -89,6 +91,7 @@ impl Maps {
         let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
         let bytes = source_bytes(side) * count;
         let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
+        let ways_out = gpu.buffer("final-gather.ways-out", 16 * count, storage)?;
         let cube = [6 * probes.resolution, probes.resolution];
         let [width, height] = match settings.visibility {
             Visibility::None => [1, 1],
@@ -137,6 +140,7 @@ impl Maps {
             probes,
             lights,
             sources,
+            ways_out,
             distances,
         })
     }
@@ -183,6 +187,7 @@ impl Bench {
             ("stored", maps.lights.as_entire_binding()),
             ("sources", maps.sources.as_entire_binding()),
             ("distances", TextureView(&distances)),
+            ("ways_out", maps.ways_out.as_entire_binding()),
         ];
         Ok(Self {
             written: kernels.downsample.bind(gpu, 3, &resources)?,
@@ -235,6 +240,7 @@ impl Bench {
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
+    pub maps: &'a Maps,
     /// What the techniques before this one are asked for at the cubes' points.
     pub output: Output,
     /// What is the same for all cubes.

@@ -9,6 +9,7 @@ mod made;
 mod maps;
 mod objects;
 mod places;
+mod placing;
 mod points;
 mod settings;
 #[cfg(test)]
