@@ -238,3 +238,41 @@ fn changes_of_the_scene_are_followed() {
         assert!(off < 1e-5 && moved > 0.01, "{more:?}: {off}, {moved}");
     }
 }
+
+/// Lights that change or move light what was captured before; surfaces that move are captured again.
+#[test]
+fn changed_lights_capture_nothing_again() {
+    let Some(gpu) = gpu() else { return };
+    if !gpu.has_timestamps {
+        eprintln!("skipped: this adapter cannot time passes");
+        return;
+    }
+    let mut scene = builtin("room", 1).expect("a scene");
+    let camera = scene.cameras[0].clone();
+    let settings = ["resolution=16", "density=0.5", "faces-per-frame=24"];
+    let mut renderer = renderer(&gpu, &scene, &["shadow-map", "final-gather"], 8, &settings);
+    // Captures of the reference points in eight frames, beside the camera's own.
+    let mut captures = |scene: &Scene| {
+        renderer.update(scene).expect("an update");
+        let mut count = 0;
+        for _ in 0..8 {
+            renderer.restart();
+            let timings = renderer.render_sample(&camera, 1, None, true);
+            let timings = timings.expect("a picture").wait().expect("times");
+            let is_capture = |pass: &&str| *pass == "capture.hits";
+            let passes = timings.iter().map(|one| one.pass.as_str());
+            count += passes.filter(is_capture).count() - 1;
+        }
+        (count, renderer.radiance().expect("radiance"))
+    };
+    let (first, before) = captures(&scene);
+    assert!(first >= 8, "{first}");
+    scene.lights[0].intensity *= vec3(0.2, 1.0, 3.0);
+    scene.lights[1].world_from_light.w_axis.x += 1.0;
+    let (relit, after) = captures(&scene);
+    assert_eq!(relit, 0);
+    assert_ne!(before, after);
+    scene.instances[6].world_from_mesh.w_axis.x -= 0.3;
+    let (moved, _) = captures(&scene);
+    assert!(moved >= 8, "{moved}");
+}
