@@ -15,7 +15,7 @@ use crate::capture::atlas::LeakReport;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
-pub use volume::IrradianceVolume;
+pub use volume::{HarmonicVolume, IrradianceVolume, VolumeLight};
 
 /// Texels of an atlas that lie inside other objects, where no light arrives.
 #[derive(Debug, Clone, PartialEq)]
