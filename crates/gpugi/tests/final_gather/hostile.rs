@@ -9,8 +9,8 @@ use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
-use super::common::{gpu, place};
-use super::{at_probes, facing, inside_out, shining_room};
+use super::common::{gpu, inside_out, place, shining_room};
+use super::{at_probes, facing};
 
 const NAMES: [&str; 2] = ["shadow-map", "final-gather"];
 

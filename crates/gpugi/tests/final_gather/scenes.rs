@@ -1,54 +1,14 @@
 //! Scenes against the path tracer, on the technique's own light paths; changes of scenes.
 
-use std::ops::ControlFlow;
-
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
-use gpugi::measure::{Options, Quality, measure};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::sphere;
-use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Material, MaterialModel, Scene};
 
-use super::common::gpu;
-
-fn renderer(
-    gpu: &Gpu,
-    scene: &Scene,
-    techniques: &[&str],
-    size: u32,
-    settings: &[&str],
-) -> Renderer {
-    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
-    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
-    for setting in settings {
-        let (name, value) = setting.split_once('=').expect("name=value");
-        renderer
-            .set("final-gather", name, value)
-            .expect("a setting");
-    }
-    renderer
-}
-
-/// Relative mean squared error against the path tracer, without the path tracer's own error.
-fn error(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
-    let options = Options {
-        samples: 4,
-        reference: Quality {
-            samples: 256,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
-    let error = found.value(Metric::RelMse).expect("a value");
-    error - found.truth.rel_mse()
-}
+use super::common::{gpu, measured, rel_mse, renderer_of};
 
 /// A grid of reference points; alone, it also adds the direct light of the lamp.
 #[test]
@@ -64,8 +24,9 @@ fn the_cornell_box_is_the_path_tracers() {
         (&["final-gather"], &[], 0.02),
     ] {
         let settings = [&["resolution=32"], settings].concat();
-        let mut renderer = renderer(&gpu, &scene, techniques, 32, &settings);
-        let error = error(&gpu, &scene, camera, &mut renderer);
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 32, "final-gather", &settings);
+        let found = measured(&gpu, &scene, camera, &mut renderer, [4, 256]);
+        let error = rel_mse(&found);
         println!("{techniques:?} {settings:?}: rel-mse {error:.1e}");
         assert!(error < bound, "{techniques:?} {settings:?}: {error}");
     }
@@ -105,7 +66,7 @@ fn an_object_is_lit_by_its_own_point() {
             glossy,
         ];
         let techniques = ["shadow-map", "final-gather"];
-        let mut renderer = renderer(&gpu, &scene, &techniques, 40, &settings);
+        let mut renderer = renderer_of(&gpu, &scene, &techniques, 40, "final-gather", &settings);
         let found = of_ball(&gpu, &scene, &camera, &mut renderer);
         println!("{glossy}: rel-mse {found:.1e} on the ball");
         assert!(found < bound, "{glossy}: {found}");
@@ -114,18 +75,7 @@ fn an_object_is_lit_by_its_own_point() {
 
 /// The error on the last instance alone.
 fn of_ball(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
-    let options = Options {
-        samples: 8,
-        reference: Quality {
-            samples: 512,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
+    let found = measured(gpu, scene, camera, renderer, [8, 512]);
     let ball = scene.instances.len() as u32 - 1;
     let points = renderer.surface_points().expect("points");
     let is_ball = |index: usize| {
@@ -161,7 +111,7 @@ fn paths_are_what_others_leave_over() {
         overlap(renderer.light_paths_of("final-gather"), &[path]).is_some()
     };
     let of = |techniques: &[&str], settings: &[&str]| {
-        let renderer = renderer(&gpu, &scene, techniques, 8, settings);
+        let renderer = renderer_of(&gpu, &scene, techniques, 8, "final-gather", settings);
         ["LDE", "LDDE", "LDDDE", "LDGE", "LGDE"].map(|path| adds(&renderer, path))
     };
     assert_eq!(of(&["final-gather"], &[]), [true, true, true, false, false]);
@@ -192,7 +142,8 @@ fn radiosity_leaves_claimed_objects_alone() {
         let set = renderer.set("radiosity", name, value);
         set.expect("a setting");
     }
-    let error = error(&gpu, &scene, camera, &mut renderer);
+    let found = measured(&gpu, &scene, camera, &mut renderer, [4, 256]);
+    let error = rel_mse(&found);
     println!("rel-mse {error:.1e}");
     assert!(error < 0.005, "{error}");
 }
@@ -220,14 +171,14 @@ fn changes_of_the_scene_are_followed() {
     ] {
         let settings = [&["resolution=16", "bounces=8"], &more[..]].concat();
         let mut scene = scene.clone();
-        let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut kept = renderer_of(&gpu, &scene, &techniques, 24, "final-gather", &settings);
         let before = picture(&mut kept, 1);
         let light = scene.instances[5].material;
         scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
         scene.instances[7].world_from_mesh.w_axis.x += 1.0;
         kept.update(&scene).expect("an update");
         let found = picture(&mut kept, 40);
-        let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut fresh = renderer_of(&gpu, &scene, &techniques, 24, "final-gather", &settings);
         let fresh = picture(&mut fresh, 1);
         let error = |a: &[f32], b: &[f32]| {
             let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
@@ -250,7 +201,14 @@ fn changed_lights_capture_nothing_again() {
     let mut scene = builtin("room", 1).expect("a scene");
     let camera = scene.cameras[0].clone();
     let settings = ["resolution=16", "density=0.5", "faces-per-frame=24"];
-    let mut renderer = renderer(&gpu, &scene, &["shadow-map", "final-gather"], 8, &settings);
+    let mut renderer = renderer_of(
+        &gpu,
+        &scene,
+        &["shadow-map", "final-gather"],
+        8,
+        "final-gather",
+        &settings,
+    );
     // Captures of the reference points in eight frames, beside the camera's own.
     let mut captures = |scene: &Scene| {
         renderer.update(scene).expect("an update");
