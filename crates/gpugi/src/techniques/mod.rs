@@ -56,6 +56,9 @@ pub struct Plan {
     /// The list of object names in its settings, separated by commas; empty if there is none.
     /// [`crate::lighting::Lighting::set`] refuses names that no object has.
     pub object_names: String,
+    /// Names of a technique whose maps it reads, and of the setting that asks for it.
+    /// [`crate::lighting::Lighting::validate`] refuses sets in which that technique does not come before this one.
+    pub needs: Option<(&'static str, &'static str)>,
 }
 
 impl Plan {
@@ -65,6 +68,7 @@ impl Plan {
             paths: paths.into(),
             claims: vec![Claims::NONE; scene.objects.len()],
             object_names: String::new(),
+            needs: None,
         }
     }
 }
@@ -254,6 +258,15 @@ impl<'a> Earlier<'a> {
             revision,
             lights_elsewhere,
         }
+    }
+
+    /// The technique of this type, if it comes before.
+    pub fn technique<T: Technique>(&self) -> Option<&T> {
+        let mut techniques = self.techniques.iter();
+        techniques.find_map(|technique| {
+            let technique: &dyn Any = technique.as_ref();
+            technique.downcast_ref()
+        })
     }
 
     /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and

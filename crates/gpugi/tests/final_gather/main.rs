@@ -4,6 +4,7 @@
 mod common;
 mod hostile;
 mod leaks;
+mod occlusion;
 mod scenes;
 mod volume;
 

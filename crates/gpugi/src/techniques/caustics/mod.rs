@@ -238,6 +238,7 @@ impl Technique for Caustics {
                 AUTO => String::new(),
                 list => list.to_owned(),
             },
+            needs: None,
         }
     }
 

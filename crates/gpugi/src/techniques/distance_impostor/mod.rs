@@ -312,6 +312,7 @@ impl Technique for DistanceImpostor {
                 AUTO => String::new(),
                 list => list.to_owned(),
             },
+            needs: None,
         }
     }
 

@@ -184,6 +184,7 @@ impl Technique for EnvironmentMap {
             paths: if self.is_whole { INFO.paths } else { MIRRORS }.to_vec(),
             claims,
             object_names: chosen(&self.settings.objects),
+            needs: None,
         }
     }
 

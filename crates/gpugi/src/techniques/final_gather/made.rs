@@ -13,6 +13,7 @@ use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{GpuScene, Versions};
+use crate::techniques::obscurances::{Attenuation, Obscurances};
 use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texels};
 
 /// Most reference points of a grid, and most objects with one.
@@ -32,6 +33,8 @@ pub struct Made {
     kernels: Kernels,
     maps: Maps,
     cubes: Cubes,
+    /// With `occlusion`, what multiplies the light.
+    attenuation: Option<Attenuation>,
     lit_as: Option<LitAs>,
     /// Bounces since the light last changed.
     bounced: u32,
@@ -216,6 +219,7 @@ impl Made {
             kernels,
             maps,
             cubes,
+            attenuation: None,
             lit_as: None,
             bounced: 0,
             is_complete: false,
@@ -239,6 +243,7 @@ impl Made {
         eye: Vec3,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
+        self.follow_obscurances(frame.gpu, scene, earlier)?;
         let is_lit = self.light(frame, scene, eye, earlier)?;
         if is_lit {
             self.bounced = 0;
@@ -273,9 +278,31 @@ impl Made {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let groups = [&self.maps.gathered];
+        let obscurances = match &mut self.attenuation {
+            Some(attenuation) => Some(attenuation.record(frame, scene, receiver)?),
+            None => None,
+        };
+        let gathered = self.maps.gathered(frame.gpu, &self.kernels, obscurances)?;
         let gather = &mut self.kernels.gather;
-        gather.record(frame, "final-gather.gather", scene, receiver, &groups)
+        gather.record(frame, "final-gather.gather", scene, receiver, &[gathered])
+    }
+
+    /// Reads the present obscurances.
+    fn follow_obscurances(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        earlier: &Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let obscurances = earlier.technique().and_then(Obscurances::solution);
+        let Some(solution) = obscurances.filter(|_| self.settings.occlusion) else {
+            return Ok(());
+        };
+        let is_current = |one: &Attenuation| one.is_of(solution);
+        if !self.attenuation.as_ref().is_some_and(is_current) {
+            self.attenuation = Some(Attenuation::new(gpu, scene, solution)?);
+        }
+        Ok(())
     }
 
     /// The lights, the distances, and the memory that it takes to make them.

@@ -15,7 +15,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Technique};
+use super::{Earlier, Generated, Info, Inspection, Plan, Technique, obscurances};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -156,6 +156,9 @@ impl Technique for FinalGather {
         }
         self.claimed.clear();
         let mut plan = Plan::adding(paths, scene);
+        if self.settings.occlusion {
+            plan.needs = Some((obscurances::INFO.name, "occlusion"));
+        }
         self.left_over = 0;
         if places == Places::Objects {
             self.claim(scene);

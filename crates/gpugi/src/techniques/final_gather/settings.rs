@@ -71,6 +71,9 @@ crate::settings! {
         pub bounces: u32 = 16 => in_range(0.0, 4096.0),
         /// Whether glossy reflection is added, too, and passed on by the surroundings.
         pub glossy: bool = false => any(),
+        /// Whether obscurances, which have to be in use, multiply the light: they darken corners and folds that the area
+        /// lights do not resolve.
+        pub occlusion: bool = false => any(),
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
         /// Objects that are lit by points of their own: names separated by commas, * for any characters; * alone: all,
