@@ -5,6 +5,7 @@ mod common;
 mod hostile;
 mod leaks;
 mod occlusion;
+mod places;
 mod scenes;
 mod volume;
 

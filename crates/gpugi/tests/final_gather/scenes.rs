@@ -1,12 +1,10 @@
 //! Scenes against the path tracer, on the technique's own light paths; changes of scenes.
 
-use glam::{Mat4, Vec3, vec3};
-use gpugi::gpu::Gpu;
+use glam::vec3;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::builtin::shapes::sphere;
-use gpugi_scene::{Camera, Material, MaterialModel, Scene};
+use gpugi_scene::{Camera, Scene};
 
 use super::common::{gpu, measured, rel_mse, renderer_of};
 
@@ -30,76 +28,6 @@ fn the_cornell_box_is_the_path_tracers() {
         println!("{techniques:?} {settings:?}: rel-mse {error:.1e}");
         assert!(error < bound, "{techniques:?} {settings:?}: {error}");
     }
-}
-
-/// A ball in the box, lit by a reference point in its centre; and the same by the reference point of its surroundings
-/// as if they were far away, which is what an environment map of the whole box would be.
-#[test]
-fn an_object_is_lit_by_its_own_point() {
-    let Some(gpu) = gpu() else { return };
-    let camera = Camera::look_at("", vec3(0.0, 2.73, 4.0), vec3(0.9, 2.4, -1.6), 0.3);
-    let matt = Material::matt("matt", Vec3::splat(0.7));
-    let phong = Material {
-        model: MaterialModel::Phong {
-            kd: Vec3::ZERO,
-            ks: Vec3::splat(0.7),
-            shininess: 5.0,
-        },
-        ..Material::default()
-    };
-    let rough = Material::metal("rough", Vec3::splat(0.8), 0.4);
-    for (material, glossy, bound) in [
-        (matt, "glossy=false", 0.01),
-        (phong, "glossy=true", 0.03),
-        (rough, "glossy=true", 0.03),
-    ] {
-        let mut scene = builtin("cornell", 1).expect("a scene");
-        let mesh = scene.add_mesh(sphere(0.6, 48));
-        let material = scene.add_material(material);
-        let at = Mat4::from_translation(vec3(0.9, 2.4, -1.6));
-        scene.add_instance("ball", mesh, material, at);
-        let settings = [
-            "reference-points=objects",
-            "objects=ball",
-            "size=8",
-            "resolution=64",
-            glossy,
-        ];
-        let techniques = ["shadow-map", "final-gather"];
-        let mut renderer = renderer_of(&gpu, &scene, &techniques, 40, "final-gather", &settings);
-        let found = of_ball(&gpu, &scene, &camera, &mut renderer);
-        println!("{glossy}: rel-mse {found:.1e} on the ball");
-        assert!(found < bound, "{glossy}: {found}");
-    }
-}
-
-/// The error on the last instance alone.
-fn of_ball(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
-    let found = measured(gpu, scene, camera, renderer, [8, 512]);
-    let ball = scene.instances.len() as u32 - 1;
-    let points = renderer.surface_points().expect("points");
-    let is_ball = |index: usize| {
-        points[index]
-            .as_ref()
-            .is_some_and(|one| one.instance == ball)
-    };
-    let [width, height] = found.size.map(|side| side as usize);
-    let (mut sum, mut count) = (0.0, 0.0);
-    for index in width + 1..width * (height - 1) - 1 {
-        // Pixels at the silhouette see what is behind it, too.
-        let around = [index - width - 1, index - 1, index + width - 1];
-        if !around.into_iter().all(|left| (left..left + 3).all(is_ball)) {
-            continue;
-        }
-        for channel in 3 * index..3 * index + 3 {
-            let truth = f64::from(found.truth.radiance[channel]);
-            let off = f64::from(found.radiance[channel]) - truth;
-            sum += off * off / (truth * truth + 0.01);
-            count += 1.0;
-        }
-    }
-    assert!(count > 100.0, "the ball is not in the picture");
-    sum / count
 }
 
 #[test]

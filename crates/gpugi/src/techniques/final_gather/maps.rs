@@ -46,6 +46,7 @@ impl Kernels {
             ("GLOSSY", flag(settings.glossy)),
             ("DRAWN", f64::from(settings.blend as u8)),
             ("NORMALIZE", flag(settings.normalize)),
+            ("LOCALIZE", flag(settings.localize)),
             ("OCCLUSION", flag(settings.occlusion)),
         ];
         let shader = shader!("techniques.final_gather.gather");

@@ -61,6 +61,9 @@ crate::settings! {
         /// Estimate of the lights' solid angles: disc, the tutorial's; oriented, foreshortened by the light's normal;
         /// quad, exact form factors of quadrilaterals.
         pub solid_angle: SolidAngle = SolidAngle::Oriented => any(),
+        /// Whether lights are seen from the shaded point; otherwise as from the reference point, as if they were far
+        /// away: classical environment mapping, for comparison.
+        pub localize: bool = true => any(),
         /// Whether the weights of the lights are divided by their sum.
         pub normalize: bool = true => any(),
         /// Whether lights are tested for being seen: none, or distance, by the distances that reference points know.
