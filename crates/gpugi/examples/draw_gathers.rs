@@ -13,17 +13,18 @@ use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::builtin;
+use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::image::save_png;
 use gpugi_scene::{Bounds, Camera, Limits, Material, MaterialModel, Mesh, Scene, import_file};
 
 /// Side of a picture, and the white space between two (pixels).
-const SIZE: usize = 110;
+const SIZE: usize = 96;
 const GAP: usize = 4;
 
 const OPTIONS: Options = Options {
-    samples: 16,
+    samples: 8,
     reference: Quality {
-        samples: 256,
+        samples: 96,
         noise: 0.0,
     },
     seed: 0,
@@ -65,6 +66,27 @@ fn materials() -> [(&'static str, Material); 3] {
         ),
         ("GGX 0.4", Material::metal("rough", Vec3::splat(0.8), 0.4)),
     ]
+}
+
+/// A sphere of radius 1 with bumps: r = 1 + h(p), whose normals follow from the gradient of h on the sphere.
+fn bumpy_ball() -> Mesh {
+    const HEIGHT: f32 = 0.04;
+    const WAVES: f32 = 7.0;
+    let mut mesh = sphere(1.0, 96);
+    for (position, normal) in mesh.positions.iter_mut().zip(&mut mesh.normals) {
+        let p = position.normalize();
+        let (x, y, z) = (WAVES * p.x, WAVES * p.y, WAVES * p.z);
+        let h = HEIGHT * x.sin() * y.sin() * z.sin();
+        let gradient = vec3(
+            x.cos() * y.sin() * z.sin(),
+            x.sin() * y.cos() * z.sin(),
+            x.sin() * y.sin() * z.cos(),
+        ) * (HEIGHT * WAVES);
+        *position = p * (1.0 + h);
+        *normal = (p * (1.0 + h) - gradient + p * p.dot(gradient)).normalize();
+    }
+    mesh.tangents.clear();
+    mesh
 }
 
 /// The empty room with a mesh at a place.
@@ -209,23 +231,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
     let folder = arguments.next();
     let file = arguments.next();
-    let (name, scene) = match &file {
-        Some(file) => ("object", import_file(file, &Limits::default())?),
-        None => ("teapot", builtin("teapot", 2).ok_or("no such scene")?),
+    let mesh = match &file {
+        Some(file) => {
+            let scene = import_file(file, &Limits::default())?;
+            let mesh = scene.meshes.first().ok_or("no mesh")?;
+            Mesh::clone(mesh)
+        }
+        None => bumpy_ball(),
     };
-    let mesh = scene.meshes.first().ok_or("no mesh")?;
     let bounds = mesh.bounds();
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     let columns: Vec<&str> = WAYS.iter().map(|(column, ..)| *column).collect();
     println!(
-        "| {name} | {} |\n|---|{}",
+        "| object | {} |\n|---|{}",
         columns.join(" | "),
         "---|".repeat(columns.len())
     );
     let mut rows = Vec::new();
     for (kind, material) in materials() {
         for (place, at) in PLACES {
-            let scene = with_object(mesh, &bounds, &material, at)?;
+            let scene = with_object(&mesh, &bounds, &material, at)?;
             let name = format!("{kind}, {place}");
             rows.push(draw(&gpu, &name, &scene, at, kind != "matt")?);
         }

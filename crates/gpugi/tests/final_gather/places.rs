@@ -6,7 +6,7 @@ use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::{Camera, Material, MaterialModel, Scene};
 
-use super::common::{gpu, measured, renderer_of};
+use super::common::{gpu, measured, picture, renderer_of, shining_room};
 
 const TECHNIQUES: [&str; 2] = ["shadow-map", "final-gather"];
 
@@ -149,5 +149,61 @@ fn objects_are_lit_where_they_are() {
                 "{index} at {at}: {classical}, {localized}"
             );
         }
+    }
+}
+
+/// Directional albedo of the Phong lobe with ks = 1, by quadrature over cos^(n + 1) around the mirror direction.
+fn phong_albedo(n: f32, n_dot_v: f32) -> f32 {
+    const STEPS: usize = 200;
+    let across = (1.0 - n_dot_v * n_dot_v).sqrt();
+    let mut sum = 0.0;
+    for i in 0..STEPS {
+        let c = ((i as f32 + 0.5) / STEPS as f32).powf(1.0 / (n + 1.0));
+        let s = (1.0 - c * c).sqrt();
+        for j in 0..STEPS {
+            let phi = (j as f32 + 0.5) / STEPS as f32 * std::f32::consts::TAU;
+            sum += (c * n_dot_v + s * phi.cos() * across).max(0.0);
+        }
+    }
+    (n + 2.0) / (n + 1.0) * sum / (STEPS * STEPS) as f32
+}
+
+/// In even surroundings, a surface scatters the albedo of its lobe, which falls toward grazing angles.
+#[test]
+fn a_phong_ball_in_a_furnace_has_its_albedo() {
+    let Some(gpu) = gpu() else { return };
+    for shininess in [2.0, 5.0, 60.0] {
+        let mut scene = shining_room(1.0, Vec3::ZERO);
+        let mesh = scene.add_mesh(sphere(0.4, 48));
+        let material = scene.add_material(Material {
+            model: MaterialModel::Phong {
+                kd: Vec3::ZERO,
+                ks: Vec3::splat(0.7),
+                shininess,
+            },
+            ..Material::default()
+        });
+        let at = Mat4::from_translation(vec3(0.0, 0.75, 0.0));
+        let ball = scene.add_instance("ball", mesh, material, at) as u32;
+        let of = "final-gather";
+        let mut renderer = renderer_of(&gpu, &scene, &[of], 16, of, &own("glossy=true"));
+        let eye = vec3(0.2, 0.9, 1.4);
+        let camera = Camera::look_at("", eye, vec3(0.0, 0.75, 0.0), 0.7);
+        let found = picture(&mut renderer, &camera);
+        let mut count = 0;
+        for lit in found.lit().filter(|lit| lit.instance == ball) {
+            let n_dot_v = lit.normal.dot((eye - lit.position).normalize());
+            if n_dot_v < 0.05 {
+                continue;
+            }
+            count += 1;
+            let expected = 0.7 * phong_albedo(shininess, n_dot_v);
+            let off = lit.radiance.x / expected - 1.0;
+            assert!(
+                off.abs() < 0.04,
+                "{shininess}, {n_dot_v}: {off} more than {expected}"
+            );
+        }
+        assert!(count > 50, "{count}");
     }
 }
