@@ -30,6 +30,20 @@ fn the_cornell_box_is_the_path_tracers() {
     }
 }
 
+/// A hall with columns, textures and stairs, whole.
+#[test]
+fn the_chamber_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("chamber", 1).expect("a scene");
+    let camera = &scene.cameras[0];
+    let of = "final-gather";
+    let mut renderer = renderer_of(&gpu, &scene, &["shadow-map", of], 32, of, &[]);
+    let found = measured(&gpu, &scene, camera, &mut renderer, [4, 512]);
+    let error = rel_mse(&found);
+    println!("rel-mse {error:.1e}");
+    assert!(error < 0.02, "{error}");
+}
+
 #[test]
 fn paths_are_what_others_leave_over() {
     let Some(gpu) = gpu() else { return };

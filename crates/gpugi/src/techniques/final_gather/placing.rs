@@ -26,7 +26,7 @@ pub enum Stage {
     /// All points lie in the grid, or will once they are captured there.
     Home,
     /// The ways out are being read back; they were found at this version of the scene's geometry.
-    Asked(ReadBack<Vec<[f32; 4]>>, u64),
+    Asked(Box<ReadBack<Vec<[f32; 4]>>>, u64),
     /// Points inside solids have been moved, at this version.
     Placed(u64),
 }

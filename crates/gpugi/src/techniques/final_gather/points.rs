@@ -227,7 +227,8 @@ impl Points {
             Stage::Home if are_current || are_captured && !self.was_placed => {
                 let bytes = 16 * self.positions.len() as u64;
                 let of = if are_current { geometry } else { 0 };
-                placing.stage = Stage::Asked(frame.read_back(ways_out, bytes)?, of);
+                let read = Box::new(frame.read_back(ways_out, bytes)?);
+                placing.stage = Stage::Asked(read, of);
             }
             Stage::Asked(read, of) => {
                 if let Some(found) = read.get() {
