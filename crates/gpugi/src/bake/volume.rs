@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::capture::{Output, Probe, Receiver, Slots, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Lighting, LightingError, Readiness};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness};
 use crate::techniques::Registry;
 use crate::techniques::environment_map::export::{BASIS, COSINE_FACTORS, IRRADIANCE};
 
@@ -239,7 +239,7 @@ fn irradiance(
     let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
     loop {
         let mut frame = Frame::new(gpu, false);
-        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view)?;
+        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)?;
         frame.submit()?;
         if readiness == Readiness::Ready {
             break;

@@ -55,7 +55,7 @@ impl TexelGather {
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let Receiver { points, target } = receiver;
+        let Receiver { points, target, .. } = receiver;
         let mut pieces = texels.into_iter().flat_map(AtlasCapture::pieces);
         let kernel = if pieces.any(|piece| piece.points.points == points.points) {
             own_variant(&self.own, &self.kernel, gpu)?.of(gpu, points)?

@@ -160,7 +160,7 @@ impl Points {
         self.workplaces.len() as u64 * workplace_bytes(self.side)
     }
 
-    /// Captures and lights as many stale faces as a frame may; whether there were any.
+    /// Captures and lights as many stale faces as the frame may; whether there were any.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -181,6 +181,9 @@ impl Points {
             .collect();
         let is_own = self.workplaces.len() == count;
         for (shared, &index) in stale.iter().enumerate() {
+            if !earlier.may_step() {
+                break;
+            }
             let turn = &mut self.turns[index];
             turn.lit = Some(self.wanted);
             turn.geometry = Some(geometry);
