@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use common::{folder, gpugi, skip_gpu};
+use gpugi::bake::HarmonicVolume;
 
 const FILES: [&str; 6] = [
     "radiance.ktx2",
@@ -602,8 +603,41 @@ fn an_irradiance_volume_is_a_3d_texture() {
     let bytes = std::fs::read(&path).expect("a file");
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
     assert_eq!([word(20), word(24), word(28)], [3, 6, 9]);
+    let harmonics = [&density[..], &["--volume-as", "harmonics"]].concat();
+    let baked = bake(&[&harmonics[..], &techniques, &coarse].concat());
+    assert_eq!(baked.status.code(), Some(0), "{baked:?}");
+    let bytes = std::fs::read(&path).expect("a file");
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+    assert_eq!([word(20), word(24), word(28)], [3, 9, 9]);
+    // The same numbers in JSON.
+    let json = folder.join("volume.json").display().to_string();
+    let first = ["bake", "cornell", "-o", &json];
+    let baked = gpugi(&[&first[..], &density, &techniques, &coarse].concat());
+    assert_eq!(baked.status.code(), Some(0), "{baked:?}");
+    let volume: HarmonicVolume =
+        serde_json::from_slice(&std::fs::read(&json).expect("a file")).expect("a volume");
+    assert_eq!(volume.counts.to_array(), [3, 3, 3]);
+    let texels = volume.texture().levels.concat();
+    let start = bytes.len() - 8 * texels.len();
+    for (texel, stored) in texels.iter().zip(bytes[start..].chunks_exact(8)) {
+        let stored: Vec<u16> = stored
+            .chunks_exact(2)
+            .map(|half| u16::from_le_bytes([half[0], half[1]]))
+            .collect();
+        assert_eq!(texel.map(half::f16::to_bits)[..], stored[..]);
+    }
+    assert!(
+        volume
+            .radiance_coefficients
+            .iter()
+            .all(|one| one[0].x > 0.0)
+    );
+    let cubes = ["--volume-as", "cubes"];
+    let wrong = gpugi(&[&first[..], &density, &techniques, &cubes].concat());
+    assert_eq!(wrong.status.code(), Some(2), "{wrong:?}");
     for wrong in [
         &density[..],
+        &cubes,
         &[&density[..], &["--technique", "shadow-map"]].concat(),
         &[&["--irradiance-volume", "-1"], &techniques[..]].concat(),
     ] {

@@ -54,6 +54,16 @@ pub enum LightingError {
         /// Its class of lights.
         class: LightClass,
     },
+    /// A technique needs another one that is not in use.
+    #[error("{technique}.{setting} needs {needed}, which is not in use: add it to the techniques")]
+    Needs {
+        /// The technique.
+        technique: String,
+        /// The setting that asks for the other one.
+        setting: String,
+        /// The other one.
+        needed: String,
+    },
 }
 
 /// How far the maps are after [`Lighting::prepare`].
@@ -180,7 +190,8 @@ impl Lighting {
     /// after changes of the scene; after changes of settings it is called by itself.
     ///
     /// # Errors
-    /// [`LightingError::Overlap`]; the plans are made all the same, and their light is added twice.
+    /// [`LightingError::Needs`]; [`LightingError::Overlap`]: the plans are made all the same, and their light is added
+    /// twice.
     pub fn validate(&mut self, scene: &mut GpuScene) -> Result<(), LightingError> {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
         let mut covered: Vec<LightPaths> = Vec::new();
@@ -194,6 +205,19 @@ impl Lighting {
             self.plans.push(plan);
         }
         scene.assign(&self.gpu, &claims);
+        for (index, plan) in self.plans.iter().enumerate() {
+            let Some((needed, setting)) = plan.needs else {
+                continue;
+            };
+            let mut before = self.techniques[..index].iter();
+            if !before.any(|one| one.info().name == needed) {
+                return Err(LightingError::Needs {
+                    technique: self.techniques[index].info().name.into(),
+                    setting: setting.into(),
+                    needed: needed.into(),
+                });
+            }
+        }
         // Techniques that claim objects add their light there alone.
         let claims_nothing = |plan: &Plan| plan.claims.iter().all(|claim| *claim == Claims::NONE);
         let unclaimed = self
@@ -220,7 +244,7 @@ impl Lighting {
     ///
     /// # Errors
     /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`],
-    /// [`LightingError::Overlap`].
+    /// [`LightingError::Overlap`], [`LightingError::Needs`].
     pub fn set(
         &mut self,
         scene: &mut GpuScene,

@@ -5,13 +5,14 @@ mod common;
 use std::sync::Arc;
 
 use std::f64::consts::PI;
-use std::ops::ControlFlow;
 
-use common::{Lit, floor, from_above, gpu, lit_by, meets, picture, place, render, renderer};
+use common::{
+    Lit, floor, from_above, gpu, lit_by, measured, meets, picture, place, render, renderer,
+    renderer_of,
+};
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
-use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
-use gpugi_scene::image::metrics::{Metric, rel_mse};
+use gpugi_scene::image::metrics::rel_mse;
 use gpugi_scene::{
     AlphaMode, Camera, Image, Light, LightKind, Material, Pixels, Scene, Texture, TextureRef, Wrap,
 };
@@ -476,25 +477,10 @@ fn soft_shadow_error(gpu: &gpugi::gpu::Gpu, light: Light, per_sample: bool) -> f
     let block = cuboid(vec3(-0.3, 0.0, -0.3), vec3(0.3, 1.0, 0.3), 1);
     place(&mut scene, block, Material::matt("", Vec3::splat(0.5)));
     let camera = Camera::look_at("", vec3(2.0, 2.5, 2.0), vec3(-0.3, 0.2, -0.3), 0.9);
-    let names = ["shadow-map".to_owned()];
-    let mut renderer = gpugi::Renderer::new(gpu, &scene, [48, 48], &names).expect("a renderer");
-    let setting = per_sample.to_string();
-    renderer
-        .set("shadow-map", "per-sample", &setting)
-        .expect("a setting");
-    let options = Options {
-        samples: 64,
-        reference: Quality {
-            samples: 512,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, &scene, &camera, &mut renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
-    found.value(Metric::RelMse).expect("a value") - found.truth.rel_mse()
+    let setting = format!("per-sample={per_sample}");
+    let name = "shadow-map";
+    let mut renderer = renderer_of(gpu, &scene, &[name], 48, name, &[&setting]);
+    common::rel_mse(&measured(gpu, &scene, &camera, &mut renderer, [64, 512]))
 }
 
 #[test]

@@ -24,7 +24,7 @@ use scene::SceneOptions;
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// File to write (.glb, or .ktx2 for an irradiance volume), or folder for an environment's maps
+    /// File to write (.glb; .ktx2 or .json for an irradiance volume), or folder for an environment's maps
     #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
     /// Techniques whose light is baked, separated by commas; environment-map alone writes an environment's maps (SCENE
@@ -34,10 +34,12 @@ pub struct Arguments {
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Instead of texels, write a .ktx2 with the light of final-gather in a grid of this many ambient cubes per metre,
-    /// as Bevy reads irradiance volumes
+    /// Instead of texels, write a .ktx2 or .json with the light of final-gather in a grid of this many voxels per metre
     #[arg(long, value_name = "DENSITY")]
     irradiance_volume: Option<f32>,
+    /// What the voxels hold: ambient cubes as Bevy reads them (.ktx2), or nine spherical harmonics each (.ktx2, .json)
+    #[arg(long, value_enum, requires = "irradiance_volume")]
+    volume_as: Option<volume::Representation>,
     #[command(flatten)]
     options: SceneOptions,
 }

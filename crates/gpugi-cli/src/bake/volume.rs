@@ -1,10 +1,13 @@
 //! `gpugi bake --irradiance-volume`: indirect light at the points of a grid, for what moves in another program.
 
+use std::path::Path;
+
 use anyhow::Context;
-use gpugi::bake::IrradianceVolume;
+use clap::ValueEnum;
+use gpugi::bake::{HarmonicVolume, IrradianceVolume, VolumeLight};
 use gpugi::gpu::Gpu;
 use gpugi::techniques::final_gather;
-use gpugi_scene::image::save_ktx2;
+use gpugi_scene::image::{replace_file, save_ktx2};
 
 use super::{Arguments, has_extension, say};
 use crate::render::{print_notes, split_settings};
@@ -13,6 +16,15 @@ use crate::{Common, Usage, scene_argument};
 /// The technique whose light a volume holds.
 const ADDS: &str = final_gather::INFO.name;
 
+/// How a volume holds the light at a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Representation {
+    /// Irradiance over pi of surfaces that face along and against the axes.
+    Cubes,
+    /// Nine spherical harmonics of the radiance.
+    Harmonics,
+}
+
 /// Bakes a volume of `density` voxels per metre and writes it, completely or not at all.
 pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Result<()> {
     let Arguments {
@@ -20,15 +32,29 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
         output,
         technique,
         set,
+        volume_as,
         ..
     } = arguments;
     let refuse = |message: String| Err(Usage(message).into());
     if !(density.is_finite() && density > 0.0) {
         return refuse(format!("--irradiance-volume {density}: voxels per metre"));
     }
-    if !has_extension(output, &["ktx2"]) {
-        let output = output.display();
-        return refuse(format!("-o {output}: irradiance volumes are .ktx2 files"));
+    let is_json = has_extension(output, &["json"]);
+    let volume_as = match volume_as {
+        Some(given) => *given,
+        None if is_json => Representation::Harmonics,
+        None => Representation::Cubes,
+    };
+    let shown = output.display();
+    if !is_json && !has_extension(output, &["ktx2"]) {
+        return refuse(format!(
+            "-o {shown}: irradiance volumes are .ktx2 or .json files"
+        ));
+    }
+    if is_json && volume_as == Representation::Cubes {
+        return refuse(format!(
+            "-o {shown}: ambient cubes are written to .ktx2 files"
+        ));
     }
     if !technique.iter().any(|name| name == ADDS) {
         return refuse(format!(
@@ -39,17 +65,42 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
     let (scene, notes) = scene_argument::load(scene)?;
     print_notes(common, &notes);
     let gpu = Gpu::open(&common.adapter)?;
-    let settings = split_settings(set)?;
-    let volume = IrradianceVolume::bake(&gpu, &scene, technique, &settings, ADDS, density)?;
-    save_ktx2(output, &volume.texture()).context("cannot be written")?;
-    let (middle, extent) = (
-        volume.bounds.center(),
-        volume.bounds.max - volume.bounds.min,
-    );
+    let light = VolumeLight {
+        names: technique,
+        settings: &split_settings(set)?,
+        adds: ADDS,
+    };
+    let (counts, [low, high], what) = match volume_as {
+        Representation::Cubes => {
+            let volume = IrradianceVolume::bake(&gpu, &scene, &light, density)?;
+            save_ktx2(output, &volume.texture()).context("cannot be written")?;
+            let bounds = [volume.bounds.min, volume.bounds.max];
+            (volume.counts, bounds, "ambient cubes")
+        }
+        Representation::Harmonics => {
+            let volume = HarmonicVolume::bake(&gpu, &scene, &light, density)?;
+            save_harmonics(output, &volume, is_json).context("cannot be written")?;
+            (volume.counts, volume.bounds, "times nine harmonics")
+        }
+    };
     let what = format!(
-        "{} x {} x {} ambient cubes around {middle} m, in {extent} m",
-        volume.counts.x, volume.counts.y, volume.counts.z
+        "{} x {} x {} {what} around {} m, in {} m",
+        counts.x,
+        counts.y,
+        counts.z,
+        (low + high) * 0.5,
+        high - low
     );
     say(common, output, &what);
+    Ok(())
+}
+
+fn save_harmonics(path: &Path, volume: &HarmonicVolume, is_json: bool) -> anyhow::Result<()> {
+    if !is_json {
+        return Ok(save_ktx2(path, &volume.texture())?);
+    }
+    // On one line: there are 27 numbers per voxel.
+    let text = serde_json::to_vec(volume)?;
+    replace_file(path, |file| std::io::Write::write_all(file, &text))?;
     Ok(())
 }

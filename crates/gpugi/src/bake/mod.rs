@@ -17,7 +17,7 @@ pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub use light::{LightBake, LightOptions, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
 pub use tasks::{LightPart, LightState, LightTask, TexelPart};
-pub use volume::IrradianceVolume;
+pub use volume::{HarmonicVolume, IrradianceVolume, VolumeLight};
 
 /// Texels of an atlas that lie inside other objects, where no light arrives.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,19 +1,25 @@
-//! Irradiance volumes: light at the points of a grid in the scene, as ambient cubes that engines look up for what
-//! moves.
+//! Irradiance volumes: light at the points of a grid in the scene, as ambient cubes or spherical harmonics that engines
+//! look up for what moves.
+
+use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::{UVec3, Vec3};
 use gpugi_scene::image::HalfTexture;
 use gpugi_scene::{Bounds, Camera, Scene};
 use half::f16;
+use serde::{Deserialize, Serialize};
 
 use crate::capture::{Output, Probe, Receiver, Slots, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness};
 use crate::techniques::Registry;
+use crate::techniques::environment_map::export::{BASIS, COSINE_FACTORS, IRRADIANCE};
 
-/// Most voxels, and most of them along an axis, so that a 3D texture of the layout below holds them.
+/// Most voxels, and most of them along an axis, so that 3D textures of the layouts below hold them.
 const MOST_VOXELS: u64 = 1 << 18;
-const MOST_ALONG: [u32; 3] = [2048, 1024, 682];
+const MOST_ALONG: [u32; 3] = [2048, 682, 682];
+/// Most points that are lit together.
+const MOST_POINTS: usize = 1 << 20;
 
 /// Normals of an ambient cube's sides.
 const SIDES: [Vec3; 6] = [
@@ -24,6 +30,17 @@ const SIDES: [Vec3; 6] = [
     Vec3::Z,
     Vec3::NEG_Z,
 ];
+
+/// Which light a volume holds: what the technique `adds` adds, among those of `names`.
+#[derive(Debug, Clone, Copy)]
+pub struct VolumeLight<'a> {
+    /// The techniques in use.
+    pub names: &'a [String],
+    /// Technique, name and value each.
+    pub settings: &'a [[&'a str; 3]],
+    /// The technique whose light the volume holds.
+    pub adds: &'a str,
+}
 
 /// Ambient cubes in a grid of voxels.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,69 +55,24 @@ pub struct IrradianceVolume {
 }
 
 impl IrradianceVolume {
-    /// What the technique `adds`, among those of `names`, adds at the middles of voxels that fill the scene's bounds,
-    /// `density` per metre. `settings`: technique, name and value each.
+    /// The light at the middles of voxels that fill the scene's bounds, `density` per metre.
     ///
     /// # Errors
-    /// [`LightingError`]; [`GpuError::Input`] for an empty scene, [`GpuError::TooLarge`] for too many voxels.
+    /// [`LightingError`]; [`GpuError::Input`] for an empty scene and a density that is not positive,
+    /// [`GpuError::TooLarge`] for too many voxels.
     pub fn bake(
         gpu: &Gpu,
         scene: &Scene,
-        names: &[String],
-        settings: &[[&str; 3]],
-        adds: &str,
+        light: &VolumeLight<'_>,
         density: f32,
     ) -> Result<Self, LightingError> {
-        let registry = Registry::default();
-        let mut on_gpu = Lighting::upload(gpu, scene, names, &registry)?;
-        let mut lighting = Lighting::new(gpu, &mut on_gpu, names, &registry)?;
-        for [technique, name, value] in settings {
-            lighting.set(&mut on_gpu, technique, name, value)?;
-        }
-        lighting.light_elsewhere();
-        let bounds = on_gpu.bounds;
-        let counts = counts(gpu, &bounds, density)?;
-        let probes: Vec<Probe> = middles(&bounds, counts)
-            .flat_map(|position| {
-                SIDES.map(|direction| Probe {
-                    position,
-                    direction,
-                })
-            })
-            .collect();
-        let count = probes.len() as u32;
-        let target = Target::new(gpu, count)?;
-        let slots = Slots::default();
-        let receiver = Receiver::of_probes(gpu, &probes, Output::Irradiance, &target, slots)?;
-        let diagonal = on_gpu.diagonal();
-        let camera = Camera::look_at("", bounds.center(), bounds.center() + Vec3::NEG_Z, 1.0);
-        let index = View::NO_SAMPLE;
-        let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
-        loop {
-            let mut frame = Frame::new(gpu, false);
-            let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)?;
-            let is_ready = readiness == Readiness::Ready;
-            if is_ready {
-                let is_wanted = |name: &str| name == adds;
-                lighting.gather_some(&mut frame, &on_gpu, &receiver, is_wanted)?;
-            }
-            frame.submit()?;
-            if is_ready {
-                break;
-            }
-            gpu.wait()?;
-            on_gpu.wait_for_atlas();
-        }
-        let light: Vec<[f32; 4]> = read_buffer(gpu, &target.radiance, u64::from(count) * 16)?;
-        let side = |[red, green, blue, _]: [f32; 4]| {
-            Vec3::new(red, green, blue) * std::f32::consts::FRAC_1_PI
-        };
-        let cubes = light.chunks_exact(6);
+        let (counts, bounds, irradiance) = irradiance(gpu, scene, light, density, &SIDES)?;
+        let cubes = irradiance.chunks_exact(6);
         Ok(Self {
             counts,
             bounds,
             cubes: cubes
-                .map(|cube| std::array::from_fn(|index| side(cube[index])))
+                .map(|cube| std::array::from_fn(|side| cube[side] * FRAC_1_PI))
                 .collect(),
         })
     }
@@ -109,33 +81,205 @@ impl IrradianceVolume {
     /// each other along the third axis; in each, sides that face along the axis in the first half of the second axis,
     /// and those that face against it in the other.
     pub fn texture(&self) -> HalfTexture {
-        let UVec3 { x, y, z } = self.counts;
-        let texel = |at: UVec3| {
-            let axis = at.z / z;
-            let is_negative = at.y / y;
-            let voxel = at.x + x * (at.y % y + y * (at.z % z));
-            let side = self.cubes[voxel as usize][(2 * axis + is_negative) as usize];
-            let [red, green, blue] = side.to_array().map(f16::from_f32);
-            [red, green, blue, f16::ONE]
-        };
-        let rows = (0..3 * z).flat_map(|z| (0..2 * y).map(move |y| (y, z)));
-        let texels = rows.flat_map(|(y, z)| (0..x).map(move |x| UVec3::new(x, y, z)));
-        HalfTexture {
-            size: [x, 2 * y],
-            depth: 3 * z,
-            faces: 1,
-            levels: vec![texels.map(texel).collect()],
-        }
+        blocks(self.counts, [2, 3], |voxel, [is_negative, axis]| {
+            self.cubes[voxel][(2 * axis + is_negative) as usize]
+        })
     }
+}
+
+/// Spherical harmonics of bands 0 to 2 in a grid of voxels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HarmonicVolume {
+    /// Voxels along each axis.
+    pub counts: UVec3,
+    /// Corners of what the voxels fill together (m).
+    pub bounds: [Vec3; 2],
+    /// The functions Y_i of the unit direction (x, y, z) in the scene's axes.
+    pub basis: [String; 9],
+    /// Factors by which the clamped cosine multiplies the coefficients.
+    pub cosine_factors: [f32; 9],
+    /// The formula for irradiance.
+    pub irradiance: String,
+    /// Per voxel, x first, then y, then z: L_i = integral of L Y_i over the sphere, red, green and blue (W/m^2). They
+    /// are those of the incident radiance, before the convolution with the clamped cosine.
+    pub radiance_coefficients: Vec<[Vec3; 9]>,
+}
+
+impl HarmonicVolume {
+    /// The light at the middles of voxels that fill the scene's bounds, `density` per metre. Irradiance toward 26
+    /// directions is projected: that holds all that a diffuse surface can tell of the light.
+    ///
+    /// # Errors
+    /// Those of [`IrradianceVolume::bake`].
+    pub fn bake(
+        gpu: &Gpu,
+        scene: &Scene,
+        light: &VolumeLight<'_>,
+        density: f32,
+    ) -> Result<Self, LightingError> {
+        let nodes = lebedev();
+        let directions = nodes.map(|(direction, _)| direction);
+        let (counts, bounds, irradiance) = irradiance(gpu, scene, light, density, &directions)?;
+        let voxels = irradiance.chunks_exact(nodes.len());
+        Ok(Self {
+            counts,
+            bounds: [bounds.min, bounds.max],
+            basis: BASIS.map(str::to_owned),
+            cosine_factors: COSINE_FACTORS,
+            irradiance: IRRADIANCE.to_owned(),
+            radiance_coefficients: voxels
+                .map(|irradiance| {
+                    let mut sums = [Vec3::ZERO; 9];
+                    for ((direction, weight), irradiance) in nodes.iter().zip(irradiance) {
+                        for (sum, y) in sums.iter_mut().zip(basis(*direction)) {
+                            *sum += *irradiance * (y * weight);
+                        }
+                    }
+                    std::array::from_fn(|i| sums[i] / COSINE_FACTORS[i])
+                })
+                .collect(),
+        })
+    }
+
+    /// Irradiance of a surface in a voxel that faces `normal` (W/m^2).
+    pub fn irradiance_at(&self, voxel: usize, normal: Vec3) -> Vec3 {
+        let terms = basis(normal).into_iter().zip(self.cosine_factors);
+        let terms = terms.zip(self.radiance_coefficients[voxel]);
+        terms.map(|((y, factor), light)| light * (y * factor)).sum()
+    }
+
+    /// A 3D texture of Rx x 3 Ry x 3 Rz texels: coefficient i of all voxels lies in block i % 3 along the second axis
+    /// and i / 3 along the third.
+    pub fn texture(&self) -> HalfTexture {
+        blocks(self.counts, [3, 3], |voxel, [column, layer]| {
+            self.radiance_coefficients[voxel][(column + 3 * layer) as usize]
+        })
+    }
+}
+
+/// A 3D texture of voxels, in blocks along the second and the third axis; `light`: of a voxel in a block.
+fn blocks(
+    counts: UVec3,
+    [columns, layers]: [u32; 2],
+    light: impl Fn(usize, [u32; 2]) -> Vec3,
+) -> HalfTexture {
+    let UVec3 { x, y, z } = counts;
+    let texel = |at: UVec3| {
+        let voxel = at.x + x * (at.y % y + y * (at.z % z));
+        let light = light(voxel as usize, [at.y / y, at.z / z]);
+        let [red, green, blue] = light.to_array().map(f16::from_f32);
+        [red, green, blue, f16::ONE]
+    };
+    let rows = (0..layers * z).flat_map(|z| (0..columns * y).map(move |y| (y, z)));
+    let texels = rows.flat_map(|(y, z)| (0..x).map(move |x| UVec3::new(x, y, z)));
+    HalfTexture {
+        size: [x, columns * y],
+        depth: layers * z,
+        faces: 1,
+        levels: vec![texels.map(texel).collect()],
+    }
+}
+
+/// Y_i of a unit direction, as in shared/spherical_harmonics.wesl.
+fn basis(d: Vec3) -> [f32; 9] {
+    [
+        0.282_094_8,
+        0.488_602_5 * d.y,
+        0.488_602_5 * d.z,
+        0.488_602_5 * d.x,
+        1.092_548_4 * d.x * d.y,
+        1.092_548_4 * d.y * d.z,
+        0.315_391_57 * (3.0 * d.z * d.z - 1.0),
+        1.092_548_4 * d.x * d.z,
+        0.546_274_2 * (d.x * d.x - d.y * d.y),
+    ]
+}
+
+/// Lebedev's quadrature over the sphere with 26 unit directions, exact for polynomials of degree 7, and its weights
+/// (sr).
+fn lebedev() -> [(Vec3, f32); 26] {
+    let all = (0..27).map(|i| Vec3::new((i % 3) as f32, (i / 3 % 3) as f32, (i / 9) as f32) - 1.0);
+    let nodes = all.filter(|direction| *direction != Vec3::ZERO);
+    let mut nodes = nodes.map(|direction| {
+        // Towards faces, edges and corners of a cube.
+        let weight =
+            [1.0 / 21.0, 4.0 / 105.0, 9.0 / 280.0][direction.length_squared() as usize - 1];
+        (direction.normalize(), 4.0 * PI * weight)
+    });
+    std::array::from_fn(|_| nodes.next().expect("27 less the middle"))
+}
+
+/// Voxels along each axis, their bounds, and the irradiance of surfaces in their middles that face the directions
+/// (W/m^2).
+fn irradiance(
+    gpu: &Gpu,
+    scene: &Scene,
+    light: &VolumeLight<'_>,
+    density: f32,
+    directions: &[Vec3],
+) -> Result<(UVec3, Bounds, Vec<Vec3>), LightingError> {
+    if !(density.is_finite() && density > 0.0) {
+        return Err(input(format!(
+            "an irradiance volume needs a positive density, not {density} per metre"
+        ))
+        .into());
+    }
+    let registry = Registry::default();
+    let mut on_gpu = Lighting::upload(gpu, scene, light.names, &registry)?;
+    let bounds = on_gpu.bounds;
+    let counts = counts(gpu, &bounds, density)?;
+    let mut lighting = Lighting::new(gpu, &mut on_gpu, light.names, &registry)?;
+    for [technique, name, value] in light.settings {
+        lighting.set(&mut on_gpu, technique, name, value)?;
+    }
+    lighting.light_elsewhere();
+    let diagonal = on_gpu.diagonal();
+    let camera = Camera::look_at("", bounds.center(), bounds.center() + Vec3::NEG_Z, 1.0);
+    let index = View::NO_SAMPLE;
+    let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
+    loop {
+        let mut frame = Frame::new(gpu, false);
+        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)?;
+        frame.submit()?;
+        if readiness == Readiness::Ready {
+            break;
+        }
+        gpu.wait()?;
+        on_gpu.wait_for_atlas();
+    }
+    let probes: Vec<Probe> = middles(&bounds, counts)
+        .flat_map(|position| {
+            directions.iter().map(move |&direction| Probe {
+                position,
+                direction,
+            })
+        })
+        .collect();
+    let mut found = Vec::with_capacity(probes.len());
+    for probes in probes.chunks(MOST_POINTS) {
+        let count = probes.len() as u32;
+        let target = Target::new(gpu, count)?;
+        let slots = Slots::default();
+        let receiver = Receiver::of_probes(gpu, probes, Output::Irradiance, &target, slots)?;
+        let mut frame = Frame::new(gpu, false);
+        let is_wanted = |name: &str| name == light.adds;
+        lighting.gather_some(&mut frame, &on_gpu, &receiver, is_wanted)?;
+        frame.submit()?;
+        let light: Vec<[f32; 4]> = read_buffer(gpu, &target.radiance, u64::from(count) * 16)?;
+        found.extend(light.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)));
+    }
+    Ok((counts, bounds, found))
+}
+
+fn input(what: String) -> GpuError {
+    GpuError::Input { what }
 }
 
 /// Voxels along each axis.
 fn counts(gpu: &Gpu, bounds: &Bounds, density: f32) -> Result<UVec3, GpuError> {
     let extent = bounds.max - bounds.min;
     if !extent.is_finite() || extent.min_element() < 0.0 {
-        return Err(GpuError::Input {
-            what: "an empty scene has no irradiance volume".into(),
-        });
+        return Err(input("an empty scene has no irradiance volume".into()));
     }
     let counts = (extent * density).ceil().max(Vec3::ONE);
     let counts = counts.min(Vec3::splat(1e6)).as_uvec3();
@@ -159,4 +303,28 @@ fn middles(bounds: &Bounds, counts: UVec3) -> impl Iterator<Item = Vec3> {
     let rows = (0..counts.z).flat_map(move |z| (0..counts.y).map(move |y| (y, z)));
     let all = rows.flat_map(move |(y, z)| (0..counts.x).map(move |x| UVec3::new(x, y, z)));
     all.map(move |at| low + extent * (at.as_vec3() + 0.5) / counts.as_vec3())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The quadrature finds that the harmonics are orthonormal, and powers have their means over the sphere.
+    #[test]
+    fn harmonics_are_orthonormal() {
+        let nodes = lebedev();
+        for i in 0..9 {
+            for j in 0..9 {
+                let products = nodes.map(|(d, weight)| weight * basis(d)[i] * basis(d)[j]);
+                let expected = f32::from(u8::from(i == j));
+                let found = products.iter().sum::<f32>();
+                assert!((found - expected).abs() < 1e-5, "{i} {j}: {found}");
+            }
+        }
+        let mean = nodes
+            .iter()
+            .map(|(d, weight)| weight * d.x.powi(6))
+            .sum::<f32>();
+        assert!((mean - 4.0 * PI / 7.0).abs() < 1e-5, "{mean}");
+    }
 }

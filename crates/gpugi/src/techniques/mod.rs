@@ -61,6 +61,9 @@ pub struct Plan {
     pub object_names: String,
     /// What its gather looks up per point, roughly: lights, depth maps or other maps. The unit of [`Budget`].
     pub lookups: u32,
+    /// Names of a technique whose maps it reads, and of the setting that asks for it.
+    /// [`crate::lighting::Lighting::validate`] refuses sets in which that technique does not come before this one.
+    pub needs: Option<(&'static str, &'static str)>,
 }
 
 impl Plan {
@@ -71,6 +74,7 @@ impl Plan {
             claims: vec![Claims::NONE; scene.objects.len()],
             object_names: String::new(),
             lookups: 1,
+            needs: None,
         }
     }
 }
@@ -272,6 +276,15 @@ impl<'a> Earlier<'a> {
             lookups: 1,
             work: 0,
         }
+    }
+
+    /// The technique of this type, if it comes before.
+    pub fn technique<T: Technique>(&self) -> Option<&T> {
+        let mut techniques = self.techniques.iter();
+        techniques.find_map(|technique| {
+            let technique: &dyn Any = technique.as_ref();
+            technique.downcast_ref()
+        })
     }
 
     /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point.

@@ -60,14 +60,14 @@ impl Default for Registry {
                 make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
             },
             Registration {
-                info: &final_gather::INFO,
-                fields: final_gather::Settings::fields,
-                make: |_, _| Ok(Box::new(final_gather::FinalGather::default())),
-            },
-            Registration {
                 info: &obscurances::INFO,
                 fields: obscurances::Settings::fields,
                 make: |_, _| Ok(Box::new(obscurances::Obscurances::default())),
+            },
+            Registration {
+                info: &final_gather::INFO,
+                fields: final_gather::Settings::fields,
+                make: |_, _| Ok(Box::new(final_gather::FinalGather::default())),
             },
             Registration {
                 info: &distance_impostor::INFO,

@@ -2,10 +2,14 @@
 
 #![allow(dead_code)] // Each test program uses only a part.
 
-use glam::{Mat4, Vec3};
+use std::ops::ControlFlow;
+
+use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::{AdapterChoice, Gpu};
-use gpugi_scene::builtin::shapes::quad;
+use gpugi::measure::{Measured, Options, Quality, measure};
+use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
 
 /// The best adapter. Returns `None`, so that the test passes without testing, only if `GPUGI_SKIP_GPU=1`.
@@ -25,6 +29,30 @@ pub fn place(scene: &mut Scene, mesh: Mesh, material: Material) -> usize {
     let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(material);
     scene.add_instance("", mesh, material, Mat4::IDENTITY)
+}
+
+/// A mesh that faces inward.
+pub fn inside_out(mut mesh: Mesh) -> Mesh {
+    for triangle in mesh.indices.chunks_exact_mut(3) {
+        triangle.swap(1, 2);
+    }
+    for normal in &mut mesh.normals {
+        *normal = -*normal;
+    }
+    mesh.tangents.clear();
+    mesh
+}
+
+/// An empty room of 2 x 1.5 x 3 m whose surfaces emit and reflect the same everywhere.
+pub fn shining_room(emission: f32, albedo: Vec3) -> Scene {
+    let mut scene = Scene::new("room");
+    let room = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
+    let material = Material {
+        emissive: Vec3::splat(emission),
+        ..Material::matt("shining", albedo)
+    };
+    place(&mut scene, room, material);
+    scene
 }
 
 /// A matt horizontal square of albedo 0.5 with sides of `2 half` (m) at height 0.
@@ -86,6 +114,49 @@ pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Rende
         renderer.set(technique, name, value).expect("a setting");
     }
     renderer
+}
+
+/// A renderer of some techniques, with settings `name=value` of one of them.
+pub fn renderer_of(
+    gpu: &Gpu,
+    scene: &Scene,
+    techniques: &[&str],
+    size: u32,
+    of: &str,
+    settings: &[&str],
+) -> Renderer {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
+    for setting in settings {
+        let (name, value) = setting.split_once('=').expect("name=value");
+        renderer.set(of, name, value).expect("a setting");
+    }
+    renderer
+}
+
+/// A picture of some samples beside one of the path tracer.
+pub fn measured(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    renderer: &mut Renderer,
+    [samples, reference]: [u32; 2],
+) -> Measured {
+    let options = Options {
+        samples,
+        reference: Quality {
+            samples: reference,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let go_on = &mut |_: &_| ControlFlow::Continue(());
+    measure(gpu, scene, camera, renderer, &options, go_on).expect("a measurement")
+}
+
+/// Relative mean squared error against the path tracer, without the path tracer's own error.
+pub fn rel_mse(found: &Measured) -> f64 {
+    found.value(Metric::RelMse).expect("a value") - found.truth.rel_mse()
 }
 
 /// One sample through pixel centres.

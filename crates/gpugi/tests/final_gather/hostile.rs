@@ -2,12 +2,15 @@
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::capture::Output;
+use gpugi::scene::{Claims, GpuScene};
+use gpugi::techniques::Technique;
+use gpugi::techniques::final_gather::FinalGather;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
-use super::common::{gpu, place};
-use super::{at_probes, facing, shining_room};
+use super::common::{gpu, inside_out, place, shining_room};
+use super::{at_probes, facing};
 
 const NAMES: [&str; 2] = ["shadow-map", "final-gather"];
 
@@ -79,7 +82,7 @@ fn odd_scenes_are_black() {
     }
 }
 
-/// Reference points inside a solid see its inside only: they light nothing, and others take their place.
+/// Reference points inside a solid see its inside only: where none can be moved out, others take their place.
 #[test]
 fn points_inside_solids_are_switched_off() {
     let Some(gpu) = gpu() else { return };
@@ -120,6 +123,56 @@ fn points_inside_solids_are_switched_off() {
     }
 }
 
+/// A column fills a room but for a corridor, narrower than the grid: all points lie in the column. Those next to the
+/// corridor are moved into it.
+#[test]
+fn points_inside_solids_are_moved_out() {
+    let Some(gpu) = gpu() else { return };
+    let grey = || Material::matt("grey", Vec3::splat(0.6));
+    let lit = |mut scene: Scene| {
+        let light = Light::new("", LightKind::Point, Vec3::ONE);
+        let lamp = light.aimed(vec3(1.8, 1.7, 0.3), Vec3::ZERO);
+        scene.lights.push(lamp);
+        scene
+    };
+    let corridor = |low: f32| {
+        let mut scene = Scene::new("corridor");
+        let room = inside_out(cuboid(vec3(low, 0.0, -1.0), vec3(2.0, 2.0, 1.0), 1));
+        place(&mut scene, room, grey());
+        scene
+    };
+    let mut filled = corridor(-1.0);
+    let column = cuboid(vec3(-0.99, 0.01, -0.99), vec3(1.6, 1.99, 0.99), 1);
+    place(&mut filled, column, grey());
+    let probes = [
+        facing(vec3(1.7, 0.02, -0.7), Vec3::Y),
+        facing(vec3(1.9, 0.02, 0.1), Vec3::Y),
+        facing(vec3(1.98, 1.2, 0.6), Vec3::NEG_X),
+        facing(vec3(1.62, 0.4, -0.2), Vec3::X),
+    ];
+    let of = |scene: Scene, density: &str, more: &[&str]| {
+        let settings = [&[density, "resolution=32"], more].concat();
+        let scene = lit(scene);
+        let all = at_probes(&gpu, &scene, &NAMES, &settings, &probes, Output::Irradiance);
+        let direct = at_probes(&gpu, &scene, &NAMES[..1], &[], &probes, Output::Irradiance);
+        let indirect = all.iter().zip(direct).map(|(all, direct)| all.x - direct.x);
+        indirect.collect::<Vec<f32>>()
+    };
+    let expected = of(corridor(1.6), "density=1", &[]);
+    // Where some faces of a point are captured per frame, too.
+    for more in [&[][..], &["faces-per-frame=4"]] {
+        let found = of(filled.clone(), "density=1", more);
+        println!("{found:.4?}, expected {expected:.4?}");
+        for (found, expected) in found.iter().zip(&expected) {
+            let ratio = found / expected;
+            assert!(
+                (0.8..1.25).contains(&ratio),
+                "{found} instead of {expected}"
+            );
+        }
+    }
+}
+
 /// A reference point in a wall, and an object without surroundings.
 #[test]
 fn a_camera_in_a_wall_and_an_object_alone_are_no_trouble() {
@@ -141,4 +194,58 @@ fn a_camera_in_a_wall_and_an_object_alone_are_no_trouble() {
         );
         assert_eq!(found[0], Vec3::ZERO, "{places}");
     }
+}
+
+/// More objects than can have reference points: the largest have them, and a warning says so. Names are a promise.
+#[test]
+fn many_objects_are_no_trouble() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = shining_room(1.0, Vec3::splat(0.5));
+    let mesh = scene.add_mesh(cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
+    let grey = scene.add_material(Material::matt("grey", Vec3::splat(0.5)));
+    for index in 0..39 {
+        // Of different sizes, and turned.
+        let size = Mat4::from_scale(Vec3::splat(0.01 + 0.002 * (index * 7 % 39) as f32));
+        let turned = Mat4::from_rotation_y(index as f32);
+        let at = vec3(
+            0.2 * (index % 8) as f32 - 0.7,
+            0.75,
+            0.2 * (index / 8) as f32,
+        );
+        let world_from_mesh = Mat4::from_translation(at) * turned * size;
+        scene.add_instance(&format!("block {index}"), mesh, grey, world_from_mesh);
+    }
+    let on_gpu = GpuScene::new(&gpu, &scene).expect("an upload");
+    let mut technique = FinalGather::default();
+    let set = technique.settings_mut().set("reference-points", "objects");
+    set.expect("a setting");
+    let plan = technique.plan(&on_gpu, &[]);
+    let claimed: Vec<usize> = (0..40)
+        .filter(|&index| plan.claims[index] == Claims::INDIRECT)
+        .collect();
+    let largest: Vec<usize> = (0..40)
+        .filter(|&index| index == 0 || (index - 1) * 7 % 39 >= 8)
+        .collect();
+    assert_eq!(claimed, largest);
+
+    let names = NAMES.map(str::to_owned);
+    let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).expect("a renderer");
+    for (name, value) in [("reference-points", "objects"), ("resolution", "16")] {
+        let set = renderer.set("final-gather", name, value);
+        set.expect("a setting");
+    }
+    let camera = Camera::look_at("", vec3(0.0, 0.75, -1.4), vec3(0.0, 0.75, 0.0), 1.2);
+    let rendered = renderer.render_sample(&camera, 1, None, false);
+    rendered.expect("a picture");
+    let warnings = renderer.warnings();
+    assert!(
+        warnings.iter().any(|one| one.contains("32 largest of 40")),
+        "{warnings:?}"
+    );
+
+    let set = renderer.set("final-gather", "objects", "block*");
+    set.expect("a setting");
+    let refused = renderer.render_sample(&camera, 1, None, false);
+    let message = refused.expect_err("too many objects").to_string();
+    assert!(message.contains("name fewer"), "{message}");
 }

@@ -5,8 +5,8 @@ use gpugi::capture::{Output, Probe};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Light, LightKind, Material, Scene};
 
-use super::common::{gpu, place};
-use super::{at_probes, facing, inside_out};
+use super::common::{gpu, inside_out, place};
+use super::{at_probes, facing};
 
 /// A lit room and a dark one, each 2 m wide, with `gap` (m) between them.
 fn two_rooms(gap: f32) -> Scene {

@@ -4,45 +4,22 @@
 mod common;
 mod hostile;
 mod leaks;
+mod occlusion;
+mod places;
 mod scenes;
 mod volume;
 
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-use common::{gpu, place};
+use common::{gpu, place, shining_room};
 use glam::{Vec2, Vec3, vec3};
 use gpugi::capture::{Output, Probe, Receiver, Slots, Target, View};
 use gpugi::gpu::{Frame, Gpu, read_buffer};
 use gpugi::lighting::{Budget, Lighting, Readiness};
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin::shapes::{cuboid, quad};
-use gpugi_scene::{Camera, Environment, Image, Material, Mesh, Pixels, Scene};
-
-/// A mesh that faces inward.
-fn inside_out(mesh: Mesh) -> Mesh {
-    let mut mesh = mesh;
-    for triangle in mesh.indices.chunks_exact_mut(3) {
-        triangle.swap(1, 2);
-    }
-    for normal in &mut mesh.normals {
-        *normal = -*normal;
-    }
-    mesh.tangents.clear();
-    mesh
-}
-
-/// An empty room whose surfaces emit and reflect the same everywhere.
-fn shining_room(emission: f32, albedo: Vec3) -> Scene {
-    let mut scene = Scene::new("room");
-    let room = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
-    let material = Material {
-        emissive: Vec3::splat(emission),
-        ..Material::matt("shining", albedo)
-    };
-    place(&mut scene, room, material);
-    scene
-}
+use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
 
 /// A sky of the same radiance in all directions.
 fn even_sky(radiance: f32) -> Environment {

@@ -1,54 +1,12 @@
 //! Scenes against the path tracer, on the technique's own light paths; changes of scenes.
 
-use std::ops::ControlFlow;
-
-use glam::{Mat4, Vec3, vec3};
-use gpugi::gpu::Gpu;
+use glam::vec3;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
-use gpugi::measure::{Options, Quality, measure};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::builtin::shapes::sphere;
-use gpugi_scene::image::metrics::Metric;
-use gpugi_scene::{Camera, Material, MaterialModel, Scene};
+use gpugi_scene::{Camera, Scene};
 
-use super::common::gpu;
-
-fn renderer(
-    gpu: &Gpu,
-    scene: &Scene,
-    techniques: &[&str],
-    size: u32,
-    settings: &[&str],
-) -> Renderer {
-    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
-    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
-    for setting in settings {
-        let (name, value) = setting.split_once('=').expect("name=value");
-        renderer
-            .set("final-gather", name, value)
-            .expect("a setting");
-    }
-    renderer
-}
-
-/// Relative mean squared error against the path tracer, without the path tracer's own error.
-fn error(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
-    let options = Options {
-        samples: 4,
-        reference: Quality {
-            samples: 256,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
-    let error = found.value(Metric::RelMse).expect("a value");
-    error - found.truth.rel_mse()
-}
+use super::common::{gpu, measured, rel_mse, renderer_of};
 
 /// A grid of reference points; alone, it also adds the direct light of the lamp.
 #[test]
@@ -64,92 +22,26 @@ fn the_cornell_box_is_the_path_tracers() {
         (&["final-gather"], &[], 0.02),
     ] {
         let settings = [&["resolution=32"], settings].concat();
-        let mut renderer = renderer(&gpu, &scene, techniques, 32, &settings);
-        let error = error(&gpu, &scene, camera, &mut renderer);
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 32, "final-gather", &settings);
+        let found = measured(&gpu, &scene, camera, &mut renderer, [4, 256]);
+        let error = rel_mse(&found);
         println!("{techniques:?} {settings:?}: rel-mse {error:.1e}");
         assert!(error < bound, "{techniques:?} {settings:?}: {error}");
     }
 }
 
-/// A ball in the box, lit by a reference point in its centre; and the same by the reference point of its surroundings
-/// as if they were far away, which is what an environment map of the whole box would be.
+/// A hall with columns, textures and stairs, whole.
 #[test]
-fn an_object_is_lit_by_its_own_point() {
+fn the_chamber_is_the_path_tracers() {
     let Some(gpu) = gpu() else { return };
-    let camera = Camera::look_at("", vec3(0.0, 2.73, 4.0), vec3(0.9, 2.4, -1.6), 0.3);
-    let matt = Material::matt("matt", Vec3::splat(0.7));
-    let phong = Material {
-        model: MaterialModel::Phong {
-            kd: Vec3::ZERO,
-            ks: Vec3::splat(0.7),
-            shininess: 5.0,
-        },
-        ..Material::default()
-    };
-    let rough = Material::metal("rough", Vec3::splat(0.8), 0.4);
-    for (material, glossy, bound) in [
-        (matt, "glossy=false", 0.01),
-        (phong, "glossy=true", 0.03),
-        (rough, "glossy=true", 0.03),
-    ] {
-        let mut scene = builtin("cornell", 1).expect("a scene");
-        let mesh = scene.add_mesh(sphere(0.6, 48));
-        let material = scene.add_material(material);
-        let at = Mat4::from_translation(vec3(0.9, 2.4, -1.6));
-        scene.add_instance("ball", mesh, material, at);
-        let settings = [
-            "reference-points=objects",
-            "objects=ball",
-            "size=8",
-            "resolution=64",
-            glossy,
-        ];
-        let techniques = ["shadow-map", "final-gather"];
-        let mut renderer = renderer(&gpu, &scene, &techniques, 40, &settings);
-        let found = of_ball(&gpu, &scene, &camera, &mut renderer);
-        println!("{glossy}: rel-mse {found:.1e} on the ball");
-        assert!(found < bound, "{glossy}: {found}");
-    }
-}
-
-/// The error on the last instance alone.
-fn of_ball(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> f64 {
-    let options = Options {
-        samples: 8,
-        reference: Quality {
-            samples: 512,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
-    let ball = scene.instances.len() as u32 - 1;
-    let points = renderer.surface_points().expect("points");
-    let is_ball = |index: usize| {
-        points[index]
-            .as_ref()
-            .is_some_and(|one| one.instance == ball)
-    };
-    let [width, height] = found.size.map(|side| side as usize);
-    let (mut sum, mut count) = (0.0, 0.0);
-    for index in width + 1..width * (height - 1) - 1 {
-        // Pixels at the silhouette see what is behind it, too.
-        let around = [index - width - 1, index - 1, index + width - 1];
-        if !around.into_iter().all(|left| (left..left + 3).all(is_ball)) {
-            continue;
-        }
-        for channel in 3 * index..3 * index + 3 {
-            let truth = f64::from(found.truth.radiance[channel]);
-            let off = f64::from(found.radiance[channel]) - truth;
-            sum += off * off / (truth * truth + 0.01);
-            count += 1.0;
-        }
-    }
-    assert!(count > 100.0, "the ball is not in the picture");
-    sum / count
+    let scene = builtin("chamber", 1).expect("a scene");
+    let camera = &scene.cameras[0];
+    let of = "final-gather";
+    let mut renderer = renderer_of(&gpu, &scene, &["shadow-map", of], 32, of, &[]);
+    let found = measured(&gpu, &scene, camera, &mut renderer, [4, 512]);
+    let error = rel_mse(&found);
+    println!("rel-mse {error:.1e}");
+    assert!(error < 0.02, "{error}");
 }
 
 #[test]
@@ -161,7 +53,7 @@ fn paths_are_what_others_leave_over() {
         overlap(renderer.light_paths_of("final-gather"), &[path]).is_some()
     };
     let of = |techniques: &[&str], settings: &[&str]| {
-        let renderer = renderer(&gpu, &scene, techniques, 8, settings);
+        let renderer = renderer_of(&gpu, &scene, techniques, 8, "final-gather", settings);
         ["LDE", "LDDE", "LDDDE", "LDGE", "LGDE"].map(|path| adds(&renderer, path))
     };
     assert_eq!(of(&["final-gather"], &[]), [true, true, true, false, false]);
@@ -192,7 +84,8 @@ fn radiosity_leaves_claimed_objects_alone() {
         let set = renderer.set("radiosity", name, value);
         set.expect("a setting");
     }
-    let error = error(&gpu, &scene, camera, &mut renderer);
+    let found = measured(&gpu, &scene, camera, &mut renderer, [4, 256]);
+    let error = rel_mse(&found);
     println!("rel-mse {error:.1e}");
     assert!(error < 0.005, "{error}");
 }
@@ -220,14 +113,14 @@ fn changes_of_the_scene_are_followed() {
     ] {
         let settings = [&["resolution=16", "bounces=8"], &more[..]].concat();
         let mut scene = scene.clone();
-        let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut kept = renderer_of(&gpu, &scene, &techniques, 24, "final-gather", &settings);
         let before = picture(&mut kept, 1);
         let light = scene.instances[5].material;
         scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
         scene.instances[7].world_from_mesh.w_axis.x += 1.0;
         kept.update(&scene).expect("an update");
         let found = picture(&mut kept, 40);
-        let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut fresh = renderer_of(&gpu, &scene, &techniques, 24, "final-gather", &settings);
         let fresh = picture(&mut fresh, 1);
         let error = |a: &[f32], b: &[f32]| {
             let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
@@ -237,4 +130,49 @@ fn changes_of_the_scene_are_followed() {
         println!("{more:?}: off {off:.1e}, from before {moved:.1e}");
         assert!(off < 1e-5 && moved > 0.01, "{more:?}: {off}, {moved}");
     }
+}
+
+/// Lights that change or move light what was captured before; surfaces that move are captured again.
+#[test]
+fn changed_lights_capture_nothing_again() {
+    let Some(gpu) = gpu() else { return };
+    if !gpu.has_timestamps {
+        eprintln!("skipped: this adapter cannot time passes");
+        return;
+    }
+    let mut scene = builtin("room", 1).expect("a scene");
+    let camera = scene.cameras[0].clone();
+    let settings = ["resolution=16", "density=0.5", "faces-per-frame=24"];
+    let mut renderer = renderer_of(
+        &gpu,
+        &scene,
+        &["shadow-map", "final-gather"],
+        8,
+        "final-gather",
+        &settings,
+    );
+    // Captures of the reference points in eight frames, beside the camera's own.
+    let mut captures = |scene: &Scene| {
+        renderer.update(scene).expect("an update");
+        let mut count = 0;
+        for _ in 0..8 {
+            renderer.restart();
+            let timings = renderer.render_sample(&camera, 1, None, true);
+            let timings = timings.expect("a picture").wait().expect("times");
+            let is_capture = |pass: &&str| *pass == "capture.hits";
+            let passes = timings.iter().map(|one| one.pass.as_str());
+            count += passes.filter(is_capture).count() - 1;
+        }
+        (count, renderer.radiance().expect("radiance"))
+    };
+    let (first, before) = captures(&scene);
+    assert!(first >= 8, "{first}");
+    scene.lights[0].intensity *= vec3(0.2, 1.0, 3.0);
+    scene.lights[1].world_from_light.w_axis.x += 1.0;
+    let (relit, after) = captures(&scene);
+    assert_eq!(relit, 0);
+    assert_ne!(before, after);
+    scene.instances[6].world_from_mesh.w_axis.x -= 0.3;
+    let (moved, _) = captures(&scene);
+    assert!(moved >= 8, "{moved}");
 }

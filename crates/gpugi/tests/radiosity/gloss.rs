@@ -6,8 +6,8 @@ use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, MaterialModel, Mesh, Scene, Volume};
 
-use super::common::{gpu, place};
-use super::{against_the_path_tracer, inside_out, renderer};
+use super::against_the_path_tracer;
+use super::common::{gpu, inside_out, place, renderer_of};
 
 /// A closed bright room with a ball of `radius` (m) in its middle, and a camera that looks away from it into a corner.
 fn room_with(ball: Material, radius: f32) -> (Scene, Camera) {
@@ -72,7 +72,7 @@ fn light_by_way_of_mirrors_glass_and_gloss_is_the_path_tracers() {
         let (scene, camera) = room_with(ball, 0.6);
         let settings = ["resolution=128", "rays=16", "iterations=32", "steps=8"];
         let techniques = ["shadow-map", "radiosity"];
-        let mut renderer = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut renderer = renderer_of(&gpu, &scene, &techniques, 24, "radiosity", &settings);
         let (error, ratio) = against_the_path_tracer(&gpu, &scene, &camera, &mut renderer);
         println!("{name}: rel-mse {error:.1e}, {ratio:.4} of the light");
         assert!(error < 1e-3, "{name}: {error}");
@@ -101,7 +101,7 @@ fn light_that_caustics_bring_is_reflected_on() {
     place(&mut scene, lamp, shining);
     let settings = ["resolution=128", "rays=16", "iterations=32", "steps=8"];
     let error = |techniques: &[&str]| {
-        let mut renderer = renderer(&gpu, &scene, techniques, 24, &settings);
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 24, "radiosity", &settings);
         let (error, ratio) = against_the_path_tracer(&gpu, &scene, &camera, &mut renderer);
         println!("{techniques:?}: rel-mse {error:.1e}, {ratio:.4} of the light");
         assert!(error < 1e-3, "{techniques:?}: {error}");
@@ -120,7 +120,14 @@ fn paths_over_other_surfaces_are_declared_where_there_are_any() {
     let Some(gpu) = gpu() else { return };
     let declared = |ball: Material, settings: &[&str]| {
         let (scene, _) = room_with(ball, 0.6);
-        let renderer = renderer(&gpu, &scene, &["shadow-map", "radiosity"], 8, settings);
+        let renderer = renderer_of(
+            &gpu,
+            &scene,
+            &["shadow-map", "radiosity"],
+            8,
+            "radiosity",
+            settings,
+        );
         let paths = renderer.light_paths();
         let is_indirect =
             |one: &&LightPaths| one.class == LightClass::Punctual && one.pattern.starts_with("LD");

@@ -5,59 +5,14 @@ mod common;
 mod gloss;
 mod sunlight;
 
-use std::ops::ControlFlow;
-
-use common::{gpu, place};
+use common::{gpu, inside_out, measured, place, rel_mse, renderer_of, shining_room};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
-use gpugi::measure::{Options, Quality, measure};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
-use gpugi_scene::image::metrics::Metric;
-use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
-
-/// A mesh that faces inward.
-fn inside_out(mesh: Mesh) -> Mesh {
-    let mut mesh = mesh;
-    for triangle in mesh.indices.chunks_exact_mut(3) {
-        triangle.swap(1, 2);
-    }
-    for normal in &mut mesh.normals {
-        *normal = -*normal;
-    }
-    mesh.tangents.clear();
-    mesh
-}
-
-/// An empty room whose surfaces emit and reflect.
-fn shining_room(emission: f32, albedo: Vec3) -> Scene {
-    let mut scene = Scene::new("room");
-    let room = inside_out(cuboid(vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5), 1));
-    let material = Material {
-        emissive: Vec3::splat(emission),
-        ..Material::matt("shining", albedo)
-    };
-    place(&mut scene, room, material);
-    scene
-}
-
-fn renderer(
-    gpu: &Gpu,
-    scene: &Scene,
-    techniques: &[&str],
-    size: u32,
-    settings: &[&str],
-) -> Renderer {
-    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
-    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
-    for setting in settings {
-        let (name, value) = setting.split_once('=').expect("name=value");
-        renderer.set("radiosity", name, value).expect("a setting");
-    }
-    renderer
-}
+use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
 
 /// The picture after some frames, from fully refined maps.
 fn picture(renderer: &mut Renderer, camera: &Camera, frames: u32) -> Vec<Vec3> {
@@ -85,7 +40,7 @@ fn a_closed_room_that_shines_everywhere_has_the_light_of_a_geometric_series() {
     let expected = 2.0 / (1.0 - albedo);
     let off = |settings: &[&str]| -> Vec<Vec3> {
         let settings = [&["burn-in=40"], settings].concat();
-        let mut renderer = renderer(&gpu, &scene, &["radiosity"], 32, &settings);
+        let mut renderer = renderer_of(&gpu, &scene, &["radiosity"], 32, "radiosity", &settings);
         let picture = picture(&mut renderer, &camera, 4);
         picture
             .iter()
@@ -126,23 +81,10 @@ fn against_the_path_tracer(
     // Refine the maps first, so that no sample shows an early state.
     picture(renderer, camera, 4);
     renderer.restart();
-    let options = Options {
-        samples: 8,
-        reference: Quality {
-            samples: 256,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
-    let truth = &found.truth.radiance;
+    let found = measured(gpu, scene, camera, renderer, [8, 256]);
     let sum = |of: &[f32]| of.iter().map(|&one| f64::from(one)).sum::<f64>();
-    let ratio = sum(&found.radiance) / sum(truth);
-    let error = found.value(Metric::RelMse).expect("a value");
-    (error - found.truth.rel_mse(), ratio)
+    let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
+    (rel_mse(&found), ratio)
 }
 
 /// Alone, radiosity adds all of a lamp's light between diffuse surfaces; with shadow-map, only the indirect part.
@@ -170,7 +112,7 @@ fn indirect_light_is_the_path_tracers() {
         // At 128 texels per side, texels are not small in the corners, and only a few of them shoot.
         (&both, &shooting, 0.002, 0.03),
     ] {
-        let mut renderer = renderer(&gpu, &scene, techniques, 32, settings);
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 32, "radiosity", settings);
         let (error, ratio) = against_the_path_tracer(&gpu, &scene, camera, &mut renderer);
         println!("{techniques:?} {settings:?}: rel-mse {error:.1e}, {ratio:.4} of the light");
         assert!(error < bound, "{techniques:?} {settings:?}: {error}");
@@ -202,7 +144,7 @@ fn a_thin_wall_lets_no_light_through() {
     scene.lights.push(lit);
     let settings = ["resolution=64", "iterations=16", "steps=4"];
     let techniques = ["shadow-map", "radiosity"];
-    let mut renderer = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let mut renderer = renderer_of(&gpu, &scene, &techniques, 24, "radiosity", &settings);
     let looking_at = |side: f32| {
         let eye = vec3(side * 1.8, 1.0, 0.8);
         Camera::look_at("", eye, vec3(side * 0.1, 0.8, -0.5), 1.3)
@@ -219,10 +161,17 @@ fn paths_are_what_others_leave_over() {
     let Some(gpu) = gpu() else { return };
     let scene = builtin("cornell", 1).expect("a scene");
     let direct = LightPaths::new(LightClass::Area, "LDE");
-    let alone = renderer(&gpu, &scene, &["radiosity"], 8, &[]);
+    let alone = renderer_of(&gpu, &scene, &["radiosity"], 8, "radiosity", &[]);
     assert!(overlap(&alone.light_paths(), &[direct]).is_some());
     // Two techniques that add the same light would be rejected.
-    let both = renderer(&gpu, &scene, &["shadow-map", "radiosity"], 8, &[]);
+    let both = renderer_of(
+        &gpu,
+        &scene,
+        &["shadow-map", "radiosity"],
+        8,
+        "radiosity",
+        &[],
+    );
     let paths = both.light_paths_of("radiosity");
     let indirect = LightPaths::new(LightClass::Area, "LDDDE");
     let direct = LightPaths::new(LightClass::Area, "LDE");
@@ -241,7 +190,7 @@ fn changes_of_the_scene_are_followed() {
     let camera = scene.cameras[0].clone();
     let settings = ["resolution=64", "rays=16", "iterations=8", "steps=8"];
     let techniques = ["shadow-map", "radiosity"];
-    let mut kept = renderer(&gpu, &scene, &techniques, 24, &settings);
+    let mut kept = renderer_of(&gpu, &scene, &techniques, 24, "radiosity", &settings);
     let mut last = picture(&mut kept, &camera, 1);
     type Change = fn(&mut Scene);
     let changes: [(&str, Change); 4] = [
@@ -265,7 +214,7 @@ fn changes_of_the_scene_are_followed() {
         change(&mut scene);
         kept.update(&scene).expect("an update");
         let found = picture(&mut kept, &camera, 1);
-        let mut fresh = renderer(&gpu, &scene, &techniques, 24, &settings);
+        let mut fresh = renderer_of(&gpu, &scene, &techniques, 24, "radiosity", &settings);
         let fresh = picture(&mut fresh, &camera, 1);
         let error = |a: &[Vec3], b: &[Vec3]| {
             let squares = a.iter().zip(b).map(|(a, b)| (*a - *b).length_squared());
@@ -296,7 +245,7 @@ fn mirrors_show_indirect_light() {
         } else {
             &[]
         };
-        let mut renderer = renderer(&gpu, &scene, techniques, 32, settings);
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 32, "radiosity", settings);
         for (name, value) in [("layers", layers), ("resolution", "64")] {
             let set = renderer.set("distance-impostor", name, value);
             set.expect("a setting");
@@ -318,7 +267,7 @@ fn mirrors_show_indirect_light() {
 fn settings_that_cannot_work_are_refused() {
     let Some(gpu) = gpu() else { return };
     let scene = shining_room(1.0, Vec3::splat(0.5));
-    let mut renderer = renderer(&gpu, &scene, &["radiosity"], 8, &[]);
+    let mut renderer = renderer_of(&gpu, &scene, &["radiosity"], 8, "radiosity", &[]);
     for (name, value) in [
         ("resolution", "8"),
         ("resolution", "10000"),

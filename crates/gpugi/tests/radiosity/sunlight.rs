@@ -6,8 +6,8 @@ use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
 
-use super::{inside_out, picture, renderer};
-use crate::common::{gpu, place};
+use super::picture;
+use crate::common::{gpu, inside_out, place, renderer_of};
 
 /// A closed room with walls of 10 cm, and the sun outside.
 fn closed_room() -> Scene {
@@ -33,7 +33,14 @@ fn the_sun_does_not_shine_into_a_closed_room_behind_the_camera() {
     let Some(gpu) = gpu() else { return };
     let settings = ["resolution=128", "rays=16", "iterations=8", "steps=8"];
     let scene = closed_room();
-    let mut renderer = renderer(&gpu, &scene, &["shadow-map", "radiosity"], 16, &settings);
+    let mut renderer = renderer_of(
+        &gpu,
+        &scene,
+        &["shadow-map", "radiosity"],
+        16,
+        "radiosity",
+        &settings,
+    );
     let dark = picture(&mut renderer, &turned_away(), 2);
     for (pixel, radiance) in dark.iter().enumerate() {
         assert_eq!(*radiance, Vec3::ZERO, "pixel {pixel}");

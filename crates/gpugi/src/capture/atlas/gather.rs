@@ -41,7 +41,8 @@ impl TexelGather {
         })
     }
 
-    /// Adds the light at the receiver's points to its target, in the pass `name`. `texels` is the capture of the atlas.
+    /// Adds the light at the receiver's points to its target, in the pass `name`. `texels` is the capture of the atlas, if
+    /// its own points may be lit.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -50,12 +51,12 @@ impl TexelGather {
         frame: &mut Frame<'_>,
         name: &str,
         scene: &GpuScene,
-        texels: &AtlasCapture,
+        texels: Option<&AtlasCapture>,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let Receiver { points, target, .. } = receiver;
-        let mut pieces = texels.pieces().iter();
+        let mut pieces = texels.into_iter().flat_map(AtlasCapture::pieces);
         let kernel = if pieces.any(|piece| piece.points.points == points.points) {
             own_variant(&self.own, &self.kernel, gpu)?.of(gpu, points)?
         } else {

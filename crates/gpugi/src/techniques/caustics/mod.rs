@@ -245,6 +245,7 @@ impl Technique for Caustics {
                 list => list.to_owned(),
             },
             lookups: self.claimed.len() as u32,
+            needs: None,
         }
     }
 

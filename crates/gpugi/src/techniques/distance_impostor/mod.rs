@@ -323,6 +323,7 @@ impl Technique for DistanceImpostor {
                 list => list.to_owned(),
             },
             lookups: self.claimed.len() as u32,
+            needs: None,
         }
     }
 

@@ -65,7 +65,8 @@ pub struct GlossyLevel {
 const AXES: &str = "Right-handed, +Y up; the centre of the equirectangular image lies toward -Z, the right of it toward +X. \
     The cube maps are in KTX2's left-handed axes: what arrives from (x, y, z) is found at (x, y, -z).";
 
-const BASIS: [&str; 9] = [
+/// Y_i of [`Description::basis`], as in shared/spherical_harmonics.wesl.
+pub(crate) const BASIS: [&str; 9] = [
     "0.28209479",
     "0.48860251 y",
     "0.48860251 z",
@@ -78,12 +79,16 @@ const BASIS: [&str; 9] = [
 ];
 
 /// pi, 2 pi / 3, pi / 4, as in shared/spherical_harmonics.wesl.
-const COSINE_FACTORS: [f32; 9] = {
+pub(crate) const COSINE_FACTORS: [f32; 9] = {
     use std::f32::consts::{FRAC_PI_4, PI};
     const ONE: f32 = 2.0 * PI / 3.0;
     const TWO: f32 = FRAC_PI_4;
     [PI, ONE, ONE, ONE, TWO, TWO, TWO, TWO, TWO]
 };
+
+/// [`Description::irradiance`].
+pub(crate) const IRRADIANCE: &str =
+    "E(n) = sum over i of cosine_factors[i] radiance_coefficients[i] Y_i(n) [W/m^2]";
 
 /// Generates the maps of an equirectangular image and reads them back.
 ///
@@ -133,7 +138,7 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
                 [red, green, blue]
             }),
             cosine_factors: COSINE_FACTORS,
-            irradiance: "E(n) = sum over i of cosine_factors[i] radiance_coefficients[i] Y_i(n) [W/m^2]",
+            irradiance: IRRADIANCE,
             phong_cosine: settings.phong_cosine,
             glossy_levels: glossy_levels.collect(),
         },

@@ -197,6 +197,7 @@ impl Technique for EnvironmentMap {
             claims,
             object_names: chosen(&self.settings.objects),
             lookups: 1,
+            needs: None,
         }
     }
 

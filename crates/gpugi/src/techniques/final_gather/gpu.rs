@@ -20,7 +20,7 @@ pub struct Probes {
 
 /// `Work` of work.wesl.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Work {
     pub point: u32,
     pub side: u32,
@@ -30,6 +30,10 @@ pub struct Work {
     pub with_environment: u32,
     pub instance: u32,
     pub places: u32,
+    pub low: [f32; 3],
+    pub margin: f32,
+    pub high: [f32; 3],
+    pub padding: u32,
 }
 
 /// Bytes of a reference point and its lights: `point_row` of lights.wesl.

@@ -7,16 +7,18 @@ use super::gpu;
 use super::maps::{Kernels, Making, Maps};
 use super::objects::ObjectPoint;
 use super::places::{Grid, Places};
+use super::placing::Placing;
 use super::points::Points;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{GpuScene, Versions};
+use crate::techniques::obscurances::{Attenuation, Obscurances};
 use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texels};
 
 /// Most reference points of a grid, and most objects with one.
 const MOST_POINTS: u64 = 4096;
-const MOST_OBJECTS: u64 = 32;
+pub const MOST_OBJECTS: u64 = 32;
 /// Bounces per frame before the light is gathered for the first time; later a frame has one.
 const BOUNCES_AT_ONCE: u32 = 16;
 /// Widest map of distances (texels): WebGPU promises this much.
@@ -31,6 +33,8 @@ pub struct Made {
     kernels: Kernels,
     maps: Maps,
     cubes: Cubes,
+    /// With `occlusion`, what multiplies the light.
+    attenuation: Option<Attenuation>,
     lit_as: Option<LitAs>,
     /// Bounces since the light last changed.
     bounced: u32,
@@ -203,13 +207,16 @@ impl Made {
                     next: 0,
                 }
             }
-            Layout::Grid(_, grid) => {
+            Layout::Grid(bounds, grid) => {
                 let points = grid.points().collect();
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+                let placing = Some(Placing::new(grid, bounds));
+                let points = Points::new(gpu, &kernels, &maps, earlier, points, placing, at_once)?;
+                Cubes::Own(points)
             }
             Layout::Camera => {
                 let points = vec![Vec3::ZERO];
-                Cubes::Own(Points::new(gpu, &kernels, &maps, earlier, points, at_once)?)
+                let points = Points::new(gpu, &kernels, &maps, earlier, points, None, at_once)?;
+                Cubes::Own(points)
             }
         };
         Ok(Self {
@@ -219,6 +226,7 @@ impl Made {
             kernels,
             maps,
             cubes,
+            attenuation: None,
             lit_as: None,
             bounced: 0,
             is_complete: false,
@@ -242,21 +250,27 @@ impl Made {
         eye: Vec3,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
+        self.follow_obscurances(frame.gpu, scene, earlier)?;
         let is_lit = self.light(frame, scene, eye, earlier)?;
         if is_lit {
             self.bounced = 0;
         }
         let [stale, never, turns] = self.turns();
-        let has_bounced = never == 0 && self.bounce(frame, scene, earlier);
+        let [was_placed, is_placed] = match &self.cubes {
+            Cubes::Own(points) => points.are_placed(scene.versions.geometry),
+            Cubes::OfObjects { .. } => [true; 2],
+        };
+        let is_lit_once = never == 0 && was_placed;
+        let has_bounced = is_lit_once && self.bounce(frame, scene, earlier);
         let all = self.bounces();
-        let done = (turns - stale) as f32 + self.bounced as f32;
+        let done = (turns - stale) as f32 + self.bounced as f32 + f32::from(u8::from(is_placed));
         let is_first = !self.is_complete;
-        self.is_complete |= never == 0 && self.bounced >= all;
+        self.is_complete |= is_lit_once && self.bounced >= all;
         // Dependents follow what is better than what could be gathered before.
         self.revision += u64::from(!is_first && (is_lit || has_bounced));
         Ok(Generated {
             revision: self.revision,
-            progress: done / (turns as f32 + all as f32).max(1.0),
+            progress: done / (turns as f32 + all as f32 + 1.0),
             pending: (!self.is_complete).then_some("the light of reference points"),
         })
     }
@@ -271,9 +285,31 @@ impl Made {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let groups = [&self.maps.gathered];
+        let obscurances = match &mut self.attenuation {
+            Some(attenuation) => Some(attenuation.record(frame, scene, receiver)?),
+            None => None,
+        };
+        let gathered = self.maps.gathered(frame.gpu, &self.kernels, obscurances)?;
         let gather = &mut self.kernels.gather;
-        gather.record(frame, "final-gather.gather", scene, receiver, &groups)
+        gather.record(frame, "final-gather.gather", scene, receiver, &[gathered])
+    }
+
+    /// Reads the present obscurances.
+    fn follow_obscurances(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        earlier: &Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let obscurances = earlier.technique().and_then(Obscurances::solution);
+        let Some(solution) = obscurances.filter(|_| self.settings.occlusion) else {
+            return Ok(());
+        };
+        let is_current = |one: &Attenuation| one.is_of(solution);
+        if !self.attenuation.as_ref().is_some_and(is_current) {
+            self.attenuation = Some(Attenuation::new(gpu, scene, solution)?);
+        }
+        Ok(())
     }
 
     /// The lights, the distances, and the memory that it takes to make them.
@@ -332,10 +368,16 @@ impl Made {
             with_environment: u32::from(self.own.environment && scene.environment.is_some()),
             instance: u32::MAX,
             places: probes.places,
+            // Only grids move their points.
+            low: [1.0; 3],
+            margin: 0.0,
+            high: [0.0; 3],
+            padding: 0,
         };
         let making = Making {
             scene,
             kernels: &self.kernels,
+            maps: &self.maps,
             output,
             work,
         };

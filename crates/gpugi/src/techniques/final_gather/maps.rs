@@ -47,6 +47,8 @@ impl Kernels {
             ("GLOSSY", flag(settings.glossy)),
             ("DRAWN", f64::from(settings.blend as u8)),
             ("NORMALIZE", flag(settings.normalize)),
+            ("LOCALIZE", flag(settings.localize)),
+            ("OCCLUSION", flag(settings.occlusion)),
         ];
         let shader = shader!("techniques.final_gather.gather");
         Ok(Self {
@@ -65,10 +67,13 @@ pub struct Maps {
     pub probes: gpu::Probes,
     pub lights: wgpu::Buffer,
     pub sources: wgpu::Buffer,
+    /// Ways out of solids (m), four floats per reference point.
+    pub ways_out: wgpu::Buffer,
     /// Distance cubes of all reference points, side by side; one texel where nothing asks for them.
     pub distances: wgpu::Texture,
-    /// Bind group 2 of the gather.
-    pub gathered: wgpu::BindGroup,
+    /// Bind group 2 of the gather, and the obscurances in it.
+    gathered: (wgpu::BindGroup, wgpu::Buffer),
+    uniform: wgpu::Buffer,
     bounced: [wgpu::BindGroup; 2],
     lit: [wgpu::BindGroup; 2],
 }
@@ -90,6 +95,7 @@ impl Maps {
         let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
         let bytes = source_bytes(side) * count;
         let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
+        let ways_out = gpu.buffer("final-gather.ways-out", 16 * count, storage)?;
         let cube = [6 * probes.resolution, probes.resolution];
         let [width, height] = match settings.visibility {
             Visibility::None => [1, 1],
@@ -116,30 +122,53 @@ impl Maps {
         })?;
         let uniform = gpu.uniform("reference points", &probes)?;
         let view = distances.create_view(&Default::default());
-        let read = |kernel: &Kernel| {
-            let resources = [
-                ("probes", uniform.as_entire_binding()),
-                ("lights_of_points", lights.as_entire_binding()),
-                ("distances_unfilterable", TextureView(&view)),
-            ];
-            kernel.bind(gpu, 2, &resources)
-        };
+        let read = read(&uniform, &lights, &view);
+        // Nothing reads it.
+        let obscurances = gpu.buffer("no obscurances", 16, storage)?;
+        let of_gather = [("obscurances", obscurances.as_entire_binding())];
+        let of_gather = [&read[..], &of_gather].concat();
+        let gather = kernels.gather.kernel();
         let [bounce, light_points] = [&kernels.bounce, &kernels.light_points];
         let source = ("sources", sources.as_entire_binding());
         let probes_alone = [("probes", uniform.as_entire_binding())];
         let stored = [source.clone(), ("stored", lights.as_entire_binding())];
         Ok(Self {
-            gathered: read(kernels.gather.kernel())?,
-            bounced: [read(bounce)?, bounce.bind(gpu, 3, &[source])?],
+            gathered: (gather.bind(gpu, 2, &of_gather)?, obscurances),
+            bounced: [bounce.bind(gpu, 2, &read)?, bounce.bind(gpu, 3, &[source])?],
             lit: [
                 light_points.bind(gpu, 2, &probes_alone)?,
                 light_points.bind(gpu, 3, &stored)?,
             ],
             probes,
+            uniform: uniform.clone(),
             lights,
             sources,
+            ways_out,
             distances,
         })
+    }
+
+    /// Bind group 2 of the gather.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn gathered(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        obscurances: Option<&wgpu::Buffer>,
+    ) -> Result<&wgpu::BindGroup, GpuError> {
+        if let Some(obscurances) = obscurances
+            && self.gathered.1 != *obscurances
+        {
+            let view = self.distances.create_view(&Default::default());
+            let read = read(&self.uniform, &self.lights, &view);
+            let more = [("obscurances", obscurances.as_entire_binding())];
+            let resources = [&read[..], &more].concat();
+            let group = kernels.gather.kernel().bind(gpu, 2, &resources)?;
+            self.gathered = (group, obscurances.clone());
+        }
+        Ok(&self.gathered.0)
     }
 
     /// Lights that one bounce looks up: each light those of one or eight reference points.
@@ -170,6 +199,19 @@ impl Maps {
     }
 }
 
+/// What passes that sum over lights read.
+fn read<'a>(
+    uniform: &'a wgpu::Buffer,
+    lights: &'a wgpu::Buffer,
+    distances: &'a wgpu::TextureView,
+) -> [(&'static str, wgpu::BindingResource<'a>); 3] {
+    [
+        ("probes", uniform.as_entire_binding()),
+        ("lights_of_points", lights.as_entire_binding()),
+        ("distances_unfilterable", TextureView(distances)),
+    ]
+}
+
 /// What it takes to light faces that were captured, and to downsample them.
 #[derive(Debug)]
 pub struct Bench {
@@ -195,6 +237,7 @@ impl Bench {
             ("stored", maps.lights.as_entire_binding()),
             ("sources", maps.sources.as_entire_binding()),
             ("distances", TextureView(&distances)),
+            ("ways_out", maps.ways_out.as_entire_binding()),
         ];
         Ok(Self {
             written: kernels.downsample.bind(gpu, 3, &resources)?,
@@ -247,6 +290,7 @@ impl Bench {
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
+    pub maps: &'a Maps,
     /// What the techniques before this one are asked for at the cubes' points.
     pub output: Output,
     /// What is the same for all cubes.

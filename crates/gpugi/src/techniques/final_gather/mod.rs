@@ -9,12 +9,13 @@ mod made;
 mod maps;
 mod objects;
 mod places;
+mod placing;
 mod points;
 mod settings;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Technique};
+use super::{Earlier, Generated, Info, Inspection, Plan, Technique, obscurances};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
@@ -45,8 +46,9 @@ pub const INFO: Info = Info {
 pub struct FinalGather {
     settings: Settings,
     own: Own,
-    /// Instances with a reference point.
+    /// Instances with a reference point, and the number of those that got none.
     claimed: Vec<u32>,
+    left_over: usize,
     made: Option<Made>,
 }
 
@@ -89,6 +91,42 @@ impl FinalGather {
         paths.extend(of_class.filter(is_indirect).map(|one| one.continued("D")));
         paths
     }
+
+    /// Chooses the objects that get a reference point: the named ones, or the largest where the settings name none.
+    fn claim(&mut self, scene: &GpuScene) {
+        let list = &self.settings.objects;
+        let named = scene.objects.iter().enumerate();
+        let named = named.filter(|(_, object)| object.is_named_by(list));
+        self.claimed.extend(named.map(|(index, _)| index as u32));
+        let most = made::MOST_OBJECTS as usize;
+        if list == settings::ALL && self.claimed.len() > most {
+            // Rotations do not change the diagonal of a mesh's box, so what turns does not change the choice.
+            let mut size = vec![0.0; scene.objects.len()];
+            for draw in &scene.draws {
+                let extent = draw.mesh_bounds.max - draw.mesh_bounds.min;
+                let index = draw.instance as usize;
+                let world_from_mesh = scene.placements[index].world_from_mesh;
+                size[index] = world_from_mesh.transform_vector3(extent).length();
+            }
+            let size_of = |index: &u32| size[*index as usize];
+            self.claimed
+                .sort_by(|a, b| f32::total_cmp(&size_of(b), &size_of(a)));
+            self.left_over = self.claimed.len() - most;
+            self.claimed.truncate(most);
+            self.claimed.sort_unstable();
+        }
+    }
+
+    /// Says how many objects have no reference point.
+    fn left_over_warning(&self) -> Option<String> {
+        (self.left_over > 0).then(|| {
+            format!(
+                "only the {} largest of {} objects have reference points: final-gather.objects names others",
+                self.claimed.len(),
+                self.claimed.len() + self.left_over
+            )
+        })
+    }
 }
 
 /// Whether a set of light paths has a path of this class.
@@ -130,12 +168,14 @@ impl Technique for FinalGather {
             lookups: points * lights,
             ..Plan::adding(paths, scene)
         };
+        if self.settings.occlusion {
+            plan.needs = Some((obscurances::INFO.name, "occlusion"));
+        }
+        self.left_over = 0;
         if places == Places::Objects {
-            for (index, object) in scene.objects.iter().enumerate() {
-                if object.is_named_by(&self.settings.objects) {
-                    self.claimed.push(index as u32);
-                    plan.claims[index] = Claims::INDIRECT;
-                }
+            self.claim(scene);
+            for &index in &self.claimed {
+                plan.claims[index as usize] = Claims::INDIRECT;
             }
             if self.settings.objects != settings::ALL {
                 plan.object_names.clone_from(&self.settings.objects);
@@ -189,6 +229,10 @@ impl Technique for FinalGather {
 
     fn inspect(&self) -> Inspection {
         let made = self.made.as_ref();
-        made.map_or_else(Inspection::default, Made::inspect)
+        let inspection = made.map_or_else(Inspection::default, Made::inspect);
+        Inspection {
+            warnings: self.left_over_warning().into_iter().collect(),
+            ..inspection
+        }
     }
 }

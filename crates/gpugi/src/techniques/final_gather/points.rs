@@ -1,9 +1,11 @@
-//! Reference points with cubes of their own: they are captured and lit in turns, in benches that they share.
+//! Reference points with cubes of their own: they are captured and lit in turns. Few points keep what was captured, many
+//! share some cubes to work in.
 
-use glam::Vec3;
+use glam::{Vec3, vec3};
 
 use super::gpu::Work;
 use super::maps::{Bench, Kernels, Making, Maps};
+use super::placing::{Placing, Stage};
 use crate::capture::{Capture, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{Draw, Versions};
@@ -11,14 +13,18 @@ use crate::techniques::Earlier;
 
 /// Near distance of cubes, as a fraction of the scene's diagonal.
 const NEAR: f32 = 1e-4;
+/// Memory in which all points may keep what was captured, so that a change of the light captures nothing again [bytes].
+const MOST_KEPT: u64 = 64 << 20;
 
 /// Faces that are captured and lit together: all six of a reference point, or some of them.
 #[derive(Debug, Clone, Copy)]
 struct Turn {
     point: usize,
     faces: usize,
-    /// [`Points::wanted`] when they were lit; 0: never.
-    lit: u64,
+    /// [`Points::wanted`] when they were lit; `None`: never.
+    lit: Option<u64>,
+    /// [`Versions::geometry`] when they were captured where the point is now.
+    geometry: Option<u64>,
 }
 
 /// A cube to work in, and what it shows.
@@ -44,16 +50,22 @@ struct Captured {
 #[derive(Debug)]
 pub struct Points {
     pub positions: Vec<Vec3>,
+    placing: Option<Placing>,
+    /// Whether points have been moved out of solids once.
+    was_placed: bool,
     turns: Vec<Turn>,
     /// Where the next frame goes on.
     next: usize,
     wanted: u64,
+    /// One per turn, or as many as are lit per frame.
     workplaces: Vec<Workplace>,
+    turns_per_frame: usize,
     side: u32,
 }
 
 impl Points {
-    /// Points that nothing has lit yet; `faces_per_frame` of their faces are lit per frame.
+    /// Points that nothing has lit yet; `faces_per_frame` of their faces are lit per frame. `placing`: where they belong
+    /// if they may be moved out of solids.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -63,6 +75,7 @@ impl Points {
         maps: &Maps,
         earlier: &Earlier<'_>,
         positions: Vec<Vec3>,
+        placing: Option<Placing>,
         faces_per_frame: u32,
     ) -> Result<Self, GpuError> {
         let side = maps.probes.resolution;
@@ -73,11 +86,18 @@ impl Points {
                 (0..turns_per_point as usize).map(move |faces| Turn {
                     point,
                     faces,
-                    lit: 0,
+                    lit: None,
+                    geometry: None,
                 })
             })
             .collect();
-        let workplaces = (faces_per_frame / at_once).min(turns.len() as u32);
+        let turns_per_frame = turns.len().min((faces_per_frame / at_once) as usize);
+        let all = turns.len() as u64 * workplace_bytes(side);
+        let workplaces = if all <= MOST_KEPT {
+            turns.len()
+        } else {
+            turns_per_frame
+        };
         let workplace = |_| {
             let capture = Capture::of_cube(gpu, earlier.impostors.capture_kernels(), side)?;
             let faces = (0..turns_per_point)
@@ -92,9 +112,12 @@ impl Points {
         };
         Ok(Self {
             positions,
+            placing,
+            was_placed: false,
             turns,
             next: 0,
             wanted: 1,
+            turns_per_frame,
             workplaces: (0..workplaces)
                 .map(workplace)
                 .collect::<Result<_, GpuError>>()?,
@@ -113,8 +136,8 @@ impl Points {
             self.turns.iter().filter(|turn| is_left(turn)).count()
         };
         [
-            count(&|turn| turn.lit != self.wanted),
-            count(&|turn| turn.lit == 0),
+            count(&|turn| turn.lit != Some(self.wanted)),
+            count(&|turn| turn.lit.is_none()),
         ]
     }
 
@@ -123,13 +146,18 @@ impl Points {
         self.turns.len()
     }
 
-    /// Bytes of the cubes that points share.
+    /// Whether points have been moved out of solids once, and whether that was for the scene's present geometry.
+    pub fn are_placed(&self, geometry: u64) -> [bool; 2] {
+        match self.placing.as_ref().map(|placing| &placing.stage) {
+            None => [true; 2],
+            Some(Stage::Placed(of)) => [true, *of == geometry],
+            Some(_) => [self.was_placed, false],
+        }
+    }
+
+    /// Bytes of the cubes to work in.
     pub fn bytes(&self) -> u64 {
-        // Besides points and light: hit records and depth.
-        let texel = SURFACE_POINT_BYTES + 8;
-        let cube = 6 * u64::from(self.side * self.side) * texel;
-        let cubes = self.workplaces.iter();
-        cubes.map(|one| cube + one.bench.bytes()).sum()
+        self.workplaces.len() as u64 * workplace_bytes(self.side)
     }
 
     /// Captures and lights as many stale faces as the frame may; whether there were any.
@@ -142,29 +170,99 @@ impl Points {
         making: Making<'_>,
         earlier: &mut Earlier<'_>,
     ) -> Result<bool, GpuError> {
+        let geometry = making.scene.versions.geometry;
+        self.place(frame, &making.maps.ways_out, geometry)?;
         let count = self.turns.len();
         // In turn, so that none waits for ever where everything changes in every frame.
         let stale: Vec<usize> = (0..count)
             .map(|offset| (self.next + offset) % count)
-            .filter(|&index| self.turns[index].lit != self.wanted)
-            .take(self.workplaces.len())
+            .filter(|&index| self.turns[index].lit != Some(self.wanted))
+            .take(self.turns_per_frame)
             .collect();
-        for (workplace, &index) in self.workplaces.iter_mut().zip(&stale) {
+        let is_own = self.workplaces.len() == count;
+        for (shared, &index) in stale.iter().enumerate() {
             if !earlier.may_step() {
                 break;
             }
             let turn = &mut self.turns[index];
-            turn.lit = self.wanted;
+            turn.lit = Some(self.wanted);
+            turn.geometry = Some(geometry);
             self.next = (index + 1) % count;
             let position = self.positions[turn.point];
-            let work = Work {
+            let mut work = Work {
                 point: turn.point as u32,
                 ..making.work
             };
+            if let Some(placing) = &self.placing {
+                placing.describe(turn.point, &mut work);
+            }
+            let workplace = &mut self.workplaces[if is_own { index } else { shared }];
             workplace.light(frame, making, earlier, position, turn.faces, &work)?;
         }
         Ok(!stale.is_empty())
     }
+
+    /// Moves points out of solids once all are captured, and again when the scene has come to rest after a change. Until
+    /// then moved points stay where they are, so that motion elsewhere does not move them to and fro.
+    fn place(
+        &mut self,
+        frame: &mut Frame<'_>,
+        ways_out: &wgpu::Buffer,
+        geometry: u64,
+    ) -> Result<(), GpuError> {
+        let Some(placing) = &mut self.placing else {
+            return Ok(());
+        };
+        let are_captured = self.turns.iter().all(|turn| turn.lit.is_some());
+        let are_current = self
+            .turns
+            .iter()
+            .all(|turn| turn.geometry == Some(geometry));
+        let mut places = None;
+        // Points that were placed before are gathered while they wait for their new light.
+        let unlit = self.was_placed.then_some(0);
+        match &placing.stage {
+            Stage::Placed(of) if *of != geometry && are_current => {
+                placing.stage = Stage::Home;
+                places = Some(placing.home.clone());
+            }
+            // A scene that never rests does not put the first time off for ever.
+            Stage::Home if are_current || are_captured && !self.was_placed => {
+                let bytes = 16 * self.positions.len() as u64;
+                let of = if are_current { geometry } else { 0 };
+                let read = Box::new(frame.read_back(ways_out, bytes)?);
+                placing.stage = Stage::Asked(read, of);
+            }
+            Stage::Asked(read, of) => {
+                if let Some(found) = read.get() {
+                    let home = placing.home.iter();
+                    let moved = home
+                        .zip(found?)
+                        .map(|(home, [x, y, z, _])| *home + vec3(x, y, z));
+                    places = Some(moved.collect());
+                    placing.stage = Stage::Placed(*of);
+                    self.was_placed = true;
+                }
+            }
+            Stage::Home | Stage::Placed(_) => (),
+        }
+        let Some(places) = places else {
+            return Ok(());
+        };
+        for turn in &mut self.turns {
+            if places[turn.point] != self.positions[turn.point] {
+                turn.lit = unlit;
+                turn.geometry = None;
+            }
+        }
+        self.positions = places;
+        Ok(())
+    }
+}
+
+/// Bytes of a cube to work in: surface points and light, hit records and depth.
+fn workplace_bytes(side: u32) -> u64 {
+    6 * u64::from(side * side) * (SURFACE_POINT_BYTES + 16 + 8)
 }
 
 impl Workplace {

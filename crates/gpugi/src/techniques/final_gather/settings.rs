@@ -61,6 +61,9 @@ crate::settings! {
         /// Estimate of the lights' solid angles: disc, the tutorial's; oriented, foreshortened by the light's normal;
         /// quad, exact form factors of quadrilaterals.
         pub solid_angle: SolidAngle = SolidAngle::Oriented => any(),
+        /// Whether lights are seen from the shaded point; otherwise as from the reference point, as if they were far
+        /// away: classical environment mapping, for comparison.
+        pub localize: bool = true => any(),
         /// Whether the weights of the lights are divided by their sum.
         pub normalize: bool = true => any(),
         /// Whether lights are tested for being seen: none, or distance, by the distances that reference points know.
@@ -71,9 +74,13 @@ crate::settings! {
         pub bounces: u32 = 16 => in_range(0.0, 4096.0),
         /// Whether glossy reflection is added, too, and passed on by the surroundings.
         pub glossy: bool = false => any(),
+        /// Whether obscurances, which have to be in use, multiply the light: they darken corners and folds that the area
+        /// lights do not resolve.
+        pub occlusion: bool = false => any(),
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
-        /// Objects that are lit by points of their own: names separated by commas, * for any characters.
+        /// Objects that are lit by points of their own: names separated by commas, * for any characters; * alone: all,
+        /// but only the 32 largest of more.
         pub objects: String = ALL.to_owned() => any(),
     }
 }

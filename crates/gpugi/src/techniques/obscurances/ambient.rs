@@ -272,7 +272,7 @@ impl Technique for Obscurances {
         if self.settings.ambient == Ambient::Off {
             return Ok(());
         }
-        let (name, texels) = ("obscurances.gather", &made.capture);
+        let (name, texels) = ("obscurances.gather", Some(&made.capture));
         made.gather.record(frame, name, scene, texels, receiver)
     }
 

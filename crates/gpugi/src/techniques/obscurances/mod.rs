@@ -5,6 +5,7 @@
 //! renderer). The ambient term, a constant light that they attenuate, is optional. docs/techniques/obscurances.md.
 
 mod ambient;
+mod attenuation;
 pub(crate) mod gpu;
 mod peeling;
 mod rays;
@@ -14,5 +15,6 @@ mod solution;
 mod tests;
 
 pub use ambient::{INFO, Obscurances};
+pub(crate) use attenuation::Attenuation;
 pub use settings::{Ambient, Falloff, Mode, Settings};
 pub use solution::{ObscurancePage, ObscuranceState, Solution};

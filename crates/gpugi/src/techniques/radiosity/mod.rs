@@ -365,7 +365,8 @@ impl Technique for Radiosity {
             return Ok(());
         };
         let (name, texels) = ("radiosity.gather", &made.solution.texels);
-        made.gather.record(frame, name, scene, texels, receiver)
+        made.gather
+            .record(frame, name, scene, Some(texels), receiver)
     }
 
     fn inspect(&self) -> Inspection {

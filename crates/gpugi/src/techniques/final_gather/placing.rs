@@ -1,0 +1,51 @@
+//! Where the points of a grid lie: those inside solids are moved out of them, by half a cell at most.
+
+use glam::Vec3;
+use gpugi_scene::Bounds;
+
+use super::gpu::Work;
+use super::places::Grid;
+use crate::gpu::ReadBack;
+
+/// How far from a solid's surface a point lies that was moved out of it, as a share of the distance between points.
+const MARGIN: f32 = 0.1;
+
+/// Where points belong, and how far the search for their ways out of solids is.
+#[derive(Debug)]
+pub struct Placing {
+    /// Points of the grid (m).
+    pub home: Vec<Vec3>,
+    spacing: Vec3,
+    bounds: Bounds,
+    pub stage: Stage,
+}
+
+/// How far the search is.
+#[derive(Debug)]
+pub enum Stage {
+    /// All points lie in the grid, or will once they are captured there.
+    Home,
+    /// The ways out are being read back; they were found at this version of the scene's geometry.
+    Asked(Box<ReadBack<Vec<[f32; 4]>>>, u64),
+    /// Points inside solids have been moved, at this version.
+    Placed(u64),
+}
+
+impl Placing {
+    pub fn new(grid: &Grid, bounds: &Bounds) -> Self {
+        Self {
+            home: grid.points().collect(),
+            spacing: grid.spacing,
+            bounds: *bounds,
+            stage: Stage::Home,
+        }
+    }
+
+    /// Tells the passes where a point may be moved: by half a cell, inside the scene.
+    pub fn describe(&self, point: usize, work: &mut Work) {
+        let home = self.home[point];
+        work.low = (home - 0.5 * self.spacing).max(self.bounds.min).to_array();
+        work.high = (home + 0.5 * self.spacing).min(self.bounds.max).to_array();
+        work.margin = MARGIN * self.spacing.min_element();
+    }
+}
