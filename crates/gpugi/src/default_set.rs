@@ -8,7 +8,7 @@ use gpugi_scene::Scene;
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
-use crate::scene::has_emitters;
+use crate::scene::{has_emitters, has_glossy_objects};
 use crate::techniques::{
     Info, Registry, caustics, distance_impostor, final_gather, radiosity, shadow_map,
 };
@@ -88,6 +88,7 @@ impl DefaultSet {
 ///
 /// - for every purpose, the techniques that suit the scene and are fast enough for a live view: direct light, and what
 ///   mirrors and glass make of it;
+/// - for a still picture, also what rough surfaces reflect of lit surroundings;
 /// - for a still picture and for a bake, also indirect light between diffuse surfaces.
 pub fn default_set(
     scene: &Scene,
@@ -104,10 +105,9 @@ pub fn default_set(
     let choices = fast.iter().map(|info| Choice {
         technique: info.name,
         reason: reason(info, &classes),
-        settings: if info.name == SHADOWS && purpose == Purpose::StillPicture {
-            soft_shadows(scene, adapter)
-        } else {
-            Vec::new()
+        settings: match info.name {
+            SHADOWS if purpose == Purpose::StillPicture => soft_shadows(scene, adapter),
+            _ => Vec::new(),
         },
     });
     let mut set = DefaultSet {
@@ -118,6 +118,14 @@ pub fn default_set(
         // Indirect light in an atlas is noisy while things move, and whenever meshes change the frame waits for another
         // atlas.
         return set;
+    }
+    if purpose == Purpose::StillPicture
+        && has_glossy_objects(scene)
+        && registry.find(IMPOSTORS).is_some()
+    {
+        let is_other = |one: &Choice| one.technique != IMPOSTORS;
+        set.choices.retain(is_other);
+        set.choices.push(gloss());
     }
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
@@ -153,6 +161,15 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
             "it needs no atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long"
         ),
         settings: Vec::new(),
+    }
+}
+
+/// Reflections of everything glossy in a still picture: its samples share the work of wide lobes.
+fn gloss() -> Choice {
+    Choice {
+        technique: IMPOSTORS,
+        reason: "surfaces reflect or refract their surroundings".into(),
+        settings: vec![("objects", "*".to_owned()), ("lobes", "drawn".to_owned())],
     }
 }
 

@@ -39,7 +39,7 @@ pub(crate) use environment::check_environment;
 use geometry::Geometry;
 use images::ImageArrays;
 pub use motion::Placement;
-pub(crate) use objects::has_smooth_objects;
+pub(crate) use objects::{has_glossy_objects, has_smooth_objects};
 use objects::seen_class;
 pub use objects::{Claims, Object};
 use rays::Rays;

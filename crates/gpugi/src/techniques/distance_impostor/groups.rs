@@ -1,0 +1,169 @@
+//! Which objects share a cube (tutorial section 5.5: "a single cube map for all of them, or a separate map for each").
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::scene::{GpuScene, Object};
+
+/// Objects that share a cube, which captures the surroundings of all of them: everything else.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Group {
+    /// Indices of the instances, ascending.
+    pub members: Arc<[u32]>,
+    pub kind: Kind,
+    /// The least roughness of a member.
+    roughness: f32,
+}
+
+/// What cubes hold, and which maps they have beside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Light passes through the object: a map of its shape.
+    Refractor,
+    /// Mirrors: emitters and the sky are in the cube.
+    Mirror,
+    /// Rough surfaces: other techniques add light straight from emitters and the sky.
+    Rough,
+}
+
+/// Coarsest cube of rough surfaces: a texel is a fortieth of the distance from the cube's centre.
+const LEAST_SIDE: f32 = 64.0;
+/// Texels per side of a face, times alpha, the tangent of a lobe's half-angle: three texels across it.
+const TEXELS_PER_LOBE: f32 = 3.0;
+/// Mirrors share cubes only if they are this much nearer to each other than rough surfaces: there, it shows.
+const MIRROR_SPREAD: f32 = 8.0;
+
+impl Kind {
+    fn of(object: &Object) -> Self {
+        match object {
+            _ if !object.is_smooth => Self::Rough,
+            _ if object.is_transmissive && object.is_solid => Self::Refractor,
+            _ => Self::Mirror,
+        }
+    }
+}
+
+impl Group {
+    /// Side of the faces of the group's cube, at most `resolution` (texels).
+    pub fn side(&self, resolution: u32) -> u32 {
+        if self.kind != Kind::Rough {
+            return resolution;
+        }
+        let alpha = (self.roughness * self.roughness).max(1e-4);
+        let side = (TEXELS_PER_LOBE / alpha).clamp(LEAST_SIDE, 1024.0);
+        (side as u32).next_power_of_two().min(resolution)
+    }
+
+    fn new(units: &[Unit], scene: &GpuScene) -> Self {
+        let mut members: Vec<u32> = units.iter().flat_map(|unit| &unit.members).copied().collect();
+        members.sort_unstable();
+        let roughness = members.iter().map(|&one| scene.objects[one as usize].least_roughness);
+        Self {
+            roughness: roughness.fold(1.0, f32::min),
+            members: members.into(),
+            kind: units[0].kind,
+        }
+    }
+}
+
+/// The instances of one object: of a node with several materials, those of one kind.
+#[derive(Debug, Clone)]
+struct Unit {
+    members: Vec<u32>,
+    kind: Kind,
+    /// Centre and diagonal of its box (m).
+    center: Vec3,
+    size: f32,
+}
+
+/// Divides the instances `claimed` into at most `most` groups. Each refractor has its own, the largest first; those
+/// beyond remain without. All others have one, near each other in one group.
+pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
+    let units = units(claimed, scene);
+    let of_kind = |kind| -> Vec<Unit> {
+        let units = units.iter().filter(|unit| unit.kind == kind);
+        units.cloned().collect()
+    };
+    let mut refractors = of_kind(Kind::Refractor);
+    refractors.sort_by(|a, b| b.size.total_cmp(&a.size));
+    let mut shared = [Kind::Mirror, Kind::Rough].map(of_kind).to_vec();
+    shared.retain(|units| !units.is_empty());
+    refractors.truncate(most.saturating_sub(shared.len()));
+    // The most spread group is split until all are single objects or there are as many as may be.
+    while shared.len() + refractors.len() < most {
+        let spreads = shared.iter().map(|units| spread(units)).enumerate();
+        let Some((widest, _)) = spreads
+            .filter(|(_, spread)| *spread >= 0.0)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+        else {
+            break;
+        };
+        let units = shared.swap_remove(widest);
+        shared.extend(halves(units));
+    }
+    let mut groups: Vec<Group> = refractors
+        .chunks(1)
+        .chain(shared.iter().map(Vec::as_slice))
+        .map(|units| Group::new(units, scene))
+        // Nothing but lights is left to see.
+        .filter(|group| group.kind != Kind::Rough || group.members.len() < scene.draws.len())
+        .collect();
+    groups.sort_by(|a, b| a.members.cmp(&b.members));
+    groups
+}
+
+fn units(claimed: &[u32], scene: &GpuScene) -> Vec<Unit> {
+    let mut boxes = vec![None; scene.objects.len()];
+    for draw in &scene.draws {
+        boxes[draw.instance as usize] = Some(draw.bounds);
+    }
+    let key = |index: u32| {
+        let object = &scene.objects[index as usize];
+        (object.part_of.is_none().then_some(index), object.part_of, Kind::of(object))
+    };
+    let mut sorted = claimed.to_vec();
+    sorted.sort_by_key(|&index| (key(index), index));
+    let units = sorted.chunk_by(|&a, &b| key(a) == key(b)).map(|members| {
+        let boxes = members.iter().filter_map(|&one| boxes[one as usize].as_ref());
+        let (low, high) = boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
+            (low.min(one.min), high.max(one.max))
+        });
+        Unit {
+            members: members.to_vec(),
+            kind: Kind::of(&scene.objects[members[0] as usize]),
+            center: (low + high) / 2.0,
+            size: (high - low).length(),
+        }
+    });
+    // What is not drawn has no place.
+    units.filter(|unit| unit.center.is_finite()).collect()
+}
+
+/// Lowest and highest centre.
+fn corners(units: &[Unit]) -> (Vec3, Vec3) {
+    let ends = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    units.iter().fold(ends, |(low, high), unit| {
+        (low.min(unit.center), high.max(unit.center))
+    })
+}
+
+/// How much the units need cubes of their own; negative for a single unit.
+fn spread(units: &[Unit]) -> f32 {
+    if units.len() < 2 {
+        return -1.0;
+    }
+    let (low, high) = corners(units);
+    let weight = if units[0].kind == Kind::Mirror { MIRROR_SPREAD } else { 1.0 };
+    weight * (high - low).length()
+}
+
+/// Splits units, two or more, at the median along the axis in which their centres are spread most.
+fn halves(mut units: Vec<Unit>) -> [Vec<Unit>; 2] {
+    let (low, high) = corners(&units);
+    let extent = high - low;
+    let axis = extent.max_position();
+    units.sort_by(|a, b| a.center[axis].total_cmp(&b.center[axis]));
+    let far = units.split_off(units.len() / 2);
+    [units, far]
+}
