@@ -268,16 +268,22 @@ mod tests {
             let [still, live, bake] =
                 [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
             assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
-            assert_eq!(still.names(), bake.names());
-            let (last, fast) = still.choices.split_last().unwrap();
-            let names = |choices: &[Choice]| -> Vec<_> {
-                choices.iter().map(|one| one.technique).collect()
-            };
-            assert_eq!(names(fast), names(&live.choices));
-            assert_eq!(last.technique, RADIOSITY);
             assert!(live.choices.iter().all(|one| one.settings.is_empty()));
+            let mut expected = live.names();
+            expected.push(RADIOSITY.to_owned());
+            assert_eq!(bake.names(), expected);
+            if has_glossy_objects(&scene) {
+                expected.retain(|name| name != IMPOSTORS);
+                expected.insert(expected.len() - 1, IMPOSTORS.to_owned());
+            }
+            assert_eq!(still.names(), expected);
+            let has_settings = |name| {
+                let choice = still.choices.iter().find(|one| one.technique == name);
+                choice.is_some_and(|one| !one.settings.is_empty())
+            };
             let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
-            assert_eq!(fast.iter().any(|one| !one.settings.is_empty()), is_soft);
+            assert_eq!(has_settings(SHADOWS), is_soft);
+            assert_eq!(has_settings(IMPOSTORS), has_glossy_objects(&scene));
             // Refused if light paths overlap, or if a setting does not exist.
             let size = [8, 8];
             let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();
@@ -290,18 +296,15 @@ mod tests {
                 is_told("light reflected between diffuse surfaces"),
                 "{words:?}"
             );
-            let is_smooth = renderer
-                .scene()
-                .objects
+            let objects = &renderer.scene().objects;
+            let is_smooth = objects.iter().any(|object| object.is_smooth);
+            let is_rough = objects
                 .iter()
-                .any(|object| object.is_smooth);
-            let has_impostors = still.names().iter().any(|name| name == IMPOSTORS);
-            assert_eq!(has_impostors, is_smooth, "{}", one.name);
-            assert_eq!(
-                is_told("lit surroundings seen in mirrors"),
-                is_smooth,
-                "{words:?}"
-            );
+                .any(|object| !object.is_smooth && !object.is_diffuse);
+            for (what, is_there) in [("mirrors", is_smooth), ("gloss", is_rough)] {
+                let words_of = format!("lit surroundings seen in {what}");
+                assert_eq!(is_told(&words_of), is_there, "{}: {words:?}", one.name);
+            }
         }
     }
 

@@ -77,8 +77,8 @@ struct Unit {
     size: f32,
 }
 
-/// Divides the instances `claimed` into at most `most` groups. Each refractor has its own, the largest first; those
-/// beyond remain without. All others have one, near each other in one group.
+/// Divides the instances `claimed` into at most `most` groups, two or more. Each refractor has its own, the largest
+/// first; those beyond remain without. All others have one, near each other in one group.
 pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
     let units = units(claimed, scene);
     let of_kind = |kind| -> Vec<Unit> {
@@ -89,7 +89,9 @@ pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
     refractors.sort_by(|a, b| b.size.total_cmp(&a.size));
     let mut shared = [Kind::Mirror, Kind::Rough].map(of_kind).to_vec();
     shared.retain(|units| !units.is_empty());
-    refractors.truncate(most.saturating_sub(shared.len()));
+    // What shares cubes gets half of them if it needs as many, and one per kind in any case.
+    let sharing: usize = shared.iter().map(Vec::len).sum();
+    refractors.truncate(most - sharing.min(most / 2).max(shared.len().min(most)));
     // The most spread group is split until all are single objects or there are as many as may be.
     while shared.len() + refractors.len() < most {
         let spreads = shared.iter().map(|units| spread(units)).enumerate();

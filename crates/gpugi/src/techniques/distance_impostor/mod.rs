@@ -189,8 +189,8 @@ crate::settings! {
         /// How rough lobes read their cube: filtered, the mean over the lobe; or drawn, one direction per sample, whose
         /// mean is exact.
         pub lobes: Lobes = Lobes::Filtered => any(),
-        /// Most cubes. If there are more objects, those near each other share one.
-        pub cubes: u32 = 16 => in_range(1.0, 32.0),
+        /// Most cubes. If there are more objects, those near each other share one; refractors have their own or none.
+        pub cubes: u32 = 16 => in_range(2.0, 32.0),
         /// Objects with impostors: names separated by commas, * for any characters; auto: those with ideal surfaces.
         pub objects: String = AUTO.to_owned() => any(),
     }
