@@ -31,7 +31,8 @@ const NEAR: f32 = 1e-4;
 /// Which maps a technique requests.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
-    /// Indices of the instances that the maps surround, ascending: the parts of one object, or objects near each other.
+    /// Indices of the instances that the maps surround and leave out, ascending: the parts of one object, or objects near
+    /// each other; none for what is seen from a reference point in the open.
     pub instances: Arc<[u32]>,
     /// Side of the faces of the surroundings' cube (texels), a power of two.
     pub side: u32,
@@ -322,7 +323,7 @@ impl Impostors {
             seed,
         };
         if !wanted.renewal.is_settled(kept.begun.as_ref(), &now)
-            && let Some(center) = wanted.center(scene)
+            && let Some(center) = wanted.center(scene).or(wanted.reference)
         {
             kept.maps.center = center;
             if wanted.shape_side.is_some() {

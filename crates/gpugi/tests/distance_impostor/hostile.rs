@@ -197,7 +197,7 @@ fn settings_that_cannot_work_are_refused() {
         ("threshold", "-1"),
         ("faces-per-frame", "7"),
         ("lobes", "wide"),
-        ("cubes", "1"),
+        ("cubes", "2"),
     ] {
         let refused = renderer.set("distance-impostor", name, value);
         assert!(

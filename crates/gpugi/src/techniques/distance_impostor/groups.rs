@@ -6,12 +6,14 @@ use glam::Vec3;
 
 use crate::scene::{GpuScene, Object};
 
-/// Objects that share a cube, which captures the surroundings of all of them: everything else.
+/// Objects that share a cube.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// Indices of the instances, ascending.
     pub members: Arc<[u32]>,
     pub kind: Kind,
+    /// What the cube leaves out, so that it is seen from inside the objects; ascending.
+    pub left_out: Arc<[u32]>,
     /// The least roughness of a member.
     roughness: f32,
 }
@@ -25,16 +27,25 @@ pub enum Kind {
     Mirror,
     /// Rough surfaces: other techniques add light straight from emitters and the sky.
     Rough,
+    /// Rough surfaces that are surroundings themselves, such as floors: the cube shows everything from the eye.
+    Surroundings,
 }
 
 /// Coarsest cube of rough surfaces: a texel is a fortieth of the distance from the cube's centre.
 const LEAST_SIDE: f32 = 64.0;
 /// Texels per side of a face, times alpha, the tangent of a lobe's half-angle: three texels across it.
 const TEXELS_PER_LOBE: f32 = 3.0;
+/// Rough objects are surroundings from this share of the scene's diagonal on.
+const LEAST_SURROUNDINGS: f32 = 0.5;
 /// Mirrors share cubes only if they are this much nearer to each other than rough surfaces: there, it shows.
 const MIRROR_SPREAD: f32 = 8.0;
 
 impl Kind {
+    /// Whether the cube holds light straight from emitters and the sky.
+    pub fn is_smooth(self) -> bool {
+        matches!(self, Self::Refractor | Self::Mirror)
+    }
+
     fn of(object: &Object) -> Self {
         match object {
             _ if !object.is_smooth => Self::Rough,
@@ -59,10 +70,17 @@ impl Group {
         let mut members: Vec<u32> = units.iter().flat_map(|unit| &unit.members).copied().collect();
         members.sort_unstable();
         let roughness = members.iter().map(|&one| scene.objects[one as usize].least_roughness);
+        let roughness = roughness.fold(1.0, f32::min);
+        let members: Arc<[u32]> = members.into();
+        let kind = units[0].kind;
         Self {
-            roughness: roughness.fold(1.0, f32::min),
-            members: members.into(),
-            kind: units[0].kind,
+            left_out: match kind {
+                Kind::Surroundings => Arc::default(),
+                _ => members.clone(),
+            },
+            members,
+            kind,
+            roughness,
         }
     }
 }
@@ -77,8 +95,8 @@ struct Unit {
     size: f32,
 }
 
-/// Divides the instances `claimed` into at most `most` groups, two or more. Each refractor has its own, the largest
-/// first; those beyond remain without. All others have one, near each other in one group.
+/// Divides the instances `claimed` into at most `most` groups, three or more. Each refractor has its own, the largest
+/// first; those beyond remain without. All others have one: large rough surfaces together, and what is near each other.
 pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
     let units = units(claimed, scene);
     let of_kind = |kind| -> Vec<Unit> {
@@ -87,7 +105,7 @@ pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
     };
     let mut refractors = of_kind(Kind::Refractor);
     refractors.sort_by(|a, b| b.size.total_cmp(&a.size));
-    let mut shared = [Kind::Mirror, Kind::Rough].map(of_kind).to_vec();
+    let mut shared = [Kind::Mirror, Kind::Rough, Kind::Surroundings].map(of_kind).to_vec();
     shared.retain(|units| !units.is_empty());
     // What shares cubes gets half of them if it needs as many, and one per kind in any case.
     let sharing: usize = shared.iter().map(Vec::len).sum();
@@ -131,11 +149,14 @@ fn units(claimed: &[u32], scene: &GpuScene) -> Vec<Unit> {
         let (low, high) = boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
             (low.min(one.min), high.max(one.max))
         });
+        let size = (high - low).length();
+        let kind = Kind::of(&scene.objects[members[0] as usize]);
+        let is_large = kind == Kind::Rough && size >= LEAST_SURROUNDINGS * scene.diagonal();
         Unit {
             members: members.to_vec(),
-            kind: Kind::of(&scene.objects[members[0] as usize]),
+            kind: if is_large { Kind::Surroundings } else { kind },
             center: (low + high) / 2.0,
-            size: (high - low).length(),
+            size,
         }
     });
     // What is not drawn has no place.
@@ -150,9 +171,9 @@ fn corners(units: &[Unit]) -> (Vec3, Vec3) {
     })
 }
 
-/// How much the units need cubes of their own; negative for a single unit.
+/// How much the units need cubes of their own; negative if they do not.
 fn spread(units: &[Unit]) -> f32 {
-    if units.len() < 2 {
+    if units.len() < 2 || units[0].kind == Kind::Surroundings {
         return -1.0;
     }
     let (low, high) = corners(units);

@@ -1,6 +1,7 @@
 //! The light around a group of objects: a radiance cube that goes with the maps of their surroundings and of an object's
 //! own shape.
 
+use glam::Vec3;
 use wgpu::BindingResource::TextureView;
 
 use super::groups::{Group, Kind};
@@ -64,15 +65,22 @@ pub struct Making<'a> {
     pub settings: &'a Settings,
     /// Seed of random decisions in the captures of cubes.
     pub seed: u32,
+    /// Where the camera is (m).
+    pub eye: Vec3,
     /// Whether the light of other techniques was refined since the last frame, though nothing changed.
     pub is_refined: bool,
 }
+
+/// How far the eye moves before the cube of surroundings is captured from elsewhere, as a share of the scene's diagonal.
+const EYE_STEP: f32 = 0.05;
 
 /// Objects with an impostor.
 #[derive(Debug)]
 pub struct Impostor {
     /// Number of the cube, to which the objects' claims refer.
     number: u32,
+    /// The first of the objects' instances.
+    instance: u32,
     wanted: Wanted,
     kind: Kind,
     radiance: wgpu::Texture,
@@ -117,7 +125,7 @@ impl Impostor {
         // Ideal lobes read only the finest level.
         let levels = match group.kind {
             Kind::Mirror | Kind::Refractor => 1,
-            Kind::Rough => side.ilog2() + 1,
+            Kind::Rough | Kind::Surroundings => side.ilog2() + 1,
         };
         let format = wgpu::TextureFormat::Rgba16Float;
         let layers = settings.layers_searched();
@@ -140,8 +148,9 @@ impl Impostor {
         )?;
         Ok(Self {
             number,
+            instance: group.members[0],
             wanted: Wanted {
-                instances: group.members.clone(),
+                instances: group.left_out.clone(),
                 side,
                 shape_side: (group.kind == Kind::Refractor).then_some(settings.shape_resolution),
                 reference: settings.reference.0,
@@ -177,9 +186,19 @@ impl Impostor {
             kernels,
             settings,
             seed,
+            eye,
             is_refined,
         } = making;
         let gpu = frame.gpu;
+        if self.kind == Kind::Surroundings && settings.reference.0.is_none() {
+            // A cube elsewhere needs new maps, so that it follows the eye in steps.
+            let step = EYE_STEP * scene.diagonal();
+            let reference = &mut self.wanted.reference;
+            if reference.is_none_or(|before| before.distance(eye) > step) {
+                *reference = Some(eye);
+                self.is_lit = false;
+            }
+        }
         let maps = earlier
             .impostors
             .of(frame, scene, &self.wanted, earlier.settings_version, seed)?
@@ -195,7 +214,7 @@ impl Impostor {
         };
         let uniform = gpu::Impostor {
             reference: bound.maps.reference.to_array(),
-            instance: self.wanted.instances[0],
+            instance: self.instance,
             center: bound.maps.center.to_array(),
             search: settings.search.number(),
             iterations: settings.iterations,
@@ -204,7 +223,7 @@ impl Impostor {
             is_classical: u32::from(settings.search == Search::None),
             world_from_shape: bound.maps.world_from_shape.to_array(),
             number: self.number,
-            is_rough: u32::from(self.kind == Kind::Rough),
+            is_rough: u32::from(!self.kind.is_smooth()),
             draws_lobes: u32::from(settings.lobes == Lobes::Drawn),
             padding: 0,
         };
@@ -249,7 +268,7 @@ impl Impostor {
         for (points, stored) in layers.iter().zip(&bound.stored) {
             let receiver = Receiver::new(points, &self.target);
             // Other techniques add the light of emitters to rough lobes.
-            earlier.gather(frame, scene, &receiver, self.kind != Kind::Rough)?;
+            earlier.gather(frame, scene, &receiver, self.kind.is_smooth())?;
             add_others(frame, &receiver)?;
             let seen = self.seen.of(&receiver, || {
                 let seen = [("seen", points.view.as_entire_binding())];
@@ -333,7 +352,7 @@ impl Impostor {
             textures.push(("distances", &maps.distances));
             textures.extend(maps.normals.iter().map(|normals| ("normals", normals)));
         }
-        let instance = self.wanted.instances[0];
+        let instance = self.instance;
         textures
             .into_iter()
             .map(|(name, texture)| (format!("distance-impostor.{instance}.{name}"), texture))

@@ -190,7 +190,7 @@ crate::settings! {
         /// mean is exact.
         pub lobes: Lobes = Lobes::Filtered => any(),
         /// Most cubes. If there are more objects, those near each other share one; refractors have their own or none.
-        pub cubes: u32 = 16 => in_range(2.0, 32.0),
+        pub cubes: u32 = 16 => in_range(3.0, 32.0),
         /// Objects with impostors: names separated by commas, * for any characters; auto: those with ideal surfaces.
         pub objects: String = AUTO.to_owned() => any(),
     }
@@ -293,7 +293,7 @@ impl Technique for DistanceImpostor {
             // The cubes of rough objects hold no emitters, so transmission through rough objects is left to other
             // techniques.
             let claim = match group.kind {
-                GroupKind::Rough => Claims::GLOSSY,
+                GroupKind::Rough | GroupKind::Surroundings => Claims::GLOSSY,
                 GroupKind::Mirror => Claims::SPECULAR,
                 GroupKind::Refractor => {
                     Claims::SPECULAR | Claims::TRANSMISSION | Claims::REFRACTION
@@ -306,7 +306,8 @@ impl Technique for DistanceImpostor {
         let has = |kind| self.groups.iter().any(|group| group.kind == kind);
         let refracts = has(GroupKind::Refractor);
         let is_smooth = refracts || has(GroupKind::Mirror);
-        let lobes = match (is_smooth, has(GroupKind::Rough)) {
+        let is_rough = has(GroupKind::Rough) || has(GroupKind::Surroundings);
+        let lobes = match (is_smooth, is_rough) {
             (true, true) => "[GS]",
             (false, _) => "G",
             (true, false) => "S",
@@ -393,6 +394,7 @@ impl Technique for DistanceImpostor {
             kernels: &self.kernels,
             settings: &self.settings,
             seed,
+            eye: Vec3::from_array(view.uniform.origin),
             is_refined,
         };
         let now = Some((scene.versions, earlier.settings_version));
