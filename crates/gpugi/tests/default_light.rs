@@ -64,7 +64,7 @@ fn chamber() {
 
 #[test]
 fn teapot() {
-    still_picture_is_near_the_truth("teapot", 0.07);
+    still_picture_is_near_the_truth("teapot", 0.035);
 }
 
 #[test]
@@ -74,5 +74,5 @@ fn spheres() {
 
 #[test]
 fn shapes() {
-    still_picture_is_near_the_truth("shapes", 0.095);
+    still_picture_is_near_the_truth("shapes", 0.06);
 }

@@ -18,5 +18,5 @@ pub struct Impostor {
     pub number: u32,
     pub is_rough: u32,
     pub draws_lobes: u32,
-    pub padding: u32,
+    pub is_shared: u32,
 }

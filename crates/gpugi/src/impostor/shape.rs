@@ -148,7 +148,9 @@ impl ObjectMaps {
         let view = CubeView::new(self.maps.center, side, near(scene), 0, 0);
         let wanted = &self.wanted;
         capture.record_cube(frame, scene, &view, |draw| {
-            wanted.is_own(draw).then(|| scene.whole_class(draw).from_both_sides())
+            wanted
+                .is_own(draw)
+                .then(|| scene.whole_class(draw).from_both_sides())
         })?;
         let points = points.clone();
         frame.compute("impostor.store", |pass| {

@@ -299,10 +299,9 @@ impl Caustic {
         } = making;
         let mut draws = scene.draws.iter();
         let lights = making.lights.get(number as usize);
-        let (Some(draw), Some(lights)) = (
-            draws.find(|draw| draw.instance == self.instance),
-            lights,
-        ) else {
+        let (Some(draw), Some(lights)) =
+            (draws.find(|draw| draw.instance == self.instance), lights)
+        else {
             return Vec::new();
         };
         let jitter = if settings.frames > 1 {

@@ -67,9 +67,15 @@ impl Group {
     }
 
     fn new(units: &[Unit], scene: &GpuScene) -> Self {
-        let mut members: Vec<u32> = units.iter().flat_map(|unit| &unit.members).copied().collect();
+        let mut members: Vec<u32> = units
+            .iter()
+            .flat_map(|unit| &unit.members)
+            .copied()
+            .collect();
         members.sort_unstable();
-        let roughness = members.iter().map(|&one| scene.objects[one as usize].least_roughness);
+        let roughness = members
+            .iter()
+            .map(|&one| scene.objects[one as usize].least_roughness);
         let roughness = roughness.fold(1.0, f32::min);
         let members: Arc<[u32]> = members.into();
         let kind = units[0].kind;
@@ -105,7 +111,9 @@ pub fn groups(claimed: &[u32], scene: &GpuScene, most: usize) -> Vec<Group> {
     };
     let mut refractors = of_kind(Kind::Refractor);
     refractors.sort_by(|a, b| b.size.total_cmp(&a.size));
-    let mut shared = [Kind::Mirror, Kind::Rough, Kind::Surroundings].map(of_kind).to_vec();
+    let mut shared = [Kind::Mirror, Kind::Rough, Kind::Surroundings]
+        .map(of_kind)
+        .to_vec();
     shared.retain(|units| !units.is_empty());
     // What shares cubes gets half of them if it needs as many, and one per kind in any case.
     let sharing: usize = shared.iter().map(Vec::len).sum();
@@ -140,12 +148,18 @@ fn units(claimed: &[u32], scene: &GpuScene) -> Vec<Unit> {
     }
     let key = |index: u32| {
         let object = &scene.objects[index as usize];
-        (object.part_of.is_none().then_some(index), object.part_of, Kind::of(object))
+        (
+            object.part_of.is_none().then_some(index),
+            object.part_of,
+            Kind::of(object),
+        )
     };
     let mut sorted = claimed.to_vec();
     sorted.sort_by_key(|&index| (key(index), index));
     let units = sorted.chunk_by(|&a, &b| key(a) == key(b)).map(|members| {
-        let boxes = members.iter().filter_map(|&one| boxes[one as usize].as_ref());
+        let boxes = members
+            .iter()
+            .filter_map(|&one| boxes[one as usize].as_ref());
         let (low, high) = boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
             (low.min(one.min), high.max(one.max))
         });
@@ -177,7 +191,11 @@ fn spread(units: &[Unit]) -> f32 {
         return -1.0;
     }
     let (low, high) = corners(units);
-    let weight = if units[0].kind == Kind::Mirror { MIRROR_SPREAD } else { 1.0 };
+    let weight = if units[0].kind == Kind::Mirror {
+        MIRROR_SPREAD
+    } else {
+        1.0
+    };
     weight * (high - low).length()
 }
 

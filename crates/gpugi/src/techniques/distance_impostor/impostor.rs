@@ -79,8 +79,9 @@ const EYE_STEP: f32 = 0.05;
 pub struct Impostor {
     /// Number of the cube, to which the objects' claims refer.
     number: u32,
-    /// The first of the objects' instances.
+    /// The first of the objects' instances, and whether there are more.
     instance: u32,
+    is_shared: bool,
     wanted: Wanted,
     kind: Kind,
     radiance: wgpu::Texture,
@@ -149,6 +150,7 @@ impl Impostor {
         Ok(Self {
             number,
             instance: group.members[0],
+            is_shared: group.members.len() > 1,
             wanted: Wanted {
                 instances: group.left_out.clone(),
                 side,
@@ -225,7 +227,7 @@ impl Impostor {
             number: self.number,
             is_rough: u32::from(!self.kind.is_smooth()),
             draws_lobes: u32::from(settings.lobes == Lobes::Drawn),
-            padding: 0,
+            is_shared: u32::from(self.is_shared),
         };
         if self.written != Some(uniform) {
             gpu.write(&self.uniform, 0, std::slice::from_ref(&uniform));

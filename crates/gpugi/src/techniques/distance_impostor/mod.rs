@@ -282,8 +282,7 @@ impl Technique for DistanceImpostor {
         let wanted = objects.filter(|(_, object)| is_wanted(object));
         self.wanted = wanted.map(|(index, _)| index as u32).collect();
         let cubes = self.settings.cubes;
-        let is_grouped =
-            |grouped: &ObjectMapsKey<u32>| grouped.serves(&cubes, &self.wanted, scene);
+        let is_grouped = |grouped: &ObjectMapsKey<u32>| grouped.serves(&cubes, &self.wanted, scene);
         if !self.grouped.as_ref().is_some_and(is_grouped) {
             self.groups = groups::groups(&self.wanted, scene, cubes as usize);
             self.grouped = Some(ObjectMapsKey::new(&cubes, &self.wanted, scene));
