@@ -15,7 +15,7 @@ use serde_json::{Map, Value};
 use crate::compare::{in_json, print_line};
 use crate::output::{write_json, write_png};
 use crate::progress::Progress;
-use crate::render::{apply_settings, chosen, is_path_tracer, parse_size, print_notes, usage};
+use crate::render::{Chosen, is_path_tracer, parse_size, print_notes};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
@@ -126,8 +126,6 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let aspect = size[0] as f32 / size[1] as f32;
     let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
     let gpu = Gpu::open(&common.adapter)?;
-    let (mut renderer, set) = chosen(&gpu, &scene, size, &arguments.technique)?;
-    notes.extend(set.into_iter().flat_map(|set| set.notes));
     let of_reference = format!("{}.", gpugi::reference::INFO.name);
     if let Some(set) = arguments
         .set
@@ -139,35 +137,35 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
-    apply_settings(&mut renderer, &arguments.set)?;
+    let settings = &arguments.set;
+    let mut chosen = Chosen::new(&gpu, &scene, size, &arguments.technique, settings)?;
     interrupt::catch();
 
     let mut shown = (String::new(), Progress::new(common.quiet));
-    let measured = measure(
-        &gpu,
-        &scene,
-        &camera,
-        &mut renderer,
-        &options,
-        &mut |progress| {
-            if shown.0 != progress.stage {
-                shown.1.finish();
-                shown = (progress.stage.clone(), Progress::new(common.quiet));
-            }
-            let message = format!("{}: {}", progress.stage, progress.state);
-            shown.1.show(progress.fraction, &message);
-            if interrupt::asked() {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
-        },
-    )
-    .map_err(|error| match error {
-        MeasureError::Render(error) => usage(error),
-        other => other.into(),
-    })?;
+    let mut report = |progress: &gpugi::measure::Progress| {
+        if shown.0 != progress.stage {
+            shown.1.finish();
+            shown = (progress.stage.clone(), Progress::new(common.quiet));
+        }
+        let message = format!("{}: {}", progress.stage, progress.state);
+        shown.1.show(progress.fraction, &message);
+        if interrupt::asked() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
+    let measured = loop {
+        let renderer = &mut chosen.renderer;
+        match measure(&gpu, &scene, &camera, renderer, &options, &mut report) {
+            Ok(measured) => break measured,
+            Err(MeasureError::Render(error)) => chosen.without_atlas(error)?,
+            Err(other) => return Err(other.into()),
+        }
+    };
     shown.1.finish();
+    let Chosen { renderer, set, .. } = chosen;
+    notes.extend(set.into_iter().flat_map(|set| set.notes));
 
     notes.extend(measured.notes.iter().cloned());
     print_notes(common, &notes);

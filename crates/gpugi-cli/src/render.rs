@@ -150,21 +150,66 @@ pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
         .collect()
 }
 
-/// A renderer with the named techniques, or with the default set for a still picture, which is returned too.
-pub fn chosen(
-    gpu: &Gpu,
-    scene: &Scene,
+/// A renderer with the techniques that were named, or else with the default set for a still picture.
+pub struct Chosen<'a> {
+    gpu: &'a Gpu,
+    scene: &'a Scene,
     size: [u32; 2],
-    named: &[String],
-) -> anyhow::Result<(Renderer, Option<DefaultSet>)> {
-    if !named.is_empty() {
-        let renderer = Renderer::new(gpu, scene, size, named).map_err(usage)?;
-        return Ok((renderer, None));
+    settings: &'a [String],
+    /// The renderer, with all `--set` options applied.
+    pub renderer: Renderer,
+    /// The default set, unless techniques were named.
+    pub set: Option<DefaultSet>,
+}
+
+impl<'a> Chosen<'a> {
+    /// For pictures of `size`; `settings` are the `--set` options.
+    pub fn new(
+        gpu: &'a Gpu,
+        scene: &'a Scene,
+        size: [u32; 2],
+        named: &[String],
+        settings: &'a [String],
+    ) -> anyhow::Result<Self> {
+        let (mut renderer, set) = if named.is_empty() {
+            let registry = Registry::default();
+            let set = default_set(scene, &gpu.adapter, Purpose::StillPicture, &registry);
+            let renderer = Renderer::with_set(gpu, scene, size, &set, &registry);
+            (renderer.map_err(usage)?, Some(set))
+        } else {
+            let renderer = Renderer::new(gpu, scene, size, named);
+            (renderer.map_err(usage)?, None)
+        };
+        apply_settings(&mut renderer, settings)?;
+        Ok(Self {
+            gpu,
+            scene,
+            size,
+            settings,
+            renderer,
+            set,
+        })
     }
-    let registry = Registry::default();
-    let set = default_set(scene, &gpu.adapter, Purpose::StillPicture, &registry);
-    let renderer = Renderer::with_set(gpu, scene, size, &set, &registry).map_err(usage)?;
-    Ok((renderer, Some(set)))
+
+    /// Replaces the technique of the default set that `error` says has no atlas. A note lists the `--set` options that
+    /// no longer apply. Other errors are returned.
+    pub fn without_atlas(&mut self, error: LightingError) -> anyhow::Result<()> {
+        let smaller = self.set.take().and_then(|set| set.without_atlas(&error));
+        let mut set = smaller.ok_or_else(|| usage(error))?;
+        let registry = Registry::default();
+        let renderer = Renderer::with_set(self.gpu, self.scene, self.size, &set, &registry);
+        self.renderer = renderer.map_err(usage)?;
+        for [technique, key, value] in split_settings(self.settings)? {
+            if set.names().iter().any(|name| name == technique) {
+                self.renderer.set(technique, key, value).map_err(usage)?;
+            } else {
+                let unused = format!("--set {technique}.{key}={value} has no effect");
+                set.notes.push(unused);
+            }
+        }
+        self.set = Some(set);
+        Ok(())
+    }
 }
 
 /// Applies `--set` options.
@@ -315,34 +360,32 @@ fn render_techniques(
     shown: Option<&DisplaySettings>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
-    let (mut renderer, mut set) = chosen(gpu, scene, arguments.size, &arguments.technique)?;
+    let (size, settings) = (arguments.size, &arguments.set);
+    let mut chosen = Chosen::new(gpu, scene, size, &arguments.technique, settings)?;
     print_notes(common, notes);
     let started = Instant::now();
     let (maps, left_out, mut costs) = loop {
-        apply_settings(&mut renderer, &arguments.set)?;
-        renderer.set_seed(arguments.seed);
-        let left_out = renderer.left_out();
+        chosen.renderer.set_seed(arguments.seed);
+        let left_out = chosen.renderer.left_out();
         let mut of_set = Vec::new();
         if !left_out.is_empty() {
             of_set.push(format!("not in this picture: {}", left_out.join("; ")));
         }
-        of_set.extend(set.iter().flat_map(|set| set.notes.iter().cloned()));
+        of_set.extend(chosen.set.iter().flat_map(|set| set.notes.iter().cloned()));
         print_notes(common, &of_set);
         let mut costs = Costs::default();
-        match converge(common, &mut renderer, camera, arguments.explain, &mut costs) {
+        let renderer = &mut chosen.renderer;
+        match converge(common, renderer, camera, arguments.explain, &mut costs) {
             Ok(maps) => {
                 notes.extend(of_set);
                 break (maps, left_out, costs);
             }
-            Err(error) => {
-                let smaller = set.take().and_then(|set| set.without_atlas(&error));
-                let smaller = set.insert(smaller.ok_or_else(|| usage(error))?);
-                let registry = Registry::default();
-                renderer = Renderer::with_set(gpu, scene, arguments.size, smaller, &registry)
-                    .map_err(usage)?;
-            }
+            Err(error) => chosen.without_atlas(error)?,
         }
     };
+    let Chosen {
+        mut renderer, set, ..
+    } = chosen;
     let maps_seconds = started.elapsed().as_secs_f64();
     let samples = arguments.samples.unwrap_or(TECHNIQUE_SAMPLES);
     let mut progress = Progress::new(common.quiet);

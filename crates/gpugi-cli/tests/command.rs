@@ -117,6 +117,27 @@ fn maps_converge_before_the_first_sample() {
     assert_ne!(one_by_one, render("few.exr", "radiosity.iterations=1"));
 }
 
+/// Only unwrapping tells that a scene has no atlas; here because of an absurd density.
+#[test]
+fn a_picture_without_an_atlas_takes_another_technique_and_says_so() {
+    if skip_gpu() {
+        return;
+    }
+    let picture = folder("without-atlas").join("cornell.png");
+    let picture = picture.to_str().expect("a path");
+    let mut arguments = vec!["render", "cornell", "--size", "8x8", "--samples", "1"];
+    arguments.extend(["--set", "radiosity.density=1e6", "-o", picture]);
+    let rendered = gpugi(&arguments);
+    let said = String::from_utf8_lossy(&rendered.stderr);
+    assert!(rendered.status.success(), "{said}");
+    for part in [
+        "final-gather stands in for radiosity: the atlas needs ",
+        "--set radiosity.density=1e6 has no effect",
+    ] {
+        assert!(said.contains(part), "{part:?} is not in {said}");
+    }
+}
+
 #[test]
 fn dumped_domains_cover_the_sky() {
     if skip_gpu() {

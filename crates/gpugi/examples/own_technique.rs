@@ -114,7 +114,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .get_or_insert_with(gpugi_scene::Environment::default_sky);
     let mut registry = Registry::default();
     registry.insert_before(
-        "caustics",
+        "distance-impostor",
         Registration {
             info: &INFO,
             fields: Settings::fields,

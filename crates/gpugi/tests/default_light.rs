@@ -69,7 +69,7 @@ fn teapot() {
 
 #[test]
 fn spheres() {
-    still_picture_is_near_the_truth("spheres", 0.055);
+    still_picture_is_near_the_truth("spheres", 0.04);
 }
 
 #[test]

@@ -67,6 +67,15 @@ impl LightPaths {
         }
     }
 
+    /// These paths, with `bounces` such as `S{1,2}` between the light and their first surface.
+    pub fn after(&self, bounces: &str) -> Self {
+        let rest = self.pattern.strip_prefix('L').unwrap_or(&self.pattern);
+        Self {
+            class: self.class,
+            pattern: Cow::Owned(format!("L{bounces}{rest}")),
+        }
+    }
+
     /// These paths, continued over further `bounces` such as `S{1,2}` before they reach the eye.
     pub fn continued(&self, bounces: &str) -> Self {
         let before = self.pattern.strip_suffix('E').unwrap_or(&self.pattern);
@@ -138,6 +147,22 @@ pub fn overlap(a: &[LightPaths], b: &[LightPaths]) -> Option<(LightClass, String
             Some((class, path))
         })
         .min_by_key(|(_, path)| path.len())
+}
+
+/// The largest n for which the paths `LSDE`, `LSSDE`, ... with up to n ideal surfaces are all in a set: 0 if it has no
+/// caustics of lights of `class`.
+///
+/// # Panics
+/// See [`overlap`].
+pub fn caustic_depth(covered: &[LightPaths], class: LightClass) -> u32 {
+    let is_covered = |surfaces: &u32| {
+        let light = LightPaths::new(class, "LE");
+        overlap(covered, &[light.continued(&format!("S{{{surfaces}}}D"))]).is_some()
+    };
+    (1..=pattern::MAX_COUNT)
+        .take_while(is_covered)
+        .last()
+        .unwrap_or(0)
 }
 
 /// The shortest path in a set that a path tracer cannot find from the eye. On such a path, light from a source without

@@ -16,7 +16,7 @@ pub(super) const SYMBOLS: [char; 5] = ['L', 'D', 'G', 'S', 'E'];
 const MAX_LENGTH: usize = 256;
 
 /// Maximum count in a repetition.
-const MAX_COUNT: u32 = 32;
+pub(super) const MAX_COUNT: u32 = 32;
 
 /// The reason why a pattern is invalid. Positions count characters from 1.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -5,7 +5,7 @@ use gpugi_scene::{Light, LightKind};
 
 use super::gpu::LightSample;
 use crate::scene::Emitter;
-use crate::sequences::{R2, R3, additive};
+use crate::sequences::{GOLDEN_RATIO, R2, additive};
 
 /// A punctual light as a sample without views.
 pub fn punctual(light: &Light) -> LightSample {
@@ -78,7 +78,7 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
     }
     // All points of a turn are shifted alike. So they cover the emitters as evenly as those of the first turn, and so
     // do the points of equal index over all turns.
-    let shift = additive(R3, turn);
+    let shift = additive(R2, turn);
     let mut before = 0.0;
     let mut index = 0;
     let sample = |number| {
@@ -90,8 +90,10 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
         let emitter = &emitters[index];
         let [a, b, c] = emitter.corners;
         let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
-        let [x, y] = additive(R2, number);
-        let [x, y] = [x + shift[1], y + shift[2]].map(|one| (0.5 + one).fract() as f32);
+        // The remainder within the triangle is as evenly spread as the power, which makes each triangle's points a
+        // lattice: a quarter to half the error of an additive sequence in both dimensions.
+        let x = ((at - before) / weights[index].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) as f32;
+        let [y] = additive([GOLDEN_RATIO], number).map(|y| (0.5 + y + shift[1]).fract() as f32);
         // Map the unit square to the triangle, preserving relative areas (Heitz 2019).
         let (u, v) = if y > x {
             (x / 2.0, y - x / 2.0)
@@ -118,4 +120,53 @@ pub fn on_emitters(emitters: &[Emitter], count: u32, turn: u32) -> Vec<LightSamp
         }
     };
     (0..count).map(sample).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::vec3;
+
+    use super::*;
+
+    /// The irradiance of a square lamp at points near it, against a sum over 100 x 100 points. An additive sequence in
+    /// both dimensions errs by up to 4.4 % with these 64 points.
+    #[test]
+    fn points_on_a_lamp_stand_for_all_of_it() {
+        let side = 0.6;
+        let corner = |x: f32, z: f32| vec3((x - 0.5) * side, 1.55, (z - 0.5) * side);
+        let emitters = [[(1.0, 0.0), (1.0, 1.0)], [(1.0, 1.0), (0.0, 1.0)]].map(|[b, c]| Emitter {
+            instance: 0,
+            primitive: 0,
+            corners: [corner(0.0, 0.0), corner(b.0, b.1), corner(c.0, c.1)],
+            radiance: Vec3::ONE,
+            two_sided: false,
+        });
+        let irradiance = |from: Vec3, at: Vec3, normal: Vec3| {
+            let away = at - from;
+            let cosines = -away.y * -away.dot(normal);
+            cosines.max(0.0) / away.length_squared().powi(2)
+        };
+        let places = [
+            (vec3(-1.0, 1.2, -0.9), Vec3::X),
+            (vec3(1.0, 1.0, 0.5), -Vec3::X),
+            (vec3(0.3, 0.8, -1.0), Vec3::Z),
+            (vec3(0.2, 0.0, 0.6), Vec3::Y),
+            (vec3(0.5, 1.0, 0.1), Vec3::Y),
+        ];
+        for turn in 0..8 {
+            let samples = on_emitters(&emitters, 64, turn);
+            for (at, normal) in places {
+                let of_sample = |sample: &LightSample| {
+                    irradiance(Vec3::from_array(sample.position), at, normal) * sample.area
+                };
+                let found: f32 = samples.iter().map(of_sample).sum();
+                let cells = (0..10_000).map(|cell| (cell % 100, cell / 100));
+                let points =
+                    cells.map(|(x, z)| corner((x as f32 + 0.5) / 100.0, (z as f32 + 0.5) / 100.0));
+                let sum: f32 = points.map(|from| irradiance(from, at, normal)).sum();
+                let ratio = found / (sum * side * side / 1e4);
+                assert!((ratio - 1.0).abs() < 0.02, "turn {turn}, {at}: {ratio}");
+            }
+        }
+    }
 }

@@ -50,6 +50,11 @@ impl Default for Registry {
                 make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
             },
             Registration {
+                info: &caustics::INFO,
+                fields: caustics::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(caustics::Caustics::new(gpu, scene)?)),
+            },
+            Registration {
                 info: &radiosity::INFO,
                 fields: radiosity::Settings::fields,
                 make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
@@ -63,11 +68,6 @@ impl Default for Registry {
                 info: &obscurances::INFO,
                 fields: obscurances::Settings::fields,
                 make: |_, _| Ok(Box::new(obscurances::Obscurances::default())),
-            },
-            Registration {
-                info: &caustics::INFO,
-                fields: caustics::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(caustics::Caustics::new(gpu, scene)?)),
             },
             Registration {
                 info: &distance_impostor::INFO,

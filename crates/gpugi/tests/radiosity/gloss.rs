@@ -2,19 +2,19 @@
 //! Where they are not followed, this room has 15 % (glass) to 64 % (Phong) of its light.
 
 use glam::{Vec3, Vec4, vec3};
-use gpugi::light_paths::{LightClass, LightPaths};
-use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi::light_paths::{LightClass, LightPaths, overlap};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, MaterialModel, Mesh, Scene, Volume};
 
 use super::common::{gpu, place};
 use super::{against_the_path_tracer, inside_out, renderer};
 
-/// A closed bright room with a large ball in its middle, and a camera that looks away from it into a corner.
-fn room_with(ball: Material) -> (Scene, Camera) {
+/// A closed bright room with a ball of `radius` (m) in its middle, and a camera that looks away from it into a corner.
+fn room_with(ball: Material, radius: f32) -> (Scene, Camera) {
     let mut scene = Scene::new("room");
     let room = inside_out(cuboid(vec3(-1.0, 0.0, -1.0), vec3(1.0, 1.6, 1.0), 1));
     place(&mut scene, room, Material::matt("walls", Vec3::splat(0.7)));
-    let mut mesh: Mesh = sphere(0.6, 24);
+    let mut mesh: Mesh = sphere(radius, 24);
     for position in &mut mesh.positions {
         *position += vec3(0.0, 0.7, 0.0);
     }
@@ -69,7 +69,7 @@ fn light_by_way_of_mirrors_glass_and_gloss_is_the_path_tracers() {
             },
         ),
     ] {
-        let (scene, camera) = room_with(ball);
+        let (scene, camera) = room_with(ball, 0.6);
         let settings = ["resolution=128", "rays=16", "iterations=32", "steps=8"];
         let techniques = ["shadow-map", "radiosity"];
         let mut renderer = renderer(&gpu, &scene, &techniques, 24, &settings);
@@ -80,12 +80,46 @@ fn light_by_way_of_mirrors_glass_and_gloss_is_the_path_tracers() {
     }
 }
 
+/// A mirror ball throws the light of a lamp onto the walls, and the walls reflect it onto each other: 12 % of the light
+/// that radiosity adds here.
+#[test]
+fn light_that_caustics_bring_is_reflected_on() {
+    let Some(gpu) = gpu() else { return };
+    let mirror = Material {
+        base_color: Vec4::ONE,
+        metallic: 1.0,
+        roughness: 0.0,
+        ..Material::default()
+    };
+    let (mut scene, camera) = room_with(mirror, 0.35);
+    scene.lights.clear();
+    let lamp = quad(vec3(-0.3, 1.55, -0.3), 0.6 * Vec3::X, 0.6 * Vec3::Z, 1);
+    let shining = Material {
+        emissive: Vec3::splat(5.0),
+        ..Material::matt("lamp", Vec3::ZERO)
+    };
+    place(&mut scene, lamp, shining);
+    let settings = ["resolution=128", "rays=16", "iterations=32", "steps=8"];
+    let error = |techniques: &[&str]| {
+        let mut renderer = renderer(&gpu, &scene, techniques, 24, &settings);
+        let (error, ratio) = against_the_path_tracer(&gpu, &scene, &camera, &mut renderer);
+        println!("{techniques:?}: rel-mse {error:.1e}, {ratio:.4} of the light");
+        assert!(error < 1e-3, "{techniques:?}: {error}");
+        assert!((ratio - 1.0).abs() < 0.02, "{techniques:?}: {ratio}");
+        renderer
+    };
+    error(&["shadow-map", "radiosity"]);
+    let renderer = error(&["shadow-map", "caustics", "radiosity"]);
+    let bounced = LightPaths::new(LightClass::Area, "LSDDE");
+    assert!(overlap(renderer.light_paths_of("radiosity"), &[bounced]).is_some());
+}
+
 /// Diffuse scenes keep their paths and their speed.
 #[test]
 fn paths_over_other_surfaces_are_declared_where_there_are_any() {
     let Some(gpu) = gpu() else { return };
     let declared = |ball: Material, settings: &[&str]| {
-        let (scene, _) = room_with(ball);
+        let (scene, _) = room_with(ball, 0.6);
         let renderer = renderer(&gpu, &scene, &["shadow-map", "radiosity"], 8, settings);
         let paths = renderer.light_paths();
         let is_indirect =

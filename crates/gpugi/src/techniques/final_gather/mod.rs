@@ -17,7 +17,7 @@ mod tests;
 use super::{Earlier, Generated, Info, Inspection, Plan, Technique};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
-use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use made::{Made, Own};
@@ -80,6 +80,10 @@ impl FinalGather {
         // Cubes see the diffuse part of it.
         if !is_own && adds(covered, class, "LDE") {
             paths.push(new(format!("LD{middle}DE")));
+        }
+        let caustics = caustic_depth(covered, class);
+        if caustics > 0 {
+            paths.push(new(format!("LS{{1,{caustics}}}D{middle}DE")));
         }
         let is_indirect = |one: &&LightPaths| adds(std::slice::from_ref(*one), class, "LDDE");
         paths.extend(of_class.filter(is_indirect).map(|one| one.continued("D")));

@@ -12,7 +12,7 @@ use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
 use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
 use crate::scene::{DrawClass, GpuScene};
-use crate::sequences::low_discrepancy;
+use crate::sequences::{GOLDEN_RATIO, R2, low_discrepancy};
 use crate::shader;
 
 /// Fewest pixels per side of a bundle.
@@ -266,16 +266,14 @@ impl Lines {
     /// over their pixels.
     fn new(number: u32, seed: u32, bounds: &Bounds, side: u32) -> Self {
         // Each line serves both of its directions: a hemisphere covers the whole sphere.
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        const PLASTIC: f64 = 0.754_877_666_246_692_8;
         let [along, around, roll] = offsets(seed);
         let fraction = |value: f64| value.fract() as f32;
         let z = fraction(f64::from(number.reverse_bits()) / f64::from(u32::MAX) + along);
-        let phi = TAU * fraction(f64::from(number) * GOLDEN + around);
+        let phi = TAU * fraction(f64::from(number) * GOLDEN_RATIO + around);
         let radius = (1.0 - z * z).max(0.0).sqrt();
         let direction = Vec3::new(radius * phi.cos(), radius * phi.sin(), z).normalize();
         let (right, up) = direction.any_orthonormal_pair();
-        let (sin, cos) = (TAU * fraction(f64::from(number) * PLASTIC + roll)).sin_cos();
+        let (sin, cos) = (TAU * fraction(f64::from(number) * R2[0] + roll)).sin_cos();
         let (right, up) = (right * cos + up * sin, up * cos - right * sin);
 
         // The scene's bounding sphere, and a margin of one pixel for the lines' offsets in their pixels.

@@ -21,7 +21,7 @@ use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
@@ -35,8 +35,8 @@ pub const INFO: Info = Info {
     summary: "indirect light between diffuse surfaces, kept in the texels of an atlas",
     source: "tutorial section 6.1; Szirmay-Kalos 1999; Barsi et al. 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, BETWEEN_ALL[0]),
-        LightPaths::new(LightClass::Area, BETWEEN_ALL[0]),
+        LightPaths::new(LightClass::Punctual, "LS*D[DGS]*DE"),
+        LightPaths::new(LightClass::Area, "LS*D[DGS]*DE"),
         LightPaths::new(LightClass::Environment, BETWEEN_ALL[0]),
     ],
     // Unwrapping takes too long for a live view; default sets for other purposes decide for themselves.
@@ -217,6 +217,11 @@ impl Technique for Radiosity {
                 paths.push(LightPaths::new(class, all));
             } else if is_covered(class) {
                 paths.push(LightPaths::new(class, indirect));
+            }
+            let caustics = caustic_depth(covered, class);
+            if caustics > 0 {
+                let light = LightPaths::new(class, indirect);
+                paths.push(light.after(&format!("S{{1,{caustics}}}")));
             }
         }
         Plan::adding(paths, scene)
