@@ -102,6 +102,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         detail: arguments.detail,
         environment: arguments.environment.clone(),
         time: 0.0,
+        limits: String::new(),
         without: arguments.without.clone(),
     })?;
     print_notes(common, &notes);

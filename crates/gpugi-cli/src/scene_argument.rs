@@ -29,11 +29,30 @@ pub struct SceneArguments {
         hide_default_value = true
     )]
     pub without: String,
+    /// Raises, or lowers, what files may ask for: file=BYTES, side=TEXELS, images=BYTES, scene=BYTES, expansion=N,
+    /// separated by commas; bytes may end in KiB, MiB or GiB (docs/security.md)
+    #[arg(
+        long,
+        value_name = "NAME=VALUE,...",
+        default_value = "",
+        hide_default_value = true
+    )]
+    pub limits: String,
+}
+
+impl SceneArguments {
+    /// The limits on what files may ask for.
+    pub fn limits(&self) -> anyhow::Result<Limits> {
+        let mut limits = Limits::default();
+        let set = limits.set(&self.limits);
+        set.map_err(|reason| Usage(format!("--limits: {reason}")))?;
+        Ok(limits)
+    }
 }
 
 /// Loads the scene, and adds a sky if it has no light. Also returns notes for the user.
 pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> {
-    let limits = Limits::default();
+    let limits = arguments.limits()?;
     let name = &arguments.scene;
     let is_file = Path::new(name).extension().is_some() || name.contains(std::path::MAIN_SEPARATOR);
     let mut scene = if is_file {

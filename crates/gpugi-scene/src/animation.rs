@@ -150,6 +150,17 @@ pub struct MorphTarget {
     pub tangents: Vec<Vec3>,
 }
 
+impl MorphTarget {
+    /// Bytes in memory.
+    pub fn byte_size(&self) -> usize {
+        let vectors = self.positions.len() + self.normals.len() + self.tangents.len();
+        size_of::<Self>() + vectors * size_of::<Vec3>()
+    }
+}
+
+/// Memory of a joint that influences a vertex (bytes).
+pub(crate) const JOINT_BYTES: usize = size_of::<(u32, f32)>();
+
 /// Which joints move each vertex.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Influences {

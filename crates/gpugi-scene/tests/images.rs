@@ -13,7 +13,8 @@ const LIMITS: Limits = Limits {
     file_bytes: 1 << 24,
     image_side: 64,
     image_bytes: 1 << 16,
-    elements: 0,
+    scene_bytes: 0,
+    expansion: 1024,
 };
 
 fn encoded(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {
@@ -416,4 +417,28 @@ fn a_missing_file_is_named() {
         (error.file.as_str(), error.place.as_str()),
         ("gone.exr", "open")
     );
+}
+
+/// A full disk, and a folder that vanishes: an error that names the file, and nothing under the final name.
+#[test]
+fn faults_while_writing_leave_nothing_broken() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("images-faults");
+    std::fs::remove_dir_all(&folder).ok();
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("a.bin");
+    let full = replace_file(&path, |file| {
+        std::io::Write::write_all(file, b"the beginning")?;
+        Err(std::io::ErrorKind::StorageFull.into())
+    });
+    let error = full.unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
+    assert!(error.to_string().contains("a.bin"), "{error}");
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0);
+    let vanished = replace_file(&path, |file| {
+        std::io::Write::write_all(file, b"all of it")?;
+        std::fs::remove_dir_all(&folder)
+    });
+    assert!(vanished.unwrap_err().to_string().contains("a.bin"));
+    assert!(!folder.exists());
+    assert!(save_png(&path, 1, 1, &[0; 4]).is_err());
 }

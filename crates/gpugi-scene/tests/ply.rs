@@ -175,11 +175,11 @@ fn errors_name_the_place() {
     binary.truncate(binary.len() - 1);
     assert!(error(&binary).contains("the file ends too early"));
     let small = Limits {
-        elements: 4,
+        scene_bytes: 400,
         ..Limits::default()
     };
     let refused = import("test.ply", PYRAMID.as_bytes(), &NoFiles, &small).unwrap_err();
-    assert!(refused.reason.contains("more than the limit of 4"));
+    assert!(refused.reason.contains("exceed the limit of 400"));
 }
 
 #[test]

@@ -28,6 +28,7 @@ pub mod lighting;
 mod lights;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod measure;
+pub mod prefiltered;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;

@@ -2,6 +2,9 @@
 //! [`Lighting::gather`] lights a receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are
 //! thin loops around these two.
 
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 
 use gpugi_scene::Scene;
@@ -11,8 +14,10 @@ use crate::capture::{CaptureKernels, Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
+use crate::prefiltered::Environments;
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingError;
+pub use crate::techniques::Budget;
 use crate::techniques::{Earlier, Generated, Inspection, Map, Plan, Registry, Technique};
 
 /// Lighting that cannot do what it was asked.
@@ -56,12 +61,13 @@ pub enum LightingError {
 pub enum Readiness {
     /// The maps of this still scene are final.
     Ready,
-    /// The maps can be gathered and become better with every frame.
+    /// The maps can be gathered and become better with every frame. Until the last of them is made again, some may show
+    /// the scene as it was before its last change.
     Refining {
         /// Share of the work that is done (0 to 1).
         progress: f32,
     },
-    /// What is gathered now lacks light, or shows the scene as it was.
+    /// What is gathered now lacks light.
     Pending {
         /// Share of the work that is done (0 to 1).
         progress: f32,
@@ -92,12 +98,15 @@ pub struct Lighting {
     capture: CaptureKernels,
     emission: Emission,
     impostors: Impostors,
+    environments: Environments,
     techniques: Vec<Box<dyn Technique>>,
     plans: Vec<Plan>,
     generated: Vec<Generated>,
     /// Grows with every setting.
     settings_version: u64,
     lights_elsewhere: bool,
+    /// Work of the last [`Lighting::prepare`].
+    work: u64,
 }
 
 impl Lighting {
@@ -149,11 +158,13 @@ impl Lighting {
             emission: Emission::new(gpu, scene)?,
             impostors: Impostors::new(gpu, scene, &capture)?,
             capture,
+            environments: Environments::default(),
             plans: Vec::new(),
             generated: vec![Generated::FINAL; techniques.len()],
             lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
             techniques,
             settings_version: 0,
+            work: 0,
         };
         lighting.validate(scene)?;
         Ok(lighting)
@@ -274,8 +285,8 @@ impl Lighting {
         })
     }
 
-    /// Records what brings the maps of all techniques up to date for what `view` sees. Never waits: work that takes
-    /// several frames is pending and continues in the next call. To cancel it, stop calling.
+    /// Records what brings the maps of all techniques up to date for what `view` sees, as far as `budget` allows. Never
+    /// waits: work that takes several frames continues in the next call. To cancel it, stop calling.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -284,21 +295,27 @@ impl Lighting {
         frame: &mut Frame<'_>,
         scene: &mut GpuScene,
         view: &View,
+        budget: Budget,
     ) -> Result<Readiness, GpuError> {
         scene.merge(frame);
         self.impostors.begin_frame();
-        let mut revision = 0;
+        self.environments.begin_frame();
+        self.work = 0;
+        let (mut revision, mut lookups) = (0, 1);
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
             let mut earlier = Earlier::new(
                 &mut self.emission,
                 techniques,
                 &mut self.impostors,
+                &mut self.environments,
                 self.settings_version,
                 revision,
                 self.lights_elsewhere,
-            );
+            )
+            .within(budget.after(self.work), lookups);
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
+            self.work = self.work.saturating_add(earlier.work());
             self.generated[index] = generated;
             if let Some(what) = generated.pending {
                 // Later techniques would take the light of maps that are stale.
@@ -308,6 +325,7 @@ impl Lighting {
                 });
             }
             revision += generated.revision;
+            lookups += u64::from(self.plans[index].lookups);
         }
         let progress = self
             .generated
@@ -319,6 +337,11 @@ impl Lighting {
         } else {
             Readiness::Ready
         })
+    }
+
+    /// Work of the last [`Lighting::prepare`], in units of [`Budget`].
+    pub fn work(&self) -> u64 {
+        self.work
     }
 
     /// Lights a receiver: what emitters and the environment send straight to it, and what all techniques add.
@@ -345,13 +368,14 @@ impl Lighting {
         receiver: &Receiver,
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
-        self.emission.record(frame, scene, receiver)?;
+        let gathered = self.emission.attenuation.begin(frame, receiver)?;
+        self.emission.record(frame, scene, &gathered)?;
         for technique in &mut self.techniques {
             if adds(technique.info().name) {
-                technique.gather(frame, scene, receiver)?;
+                technique.gather(frame, scene, &gathered)?;
             }
         }
-        Ok(())
+        self.emission.attenuation.end(frame, receiver)
     }
 
     /// Saved progress of techniques, by name. Waits for the GPU.

@@ -1,11 +1,15 @@
 //! Pictures: a camera's pixels as receivers of a scene's lighting, and their display.
 
-use std::ops::{ControlFlow, Range};
+#[cfg(test)]
+mod tests;
+mod tiles;
+
+use std::ops::ControlFlow;
 
 use glam::Vec2;
 use gpugi_scene::{Camera, Scene};
 
-use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
+use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
 use crate::display::{Display, DisplaySettings, Part, Present};
 use crate::gpu::{
@@ -13,10 +17,11 @@ use crate::gpu::{
     read_buffer,
 };
 use crate::light_paths::{LightClass, LightPaths};
-use crate::lighting::{Lighting, LightingError, Readiness, light_classes};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Inspection, Map, Registry, Technique};
+use tiles::{Tile, tiles};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
@@ -29,6 +34,7 @@ pub struct Renderer {
     display: Display,
     samples: u32,
     seed: u32,
+    budget: Budget,
 }
 
 /// While pipelines compile.
@@ -36,14 +42,6 @@ const COMPILING: Readiness = Readiness::Pending {
     progress: 0.0,
     what: "shaders",
 };
-
-/// As many rows of the picture as fit one buffer of surface points.
-#[derive(Debug)]
-struct Tile {
-    rows: Range<u32>,
-    capture: Capture,
-    receiver: Receiver,
-}
 
 impl Renderer {
     /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a
@@ -99,6 +97,7 @@ impl Renderer {
             tiles,
             samples: 0,
             seed: 0,
+            budget: Budget::UNLIMITED,
         })
     }
 
@@ -186,6 +185,16 @@ impl Renderer {
         self.samples = 0;
     }
 
+    /// Limits the work on maps per frame, for live views; unlimited at first.
+    pub fn set_budget(&mut self, budget: Budget) {
+        self.budget = budget;
+    }
+
+    /// Work on maps in the last frame, in units of [`Budget`].
+    pub fn work(&self) -> u64 {
+        self.lighting.work()
+    }
+
     /// Width and height of the picture (pixels).
     pub fn size(&self) -> [u32; 2] {
         self.size
@@ -217,6 +226,11 @@ impl Renderer {
     /// The techniques in use.
     pub fn techniques(&self) -> &[Box<dyn Technique>] {
         self.lighting.techniques()
+    }
+
+    /// The lighting of the scene.
+    pub fn lighting(&self) -> &Lighting {
+        &self.lighting
     }
 
     /// The scene on the GPU.
@@ -337,7 +351,8 @@ impl Renderer {
         let diagonal = self.scene.diagonal();
         let (index, seed) = (View::NO_SAMPLE, self.seed);
         let view = View::new(camera, self.size, Vec2::ZERO, index, seed, diagonal);
-        self.lighting.prepare(frame, &mut self.scene, &view)
+        let budget = self.budget;
+        self.lighting.prepare(frame, &mut self.scene, &view, budget)
     }
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the
@@ -403,7 +418,10 @@ impl Renderer {
         };
         let diagonal = self.scene.diagonal();
         let view = View::new(camera, self.size, jitter, self.samples, self.seed, diagonal);
-        let readiness = self.lighting.prepare(frame, &mut self.scene, &view)?;
+        let budget = self.budget;
+        let readiness = self
+            .lighting
+            .prepare(frame, &mut self.scene, &view, budget)?;
         if !readiness.is_usable() {
             return Ok(readiness);
         }
@@ -548,139 +566,5 @@ impl Renderer {
     /// Every map that exists now.
     pub fn maps(&self) -> Vec<Map> {
         self.lighting.maps()
-    }
-}
-
-impl Tile {
-    fn part(&self) -> Part {
-        Part {
-            radiance: self.receiver.target.radiance.clone(),
-            pixels: self.receiver.points.count,
-        }
-    }
-}
-
-/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
-/// pixels each.
-fn tiles(
-    gpu: &Gpu,
-    lighting: &Lighting,
-    size: [u32; 2],
-    most_points: u32,
-) -> Result<Vec<Tile>, GpuError> {
-    let limits = gpu.limits();
-    let bytes = limits
-        .max_buffer_size
-        .min(limits.max_storage_buffer_binding_size);
-    let most_points = (bytes / SURFACE_POINT_BYTES).min(u64::from(most_points));
-    let most_rows =
-        (most_points / u64::from(size[0].max(1))).min(u64::from(limits.max_texture_dimension_2d));
-    // A row at least: if that is too large, its buffer says so.
-    let count = u64::from(size[1]).div_ceil(most_rows.max(1)).max(1) as u32;
-    let kernels = lighting.capture_kernels();
-    (0..count)
-        .map(|index| {
-            let row =
-                |index: u32| (u64::from(size[1]) * u64::from(index) / u64::from(count)) as u32;
-            let rows = row(index)..row(index + 1);
-            let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
-            let target = Target::new(gpu, capture.points.count)?;
-            Ok(Tile {
-                receiver: Receiver::new(&capture.points, &target),
-                capture,
-                rows,
-            })
-        })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use gpugi_scene::builtin::builtin;
-
-    use super::*;
-    use crate::testing::test_gpu;
-
-    #[test]
-    fn renderers_may_move_between_threads() {
-        fn is_send_and_sync<T: Send + Sync>() {}
-        is_send_and_sync::<Renderer>();
-        is_send_and_sync::<crate::bake::LightBake<'_>>();
-        is_send_and_sync::<crate::reference::PathTracer>();
-    }
-
-    /// Shadows, mirrors, glass, light in texels and see-through surfaces alike.
-    #[test]
-    fn a_picture_lit_in_tiles_has_no_seams() {
-        let Some(gpu) = test_gpu() else { return };
-        let size = [48, 37];
-        let settings = [
-            ("shadow-map", "area-samples", "4"),
-            ("radiosity", "resolution", "64"),
-            ("radiosity", "iterations", "4"),
-            ("distance-impostor", "resolution", "32"),
-        ];
-        let names = ["shadow-map", "radiosity", "distance-impostor"].map(str::to_owned);
-        let scene = builtin("glass-room", 1).unwrap();
-        let picture = |most_points: u32| {
-            let mut renderer = Renderer::new(&gpu, &scene, size, &names).unwrap();
-            for (technique, name, value) in settings {
-                renderer.set(technique, name, value).unwrap();
-            }
-            renderer.cut(size, most_points).unwrap();
-            let display = DisplaySettings::default();
-            for _ in 0..2 {
-                renderer
-                    .render_sample(&scene.cameras[0], 2, Some(&display), false)
-                    .unwrap();
-            }
-            let points = renderer.surface_points().unwrap();
-            let picked = renderer.pick([20, 30]).unwrap().wait().unwrap();
-            assert_eq!(picked, points[30 * 48 + 20]);
-            assert!(picked.is_some());
-            (
-                renderer.tiles.len(),
-                renderer.radiance().unwrap(),
-                renderer.pixels().unwrap(),
-            )
-        };
-        let (one, whole, shown) = picture(u32::MAX);
-        let (several, tiled, shown_tiled) = picture(48 * 8);
-        assert_eq!((one, several), (1, 5));
-        assert_eq!(whole.len(), tiled.len());
-        let far = whole
-            .iter()
-            .zip(&tiled)
-            .filter(|(a, b)| (*a - *b).abs() > 1e-3 * a.abs().max(0.05));
-        // A rasterizer may decide otherwise at a triangle's edge.
-        assert!(far.count() <= 3 * 4);
-        let differs = shown
-            .iter()
-            .zip(&shown_tiled)
-            .filter(|(a, b)| a.abs_diff(**b) > 1);
-        assert!(differs.count() <= 3 * 4);
-        assert!(
-            Renderer::pick(&Renderer::new(&gpu, &scene, size, &names).unwrap(), [48, 0]).is_err()
-        );
-    }
-
-    #[test]
-    fn frames_that_never_wait_come_to_the_same_picture() {
-        let Some(gpu) = test_gpu() else { return };
-        let scene = builtin("spheres", 1).unwrap();
-        let camera = &scene.cameras[0];
-        let mut blocking = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
-        blocking.render_sample(camera, 1, None, false).unwrap();
-        let mut live = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
-        let mut waited = 0;
-        while live.samples() == 0 {
-            let readiness = live.try_render_sample(camera, 1, None).unwrap();
-            waited += u32::from(!readiness.is_usable());
-        }
-        assert!(waited > 0, "an environment's domains take a frame at least");
-        assert_eq!(live.radiance().unwrap(), blocking.radiance().unwrap());
-        live.resize([24, 8]).unwrap();
-        live.render_sample(camera, 1, None, false).unwrap();
-        assert_eq!(live.radiance().unwrap().len(), 24 * 8 * 3);
     }
 }

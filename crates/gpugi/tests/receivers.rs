@@ -8,7 +8,7 @@ use common::gpu;
 use glam::{Mat4, Vec2, Vec3, vec3};
 use gpugi::capture::{Output, Probe, Receiver, Slots, Target, View};
 use gpugi::gpu::{Frame, Gpu, read_buffer};
-use gpugi::lighting::Lighting;
+use gpugi::lighting::{Budget, Lighting};
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::{Camera, Environment, Image, Light, LightKind, Material, Pixels, Scene};
@@ -36,7 +36,7 @@ fn lit(
     loop {
         let mut frame = Frame::new(gpu, false);
         let readiness = lighting
-            .prepare(&mut frame, &mut on_gpu, &view)
+            .prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)
             .expect("maps");
         if readiness.is_usable() {
             frame.clear(&target.radiance);
@@ -223,4 +223,64 @@ fn results_lie_in_their_slots() {
     }
     let target = Target::new(&gpu, 10).expect("a target");
     assert!(Receiver::of_probes(&gpu, &probes, Output::Fluence, &target, slots).is_err());
+}
+
+/// Beer-Lambert: light that comes through a medium of extinction sigma from distance d is e^(-sigma d) of what it was,
+/// and is added to what the target holds.
+#[test]
+fn what_is_seen_through_a_medium_is_dimmed() {
+    let Some(gpu) = gpu() else { return };
+    let (scene, intensity, lamp) = lamp_over_block();
+    let extinction = vec3(0.1, 0.4, 1.5);
+    let eye = vec3(3.0, 1.0, 0.0);
+    let positions = [
+        vec3(1.5, 1.0, 0.5),
+        vec3(-1.5, 0.7, 0.2),
+        vec3(0.1, 2.0, 1.0),
+    ];
+    let transmittance = positions.map(|at| (-extinction * at.distance(eye)).exp());
+    let probes = positions.map(|position| Probe {
+        position,
+        direction: Vec3::Y,
+    });
+    let names = ["shadow-map".to_owned()];
+    let registry = Registry::default();
+    let mut on_gpu = Lighting::upload(&gpu, &scene, &names, &registry).expect("an upload");
+    let mut lighting = Lighting::new(&gpu, &mut on_gpu, &names, &registry).expect("lighting");
+    lighting.light_elsewhere();
+    let target = Target::new(&gpu, 7).expect("a target");
+    let slots = Slots {
+        first: 1,
+        stride: 2,
+    };
+    let receiver = Receiver::of_probes(&gpu, &probes, Output::Fluence, &target, slots);
+    let factors = transmittance.map(|one| one.extend(0.0).to_array());
+    let factors = gpu.storage("transmittance", &factors).expect("a buffer");
+    let plain = receiver.expect("a receiver");
+    let dimmed = plain.clone().seen_through(&factors).expect("a receiver");
+    let camera = Camera::look_at("", vec3(0.0, 50.0, 0.0), vec3(0.0, 60.0, 0.1), 0.5);
+    let view = View::new(&camera, [8, 8], Vec2::ZERO, 0, 0, on_gpu.diagonal());
+    let emission = vec3(0.25, 0.5, 0.75);
+    gpu.write(&target.radiance, 0, &[emission.extend(0.0).to_array(); 7]);
+    let mut frame = Frame::new(&gpu, false);
+    let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED);
+    assert!(readiness.expect("maps").is_usable());
+    // Two layers.
+    for _ in 0..2 {
+        let lit = lighting.gather(&mut frame, &on_gpu, &dimmed);
+        lit.expect("light");
+    }
+    frame.submit().expect("a frame");
+    let sums: Vec<[f32; 4]> = read_buffer(&gpu, &target.radiance, 7 * 16).expect("sums");
+    for (entry, [r, g, b, _]) in sums.into_iter().enumerate() {
+        let mut expected = emission;
+        if entry % 2 == 1 {
+            let point = entry / 2;
+            let fluence = intensity / (lamp - positions[point]).length_squared();
+            expected += 2.0 * fluence * transmittance[point];
+        }
+        near(vec3(r, g, b), expected, 1e-3);
+    }
+    let few = gpu.storage("transmittance", &[[1.0_f32; 4]; 2]);
+    assert!(plain.seen_through(&few.expect("a buffer")).is_err());
 }

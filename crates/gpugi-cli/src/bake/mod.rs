@@ -11,7 +11,7 @@ use gpugi::gpu::Gpu;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::environment_map::{self, export};
 use gpugi_scene::image::save_ktx2;
-use gpugi_scene::{Limits, import_environment};
+use gpugi_scene::import_environment;
 
 use crate::output::{make_folder, write_json};
 use crate::render::split_settings;
@@ -87,7 +87,8 @@ fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         SettingSet::set(&mut settings, key, value)
             .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
     }
-    let environment = import_environment(Path::new(&arguments.scene.scene), &Limits::default())?;
+    let limits = arguments.scene.limits()?;
+    let environment = import_environment(Path::new(&arguments.scene.scene), &limits)?;
     let folder = &arguments.output;
     make_folder(folder)?;
     let gpu = Gpu::open(&common.adapter)?;

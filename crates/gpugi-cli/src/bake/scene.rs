@@ -17,7 +17,7 @@ use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity,
 use gpugi::{Purpose, default_set};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
-use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Limits, Scene, TexelDensity};
+use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Scene, TexelDensity};
 
 use super::has_extension;
 use super::work::Work;
@@ -111,7 +111,7 @@ pub struct SceneOptions {
     /// GPU memory for the texels lit at once (MiB); scene and maps take more
     #[arg(long, value_name = "MIB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
-    /// Resume a stopped bake from FILE.glb.checkpoint
+    /// Resume a stopped bake from FILE.glb.checkpoint, or start it if there is none
     #[arg(long)]
     resume: bool,
     /// Write every technique's maps, and images of the texels inside geometry, into this folder
@@ -178,8 +178,7 @@ pub fn run(
     let build = build_hash().context("this program's own file cannot be read")?;
     let key = CheckpointKey::new(&build, &key);
     let mut work = Work::new(common, &gpu, output, key);
-    if options.resume {
-        work.resume(&scene)?;
+    if options.resume && work.resume(&scene)? {
         let kept = &work.done.atlas;
         anyhow::ensure!(
             kept.size == options.atlas_size && kept.pages <= most_pages(kept.size),
@@ -187,6 +186,11 @@ pub fn run(
             work.path.display()
         );
     } else {
+        if options.resume {
+            let path = work.path.display();
+            let note = format!("{path}: there is no checkpoint yet; the bake starts");
+            print_notes(common, &[note]);
+        }
         work.done.atlas = unwrap(&scene, options, &mut work.progress)?;
     }
     work.timed("unwrapping");
@@ -221,6 +225,7 @@ pub fn run(
             samples: options.samples,
             seed: options.seed,
             memory: u64::from(options.memory) << 20,
+            ..LightOptions::default()
         };
         let mut bake =
             LightBake::new(&gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;
@@ -263,7 +268,7 @@ pub fn run(
             dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
-    let warnings = write(&scene, &arguments.scene, &atlas, &pages, output)?;
+    let warnings = write(&scene, arguments, &atlas, &pages, output)?;
     notes.extend(warnings);
     work.timed("writing");
     work.forget();
@@ -492,12 +497,13 @@ impl Lights {
 /// Writes the file; returns warnings about what could not be preserved.
 fn write(
     scene: &Scene,
-    name: &str,
+    arguments: &SceneArguments,
     atlas: &Atlas,
     pages: &[BakedPage],
     output: &Path,
 ) -> anyhow::Result<Vec<String>> {
-    let limits = Limits::default();
+    let limits = arguments.limits()?;
+    let name = &arguments.scene;
     let path = PathBuf::from(name);
     let exported = if has_extension(&path, &["gltf", "glb"]) {
         let bytes = std::fs::read(&path).with_context(|| format!("{name}: cannot be read"))?;

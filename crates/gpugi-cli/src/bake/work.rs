@@ -1,6 +1,6 @@
 //! The long-running work of a bake: its progress, timings and checkpoint.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -46,15 +46,19 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads the checkpoint.
-    pub fn resume(&mut self, scene: &Scene) -> anyhow::Result<()> {
-        let nothing = format!("{}: nothing to go on from", self.path.display());
-        let bytes = std::fs::read(&self.path)
-            .context("cannot be read")
-            .context(nothing.clone())?;
+    /// Reads the checkpoint. Returns whether there is one: without, the bake begins, so that a script can call the same
+    /// line until it succeeds.
+    pub fn resume(&mut self, scene: &Scene) -> anyhow::Result<bool> {
+        let path = self.path.display();
+        let bytes = match std::fs::read(&self.path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(false),
+            read => read.with_context(|| format!("{path}: cannot be read"))?,
+        };
         let read = Checkpoint::from_bytes(&bytes, &self.key, scene);
-        self.done = read.context(nothing)?;
-        Ok(())
+        self.done = read.with_context(|| {
+            format!("{path}: nothing to go on from; without --resume the bake starts anew")
+        })?;
+        Ok(true)
     }
 
     /// Ends a part and records its duration.

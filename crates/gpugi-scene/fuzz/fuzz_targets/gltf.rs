@@ -9,7 +9,8 @@ const LIMITS: Limits = Limits {
     file_bytes: 1 << 24,
     image_side: 1024,
     image_bytes: 1 << 24,
-    elements: 1_000_000,
+    scene_bytes: 1 << 24,
+    expansion: 1024,
 };
 
 /// There are no other files.

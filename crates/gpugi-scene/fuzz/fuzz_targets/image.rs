@@ -10,7 +10,8 @@ const LIMITS: Limits = Limits {
     file_bytes: 1 << 24,
     image_side: 1024,
     image_bytes: 1 << 24,
-    elements: 0,
+    scene_bytes: 1 << 24,
+    expansion: 1024,
 };
 
 fuzz_target!(|bytes: &[u8]| {

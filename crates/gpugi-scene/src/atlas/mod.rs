@@ -42,7 +42,7 @@ pub struct Atlas {
     pub size: u32,
     /// Number of pages.
     pub pages: u32,
-    /// Per scene instance; `None` if the instance has no area and so is not in the atlas.
+    /// Per scene instance; `None` if the instance has no area, or nothing but slivers, and so is not in the atlas.
     pub instances: Vec<Option<InstanceUvs>>,
 }
 
@@ -101,7 +101,7 @@ impl Atlas {
     /// Lays out every instance of a scene in its current state. The same scene and options give the same atlas.
     ///
     /// Instances share an unwrapping if they share a mesh and are stretched alike, but each has its own rectangle.
-    /// Instances without area are left out.
+    /// Instances without area, and those of nothing but slivers, are left out.
     ///
     /// # Errors
     /// [`AtlasError`]: options out of range, invalid meshes or transforms, or more texels than the options allow.

@@ -23,7 +23,7 @@ pub(super) struct Shape {
 pub(super) type Key = (usize, [i64; 6], i32);
 
 impl Shape {
-    /// The shape of one instance, without its positions; `None` if it has no area.
+    /// The shape of one instance, without its positions; `None` if it has no area, or nothing but slivers.
     pub fn new(instance: &Instance, mesh: &Mesh) -> Result<Option<(Key, Self)>, String> {
         let matrix = instance.world_from_mesh;
         if !matrix.is_finite() {
@@ -35,13 +35,14 @@ impl Shape {
         let scale = (of_world / of_mesh).sqrt();
         // Without area, the scale is NaN.
         let is_positive = |value: f64| value > f64::from(f32::MIN_POSITIVE);
-        if !(is_positive(of_mesh) && is_positive(of_world) && is_positive(scale)) {
+        let has_area = is_positive(of_mesh) && is_positive(of_world) && is_positive(scale);
+        let stretch = linear * (1.0 / scale);
+        if !(has_area && has_chart(mesh, &stretch)) {
             return Ok(None);
         }
         if of_world > f64::from(f32::MAX) || scale > f64::from(f32::MAX) {
             return Err(format!("its area of {of_world:e} m^2 is no 32-bit number"));
         }
-        let stretch = linear * (1.0 / scale);
         let [x, y, z] = [stretch.x_axis, stretch.y_axis, stretch.z_axis];
         let products = [x.dot(x), y.dot(y), z.dot(z), x.dot(y), y.dot(z), z.dot(x)];
         let key = (
@@ -71,6 +72,26 @@ impl Shape {
             ..self
         }
     }
+}
+
+/// Altitude of the thinnest triangle that the unwrapper is given alone, as a fraction of the mesh's diagonal. It leaves
+/// out triangles below a tenth of this, and panics if a mesh has no others.
+const LEAST_ALTITUDE: f64 = 1e-5;
+
+/// Whether any triangle is thick enough for a chart, after a linear transform.
+fn has_chart(mesh: &Mesh, linear: &DMat3) -> bool {
+    let position = |position: &glam::Vec3| *linear * position.as_dvec3();
+    let (min, max) = mesh.positions.iter().map(position).fold(
+        (DVec3::INFINITY, DVec3::NEG_INFINITY),
+        |(min, max), point| (min.min(point), max.max(point)),
+    );
+    let least = (max - min).length() * LEAST_ALTITUDE;
+    mesh.indices.as_chunks::<3>().0.iter().any(|triangle| {
+        let [a, b, c] = triangle.map(|index| position(&mesh.positions[index as usize]));
+        let sides = [b - a, c - b, a - c];
+        let longest = sides.map(DVec3::length).into_iter().fold(0.0, f64::max);
+        sides[0].cross(sides[2]).length() > longest * least
+    })
 }
 
 /// Area of a mesh after a linear transform.

@@ -17,7 +17,7 @@ mod tree;
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 pub use node::NODE_ROWS;
-pub use top::TopLevel;
+pub use top::{MovedItem, TopLevel};
 use tree::Tree;
 
 use crate::Bounds;
@@ -52,16 +52,27 @@ pub const STACK_SIZE: u32 = MESH_LEVELS + TOP_LEVELS - 1;
 /// of the distances and extents involved. One rounding is 2^-24; a chain has about ten.
 const ROUNDING: f64 = 1.0 / (1 << 20) as f64;
 
-/// The hierarchy of the scene would exceed a limit.
+/// Why a scene has no hierarchy.
 #[derive(Debug, Clone, Copy, thiserror::Error, PartialEq, Eq)]
-#[error("{what} of the ray hierarchy: {needed} needed, {limit} is the most")]
-pub struct BvhTooLarge {
-    /// What exceeds the limit: rows (of 16 bytes) or levels.
-    pub what: &'static str,
-    /// The number that the hierarchy would need.
-    pub needed: u64,
-    /// The maximum.
-    pub limit: u64,
+pub enum BvhError {
+    /// It would exceed a limit.
+    #[error("{what} of the ray hierarchy: {needed} needed, {limit} is the most")]
+    TooLarge {
+        /// What exceeds the limit: rows (of 16 bytes) or levels.
+        what: &'static str,
+        /// The number that the hierarchy would need.
+        needed: u64,
+        /// The maximum.
+        limit: u64,
+    },
+    /// A corner is infinite or NaN.
+    #[error("triangle {triangle} of mesh {mesh} has a corner that is not finite")]
+    NotFinite {
+        /// Mesh number.
+        mesh: usize,
+        /// Triangle number.
+        triangle: usize,
+    },
 }
 
 /// A mesh's hierarchy within the rows.
@@ -93,17 +104,21 @@ pub struct BottomLevel {
 }
 
 impl BottomLevel {
-    /// Builds the hierarchies and returns them with their rows. Each mesh is a list of triangles with finite corners in
-    /// mesh space; hits report triangles by their position in that list.
+    /// Builds the hierarchies and returns them with their rows. Each mesh is a list of triangles in mesh space;
+    /// hits report triangles by their position in that list.
     ///
     /// # Errors
-    /// [`BvhTooLarge`].
+    /// [`BvhError`].
     pub fn new(
         meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
-    ) -> Result<(Self, Vec<Row>), BvhTooLarge> {
+    ) -> Result<(Self, Vec<Row>), BvhError> {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
-        for triangles in meshes {
+        for (mesh, triangles) in meshes.into_iter().enumerate() {
+            let is_broken = |corners: &[Vec3; 3]| corners.iter().any(|corner| !corner.is_finite());
+            if let Some(triangle) = triangles.iter().position(is_broken) {
+                return Err(BvhError::NotFinite { mesh, triangle });
+            }
             trees.push(append_mesh(&triangles, &mut rows)?);
         }
         let bottom = Self {
@@ -119,10 +134,10 @@ impl BottomLevel {
     }
 }
 
-fn at_most(what: &'static str, needed: usize, limit: u32) -> Result<u32, BvhTooLarge> {
+fn at_most(what: &'static str, needed: usize, limit: u32) -> Result<u32, BvhError> {
     match u32::try_from(needed) {
         Ok(number) if number <= limit => Ok(number),
-        _ => Err(BvhTooLarge {
+        _ => Err(BvhError::TooLarge {
             what,
             needed: needed as u64,
             limit: limit.into(),
@@ -130,11 +145,11 @@ fn at_most(what: &'static str, needed: usize, limit: u32) -> Result<u32, BvhTooL
     }
 }
 
-fn row_number(rows: usize) -> Result<u32, BvhTooLarge> {
+fn row_number(rows: usize) -> Result<u32, BvhError> {
     at_most("rows", rows, u32::MAX)
 }
 
-fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, BvhTooLarge> {
+fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, BvhError> {
     let root = row_number(rows.len())?;
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
     let largest = if bounds.is_empty() {

@@ -39,8 +39,8 @@ fn build(meshes: &[Vec<[Vec3; 3]>], instances: &[(usize, Mat4)]) -> Built {
             flags: 0,
         })
         .collect();
-    let top = bottom.top_level(&instances).unwrap();
-    rows.extend(top.rows);
+    let (top, top_rows) = bottom.top_level(&instances).unwrap();
+    rows.extend(top_rows);
     Built {
         rows,
         start: top.start,
@@ -348,83 +348,102 @@ fn nothing_to_hit_is_nothing_hit() {
     }
 }
 
+/// `count` instances of a soup in a cube of side 2 `reach`.
+fn scattered(count: usize, reach: f32, random: &mut Random) -> Vec<BvhInstance> {
+    let place = |_| BvhInstance {
+        mesh: 0,
+        world_from_mesh: Mat4::from_translation(random.vector() * reach)
+            * Mat4::from_scale(Vec3::splat(0.1)),
+        flags: 0,
+    };
+    (0..count).map(place).collect()
+}
+
 #[test]
-fn a_refitted_top_level_finds_what_a_new_one_finds() {
+fn moved_instances_keep_their_items() {
     let mut random = Random(7);
-    let meshes = [soup(20, 0.5, &mut random)];
-    let (bottom, rows) = BottomLevel::new(meshes.iter().cloned()).unwrap();
-    for scale in [1e-9, 1.0, 1e12] {
-        let size = Mat4::from_scale(Vec3::splat(scale * 0.1));
-        let placed = |random: &mut Random, reach: f32| {
-            let turn = Quat::from_scaled_axis(random.vector() * 3.0);
-            Mat4::from_translation(random.vector() * scale * reach) * Mat4::from_quat(turn) * size
-        };
-        let instance = |world_from_mesh| BvhInstance {
-            mesh: 0,
-            world_from_mesh,
-            flags: 0,
-        };
-        let mut instances: Vec<BvhInstance> = (0..300)
-            .map(|_| instance(placed(&mut random, 1.0)))
-            .collect();
-        instances[5].world_from_mesh = Mat4::from_scale(Vec3::ZERO);
-        let mut top = bottom.top_level(&instances).unwrap();
-        // One that leaves the others far behind, some, all.
-        for moved in [vec![0], (0..300).step_by(7).collect(), (0..300).collect()] {
-            let before = top.rows.clone();
-            let reach = if moved.len() == 1 { 50.0 } else { 2.0 };
-            for &number in moved.iter().filter(|&&number| number != 5) {
-                instances[number].world_from_mesh = placed(&mut random, reach);
-            }
-            let places = moved
-                .iter()
-                .map(|&number| (number, 0, instances[number].world_from_mesh));
-            let can_refit = |(number, mesh, place)| bottom.can_refit(&top, number, mesh, &place);
-            assert!(places.clone().all(can_refit));
-            let changed = bottom.refit(&mut top, places);
-            if moved.len() == 1 {
-                // Its own rows, and those of each node on the way up.
-                let rows: usize = changed.iter().map(ExactSizeIterator::len).sum();
-                assert!(
-                    rows <= (INSTANCE_ROWS + NODE_ROWS * TOP_LEVELS) as usize,
-                    "{rows}"
-                );
-            }
-            for (row, (before, now)) in before.iter().zip(&top.rows).enumerate() {
-                let is_changed = changed.iter().any(|range| range.contains(&row));
-                assert!(is_changed || before == now, "row {row}");
-            }
-            let of = |top: &TopLevel| Built {
-                rows: [&rows[..], &top.rows].concat(),
-                start: top.start,
-                bottom: bottom.clone(),
-            };
-            let (refitted, new) = (of(&top), of(&bottom.top_level(&instances).unwrap()));
-            let mut hits = 0;
-            for number in 0..600 {
-                // Half of them at an instance.
-                let origin = random.vector() * scale * 4.0;
-                let aim = instances[number % 300].world_from_mesh.w_axis.truncate();
-                let at = if number < 300 {
-                    aim
-                } else {
-                    random.vector() * scale
-                };
-                let found = [&refitted, &new].map(|built| built.closest(origin, at - origin).hit);
-                let [found, expected] = found.map(|hit| hit.map(|hit| (hit.t, hit.instance)));
-                assert_eq!(found, expected, "ray {number} at scale {scale}");
-                hits += usize::from(found.is_some());
-            }
-            assert!(hits > 150, "{hits} hits");
-        }
-        let gone = Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0));
-        assert!(
-            !bottom.can_refit(&top, 0, 0, &gone),
-            "it has no inverse now"
-        );
-        assert!(
-            !bottom.can_refit(&top, 5, 0, &size),
-            "it has an inverse now"
-        );
+    let (bottom, _) = BottomLevel::new([soup(20, 0.5, &mut random)]).unwrap();
+    let mut instances = scattered(300, 1.0, &mut random);
+    instances[5].world_from_mesh = Mat4::from_scale(Vec3::ZERO);
+    let (mut top, rows) = bottom.top_level(&instances).unwrap();
+    let levels = top.levels();
+    let mut nodes = levels.concat();
+    nodes.sort_unstable();
+    assert!(nodes.into_iter().eq(0..top.nodes()));
+    assert_eq!(levels.last(), Some(&vec![0]));
+    assert_eq!(top.boxes.len(), 299);
+    let gone = Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0));
+    assert!(!bottom.can_refit(&top, 0, 0, &gone), "no inverse now");
+    let back = Mat4::IDENTITY;
+    assert!(!bottom.can_refit(&top, 5, 0, &back), "an inverse now");
+    assert_eq!(bottom.place(&mut top, 5, 0, &gone), None);
+    // What stays in its place keeps its rows and its box.
+    for (number, instance) in instances
+        .iter()
+        .enumerate()
+        .filter(|(number, _)| *number != 5)
+    {
+        let boxes = top.boxes.clone();
+        let place = &instance.world_from_mesh;
+        let item = bottom.place(&mut top, number, 0, place).unwrap();
+        let row = (top.nodes() * NODE_ROWS + item.item * INSTANCE_ROWS) as usize;
+        assert_eq!(rows[row..row + INSTANCE_ROWS as usize], item.rows);
+        assert_eq!(boxes[item.item as usize], item.bounds);
     }
+}
+
+#[test]
+fn corners_that_are_not_finite_are_an_error() {
+    let whole = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let broken = [Vec3::ZERO, Vec3::new(0.0, value, 0.0), Vec3::Y];
+        let error = BottomLevel::new([vec![whole], vec![whole, broken]]).unwrap_err();
+        let expected = BvhError::NotFinite {
+            mesh: 1,
+            triangle: 1,
+        };
+        assert_eq!(error, expected);
+    }
+    // An instance that is not finite is left out.
+    let (bottom, _) = BottomLevel::new([vec![whole]]).unwrap();
+    let instance = BvhInstance {
+        mesh: 0,
+        world_from_mesh: Mat4::from_scale(Vec3::splat(f32::NAN)),
+        flags: 0,
+    };
+    let (_, rows) = bottom.top_level(&[instance]).unwrap();
+    assert_eq!(rows.len(), NODE_ROWS as usize);
+}
+
+#[test]
+fn a_tree_is_built_again_when_it_has_become_bad() {
+    let mut random = Random(3);
+    let (bottom, _) = BottomLevel::new([soup(20, 0.5, &mut random)]).unwrap();
+    let instances = scattered(500, 10.0, &mut random);
+    let (built, _) = bottom.top_level(&instances).unwrap();
+    let after = |moved: &dyn Fn(usize, Mat4) -> Mat4| {
+        let mut top = built.clone();
+        for (number, instance) in instances.iter().enumerate() {
+            assert!(!top.has_become_bad(), "not looked at yet");
+            let place = moved(number, instance.world_from_mesh);
+            bottom.place(&mut top, number, 0, &place).unwrap();
+        }
+        top.has_become_bad()
+    };
+    assert!(!after(&|_, place| place));
+    // All together, each a little, one far away.
+    let by = |x: f32| Mat4::from_translation(Vec3::X * x);
+    assert!(!after(&|_, place| by(300.0) * place));
+    assert!(!after(
+        &|number, place| by(0.1 * (number % 3) as f32) * place
+    ));
+    assert!(!after(&|number, place| by(if number == 7 {
+        100.0
+    } else {
+        0.0
+    }) * place));
+    // They change places.
+    assert!(after(
+        &|number, _| instances[(number * 211) % 500].world_from_mesh
+    ));
 }

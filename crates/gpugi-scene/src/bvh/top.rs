@@ -1,57 +1,56 @@
-//! The top level: a hierarchy over instances in world space. It is built when instances come or go, and refitted when
-//! they move.
-
-use std::collections::BTreeSet;
-use std::ops::Range;
+//! The top level: a hierarchy over instances in world space. It is built when instances come or go. When they move, the
+//! GPU refits its nodes.
 
 use glam::Mat4;
 
 use super::tree::Tree;
 use super::{
-    BottomLevel, BvhInstance, BvhTooLarge, INSTANCE_ROWS, NODE_ROWS, Row, TOP_LEVELS, at_most,
-    node, placed, row_number, traverse,
+    BottomLevel, BvhError, BvhInstance, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node, placed,
+    row_number, traverse,
 };
 use crate::Bounds;
+
+/// A tree whose refitted cost exceeds this multiple of the cost as built has become bad.
+const WORST: f64 = 1.5;
 
 /// A top level over instances.
 #[derive(Debug, Clone)]
 pub struct TopLevel {
-    /// Its rows, which follow the rows of the meshes.
-    pub rows: Vec<Row>,
     /// Where rays start: a row and bits, see [`traverse`]. With a single instance, rays start inside it.
     pub start: [u32; 2],
-    first_row: u32,
+    /// World-space boxes of leaf items, in the order of their rows.
+    pub boxes: Vec<Bounds>,
     tree: Tree,
-    /// World-space boxes of leaf items, by primitive of the tree.
-    boxes: Vec<Bounds>,
-    /// World-space boxes of nodes.
-    bounds: Vec<Bounds>,
-    /// Parents by node; the root is its own parent.
-    parents: Vec<u32>,
-    /// Leaves by instance; `None` for instances that are left out.
-    leaves: Vec<Option<Leaf>>,
+    /// Last rows of leaf items, which stay.
+    links: Vec<Row>,
+    /// Leaf item of each instance; `None` for instances that are left out.
+    items: Vec<Option<u32>>,
+    /// [`TopLevel::cost`] as built.
+    built_cost: f64,
+    /// Moves since the cost was last computed.
+    moves: usize,
 }
 
-/// Where an instance is in a top level.
-#[derive(Debug, Clone, Copy)]
-struct Leaf {
-    /// Number of its box.
-    primitive: u32,
-    /// First of its rows among those of the top level.
-    row: u32,
-    /// The node above it.
-    node: u32,
+/// A leaf item at its new place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovedItem {
+    /// Index of the item, in the order of rows.
+    pub item: u32,
+    /// Its rows.
+    pub rows: [Row; INSTANCE_ROWS as usize],
+    /// World-space box.
+    pub bounds: Bounds,
 }
 
 impl BottomLevel {
-    /// A top level over `instances`. It leaves out instances of meshes without triangles and instances whose transform
-    /// has no inverse in 32-bit floats.
+    /// A top level over `instances`, and its rows, which follow the rows of the meshes: nodes, then leaf items. It
+    /// leaves out instances of meshes without triangles and instances whose transform has no inverse in 32-bit floats.
     ///
     /// # Errors
-    /// [`BvhTooLarge`].
-    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<TopLevel, BvhTooLarge> {
+    /// [`BvhError`].
+    pub fn top_level(&self, instances: &[BvhInstance]) -> Result<(TopLevel, Vec<Row>), BvhError> {
         let mut boxes = Vec::new();
-        let mut items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
+        let mut rows_of_items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
         let mut numbers = Vec::new();
         for (number, instance) in instances.iter().enumerate() {
             let mesh = &self.meshes[instance.mesh];
@@ -61,49 +60,34 @@ impl BottomLevel {
             let links = [mesh.root, number as u32, instance.flags, 0];
             let [x, y, z] = matrix_rows(&matrix);
             boxes.push(bounds);
-            items.push([x, y, z, links]);
+            rows_of_items.push([x, y, z, links]);
             numbers.push(number);
         }
         let tree = Tree::new(&boxes, TOP_LEVELS, 1);
         at_most("levels", tree.depth as usize, TOP_LEVELS)?;
-        let (mut rows, bounds) = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
-        let first_item = rows.len() as u32;
-        rows.extend(tree.order.iter().flat_map(|&item| items[item as usize]));
+        let (mut rows, _) = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
+        let order = tree.order.iter().map(|&item| item as usize);
+        rows.extend(order.clone().flat_map(|item| rows_of_items[item]));
         row_number(self.rows as usize + rows.len())?;
-        let start = match items.len() {
-            1 => [self.rows + NODE_ROWS, 1],
+        let start = match numbers.len() {
+            1 => [self.rows + super::NODE_ROWS, 1],
             _ => [self.rows, traverse::FIRST_NODE],
         };
-
-        let mut parents = vec![0; tree.nodes.len()];
-        let mut leaves = vec![None; instances.len()];
-        for (index, node) in (0..).zip(&tree.nodes) {
-            for slot in (0..8).filter(|&slot| !node.is_child_empty(slot)) {
-                if !node.is_leaf(slot) {
-                    parents[node.child_node_index(slot) as usize] = index;
-                    continue;
-                }
-                let (first, count) = node.child_primitives(slot);
-                for at in first..first + count {
-                    let primitive = tree.order[at as usize];
-                    leaves[numbers[primitive as usize]] = Some(Leaf {
-                        primitive,
-                        row: first_item + at * INSTANCE_ROWS,
-                        node: index,
-                    });
-                }
-            }
+        let mut items = vec![None; instances.len()];
+        for (at, item) in (0..).zip(order.clone()) {
+            items[numbers[item]] = Some(at);
         }
-        Ok(TopLevel {
-            rows,
+        let mut top = TopLevel {
             start,
-            first_row: self.rows,
+            boxes: order.clone().map(|item| boxes[item]).collect(),
+            links: order.map(|item| rows_of_items[item][3]).collect(),
             tree,
-            boxes,
-            bounds,
-            parents,
-            leaves,
-        })
+            items,
+            built_cost: 0.0,
+            moves: 0,
+        };
+        top.built_cost = top.cost();
+        Ok((top, rows))
     }
 
     /// Whether moving this instance, of this mesh, to `world_from_mesh` keeps it in `top` or keeps it left out, as a
@@ -116,54 +100,95 @@ impl BottomLevel {
         world_from_mesh: &Mat4,
     ) -> bool {
         let is_placed = placed(&self.meshes[mesh], world_from_mesh).is_some();
-        is_placed == top.leaves[number].is_some()
+        is_placed == top.items[number].is_some()
     }
 
-    /// Moves instances of `top`, each given by its number, its mesh and its transform, for which
-    /// [`BottomLevel::can_refit`] holds. Their boxes and those of the nodes above them fit as in a new top level, but
-    /// each node keeps its instances. Returns the ranges of [`TopLevel::rows`] that changed, in order.
-    pub fn refit(
+    /// Moves an instance of `top`, given by its number, its mesh and its transform, for which
+    /// [`BottomLevel::can_refit`] holds. Returns its leaf item, if it has one; nodes have to be refitted.
+    pub fn place(
         &self,
         top: &mut TopLevel,
-        moved: impl IntoIterator<Item = (usize, usize, Mat4)>,
-    ) -> Vec<Range<usize>> {
-        let mut changed = Vec::new();
-        let mut nodes = BTreeSet::new();
-        for (number, mesh, world_from_mesh) in moved {
-            let place = placed(&self.meshes[mesh], &world_from_mesh);
-            let (Some(leaf), Some((matrix, bounds))) = (top.leaves[number], place) else {
-                continue;
-            };
-            let row = leaf.row as usize;
-            top.rows[row..row + 3].copy_from_slice(&matrix_rows(&matrix));
-            top.boxes[leaf.primitive as usize] = bounds;
-            // Report all rows of the instance: ranges of neighbours then follow each other without a gap, for one
-            // upload.
-            changed.push(row..row + INSTANCE_ROWS as usize);
-            nodes.insert(leaf.node);
-        }
-        // Children follow their parents, so the boxes of the last node's children are final.
-        while let Some(index) = nodes.pop_last() {
-            let children = node::child_bounds(&top.tree, &top.boxes, &top.bounds, index as usize);
-            let bounds = children.into_iter().fold(Bounds::EMPTY, Bounds::union);
-            let rows = node::encode_node(
-                &top.tree,
-                index as usize,
-                &children,
-                top.first_row,
-                INSTANCE_ROWS,
-            );
-            let row = (index * NODE_ROWS) as usize;
-            top.rows[row..row + rows.len()].copy_from_slice(&rows);
-            changed.push(row..row + rows.len());
-            if index > 0 && bounds != top.bounds[index as usize] {
-                nodes.insert(top.parents[index as usize]);
-            }
-            top.bounds[index as usize] = bounds;
-        }
-        changed.sort_unstable_by_key(|range| range.start);
-        changed
+        number: usize,
+        mesh: usize,
+        world_from_mesh: &Mat4,
+    ) -> Option<MovedItem> {
+        let item = top.items[number]?;
+        let (matrix, bounds) = placed(&self.meshes[mesh], world_from_mesh)?;
+        top.boxes[item as usize] = bounds;
+        top.moves += 1;
+        let [x, y, z] = matrix_rows(&matrix);
+        Some(MovedItem {
+            item,
+            rows: [x, y, z, top.links[item as usize]],
+            bounds,
+        })
     }
+}
+
+impl TopLevel {
+    /// Number of nodes.
+    pub fn nodes(&self) -> u32 {
+        self.tree.nodes.len() as u32
+    }
+
+    /// Nodes by level, the deepest level first: in that order they can be refitted.
+    pub fn levels(&self) -> Vec<Vec<u32>> {
+        let mut level_of = vec![0; self.tree.nodes.len()];
+        let mut levels = vec![Vec::new(); self.tree.depth as usize];
+        // Children follow their parents.
+        for (index, node) in self.tree.nodes.iter().enumerate() {
+            let level: usize = level_of[index];
+            levels[level].push(index as u32);
+            for slot in (0..8).filter(|&slot| !node.is_child_empty(slot) && !node.is_leaf(slot)) {
+                level_of[node.child_node_index(slot) as usize] = level + 1;
+            }
+        }
+        levels.reverse();
+        levels
+    }
+
+    /// Whether instances have moved so far, relative to each other, that the tree should be built again: rays visit 1.5
+    /// times as many nodes as when it was built. Looks only when as many moves as there are instances have come together
+    /// since it last looked, so that a move costs little.
+    pub fn has_become_bad(&mut self) -> bool {
+        if self.moves < self.boxes.len() {
+            return false;
+        }
+        self.moves = 0;
+        self.cost() > WORST * self.built_cost
+    }
+
+    /// Nodes that a random ray through the root's box visits, by their surface areas.
+    fn cost(&self) -> f64 {
+        let nodes = &self.tree.nodes;
+        let mut bounds = vec![Bounds::EMPTY; nodes.len()];
+        let mut sum = 0.0;
+        for (index, node) in nodes.iter().enumerate().rev() {
+            let mut all = Bounds::EMPTY;
+            for slot in (0..8).filter(|&slot| !node.is_child_empty(slot)) {
+                if node.is_leaf(slot) {
+                    let (first, count) = node.child_primitives(slot);
+                    let items = &self.boxes[first as usize..(first + count) as usize];
+                    all = items.iter().fold(all, |all, item| all.union(*item));
+                } else {
+                    all = all.union(bounds[node.child_node_index(slot) as usize]);
+                }
+            }
+            bounds[index] = all;
+            sum += area(&all);
+        }
+        let root = bounds.first().map_or(0.0, area);
+        if root > 0.0 { sum / root } else { 1.0 }
+    }
+}
+
+/// Half the surface area of a box.
+fn area(bounds: &Bounds) -> f64 {
+    if bounds.is_empty() {
+        return 0.0;
+    }
+    let extent = bounds.max.as_dvec3() - bounds.min.as_dvec3();
+    extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
 }
 
 /// The three rows of an affine transform.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
 
-use super::ktx2;
+use super::{exr, ktx2};
 use crate::{Image, ImportError, Limits, Pixels};
 
 /// Bytes per texel of [`Pixels::Rgba8`].
@@ -134,17 +134,41 @@ pub(super) fn check_size(
     let side = limits.image_side;
     if width > side || height > side {
         return error(format!(
-            "{width} x {height} texels exceed the limit of {side} a side"
+            "{width} x {height} texels exceed the limit of {side} a side; --limits side=N raises it"
         ));
     }
     let size = u64::from(width) * u64::from(height) * texel;
     if size > limits.image_bytes {
         return error(format!(
-            "{width} x {height} texels need {size} bytes of the {} that are left for images",
+            "{width} x {height} texels need {size} bytes of the {} that are left for images; --limits images=BYTES raises them",
             limits.image_bytes
         ));
     }
     Ok(())
+}
+
+/// The marker before each scan of a JPEG. Compressed data never holds it.
+const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
+/// Encoders write about ten scans.
+const MOST_SCANS: usize = 100;
+
+/// Rejects an image that claims far more texels than `given` bytes can hold.
+pub(super) fn check_expansion(
+    name: &str,
+    (width, height): (u32, u32),
+    texel: u64,
+    given: usize,
+    limits: &Limits,
+) -> Result<(), ImportError> {
+    let size = u64::from(width) * u64::from(height) * texel;
+    let most = limits.expanded(given as u64);
+    if size <= most {
+        return Ok(());
+    }
+    let reason = format!(
+        "{width} x {height} texels need {size} bytes, and a file of {given} bytes may take {most}; --limits expansion=N raises that"
+    );
+    Err(ImportError::new(name, "header", reason))
 }
 
 fn decode(
@@ -155,24 +179,35 @@ fn decode(
     texel: u64,
 ) -> Result<DynamicImage, ImportError> {
     let reader = Cursor::new(bytes);
-    let header = |error| ImportError::new(name, "header", error);
+    let header_error = |reason: String| ImportError::new(name, "header", reason);
+    let header = |error: image::ImageError| header_error(error.to_string());
     match format {
         ImageFormat::Png => {
             let decoder = codecs::png::PngDecoder::with_limits(reader, decoder_limits(limits));
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
         ImageFormat::Jpeg => {
+            // Each scan visits every block, in as few as two bytes per 32,767 of them.
+            let scans = bytes.windows(2).filter(|pair| *pair == START_OF_SCAN);
+            let scans = scans.count();
+            if scans > MOST_SCANS {
+                let reason = format!("{scans} scans, where {MOST_SCANS} are the most");
+                return Err(header_error(reason));
+            }
             let decoder = codecs::jpeg::JpegDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
         ImageFormat::Hdr => {
             let decoder = codecs::hdr::HdrDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
+            let decoder = decoder.map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            finish(name, decoder, limits, texel)
         }
-        _ => {
-            let decoder = codecs::openexr::OpenExrDecoder::new(reader);
-            finish(name, decoder.map_err(header)?, limits, texel)
-        }
+        _ => exr::decode(name, bytes, limits, texel),
     }
 }
 
@@ -183,7 +218,8 @@ fn decoder_limits(limits: &Limits) -> image::Limits {
     decoder_limits
 }
 
-fn finish(
+/// Decodes, once the size is within the limits.
+pub(super) fn finish(
     name: &str,
     mut decoder: impl ImageDecoder,
     limits: &Limits,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use half::f16;
 use ktx2::dfd::{Basic, Block};
-use ktx2::{Format, Header, Index, LevelIndex, Reader};
+use ktx2::{Format, Header, Index, LevelIndex};
 
 use super::replace_file;
 
@@ -215,6 +215,15 @@ struct Layout {
     channel: Channel,
 }
 
+/// The content of level 0, if it lies within the file.
+fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
+    let entry = bytes.get(Header::LENGTH..)?.first_chunk()?;
+    let level = LevelIndex::from_bytes(entry);
+    let start = usize::try_from(level.byte_offset).ok()?;
+    let length = usize::try_from(level.byte_length).ok()?;
+    bytes.get(start..start.checked_add(length)?)
+}
+
 /// `texel`: bytes per decoded texel.
 fn decode(
     name: &str,
@@ -224,8 +233,10 @@ fn decode(
     convert: impl Fn(&Layout, &[u8]) -> Result<Pixels, ImportError>,
 ) -> Result<Image, ImportError> {
     let error = |reason: String| ImportError::new(name, "header", reason);
-    let reader = Reader::new(bytes).map_err(|reason| error(reason.to_string()))?;
-    let stored = reader.header();
+    // Without the crate's reader, which also reads the descriptor, and panics at some.
+    let header = bytes.first_chunk::<{ Header::LENGTH }>();
+    let header = header.ok_or_else(|| error("the file ends inside its header".to_owned()))?;
+    let stored = Header::from_bytes(header).map_err(|reason| error(reason.to_string()))?;
     if let Some(scheme) = stored.supercompression_scheme {
         return Err(error(format!(
             "supercompression {scheme:?} is not supported; store the texels as they are"
@@ -274,11 +285,7 @@ fn decode(
     let wanted = u64::from(layout.size.0)
         * u64::from(layout.size.1)
         * (layout.channels * layout.channel.size()) as u64;
-    let texels = reader
-        .levels()
-        .next()
-        .map(|level| level.data)
-        .unwrap_or_default();
+    let texels = finest_level(bytes).unwrap_or_default();
     if (texels.len() as u64) < wanted {
         return Err(ImportError::new(
             name,

@@ -2,6 +2,7 @@
 
 mod decode;
 mod encode;
+mod exr;
 mod ktx2;
 pub mod metrics;
 

@@ -1,10 +1,11 @@
 //! Importers: turn bytes, with the help of a [`Resolver`], into a [`Scene`].
 
+mod budget;
 pub(crate) mod gltf;
 mod obj;
 mod ply;
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use crate::{Environment, ImportError, Scene};
 
@@ -23,8 +24,50 @@ pub struct Limits {
     pub image_side: u32,
     /// Maximum size of all decoded images of a scene together (bytes).
     pub image_bytes: u64,
-    /// Maximum number of vertices, and of indices, in a scene.
-    pub elements: u64,
+    /// Maximum memory of everything else in a scene together (bytes): geometry, instances, animation, names.
+    pub scene_bytes: u64,
+    /// Maximum memory per byte of input, beyond 256 MiB. It stops short files that claim to hold much. Deflate, the
+    /// densest of the usual encodings, never exceeds 1032.
+    pub expansion: u64,
+}
+
+impl Limits {
+    /// Changes limits as `text` says: `file=BYTES,side=TEXELS,images=BYTES,scene=BYTES,expansion=N`, any of them. Bytes
+    /// may end in KiB, MiB or GiB.
+    ///
+    /// # Errors
+    /// Which part of the text is wrong, and what it may be.
+    pub fn set(&mut self, text: &str) -> Result<(), String> {
+        for part in text.split(',').filter(|part| !part.trim().is_empty()) {
+            let wrong = || {
+                format!(
+                    "\"{}\" is no limit; limits are file, side, images, scene and expansion, as in scene=8GiB",
+                    quoted(part)
+                )
+            };
+            let (name, value) = part.split_once('=').ok_or_else(wrong)?;
+            let value = number_of_bytes(value.trim()).ok_or_else(wrong)?;
+            match name.trim() {
+                "file" => self.file_bytes = value,
+                "side" => self.image_side = u32::try_from(value).map_err(|_| wrong())?,
+                "images" => self.image_bytes = value,
+                "scene" => self.scene_bytes = value,
+                "expansion" => self.expansion = value,
+                _ => return Err(wrong()),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Parses `12`, `12KiB`, `12MiB` or `12GiB`.
+fn number_of_bytes(text: &str) -> Option<u64> {
+    for (unit, bytes) in [("KiB", 1 << 10), ("MiB", 1 << 20), ("GiB", 1 << 30)] {
+        if let Some(number) = text.strip_suffix(unit) {
+            return number.trim().parse::<u64>().ok()?.checked_mul(bytes);
+        }
+    }
+    text.parse().ok()
 }
 
 impl Default for Limits {
@@ -33,12 +76,14 @@ impl Default for Limits {
             file_bytes: 4 << 30,
             image_side: 16_384,
             image_bytes: 8 << 30,
-            elements: 200_000_000,
+            scene_bytes: 8 << 30,
+            expansion: 1024,
         }
     }
 }
 
-/// Reads files relative to the importing file's folder.
+/// Reads files in the importing file's folder, and below it. Paths that lead elsewhere are refused, also by symbolic
+/// links.
 #[derive(Debug, Clone)]
 pub struct FileResolver {
     folder: PathBuf,
@@ -57,8 +102,60 @@ impl FileResolver {
 
 impl Resolver for FileResolver {
     fn read(&self, uri: &str) -> Result<Vec<u8>, String> {
-        read_limited(&self.folder.join(uri), self.limits.file_bytes)
+        read_limited(&self.inside(uri)?, self.limits.file_bytes)
     }
+}
+
+impl FileResolver {
+    /// The file at `uri`, which lies in the folder or below it once `..` and symbolic links are followed.
+    fn inside(&self, uri: &str) -> Result<PathBuf, String> {
+        let outside = "it lies outside the folder of the file that names it; copy it there";
+        let path = Path::new(uri);
+        let is_relative = path
+            .components()
+            .all(|part| !matches!(part, Component::RootDir | Component::Prefix(_)));
+        // Drive letters are refused everywhere, so that a file that imports here also does on Windows.
+        let scheme = uri.split_once(':').map_or("", |(scheme, _)| scheme);
+        let has_scheme = scheme.len() == 1 || scheme.eq_ignore_ascii_case("file");
+        if !is_relative || has_scheme {
+            return Err(outside.into());
+        }
+        let resolved = |path: &Path| path.canonicalize().map_err(|error| error.to_string());
+        let is_here = self.folder.as_os_str().is_empty();
+        let folder = if is_here {
+            Path::new(".")
+        } else {
+            &self.folder
+        };
+        // Before the file is looked for, so that a message never tells whether a file elsewhere exists.
+        let mut depth = 0_i64;
+        for part in path.components() {
+            depth += match part {
+                Component::ParentDir => -1,
+                Component::Normal(_) => 1,
+                _ => 0,
+            };
+            if depth < 0 {
+                return Err(outside.into());
+            }
+        }
+        let file = resolved(&folder.join(path))?;
+        if file.starts_with(resolved(folder)?) {
+            Ok(file)
+        } else {
+            Err(outside.into())
+        }
+    }
+}
+
+/// The beginning of a text from a file, for messages.
+pub(crate) fn quoted(text: &str) -> String {
+    const MOST: usize = 60;
+    let mut shown: String = text.chars().take(MOST).collect();
+    if text.chars().nth(MOST).is_some() {
+        shown.push_str("...");
+    }
+    shown
 }
 
 pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
@@ -75,6 +172,9 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, String> {
     std::fs::read(path).map_err(|error| error.to_string())
 }
 
+/// A file may give cause for a warning in every line; nobody reads more than these.
+const MOST_WARNINGS: usize = 100;
+
 /// Reads a scene from `bytes`. The extension of `name` (.gltf, .glb, .obj, .ply) determines the format; error messages
 /// include `name`.
 pub fn import(
@@ -87,7 +187,7 @@ pub fn import(
         .extension()
         .map(|extension| extension.to_string_lossy().to_lowercase())
         .unwrap_or_default();
-    let scene = match extension.as_str() {
+    let mut scene = match extension.as_str() {
         "gltf" | "glb" => gltf::import(name, bytes, resolver, limits),
         "obj" => obj::import(name, bytes, resolver, limits),
         "ply" => ply::import(name, bytes, limits),
@@ -97,6 +197,11 @@ pub fn import(
             "gpugi reads scenes from .gltf, .glb, .obj and .ply files",
         )),
     }?;
+    let more = scene.warnings.len().saturating_sub(MOST_WARNINGS);
+    if more > 0 {
+        scene.warnings.truncate(MOST_WARNINGS);
+        scene.warnings.push(format!("and {more} more warnings"));
+    }
     for (index, mesh) in scene.meshes.iter().enumerate() {
         mesh.check().map_err(|reason| {
             ImportError::new(name, format!("mesh {index} ({})", mesh.name), reason)

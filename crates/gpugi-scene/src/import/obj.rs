@@ -7,14 +7,21 @@ mod geometry;
 mod material;
 mod texture;
 
-use std::collections::HashMap;
+use std::collections::HashSet;
+use std::rc::Rc;
 
 use glam::{Mat4, vec4};
 
 use self::geometry::Geometry;
 use self::material::Library;
+use super::budget::Budget;
+use super::quoted;
 use crate::normals::{CREASE_ANGLE, smooth_normals};
-use crate::{ImportError, Limits, Material, Resolver, Scene, tangents};
+use crate::{ImportError, Limits, Material, Mesh, Resolver, Scene, tangents};
+
+/// Memory of a corner while normals or tangents are generated (bytes): the face, the corner in two tables, and the new
+/// vertex in a third one and in the mesh.
+const SPLIT_BYTES: usize = 256;
 
 /// Reads an OBJ scene: one instance per group (or object) and material. Parts without normals get smooth ones. Missing
 /// files other than the OBJ itself (material libraries, images) cause warnings.
@@ -25,33 +32,41 @@ pub fn import(
     limits: &Limits,
 ) -> Result<Scene, ImportError> {
     let text = String::from_utf8_lossy(bytes);
-    let geometry = Geometry::parse(name, &text, limits)?;
+    let budget = Budget::new(limits, bytes.len());
+    let geometry = Geometry::parse(name, &text, &budget)?;
     let mut scene = Scene::new(name);
     scene.warnings = geometry.warnings;
-    let mut library = Library::new(resolver, limits);
+    let mut library = Library::new(resolver, &budget);
     for names in &geometry.libraries {
         library.load(names, &mut scene)?;
     }
 
     let mut default_material = None;
-    let mut missing = HashMap::new();
+    let mut missing = HashSet::new();
     for part in geometry.parts {
         let found = part.material.as_deref().and_then(|name| library.find(name));
         let material = found.unwrap_or_else(|| {
-            if let Some(name) = &part.material {
-                missing.entry(name.clone()).or_insert_with(|| {
-                    let warning = format!("material \"{name}\" is in no library: it becomes grey");
-                    scene.warnings.push(warning);
-                });
+            if let Some(name) = &part.material
+                && missing.insert(Rc::clone(name))
+            {
+                let name = quoted(name);
+                let warning = format!("material \"{name}\" is in no library: it becomes grey");
+                scene.warnings.push(warning);
             }
             *default_material.get_or_insert_with(|| scene.add_material(grey()))
         });
 
         let mut mesh = part.mesh;
+        let charge = |mesh: &Mesh| {
+            let charged = budget.charge(mesh.indices.len() as u64, SPLIT_BYTES);
+            charged.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))
+        };
         if mesh.normals.is_empty() {
+            charge(&mesh)?;
             smooth_normals(&mut mesh, CREASE_ANGLE);
         }
         if scene.materials[material].normal_texture.is_some() {
+            charge(&mesh)?;
             tangents::generate(&mut mesh, 0);
         }
         let name = mesh.name.clone();
@@ -82,12 +97,7 @@ fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
             .parse()
             .ok()
             .filter(|number: &f32| number.is_finite())
-            .ok_or_else(|| format!("\"{}\" is no finite number", shortened(word)))?;
+            .ok_or_else(|| format!("\"{}\" is no finite number", quoted(word)))?;
     }
     Ok(values)
-}
-
-/// The beginning of a word, for messages.
-fn shortened(word: &str) -> String {
-    word.chars().take(40).collect()
 }

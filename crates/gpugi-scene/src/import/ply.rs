@@ -10,6 +10,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
 
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
+use super::budget::Budget;
 use crate::normals::{CREASE_ANGLE, smooth_normals};
 use crate::tangents::unit_or;
 use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
@@ -20,10 +21,13 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     let header = Header::parse(bytes)
         .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
     let mut values = Values::new(&bytes[header.size..], header.format);
-    let mesh = read(&header, &mut values, limits).map_err(|error| match error {
-        Failure::Place(place, reason) => ImportError::new(name, place, reason),
-        Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
-    })?;
+    let mesh =
+        read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(
+            |error| match error {
+                Failure::Place(place, reason) => ImportError::new(name, place, reason),
+                Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
+            },
+        )?;
 
     let mut scene = Scene::new(name);
     let stem = std::path::Path::new(name).file_stem();
@@ -54,26 +58,32 @@ impl From<String> for Failure {
     }
 }
 
-fn read(header: &Header, values: &mut Values, limits: &Limits) -> Result<Mesh, Failure> {
+/// Memory of a vertex (bytes): position, normal, texture coordinate and colour, in vectors that may be twice as large
+/// as their contents.
+const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
+/// Memory of an index (bytes), likewise.
+const INDEX_BYTES: usize = 2 * size_of::<u32>();
+/// Memory of a corner while normals are generated (bytes): the face, the corner in two tables, and the new vertex in a
+/// third one and in the mesh.
+const SPLIT_BYTES: usize = 256;
+
+fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, Failure> {
     let mut mesh = Mesh::default();
     let mut has_faces = false;
     for element in &header.elements {
         let place = format!("element {}", element.name);
-        if element.count > limits.elements {
-            let reason = format!(
-                "{} entries are more than the limit of {}",
-                element.count, limits.elements
-            );
-            return Err(Failure::Place(place, reason));
-        }
         values
             .expect(element)
             .map_err(|reason| Failure::Place(place.clone(), reason))?;
         match element.name.as_str() {
-            "vertex" => read_vertices(element, values, &mut mesh)?,
+            "vertex" => {
+                let charged = budget.charge(element.count, VERTEX_BYTES);
+                charged.map_err(|reason| Failure::Place(place, reason))?;
+                read_vertices(element, values, &mut mesh)?;
+            }
             "face" => {
                 has_faces = true;
-                read_faces(element, values, &mut mesh, limits)?;
+                read_faces(element, values, &mut mesh, budget)?;
             }
             "tristrips" => {
                 let reason = "triangle strips are not supported: convert them to faces";
@@ -91,6 +101,8 @@ fn read(header: &Header, values: &mut Values, limits: &Limits) -> Result<Mesh, F
         return Err(Failure::Place("element face".into(), reason.into()));
     }
     if mesh.normals.is_empty() {
+        let charged = budget.charge(mesh.indices.len() as u64, SPLIT_BYTES);
+        charged.map_err(|reason| Failure::Place("element face".into(), reason))?;
         smooth_normals(&mut mesh, CREASE_ANGLE);
     }
     Ok(mesh)
@@ -194,7 +206,7 @@ fn read_faces(
     element: &Element,
     values: &mut Values,
     mesh: &mut Mesh,
-    limits: &Limits,
+    budget: &Budget,
 ) -> Result<(), Failure> {
     let is_corner_list = |property: &Property| {
         property.list_count.is_some()
@@ -228,10 +240,8 @@ fn read_faces(
                 }
                 corners.push(index as u32);
             }
+            budget.charge(corners.len().saturating_sub(2) as u64, 3 * INDEX_BYTES)?;
             add_polygon(mesh, &corners);
-            if mesh.indices.len() as u64 > limits.elements {
-                return Err(format!("more than {} indices", limits.elements).into());
-            }
         }
     }
     Ok(())

@@ -176,7 +176,7 @@ fn damaged_files_do_not_panic() {
     file.push("nodes", json!({ "mesh": 0, "extensions": {} }));
     let intact = file.glb();
     let limits = Limits {
-        elements: 1 << 16,
+        scene_bytes: 1 << 22,
         image_bytes: 1 << 20,
         ..Limits::default()
     };

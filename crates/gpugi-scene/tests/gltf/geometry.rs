@@ -385,7 +385,7 @@ fn huge_counts_are_refused_before_allocation() {
     file.json["bufferViews"][0]["byteLength"] = json!(37);
     file.assert_error("bufferViews[0]", "exceed the 36 bytes of buffers[0]");
     let limits = Limits {
-        elements: 2,
+        scene_bytes: 1 << 10,
         ..Limits::default()
     };
     let bytes = File::triangle().glb();

@@ -1,6 +1,9 @@
 //! Bakes the light that techniques add at the texels of an atlas.
 
+mod merge;
+
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 use gpugi_scene::atlas::Seams;
@@ -8,12 +11,11 @@ use gpugi_scene::{Atlas, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 
 use super::Leaks;
-use crate::capture::atlas::{
-    self, AtlasCapture, AtlasCaptureOptions, Dilation, LeakTest, TexelLobes,
-};
+use super::tasks::{LightPart, LightState, LightTask, LitRows, TexelPart};
+use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, LeakTest, TexelLobes};
 use crate::capture::{Output, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Lighting, LightingError, Readiness};
+use crate::lighting::{Budget, Lighting, LightingError};
 use crate::scene::GpuScene;
 use crate::techniques::Registry;
 
@@ -22,7 +24,7 @@ use crate::techniques::Registry;
 pub(super) const TEXEL_BYTES: u64 = 126;
 
 /// The quantity that texels store.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Quantity {
     /// Radiance that leaves the diffuse lobes, the same in all directions, plus emitted radiance.
     #[default]
@@ -34,12 +36,14 @@ pub enum Quantity {
 }
 
 /// Options of a light bake.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LightOptions {
     /// What texels store: radiance, or irradiance over pi.
     pub quantity: Quantity,
     /// Samples per texel, at least 1.
     pub samples: u32,
+    /// Most samples of a task, at least 1. Samples are summed task by task, so it decides the rounding of the result.
+    pub samples_per_task: u32,
     /// Seed of everything stochastic.
     pub seed: u32,
     /// GPU memory for texels (bytes). The bake splits the atlas into as many tiles as that requires and lights them one
@@ -52,6 +56,7 @@ impl Default for LightOptions {
         Self {
             quantity: Quantity::Diffuse,
             samples: 16,
+            samples_per_task: 64,
             seed: 0,
             memory: 512 << 20,
         }
@@ -76,25 +81,6 @@ pub struct Progress {
     pub done: f32,
 }
 
-/// The saved state of a light bake, from which another resumes.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct LightState {
-    /// Saved maps of techniques, by name.
-    maps: BTreeMap<String, Vec<u8>>,
-    /// The finished tiles.
-    done: LitRows,
-    /// Samples so far of the unfinished tile, and their sums.
-    samples: u32,
-    sums: Vec<[f32; 4]>,
-}
-
-/// Rows of texels from the first row on.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-struct LitRows {
-    texels: Vec<Vec3>,
-    leak_map: Vec<[u8; 4]>,
-}
-
 /// A baked atlas.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LitAtlas {
@@ -105,7 +91,9 @@ pub struct LitAtlas {
     pub leaks: Leaks,
 }
 
-/// Lights the texels of an atlas tile by tile, one sample at a time.
+/// Lights the texels of an atlas, tile by tile and some samples at a time. [`LightBake::step`] takes all tasks of the
+/// bake in order. [`LightBake::run`] and [`LightBake::merge`] do the same with tasks that run elsewhere: the merged
+/// result has the same bits, in whatever order and wherever the tasks ran.
 #[derive(Debug)]
 pub struct LightBake<'a> {
     gpu: Gpu,
@@ -117,10 +105,27 @@ pub struct LightBake<'a> {
     view: View,
     /// Progress of the maps; `None` once they are final.
     refining: Option<f32>,
+    /// Saved maps from which techniques have yet to resume.
+    maps: BTreeMap<String, Vec<u8>>,
     tiles: Vec<atlas::Tile>,
-    tile: Option<Tile>,
-    done: LitRows,
-    resumed: LightState,
+    /// The finished tiles.
+    done: Vec<Option<LitRows>>,
+    /// Results of tasks in unfinished tiles.
+    parts: Vec<TexelPart>,
+    /// The task that [`LightBake::step`] is at.
+    running: Option<Running>,
+    /// The first samples of that task, before it has begun again.
+    unfinished: Option<TexelPart>,
+}
+
+/// A task that lights texels.
+#[derive(Debug)]
+struct Running {
+    tile: u32,
+    samples: Range<u32>,
+    /// The next sample.
+    next: u32,
+    lit: Tile,
 }
 
 /// The texels that are being lit: one tile.
@@ -130,8 +135,6 @@ struct Tile {
     pub leaks: LeakTest,
     /// Sums of light, one target per piece of the capture.
     pub targets: Vec<Target>,
-    /// Samples so far.
-    pub samples: u32,
 }
 
 impl Drop for Tile {
@@ -188,10 +191,12 @@ impl<'a> LightBake<'a> {
             on_gpu,
             lighting,
             refining: Some(-1.0),
+            maps: BTreeMap::new(),
+            done: vec![None; tiles.len()],
             tiles,
-            tile: None,
-            done: LitRows::default(),
-            resumed: LightState::default(),
+            parts: Vec::new(),
+            running: None,
+            unfinished: None,
         })
     }
 
@@ -227,100 +232,126 @@ impl<'a> LightBake<'a> {
     }
 
     /// Takes a step. First, steps refine the maps one frame at a time until they are final. Then each step adds one
-    /// sample of light to the current tile: the light of those techniques whose names `adds` accepts. The other
+    /// sample of light to the current task's tile: the light of those techniques whose names `adds` accepts. The other
     /// techniques still light what these capture. `None` when nothing is left to do.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
     pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, LightingError> {
         let stage = self.stage();
-        if let Some(before) = self.refining {
-            let (done, is_usable) = self.refine()?;
-            self.resumed.maps = self
-                .lighting
-                .resume(std::mem::take(&mut self.resumed.maps))?;
-            let is_final = is_usable && (done >= 1.0 || done <= before);
-            self.refining = (!is_final).then_some(done);
+        if self.refining.is_some() {
+            let done = self.refine()?;
             return Ok(Some(Progress { stage, done }));
         }
-        let mut tile = match self.tile.take() {
-            Some(tile) => tile,
-            None => match self.tile_at(self.tiles_done())? {
-                Some(tile) => tile,
-                None => return Ok(None),
-            },
+        let mut running = match (self.running.take(), self.next_task()) {
+            (Some(running), _) => running,
+            (None, Some((tile, samples))) => {
+                let first = self.unfinished.take();
+                self.begin(tile, samples, first.as_ref())?
+            }
+            (None, None) => return Ok(None),
         };
-        if tile.samples < self.options.samples {
-            let gpu = self.gpu.clone();
-            let mut frame = Frame::new(&gpu, false);
-            self.light(&mut frame, &mut tile, adds)?;
-            frame.submit()?;
-        }
-        let share = f64::from(tile.samples) / f64::from(self.options.samples.max(1));
-        let done = (self.tiles_done() as f64 + share) / self.tiles.len() as f64;
-        if tile.samples >= self.options.samples {
-            self.keep(&tile)?;
+        self.light(&mut running, adds)?;
+        let lit = running.next - running.samples.start;
+        if running.next < running.samples.end {
+            self.running = Some(running);
         } else {
-            self.tile = Some(tile);
+            let part = self.part(&running)?;
+            // Frees the tile's memory.
+            drop(running);
+            self.keep(part)?;
         }
+        let of_tile = u64::from(self.options.samples.max(1));
+        let tiles = self.done.iter().flatten().count() as u64 * of_tile;
+        let parts = self.parts.iter().map(|part| part.samples.len() as u64);
+        let running = self.running.iter().map(|_| u64::from(lit));
+        let samples = tiles + parts.chain(running).sum::<u64>();
+        let done = samples as f64 / (of_tile * self.tiles.len() as u64) as f64;
         let done = done as f32;
         Ok(Some(Progress { stage, done }))
     }
 
-    /// Refines the maps by one frame; returns their progress (0 to 1) and whether they can be gathered.
-    fn refine(&mut self) -> Result<(f32, bool), LightingError> {
-        let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
-        let readiness = self
-            .lighting
-            .prepare(&mut frame, &mut self.on_gpu, &self.view)?;
-        frame.submit()?;
-        Ok(match readiness {
-            Readiness::Ready => (1.0, true),
-            Readiness::Refining { progress } => (progress, true),
-            Readiness::Pending { progress, .. } => {
-                gpu.wait()?;
-                self.on_gpu.wait_for_atlas();
-                (progress, false)
-            }
-        })
+    /// Runs one task to its end and returns its result, which is not merged here. Waits for the GPU. `adds` as in
+    /// [`LightBake::step`].
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`], also when the task is none of [`LightBake::tasks`].
+    pub fn run(
+        &mut self,
+        task: &LightTask,
+        adds: impl Fn(&str) -> bool,
+    ) -> Result<LightPart, LightingError> {
+        if let LightTask::Texels { tile, samples } = task
+            && !self.has_task(*tile, samples)
+        {
+            return Err(unfit("this is a task of another bake"));
+        }
+        while self.refining.is_some() {
+            self.refine()?;
+            self.gpu.wait()?;
+        }
+        let LightTask::Texels { tile, samples } = task else {
+            return Ok(LightPart::Maps(self.lighting.save()?));
+        };
+        let mut running = self.begin(*tile, samples.clone(), None)?;
+        while running.next < running.samples.end {
+            self.light(&mut running, &adds)?;
+            self.gpu.wait()?;
+        }
+        Ok(LightPart::Texels(self.part(&running)?))
     }
 
-    /// Adds one sample of light at the texels of `tile`: emission, and the light of those techniques whose names `adds`
-    /// accepts.
+    /// Refines the maps by one frame; returns their progress (0 to 1).
+    fn refine(&mut self) -> Result<f32, LightingError> {
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        let (lighting, scene) = (&mut self.lighting, &mut self.on_gpu);
+        let readiness = lighting.prepare(&mut frame, scene, &self.view, Budget::UNLIMITED)?;
+        frame.submit()?;
+        if !readiness.is_usable() {
+            gpu.wait()?;
+            scene.wait_for_atlas();
+        }
+        self.maps = lighting.resume(std::mem::take(&mut self.maps))?;
+        let done = readiness.progress();
+        let is_stuck = self.refining.is_some_and(|before| done <= before);
+        let is_final = readiness.is_usable() && (done >= 1.0 || is_stuck);
+        self.refining = (!is_final).then_some(done);
+        Ok(done)
+    }
+
+    /// Adds the next sample of light at the texels of a tile: emission, and the light of those techniques whose names
+    /// `adds` accepts.
     fn light(
         &mut self,
-        frame: &mut Frame<'_>,
-        tile: &mut Tile,
+        running: &mut Running,
         adds: impl Fn(&str) -> bool,
-    ) -> Result<(), GpuError> {
+    ) -> Result<(), LightingError> {
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
         let (lighting, scene) = (&mut self.lighting, &mut self.on_gpu);
-        tile.capture
-            .look(frame.gpu, tile.samples, self.options.seed);
-        tile.capture.record(frame, scene)?;
-        tile.leaks.record(frame, scene, &tile.capture);
-        lighting.prepare(frame, scene, &self.view)?;
-        for (points, target) in tile.capture.points().zip(&tile.targets) {
-            lighting.gather_some(frame, scene, &Receiver::new(points, target), &adds)?;
+        let lit = &mut running.lit;
+        lit.capture.look(&gpu, running.next, self.options.seed);
+        lit.capture.record(&mut frame, scene)?;
+        lit.leaks.record(&mut frame, scene, &lit.capture);
+        lighting.prepare(&mut frame, scene, &self.view, Budget::UNLIMITED)?;
+        for (points, target) in lit.capture.points().zip(&lit.targets) {
+            let receiver = Receiver::new(points, target);
+            lighting.gather_some(&mut frame, scene, &receiver, &adds)?;
         }
-        tile.samples += 1;
+        frame.submit()?;
+        running.next += 1;
         Ok(())
     }
 
-    fn tiles_done(&self) -> usize {
-        let mut ends = self.tiles.iter().scan(0, |end, tile| {
-            *end += tile.rows.len() * self.atlas.size as usize;
-            Some(*end)
-        });
-        let done = self.done.texels.len();
-        ends.position(|end| end > done).unwrap_or(self.tiles.len())
-    }
-
-    /// Allocates a tile; `None` when there is no tile of this index.
-    fn tile_at(&mut self, index: usize) -> Result<Option<Tile>, LightingError> {
-        let Some(tile) = self.tiles.get(index) else {
-            return Ok(None);
-        };
+    /// Begins a task; `first`: its first samples, if they are known.
+    fn begin(
+        &self,
+        number: u32,
+        samples: Range<u32>,
+        first: Option<&TexelPart>,
+    ) -> Result<Running, LightingError> {
+        let tile = &self.tiles[number as usize];
         let gpu = &self.gpu;
         let options = AtlasCaptureOptions {
             lobes: match self.options.quantity {
@@ -341,55 +372,46 @@ impl<'a> LightBake<'a> {
             .points()
             .map(|points| Target::new(gpu, points.count));
         let targets: Vec<Target> = targets.collect::<Result<_, GpuError>>()?;
-        let sums = std::mem::take(&mut self.resumed.sums);
-        let mut rest = &sums[..];
-        for target in &targets {
-            let count = (target.radiance.size() / 16) as usize;
-            let Some((these, others)) = rest.split_at_checked(count) else {
-                break;
-            };
-            gpu.write(&target.radiance, 0, these);
-            rest = others;
+        let mut next = samples.start;
+        if let Some(first) =
+            first.filter(|one| (one.tile, one.samples.start) == (number, samples.start))
+        {
+            next = first.samples.end;
+            let mut rest = &first.sums[..];
+            for target in &targets {
+                let (these, others) = rest.split_at((target.radiance.size() / 16) as usize);
+                gpu.write(&target.radiance, 0, these);
+                rest = others;
+            }
         }
-        Ok(Some(Tile {
-            capture,
-            leaks,
-            targets,
-            samples: std::mem::take(&mut self.resumed.samples),
-        }))
+        Ok(Running {
+            tile: number,
+            samples,
+            next,
+            lit: Tile {
+                capture,
+                leaks,
+                targets,
+            },
+        })
     }
 
-    /// Stores the light of a finished tile.
-    fn keep(&mut self, tile: &Tile) -> Result<(), LightingError> {
-        let gpu = &self.gpu;
-        let mut captured: Vec<Vec3> = Vec::new();
-        for (piece, target) in tile.capture.pieces().iter().zip(&tile.targets) {
-            let rows = piece.rows.len() as u32;
-            let mut frame = Frame::new(gpu, false);
-            Dilation::new(gpu, [tile.capture.size, rows])?.record(&mut frame, target)?;
-            frame.submit()?;
-            let radiance = &target.radiance;
-            let texels: Vec<[f32; 4]> = read_buffer(gpu, radiance, radiance.size())?;
-            let unit = match self.options.quantity {
-                Quantity::Irradiance => std::f32::consts::FRAC_1_PI,
-                Quantity::Diffuse | Quantity::All => 1.0,
-            };
-            // `a` is the number of samples in the sum; a filled texel holds one mean.
-            let means = texels
-                .into_iter()
-                .map(|[r, g, b, a]| Vec3::new(r, g, b) * unit / a.max(1.0));
-            captured.extend(means);
+    /// The light of a task so far. Waits for the GPU.
+    fn part(&self, running: &Running) -> Result<TexelPart, LightingError> {
+        let mut sums = Vec::new();
+        for Target { radiance } in &running.lit.targets {
+            sums.extend(read_buffer::<[f32; 4]>(
+                &self.gpu,
+                radiance,
+                radiance.size(),
+            )?);
         }
-        let size = self.atlas.size;
-        let leak_map = tile.leaks.map(gpu)?;
-        let place = &self.tiles[self.tiles_done()];
-        self.done
-            .leak_map
-            .extend_from_slice(place.of(&leak_map, size));
-        self.done
-            .texels
-            .extend_from_slice(place.of(&captured, size));
-        Ok(())
+        Ok(TexelPart {
+            tile: running.tile,
+            samples: running.samples.start..running.next,
+            sums,
+            leak_map: running.lit.leaks.map(&self.gpu)?,
+        })
     }
 
     /// Saves the state of the bake. Waits for the GPU.
@@ -399,27 +421,16 @@ impl<'a> LightBake<'a> {
     pub fn save(&mut self) -> Result<LightState, LightingError> {
         // Saved maps that this bake has not resumed yet are still the best that it has.
         let mut maps = self.lighting.save()?;
-        maps.extend(self.resumed.maps.clone());
-        let (samples, sums) = match &self.tile {
-            None => (self.resumed.samples, self.resumed.sums.clone()),
-            Some(tile) => {
-                let mut sums: Vec<[f32; 4]> = Vec::new();
-                for target in &tile.targets {
-                    let radiance = &target.radiance;
-                    sums.extend(read_buffer::<[f32; 4]>(
-                        &self.gpu,
-                        radiance,
-                        radiance.size(),
-                    )?);
-                }
-                (tile.samples, sums)
-            }
+        maps.extend(self.maps.clone());
+        let unfinished = match &self.running {
+            None => self.unfinished.clone(),
+            Some(running) => Some(self.part(running)?),
         };
         Ok(LightState {
             maps,
             done: self.done.clone(),
-            samples,
-            sums,
+            parts: self.parts.clone(),
+            unfinished,
         })
     }
 
@@ -429,39 +440,54 @@ impl<'a> LightBake<'a> {
     /// # Errors
     /// [`LightingError::Gpu`] when the state does not fit such a bake.
     pub fn resume(&mut self, state: LightState) -> Result<(), LightingError> {
-        let texels = |rows: usize| rows * self.atlas.size as usize;
-        self.done = state.done.clone();
-        let index = self.tiles_done();
-        let before = self.tiles[..index].iter();
-        let whole = texels(before.map(|tile| tile.rows.len()).sum());
-        let next = self.tiles.get(index);
-        let next = texels(next.map_or(0, |tile| tile.captured.len()));
-        let is_whole = self.done.texels.len() == whole && self.done.leak_map.len() == whole;
-        let has_sums = if state.samples == 0 {
-            state.sums.is_empty()
-        } else {
-            state.samples < self.options.samples && state.sums.len() == next
+        let is_whole = |(tile, rows): (&atlas::Tile, &Option<LitRows>)| {
+            let texels = tile.rows.len() * self.side();
+            rows.as_ref()
+                .is_none_or(|rows| rows.texels.len() == texels && rows.leak_map.len() == texels)
         };
-        if !(is_whole && has_sums) {
-            return Err(LightingError::Gpu(GpuError::Pass {
-                pass: "bake".into(),
-                reason: "what was saved does not fit this bake".into(),
-            }));
+        if state.done.len() != self.tiles.len() || !self.tiles.iter().zip(&state.done).all(is_whole)
+        {
+            return Err(unfit("what was saved is of another bake"));
         }
-        self.resumed = LightState {
-            done: LitRows::default(),
-            ..state
-        };
+        for part in &state.parts {
+            self.check(part, true)?;
+        }
+        if let Some(part) = &state.unfinished {
+            self.check(part, false)?;
+        }
+        self.maps = state.maps;
+        self.done = state.done;
+        for part in state.parts {
+            self.keep(part)?;
+        }
+        self.unfinished = state.unfinished;
         Ok(())
     }
 
-    /// The result; texels that were never lit are missing.
-    pub fn finish(mut self) -> LitAtlas {
-        Seams::new(self.scene, self.atlas).smooth(&mut self.done.texels);
+    /// The result; texels that were never lit are black.
+    pub fn finish(self) -> LitAtlas {
+        let (mut texels, mut leak_map) = (Vec::new(), Vec::new());
+        for (tile, rows) in self.tiles.iter().zip(self.done) {
+            let count = tile.rows.len() * self.atlas.size as usize;
+            let rows = rows.unwrap_or_else(|| LitRows {
+                texels: vec![Vec3::ZERO; count],
+                leak_map: vec![[0; 4]; count],
+            });
+            texels.extend(rows.texels);
+            leak_map.extend(rows.leak_map);
+        }
+        Seams::new(self.scene, self.atlas).smooth(&mut texels);
         let page = (self.atlas.size as usize).pow(2);
         LitAtlas {
-            pages: self.done.texels.chunks(page).map(<[_]>::to_vec).collect(),
-            leaks: Leaks::new(&self.done.leak_map, self.atlas.size),
+            pages: texels.chunks(page).map(<[_]>::to_vec).collect(),
+            leaks: Leaks::new(&leak_map, self.atlas.size),
         }
     }
+}
+
+fn unfit(reason: &str) -> LightingError {
+    LightingError::Gpu(GpuError::Pass {
+        pass: "bake".into(),
+        reason: reason.into(),
+    })
 }

@@ -7,14 +7,16 @@
 mod checkpoint;
 mod light;
 mod obscurances;
+mod tasks;
 #[cfg(test)]
 mod tests;
 mod volume;
 
 use crate::capture::atlas::LeakReport;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
-pub use light::{LightBake, LightOptions, LightState, LitAtlas, Progress, Quantity, Stage};
+pub use light::{LightBake, LightOptions, LitAtlas, Progress, Quantity, Stage};
 pub use obscurances::ObscuranceBake;
+pub use tasks::{LightPart, LightState, LightTask, TexelPart};
 pub use volume::IrradianceVolume;
 
 /// Texels of an atlas that lie inside other objects, where no light arrives.

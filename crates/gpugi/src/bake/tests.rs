@@ -29,8 +29,19 @@ fn names() -> [String; 2] {
 
 /// A bake with memory for `rows` rows of texels at a time.
 fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64) -> LightBake<'a> {
+    bake_by_tasks(gpu, scene, atlas, rows, 2)
+}
+
+fn bake_by_tasks<'a>(
+    gpu: &crate::gpu::Gpu,
+    scene: &'a Scene,
+    atlas: &'a Atlas,
+    rows: u64,
+    samples_per_task: u32,
+) -> LightBake<'a> {
     let options = LightOptions {
         samples: 3,
+        samples_per_task,
         memory: rows * u64::from(SIZE) * TEXEL_BYTES,
         ..LightOptions::default()
     };
@@ -97,6 +108,95 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
         // texels are.
         assert!(left <= steps - stop + 3, "stopped after {stop}: {left}");
     }
+}
+
+/// The value after a way through bytes, as between processes.
+fn sent<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) -> T {
+    let bytes = postcard::to_allocvec(value).unwrap();
+    postcard::from_bytes(&bytes).unwrap()
+}
+
+/// Tasks that run anywhere and in any order merge to the same bits as a bake of one piece.
+#[test]
+fn tasks_merge_to_the_same_bits() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    // The sum of three depends on the order.
+    let new = || bake_by_tasks(&gpu, &scene, &atlas, u64::from(SIZE), 1);
+    let mut plain = new();
+    take(&mut plain, usize::MAX);
+    let plain = plain.finish();
+
+    let mut merged = new();
+    let tasks = merged.tasks();
+    assert_eq!(tasks.len(), 1 + 3 * merged.tiles());
+    let mut workers = [0, 1].map(|_| new());
+    let maps = workers[0].run(&LightTask::Maps, |_| true).unwrap();
+    workers[1].merge(sent(&maps)).unwrap();
+    let mut parts: Vec<LightPart> = Vec::new();
+    for (number, task) in tasks.iter().enumerate().skip(1).rev() {
+        let worker = &mut workers[number % 2];
+        parts.push(worker.run(&sent(task), |_| true).unwrap());
+    }
+    // Odd ones first.
+    let (odd, even) = (parts.iter().skip(1).step_by(2), parts.iter().step_by(2));
+    for part in odd.chain(even) {
+        assert!(!merged.is_complete());
+        merged.merge(sent(part)).unwrap();
+        // Again, as if a task had been given to two workers.
+        merged.merge(sent(part)).unwrap();
+    }
+    assert!(merged.is_complete());
+    assert!(merged.finish() == plain);
+
+    // The plain bake goes on where merged results leave gaps.
+    let mut half = new();
+    for part in parts.iter().step_by(3) {
+        half.merge(sent(part)).unwrap();
+    }
+    take(&mut half, usize::MAX);
+    assert!(half.finish() == plain);
+}
+
+#[test]
+fn results_of_other_bakes_are_refused() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    let mut bake = bake(&gpu, &scene, &atlas, u64::from(SIZE));
+    let texels = (SIZE * SIZE) as usize;
+    let sound = TexelPart {
+        tile: 1,
+        samples: 2..3,
+        sums: vec![[1.0; 4]; texels],
+        leak_map: vec![[0; 4]; texels],
+    };
+    let tiles = bake.tiles() as u32;
+    let unsound: [fn(&mut TexelPart, u32); 7] = [
+        |part, tiles| part.tile = tiles,
+        |part, _| part.tile = u32::MAX,
+        |part, _| part.samples = 1..3,
+        |part, _| part.samples = 2..2,
+        |part, _| part.sums.truncate(7),
+        |part, _| part.leak_map.clear(),
+        |part, _| part.sums[3][1] = f32::NAN,
+    ];
+    for (number, spoil) in unsound.into_iter().enumerate() {
+        let mut part = sound.clone();
+        spoil(&mut part, tiles);
+        let refused = bake.merge(LightPart::Texels(part.clone()));
+        assert!(refused.is_err(), "{number}");
+        let state = LightState {
+            done: vec![None; tiles as usize],
+            parts: vec![part],
+            ..LightState::default()
+        };
+        assert!(bake.resume(state).is_err(), "{number}");
+    }
+    assert!(bake.resume(LightState::default()).is_err());
+    let (tile, samples) = (tiles, 0..2);
+    let foreign = LightTask::Texels { tile, samples };
+    bake.merge(LightPart::Texels(sound)).unwrap();
+    assert!(bake.run(&foreign, |_| true).is_err());
 }
 
 /// Less memory means more tiles but the same light, also beside charts that a tile boundary cuts.

@@ -8,7 +8,7 @@ use half::f16;
 
 use crate::capture::{Output, Probe, Receiver, Slots, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Lighting, LightingError, Readiness};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness};
 use crate::techniques::Registry;
 
 /// Most voxels, and most of them along an axis, so that a 3D texture of the layout below holds them.
@@ -78,7 +78,7 @@ impl IrradianceVolume {
         let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
         loop {
             let mut frame = Frame::new(gpu, false);
-            let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view)?;
+            let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)?;
             let is_ready = readiness == Readiness::Ready;
             if is_ready {
                 let is_wanted = |name: &str| name == adds;

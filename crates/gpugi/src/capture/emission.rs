@@ -1,13 +1,16 @@
-//! Light path LE: the frame's own pass, the first to write a target.
+//! The frame's own passes: light path LE, the first to write a target, and attenuation, the last.
 
-use super::{Gather, Receiver};
+use super::{Attenuation, Gather, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::shader;
 
 /// Light that emitters and the environment send straight to the viewpoint.
 #[derive(Debug)]
-pub struct Emission(Gather);
+pub struct Emission {
+    pass: Gather,
+    pub(crate) attenuation: Attenuation,
+}
 
 impl Emission {
     /// Compiles the pass.
@@ -15,12 +18,10 @@ impl Emission {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        Ok(Self(Gather::new(
-            gpu,
-            scene,
-            &shader!("capture.emission"),
-            &[],
-        )?))
+        Ok(Self {
+            pass: Gather::new(gpu, scene, &shader!("capture.emission"), &[])?,
+            attenuation: Attenuation::default(),
+        })
     }
 
     /// Writes the target with the first sample of an image and adds to it with the others: pass `frame.emission`.
@@ -33,6 +34,7 @@ impl Emission {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        self.0.record(frame, "frame.emission", scene, receiver, &[])
+        self.pass
+            .record(frame, "frame.emission", scene, receiver, &[])
     }
 }

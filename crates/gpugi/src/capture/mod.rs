@@ -2,6 +2,7 @@
 //! to surface points; light views rasterize depth. Texels of an atlas become surface points without any view.
 
 pub mod atlas;
+mod attenuation;
 pub mod depth;
 pub mod distance_pyramid;
 mod emission;
@@ -15,6 +16,7 @@ mod visible;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use attenuation::Attenuation;
 pub use emission::Emission;
 pub use gather::Gather;
 pub use peeled_layer::PeeledLayer;

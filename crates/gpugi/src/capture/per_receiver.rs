@@ -15,6 +15,7 @@ struct Entry<T> {
     points: wgpu::Buffer,
     view: wgpu::Buffer,
     target: wgpu::Buffer,
+    transmittance: Option<wgpu::Buffer>,
     /// Number of the call that last used the entry.
     last_used: u64,
     value: T,
@@ -46,9 +47,16 @@ impl<T> PerReceiver<T> {
         let now = self.calls;
         self.kept
             .retain(|one| now - one.last_used <= Self::PATIENCE);
-        let Receiver { points, target } = receiver;
+        let Receiver {
+            points,
+            target,
+            transmittance,
+        } = receiver;
         let is_this = |one: &Entry<T>| {
-            one.points == points.points && one.view == points.view && one.target == target.radiance
+            one.points == points.points
+                && one.view == points.view
+                && one.target == target.radiance
+                && one.transmittance == *transmittance
         };
         let index = match self.kept.iter().position(is_this) {
             Some(index) => index,
@@ -57,6 +65,7 @@ impl<T> PerReceiver<T> {
                     points: points.points.clone(),
                     view: points.view.clone(),
                     target: target.radiance.clone(),
+                    transmittance: transmittance.clone(),
                     last_used: now,
                     value: make()?,
                 });

@@ -49,6 +49,8 @@ pub struct Receiver {
     pub points: SurfacePoints,
     /// Where gathers add.
     pub target: Target,
+    /// See [`Receiver::seen_through`].
+    pub(super) transmittance: Option<wgpu::Buffer>,
 }
 
 impl Receiver {
@@ -57,7 +59,31 @@ impl Receiver {
         Self {
             points: points.clone(),
             target: target.clone(),
+            transmittance: None,
         }
+    }
+
+    /// The same receiver, seen through a medium or through surfaces: what gathers add is multiplied by a transmittance
+    /// per point, one vec4f for each entry of the points' buffer (0 to 1 in rgb; a is not read). The light is added to
+    /// the target with every sample, also with the first, so that several layers can share a target: clear it before.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when there are fewer transmittances than points.
+    pub fn seen_through(self, transmittance: &wgpu::Buffer) -> Result<Self, GpuError> {
+        let needed = self.points.points.size() / SURFACE_POINT_BYTES * 16;
+        if transmittance.size() < needed {
+            return Err(GpuError::Pass {
+                pass: "frame.attenuation".into(),
+                reason: format!(
+                    "the transmittances have {} bytes, {needed} are needed",
+                    transmittance.size()
+                ),
+            });
+        }
+        Ok(Self {
+            transmittance: Some(transmittance.clone()),
+            ..self
+        })
     }
 
     /// Bind groups 1 and 3 of a pass that reads the points, adds to the target, and binds nothing else there.
@@ -251,6 +277,7 @@ impl Receiver {
                 slots,
             },
             target: target.clone(),
+            transmittance: None,
         })
     }
 }

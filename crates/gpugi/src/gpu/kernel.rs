@@ -344,6 +344,8 @@ impl Kernel {
             y = x.div_ceil(65_535);
             x = x.div_ceil(y);
         }
+        #[cfg(test)]
+        WORKGROUPS.set(WORKGROUPS.get() + u64::from(x) * u64::from(y) * u64::from(z));
         pass.dispatch_workgroups(x, y, z);
     }
 
@@ -366,6 +368,12 @@ impl Kernel {
             pass.set_bind_group(*index, *group, &[]);
         }
     }
+}
+
+#[cfg(test)]
+thread_local! {
+    /// Workgroups that this thread has recorded.
+    pub(crate) static WORKGROUPS: std::cell::Cell<u64> = const { std::cell::Cell::new(0) };
 }
 
 /// Fixed-function state of a [`RasterKernel`].

@@ -17,6 +17,8 @@ pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
 pub(crate) use blit::Blit;
 pub use error::GpuError;
 pub use frame::{Frame, Keeps, Timing, Timings};
+#[cfg(test)]
+pub(crate) use kernel::WORKGROUPS;
 pub(crate) use kernel::scene_layout;
 pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
 pub(crate) use quad::Quad;
@@ -147,10 +149,8 @@ impl Gpu {
         let faults = Arc::new(Mutex::new(Faults::default()));
         let record = faults.clone();
         device.set_device_lost_callback(move |reason, message| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
-                faults.lost = Some(format!("{reason:?}: {message}"));
-            }
+            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+            faults.lost = Some(format!("{reason:?}: {message}"));
         });
         let record = faults.clone();
         device.on_uncaptured_error(Arc::new(move |error| {
@@ -200,10 +200,13 @@ impl Gpu {
         let created = create();
         // Natively these futures are ready: nothing waits for the GPU.
         let errors = [internal.pop(), memory.pop(), validation.pop()].map(pollster::block_on);
-        self.check_lost()?;
         match errors.into_iter().flatten().next() {
-            Some(error) => Err(GpuError::in_pass(what, &error)),
-            None => Ok(created),
+            Some(error) => {
+                // What a lost device refuses is not at fault.
+                self.notice_loss()?;
+                Err(GpuError::in_pass(what, &error))
+            }
+            None => self.check_lost().map(|()| created),
         }
     }
 
@@ -216,7 +219,19 @@ impl Gpu {
     pub fn check(&self) -> Result<(), GpuError> {
         self.check_lost()?;
         let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
-        faults.error.take().map_or(Ok(()), Err)
+        let Some(error) = faults.error.take() else {
+            return Ok(());
+        };
+        drop(faults);
+        self.notice_loss()?;
+        Err(error)
+    }
+
+    /// After an error: whether its cause is that the owner of the device has destroyed it. wgpu tells of that once the
+    /// queue is empty.
+    fn notice_loss(&self) -> Result<(), GpuError> {
+        self.device.poll(wgpu::PollType::wait_indefinitely()).ok();
+        self.check_lost()
     }
 
     /// Checks that the device still works.

@@ -14,6 +14,8 @@ use super::Gpu;
 const CHUNK: u64 = 1 << 16;
 /// Writes larger than this (bytes) go through wgpu's own staging memory.
 const LARGE: u64 = CHUNK / 2;
+/// Alignment of writes in staging memory (bytes).
+const ALIGNMENT: wgpu::BufferSize = wgpu::BufferSize::new(wgpu::COPY_BUFFER_ALIGNMENT).unwrap();
 
 /// Writes that wait for the next submission, and the number of bytes uploaded so far.
 #[derive(Debug)]
@@ -60,8 +62,37 @@ impl Gpu {
         let Pending { belt, encoder } = &mut *pending;
         let encoder =
             encoder.get_or_insert_with(|| self.device.create_command_encoder(&Default::default()));
-        belt.write_buffer(encoder, buffer, offset, size)
-            .copy_from_slice(bytes);
+        let staging = belt.allocate(size, ALIGNMENT);
+        // A lost device has no memory to map. The next check says that it is lost.
+        let Ok(mut mapped) = staging.get_mapped_range_mut() else {
+            return;
+        };
+        mapped.copy_from_slice(bytes);
+        encoder.copy_buffer_to_buffer(
+            staging.buffer(),
+            staging.offset(),
+            buffer,
+            offset,
+            size.get(),
+        );
+    }
+
+    /// Records a compute pass that runs after the writes so far and before all commands that are submitted from now on.
+    pub(crate) fn compute_before_next(
+        &self,
+        name: &str,
+        record: impl FnOnce(&mut wgpu::ComputePass<'_>),
+    ) {
+        let mut pending = self.pending();
+        let encoder = pending
+            .encoder
+            .get_or_insert_with(|| self.device.create_command_encoder(&Default::default()));
+        record(
+            &mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(name),
+                timestamp_writes: None,
+            }),
+        );
     }
 
     /// Submits commands after the writes that precede them.

@@ -38,11 +38,6 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
             ));
         }
     }
-    for mesh in &scene.meshes {
-        if let Err(reason) = mesh.check() {
-            return refuse(format!("mesh {:?}: {reason}", mesh.name));
-        }
-    }
     for instance in &scene.instances {
         if !instance.world_from_mesh.is_finite() {
             return refuse(format!(

@@ -140,3 +140,16 @@ fn an_atlas_of_meshes_that_are_no_more_is_dropped() {
     let fresh = GpuScene::with_texels(&gpu, &scene).unwrap();
     assert_eq!(laid_out(&on_gpu), laid_out(&fresh));
 }
+
+#[test]
+fn a_finished_atlas_waits_until_it_is_asked_for_again() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = GpuScene::with_texels(&gpu, &block_on_floor()).unwrap();
+    let of = |size| scene.atlas(&gpu, "test", size, 0.0, 16).unwrap();
+    assert_eq!(of(SIZE), None);
+    scene.wait_for_atlas();
+    assert_eq!(of(2 * SIZE), None, "another one takes its place");
+    assert_eq!(of(SIZE).unwrap().size, SIZE);
+    scene.wait_for_atlas();
+    assert_eq!(of(2 * SIZE).unwrap().size, 2 * SIZE);
+}

@@ -21,6 +21,8 @@ struct Kept {
     shared: Vec<SharedAtlas>,
     /// One at a time: dragging a setting, or bending a mesh in every frame, would start many.
     job: Option<Job>,
+    /// The latest finished job that made room for another before its atlas was asked for again.
+    finished: Option<Job>,
 }
 
 impl Atlases {
@@ -28,6 +30,7 @@ impl Atlases {
     pub fn of_other_meshes(self) -> Self {
         let mut kept = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         kept.shared.clear();
+        kept.finished = None;
         if let Some(job) = &mut kept.job {
             job.is_stale = true;
         }
@@ -131,7 +134,11 @@ impl GpuScene {
         let most_pages = u32::try_from(most_texels / page).unwrap_or(u32::MAX);
 
         let mut kept = self.kept_atlases();
-        let Kept { shared, job } = &mut *kept;
+        let Kept {
+            shared,
+            job,
+            finished,
+        } = &mut *kept;
         shared.retain(|one| one.atlas.strong_count() > 0);
         let mut known = shared.iter();
         let known = known.find(|one| (one.size, one.density) == (size, density));
@@ -155,24 +162,23 @@ impl GpuScene {
                 "unwrapping {triangles} triangles would take too long, {MOST_TRIANGLES} are allowed: leave some objects out"
             )));
         }
-        let is_free = |job: &Job| job.is_of(size, density) || job.result.get().is_some();
-        if job.as_ref().is_some_and(|job| !is_free(job)) {
-            return Ok(None);
-        }
-        let mine = job.take().filter(|job| job.is_of(size, density));
-        let mine = mine.unwrap_or_else(|| Job::start(scene, size, density, most_pages));
-        let Some(result) = mine.result.get() else {
-            *job = Some(mine);
-            return Ok(None);
-        };
-        let atlas = match result.clone() {
-            Ok(atlas) => atlas,
-            Err(reason) => {
-                // Asked again, it fails again without the work.
-                *job = Some(mine);
-                return Err(refused(reason));
+        let is_mine =
+            |slot: &&mut Option<Job>| slot.as_ref().is_some_and(|job| job.is_of(size, density));
+        let Some(mine) = [&mut *job, &mut *finished].into_iter().find(is_mine) else {
+            if job.as_ref().is_none_or(|job| job.result.get().is_some()) {
+                let before = job.replace(Job::start(scene, size, density, most_pages));
+                if before.as_ref().is_some_and(|before| !before.is_stale) {
+                    *finished = before;
+                }
             }
+            return Ok(None);
         };
+        let Some(result) = mine.as_ref().and_then(|job| job.result.get()) else {
+            return Ok(None);
+        };
+        // A failed job stays: asked again, it fails again without the work.
+        let atlas = result.clone().map_err(refused)?;
+        *mine = None;
         shared.push(SharedAtlas {
             size,
             density,

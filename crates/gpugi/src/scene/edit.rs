@@ -254,7 +254,7 @@ impl GpuScene {
         }
         moved.sort_unstable();
         moved.dedup();
-        self.place(gpu, &moved);
+        self.place(gpu, &moved)?;
         if self.header_values != header {
             gpu.write(&self.header, 0, &[self.header_values]);
         }
@@ -262,7 +262,7 @@ impl GpuScene {
     }
 
     /// Updates everything that depends on the transforms of these instances, whose indices are in increasing order.
-    fn place(&mut self, gpu: &Gpu, moved: &[usize]) {
+    fn place(&mut self, gpu: &Gpu, moved: &[usize]) -> Result<(), GpuError> {
         let version = self.versions.geometry + 1;
         let is_elsewhere = |&index: &usize| {
             let placement = &self.placements[index];
@@ -271,7 +271,7 @@ impl GpuScene {
         };
         let moved: Vec<usize> = moved.iter().copied().filter(is_elsewhere).collect();
         if moved.is_empty() {
-            return;
+            return Ok(());
         }
         self.versions.geometry = version;
         let mut is_any_emitting = false;
@@ -299,11 +299,20 @@ impl GpuScene {
         }
         self.versions.lights += u64::from(is_any_emitting);
         self.tables.write_instances(gpu, moved.iter().copied());
-        if let Some(rays) = &mut self.rays {
-            rays.refit(gpu, &self.host, &moved);
+        if let Some(rays) = &mut self.rays
+            && !rays.follow(gpu, &self.host, &moved)
+        {
+            let rays = rays.with_instances(gpu, &self.host)?;
+            if rays.buffer != self.hierarchy {
+                self.hierarchy = rays.buffer.clone();
+                self.bind(gpu);
+            }
+            self.header_values.bvh_start = rays.start();
+            self.rays = Some(rays);
         }
         self.bounds = self.bounds_tree.all();
         self.header_values.diagonal = self.bounds.diagonal();
+        Ok(())
     }
 
     fn set_material(&mut self, gpu: &Gpu, index: usize, material: &Material) {
@@ -350,19 +359,24 @@ impl GpuScene {
         bent
     }
 
+    /// Makes bind group 0 again, after one of its resources was replaced.
+    fn bind(&mut self, gpu: &Gpu) {
+        let buffers = [
+            &self.header,
+            &self.geometry.buffer,
+            &self.tables.buffer,
+            &self.hierarchy,
+        ];
+        let environment = &self.environment_view;
+        [self.bind_group, self.ray_bind_group] =
+            self.bindings.bind(gpu, buffers, environment, &self.images);
+    }
+
     fn set_environment(&mut self, gpu: &Gpu, environment: &Environment) -> Result<(), GpuError> {
         let after = Some(environment);
         if !is_same_image(self.environment.as_ref(), after) {
             self.environment_view = environment_texture(gpu, after)?;
-            let buffers = [
-                &self.header,
-                &self.geometry.buffer,
-                &self.tables.buffer,
-                &self.hierarchy,
-            ];
-            let environment = &self.environment_view;
-            [self.bind_group, self.ray_bind_group] =
-                self.bindings.bind(gpu, buffers, environment, &self.images);
+            self.bind(gpu);
             self.versions.environment += 1;
         }
         let header = self.header_values.with_environment(after);

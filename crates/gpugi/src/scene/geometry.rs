@@ -28,7 +28,13 @@ pub(super) struct Geometry {
 }
 
 impl Geometry {
+    /// Checks the meshes and uploads them.
     pub fn new(gpu: &Gpu, meshes: &[Arc<Mesh>]) -> Result<Self, GpuError> {
+        for mesh in meshes {
+            mesh.check().map_err(|reason| GpuError::Input {
+                what: format!("mesh {:?}: {reason}", mesh.name),
+            })?;
+        }
         let mut words: Vec<u32> = Vec::new();
         let place = |mesh: &Arc<Mesh>| PlacedMesh::new(mesh, &mut words);
         let meshes = meshes.iter().map(place).collect();

@@ -18,6 +18,9 @@ mod objects;
 #[cfg(test)]
 mod ray_tests;
 mod rays;
+mod refit;
+#[cfg(test)]
+mod refit_tests;
 mod rows;
 mod tables;
 #[cfg(test)]

@@ -4,20 +4,24 @@ use std::sync::Arc;
 
 use glam::Mat4;
 use gpugi_scene::bvh::{
-    BottomLevel, BvhInstance, BvhTooLarge, FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, TopLevel,
+    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MovedItem, NODE_ROWS, Row,
+    TopLevel,
 };
 use gpugi_scene::{AlphaMode, Scene};
 
 use super::geometry::Geometry;
+use super::refit::{Refit, WorldBox};
 use super::tables::joined;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, Kernel};
 
 /// Hierarchies of all meshes, followed by a top level over the instances.
 #[derive(Debug)]
 pub(super) struct Rays {
     bottom: Arc<BottomLevel>,
-    pub top: TopLevel,
+    top: TopLevel,
     pub buffer: wgpu::Buffer,
+    refit_kernel: Kernel,
+    refit: Refit,
 }
 
 impl Rays {
@@ -28,12 +32,13 @@ impl Rays {
         let (bottom, rows) = BottomLevel::new(triangles).map_err(|error| refused(gpu, error))?;
         let buffer = hierarchy_buffer(gpu, rows.len() + usual_rows(scene))?;
         gpu.write(&buffer, 0, &rows);
-        Self::over(gpu, scene, Arc::new(bottom), buffer)
+        Self::over(gpu, scene, Arc::new(bottom), buffer, &Refit::kernel(gpu)?)
     }
 
     /// The hierarchies of the same meshes under a top level over other instances.
     pub fn with_instances(&self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        Self::over(gpu, scene, self.bottom.clone(), self.buffer.clone())
+        let (bottom, buffer) = (self.bottom.clone(), self.buffer.clone());
+        Self::over(gpu, scene, bottom, buffer, &self.refit_kernel)
     }
 
     /// Builds the top level. `buffer` begins with the rows of `bottom`.
@@ -42,6 +47,7 @@ impl Rays {
         scene: &Scene,
         bottom: Arc<BottomLevel>,
         mut buffer: wgpu::Buffer,
+        refit_kernel: &Kernel,
     ) -> Result<Self, GpuError> {
         let instances: Vec<BvhInstance> = scene
             .instances
@@ -55,22 +61,25 @@ impl Rays {
                 },
             })
             .collect();
-        let top = bottom
+        let (top, rows) = bottom
             .top_level(&instances)
             .map_err(|error| refused(gpu, error))?;
         let end = bottom.end() as usize;
-        if buffer.size() < bytes(end + top.rows.len()) {
-            let larger = hierarchy_buffer(gpu, end + top.rows.len().max(usual_rows(scene)))?;
+        if buffer.size() < bytes(end + rows.len()) {
+            let larger = hierarchy_buffer(gpu, end + rows.len().max(usual_rows(scene)))?;
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             encoder.copy_buffer_to_buffer(&buffer, 0, &larger, 0, Some(bytes(end)));
             gpu.submit(encoder.finish());
             buffer = larger;
         }
-        gpu.write(&buffer, bytes(end), &top.rows);
+        gpu.write(&buffer, bytes(end), &rows);
+        let refit = Refit::new(gpu, refit_kernel, &top, &buffer, bottom.end())?;
         Ok(Self {
             bottom,
             top,
             buffer,
+            refit_kernel: refit_kernel.clone(),
+            refit,
         })
     }
 
@@ -86,17 +95,39 @@ impl Rays {
             .can_refit(&self.top, number, mesh, world_from_mesh)
     }
 
-    /// Follows instances that moved.
-    pub fn refit(&mut self, gpu: &Gpu, scene: &Scene, moved: &[usize]) {
-        let instances = moved.iter().map(|&number| {
+    /// Follows instances that moved, and has the GPU refit the nodes above them. Returns false if the top level should
+    /// be built again.
+    pub fn follow(&mut self, gpu: &Gpu, scene: &Scene, moved: &[usize]) -> bool {
+        let moved = moved.iter().filter_map(|&number| {
             let instance = &scene.instances[number];
-            (number, instance.mesh, instance.world_from_mesh)
+            let place = &instance.world_from_mesh;
+            self.bottom
+                .place(&mut self.top, number, instance.mesh, place)
         });
-        let changed = self.bottom.refit(&mut self.top, instances);
-        let end = self.bottom.end() as usize;
-        for rows in joined(changed) {
-            gpu.write(&self.buffer, bytes(end + rows.start), &self.top.rows[rows]);
+        let mut moved: Vec<MovedItem> = moved.collect();
+        if moved.is_empty() {
+            return true;
         }
+        if self.top.has_become_bad() {
+            return false;
+        }
+        moved.sort_unstable_by_key(|one| one.item);
+        let first = self.bottom.end() + self.top.nodes() * NODE_ROWS;
+        let items = moved
+            .iter()
+            .map(|one| one.item as usize..one.item as usize + 1);
+        let mut rest = &moved[..];
+        for items in joined(items) {
+            let (these, others) = rest.split_at(items.len());
+            let rows: Vec<_> = these.iter().map(|one| one.rows).collect();
+            let boxes: Vec<WorldBox> = these.iter().map(|one| WorldBox::new(&one.bounds)).collect();
+            let row = first as usize + items.start * INSTANCE_ROWS as usize;
+            gpu.write(&self.buffer, bytes(row), &rows);
+            self.refit.write(gpu, items.start as u32, &boxes);
+            rest = others;
+        }
+        self.refit.record(gpu);
+        true
     }
 }
 
@@ -118,11 +149,20 @@ pub(super) fn hierarchy_buffer(gpu: &Gpu, rows: usize) -> Result<wgpu::Buffer, G
     )
 }
 
-fn refused(gpu: &Gpu, error: BvhTooLarge) -> GpuError {
-    GpuError::TooLarge {
-        what: format!("ray hierarchy [{}]", error.what),
-        needed: error.needed,
-        limit: error.limit,
-        adapter: gpu.adapter.name.clone(),
+fn refused(gpu: &Gpu, error: BvhError) -> GpuError {
+    match error {
+        BvhError::TooLarge {
+            what,
+            needed,
+            limit,
+        } => GpuError::TooLarge {
+            what: format!("ray hierarchy [{what}]"),
+            needed,
+            limit,
+            adapter: gpu.adapter.name.clone(),
+        },
+        BvhError::NotFinite { .. } => GpuError::Input {
+            what: error.to_string(),
+        },
     }
 }

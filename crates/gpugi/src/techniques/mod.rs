@@ -3,6 +3,7 @@
 //! [`Technique`] is the trait that [`crate::lighting::Lighting`] loops over; [`Registry`] lists the techniques in the
 //! order of the frame. docs/adding-a-technique.md walks through a new one.
 
+mod budget;
 pub mod caustics;
 pub mod distance_impostor;
 pub mod environment_map;
@@ -13,6 +14,7 @@ pub mod radiosity;
 mod registry;
 pub mod shadow_map;
 
+pub use budget::Budget;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;
@@ -23,6 +25,7 @@ use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
+use crate::prefiltered::{Environments, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 
@@ -56,6 +59,8 @@ pub struct Plan {
     /// The list of object names in its settings, separated by commas; empty if there is none.
     /// [`crate::lighting::Lighting::set`] refuses names that no object has.
     pub object_names: String,
+    /// What its gather looks up per point, roughly: lights, depth maps or other maps. The unit of [`Budget`].
+    pub lookups: u32,
 }
 
 impl Plan {
@@ -65,6 +70,7 @@ impl Plan {
             paths: paths.into(),
             claims: vec![Claims::NONE; scene.objects.len()],
             object_names: String::new(),
+            lookups: 1,
         }
     }
 }
@@ -76,7 +82,8 @@ pub struct Generated {
     pub revision: u64,
     /// Part of the work on a still scene that is done (0 to 1); at 1 the maps are final.
     pub progress: f32,
-    /// What the maps wait for before they show the current scene; `None` when they can be gathered.
+    /// What the maps wait for before they can be gathered. `None` also while they still hold light of the scene before
+    /// its last change, with a progress below 1.
     pub pending: Option<&'static str>,
 }
 
@@ -228,12 +235,18 @@ pub struct Earlier<'a> {
     techniques: &'a mut [Box<dyn Technique>],
     /// The maps around objects.
     pub impostors: &'a mut Impostors,
+    environments: &'a mut Environments,
     /// Grows when a setting of any technique changes: earlier captures are stale.
     pub settings_version: u64,
     /// Grows when the light of these techniques improves although nothing has changed.
     pub revision: u64,
     /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
     pub lights_elsewhere: bool,
+    budget: Budget,
+    /// What a gather of these techniques looks up per point.
+    lookups: u64,
+    /// Work that the technique has done so far in this frame, in units of [`Budget`].
+    work: u64,
 }
 
 impl<'a> Earlier<'a> {
@@ -242,6 +255,7 @@ impl<'a> Earlier<'a> {
         emission: &'a mut Emission,
         techniques: &'a mut [Box<dyn Technique>],
         impostors: &'a mut Impostors,
+        environments: &'a mut Environments,
         settings_version: u64,
         revision: u64,
         lights_elsewhere: bool,
@@ -250,10 +264,61 @@ impl<'a> Earlier<'a> {
             emission,
             techniques,
             impostors,
+            environments,
             settings_version,
             revision,
             lights_elsewhere,
+            budget: Budget::UNLIMITED,
+            lookups: 1,
+            work: 0,
         }
+    }
+
+    /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point.
+    pub(crate) fn within(self, budget: Budget, lookups: u64) -> Self {
+        Self {
+            budget,
+            lookups,
+            ..self
+        }
+    }
+
+    /// Whether the technique may begin another step in this frame: always the first one.
+    pub fn may_step(&self) -> bool {
+        self.budget.allows_step(self.work)
+    }
+
+    /// Counts work of the technique's own: rays traced, or lookups at points. [`Earlier::gather`] counts by itself.
+    pub fn count(&mut self, work: u64) {
+        self.work = self.work.saturating_add(work.max(1));
+    }
+
+    /// Work that the technique has done so far in this frame.
+    pub(crate) fn work(&self) -> u64 {
+        self.work
+    }
+
+    /// The maps `wanted` of the scene's environment, and whether they show it. `is_read`: they are filled, as far as this
+    /// frame may; otherwise they are only bound.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prefiltered(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        wanted: Wanted,
+        is_read: bool,
+    ) -> Result<(&Prefiltered, bool), GpuError> {
+        let (budget, work) = (self.budget, &mut self.work);
+        let takes = |step: u64| {
+            let may_step = budget.allows_step(*work);
+            *work = work.saturating_add(u64::from(may_step) * step);
+            may_step
+        };
+        let is_filled = !is_read || self.environments.fill(frame, scene, wanted, takes)?;
+        let maps = self.environments.of(frame.gpu, scene, wanted)?;
+        Ok((maps, is_filled))
     }
 
     /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and
@@ -268,15 +333,17 @@ impl<'a> Earlier<'a> {
         receiver: &Receiver,
         with_emission: bool,
     ) -> Result<(), GpuError> {
+        self.count(u64::from(receiver.points.count) * self.lookups);
+        let gathered = self.emission.attenuation.begin(frame, receiver)?;
         if with_emission {
-            self.emission.record(frame, scene, receiver)?;
+            self.emission.record(frame, scene, &gathered)?;
         } else {
-            frame.clear(&receiver.target.radiance);
+            frame.clear(&gathered.target.radiance);
         }
         for technique in &mut *self.techniques {
-            technique.gather(frame, scene, receiver)?;
+            technique.gather(frame, scene, &gathered)?;
         }
-        Ok(())
+        self.emission.attenuation.end(frame, receiver)
     }
 }
 

@@ -4,6 +4,7 @@
 pub(crate) mod chi_square;
 mod layouts;
 mod points;
+mod rooms;
 
 pub(crate) use points::{Point, read_points};
 

@@ -14,7 +14,7 @@ use common::{gpu, place};
 use glam::{Vec2, Vec3, vec3};
 use gpugi::capture::{Output, Probe, Receiver, Slots, Target, View};
 use gpugi::gpu::{Frame, Gpu, read_buffer};
-use gpugi::lighting::{Lighting, Readiness};
+use gpugi::lighting::{Budget, Lighting, Readiness};
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Environment, Image, Material, Mesh, Pixels, Scene};
@@ -86,7 +86,7 @@ fn at_probes(
     let view = View::new(&camera, [8, 8], Vec2::ZERO, 0, 0, on_gpu.diagonal());
     loop {
         let mut frame = Frame::new(gpu, false);
-        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view);
+        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED);
         let is_ready = readiness.expect("maps") == Readiness::Ready;
         if is_ready {
             frame.clear(&target.radiance);

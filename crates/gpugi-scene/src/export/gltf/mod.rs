@@ -68,7 +68,8 @@ pub fn bake(
     let written = scene::write(scene)?;
     let bytes = written.output.glb()?;
     let limits = Limits {
-        elements: u64::MAX,
+        scene_bytes: u64::MAX,
+        expansion: u64::MAX,
         ..Limits::default()
     };
     let document = Document::read(&scene.name, &bytes, &Nothing, &limits)?;

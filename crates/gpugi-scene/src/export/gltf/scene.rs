@@ -254,12 +254,12 @@ impl Writer<'_> {
             MaterialModel::MetallicRoughness => {}
             MaterialModel::Phong { kd, ks, shininess } => {
                 // The diffuse albedo is base colour times kd. Move the colour into the base colour, which other viewers
-                // read, too.
-                let largest = kd.max_element();
-                if largest > 0.0 {
-                    base_color *= (kd / largest).extend(1.0);
-                }
-                let kd = Vec3::splat(largest);
+                // read, too, and leave a kd as grey as kd + ks <= 1 allows.
+                let grey = Vec3::splat(kd.max_element()).min(Vec3::ONE - ks);
+                let grey = grey.max(kd);
+                let color = Vec3::select(grey.cmpgt(Vec3::ZERO), kd / grey, Vec3::ONE);
+                base_color *= color.extend(1.0);
+                let kd = grey;
                 extras =
                     json!({ "kd": kd.to_array(), "ks": ks.to_array(), "shininess": shininess });
                 extras = json!({ "gpugi": { "phong": extras } });

@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use super::document::{Document, range};
 use super::schema::Accessor;
 use crate::ImportError;
+use crate::import::quoted;
 
 /// A component type, identified by glTF's constant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -188,7 +189,7 @@ impl Document<'_> {
             other => {
                 return Err(self.error(
                     format!("accessors[{index}].type"),
-                    format!("{other:?} is no accessor type"),
+                    format!("\"{}\" is no accessor type", quoted(other)),
                 ));
             }
         };
@@ -226,24 +227,11 @@ impl Document<'_> {
     /// The bytes of all elements of accessor `index`, with sparse replacements applied.
     pub fn packed(&self, index: usize, place: &str) -> Result<Packed<'_>, ImportError> {
         let (accessor, layout) = self.layout(index, place)?;
-        // The limit also applies to an accessor without a buffer view, whose elements are all zero.
+        // Nothing but the budget limits an accessor without a buffer view, whose elements are all zero.
         let packed_stride = layout.packed_stride();
-        let length = (accessor.count <= self.limits.elements)
-            .then(|| {
-                usize::try_from(accessor.count)
-                    .ok()?
-                    .checked_mul(packed_stride)
-            })
-            .flatten()
-            .ok_or_else(|| {
-                self.error(
-                    place,
-                    format!(
-                        "{} elements of accessors[{index}] exceed the limit of {}",
-                        accessor.count, self.limits.elements
-                    ),
-                )
-            })?;
+        let fits = self.budget.check(accessor.count, packed_stride);
+        fits.map_err(|reason| self.error(place, format!("accessors[{index}]: {reason}")))?;
+        let length = accessor.count as usize * packed_stride;
         let count = accessor.count as usize;
         let accessor_place = format!("accessors[{index}]");
         let mut packed = match accessor.buffer_view {

@@ -1,9 +1,11 @@
 //! The file as a whole: its JSON, buffers, buffer views and extensions, and how much of the limits it has used.
 
 use std::borrow::Cow;
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 
 use super::{schema, uri};
+use crate::import::budget::Budget;
+use crate::import::quoted;
 use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
@@ -26,6 +28,7 @@ const MESHOPT: &str = "EXT_meshopt_compression";
 pub struct Document<'a> {
     pub root: schema::Root,
     pub limits: Limits,
+    pub budget: Budget,
     /// The JSON from which `root` was parsed.
     pub json: &'a [u8],
     /// The bytes after the BIN chunk of a binary file.
@@ -34,7 +37,6 @@ pub struct Document<'a> {
     buffers: Vec<Option<Cow<'a, [u8]>>>,
     /// Content of the compressed buffer views, decoded.
     decoded_views: Vec<Option<Vec<u8>>>,
-    elements: Cell<u64>,
     warnings: RefCell<Vec<String>>,
 }
 
@@ -51,17 +53,19 @@ impl<'a> Document<'a> {
             binary,
             further_chunks,
         } = split(name, bytes)?;
-        let root: schema::Root =
-            serde_json::from_slice(json).map_err(|error| ImportError::new(name, "JSON", error))?;
+        let budget = Budget::new(limits, bytes.len());
+        (budget.charge(parsed_size(json), 1))
+            .map_err(|reason| ImportError::new(name, "JSON", reason))?;
+        let root = parse(name, json)?;
         let mut document = Self {
             root,
             limits: *limits,
+            budget,
             json,
             further_chunks,
             name,
             buffers: Vec::new(),
             decoded_views: Vec::new(),
-            elements: Cell::new(0),
             warnings: RefCell::default(),
         };
         document.check_version()?;
@@ -102,20 +106,17 @@ impl<'a> Document<'a> {
         })
     }
 
-    /// Deducts `count` vertices, indices or similar elements from the limit, before they are allocated.
-    pub fn charge(&self, count: u64, place: &str) -> Result<(), ImportError> {
-        let total = self.elements.get().saturating_add(count);
-        if total > self.limits.elements {
-            return Err(self.error(
-                place,
-                format!(
-                    "{count} more elements exceed the limit of {} a scene",
-                    self.limits.elements
-                ),
-            ));
+    /// Counts a file that this one refers to; a data URI is part of this one.
+    pub fn given(&self, uri: &str, bytes: usize) {
+        if !uri.starts_with("data:") {
+            self.budget.give(uri, bytes);
         }
-        self.elements.set(total);
-        Ok(())
+    }
+
+    /// Charges `count` things of `size` bytes to the budget, before they are allocated.
+    pub fn charge(&self, count: u64, size: usize, place: &str) -> Result<(), ImportError> {
+        let charged = self.budget.charge(count, size);
+        charged.map_err(|reason| self.error(place, reason))
     }
 
     /// The bytes of a buffer view, and its stride if it has one.
@@ -173,7 +174,7 @@ impl<'a> Document<'a> {
         }
         Err(self.error(
             "asset.version",
-            format!("gpugi reads glTF 2.0, not {version:?}"),
+            format!("gpugi reads glTF 2.0, not \"{}\"", quoted(version)),
         ))
     }
 
@@ -194,14 +195,20 @@ impl<'a> Document<'a> {
             };
             return Err(self.error(
                 format!("extensionsRequired[{index}]"),
-                format!("the file needs {extension}, which gpugi does not support{hint}"),
+                format!(
+                    "the file needs {}, which gpugi does not support{hint}",
+                    quoted(extension)
+                ),
             ));
         }
         for extension in &self.root.extensions_used {
             if !is_supported(extension) {
                 self.warn(
                     "extensionsUsed",
-                    format!("{extension} is not supported; the picture may lack what it describes"),
+                    format!(
+                        "{} is not supported; the picture may lack what it describes",
+                        quoted(extension)
+                    ),
                 );
             }
         }
@@ -239,8 +246,13 @@ impl<'a> Document<'a> {
                         ),
                     ));
                 }
-                total += bytes.len() as u64;
+                let buffer_size = bytes.len() as u64;
+                total += buffer_size;
                 self.check_bytes(total, &place)?;
+                if let Some(uri) = &buffer.uri {
+                    self.given(uri, bytes.len());
+                    self.charge(buffer_size, 1, &place)?;
+                }
             }
             buffers.push(bytes);
         }
@@ -266,6 +278,7 @@ impl<'a> Document<'a> {
             )?;
             total = total.saturating_add(compressed.count.saturating_mul(compressed.byte_stride));
             self.check_bytes(total, &place)?;
+            self.charge(compressed.count, compressed.byte_stride as usize, &place)?;
             let view = super::meshopt::decode(compressed, bytes)
                 .map_err(|reason| self.error(place, reason))?;
             decoded.push(Some(view));
@@ -306,6 +319,45 @@ struct Parts<'a> {
     /// The BIN chunk of a binary file.
     binary: Option<&'a [u8]>,
     further_chunks: &'a [u8],
+}
+
+/// At most how many bytes the parsed JSON takes: each object at most as many as the largest struct, each further entry
+/// of a list or an object as many as one of any type, and names and strings as many as the text.
+fn parsed_size(json: &[u8]) -> u64 {
+    const OBJECT: u64 = size_of::<schema::Material>() as u64;
+    const ENTRY: u64 = 2 * size_of::<serde_json::Value>() as u64;
+    let sizes = json.iter().map(|byte| match byte {
+        b'{' => OBJECT,
+        b',' | b'[' => ENTRY,
+        _ => 1,
+    });
+    sizes.sum()
+}
+
+/// Parses the JSON; an error names the path in the document.
+fn parse(name: &str, json: &[u8]) -> Result<schema::Root, ImportError> {
+    let mut source = serde_json::Deserializer::from_slice(json);
+    let parsed = serde_path_to_error::deserialize(&mut source).map_err(|error| {
+        let path = error.path().to_string();
+        let place = if path == "." { "JSON".to_owned() } else { path };
+        let reason = quoted_reason(&error.into_inner().to_string());
+        ImportError::new(name, quoted(&place), reason)
+    });
+    let root = parsed?;
+    let end = source.end();
+    end.map_err(|error| ImportError::new(name, "JSON", quoted_reason(&error.to_string())))?;
+    Ok(root)
+}
+
+/// A message of serde without the text that it quotes beyond its beginning: it may hold a whole file.
+fn quoted_reason(reason: &str) -> String {
+    const MOST: usize = 200;
+    if reason.chars().nth(MOST).is_none() {
+        return reason.to_owned();
+    }
+    let start: String = reason.chars().take(60).collect();
+    let end = reason.rfind("expected").map_or("", |at| &reason[at..]);
+    format!("{start}... {}", quoted(end))
 }
 
 fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<Parts<'a>, ImportError> {
@@ -359,7 +411,10 @@ fn chunk(bytes: &[u8], kind: [u8; 4]) -> Result<(&[u8], &[u8]), String> {
     let (length, rest) = take_u32(bytes).ok_or(truncated)?;
     let (found, rest) = rest.split_first_chunk::<4>().ok_or(truncated)?;
     if *found != kind {
-        return Err(format!("a chunk of type {found:?} stands in its place"));
+        return Err(format!(
+            "a chunk of type {:?} stands in its place",
+            String::from_utf8_lossy(found)
+        ));
     }
     rest.split_at_checked(length as usize).ok_or_else(|| {
         format!(

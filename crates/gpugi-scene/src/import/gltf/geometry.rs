@@ -6,9 +6,12 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::document::Document;
 use super::schema::Primitive;
-use crate::animation::{Influences, MorphTarget};
+use crate::animation::{Influences, JOINT_BYTES, MorphTarget};
 use crate::tangents::{self, unit_or};
 use crate::{ImportError, Mesh};
+
+/// Memory of an index (bytes).
+const INDEX_BYTES: usize = size_of::<u32>();
 
 /// A primitive and the data that may deform it.
 pub struct Geometry {
@@ -50,7 +53,11 @@ pub fn read(
     let mut geometry = reader.vertices(primitive, name, indices, uv_sets)?;
     if geometry.mesh.normals.is_empty() {
         // glTF 2.0, 3.7.2.1: use flat normals and ignore the file's tangents.
-        document.charge(geometry.mesh.indices.len() as u64, place)?;
+        document.charge(
+            geometry.mesh.indices.len() as u64,
+            geometry.split_bytes(),
+            place,
+        )?;
         geometry.mesh.tangents.clear();
         geometry.flat = true;
         let sources = tangents::make_flat(&mut geometry.mesh);
@@ -59,7 +66,11 @@ pub fn read(
     if let Some(slot) = normal_slot
         && geometry.mesh.tangents.is_empty()
     {
-        document.charge(geometry.mesh.indices.len() as u64, place)?;
+        document.charge(
+            geometry.mesh.indices.len() as u64,
+            geometry.split_bytes(),
+            place,
+        )?;
         match tangents::generate(&mut geometry.mesh, slot) {
             Some(sources) => geometry.follow(&sources),
             None => document.warn(
@@ -91,7 +102,20 @@ pub fn triangle_corners(
     Ok((reader.count, reader.indices(primitive)?))
 }
 
+/// Memory of a vertex while vertices are split (bytes): its normal, its tangent, its old number and its new one, and
+/// the table in which equal ones are found.
+const SPLIT_BYTES: usize = 128;
+
 impl Geometry {
+    /// Memory that a vertex takes when vertices are split (bytes).
+    fn split_bytes(&self) -> usize {
+        let vertices = self.mesh.positions.len().max(1);
+        let targets = self.targets.iter().map(MorphTarget::byte_size);
+        let joints = self.influences.as_ref().map_or(0, |one| one.per_vertex);
+        let all = self.mesh.byte_size() + targets.sum::<usize>();
+        SPLIT_BYTES + all.div_ceil(vertices) + joints * JOINT_BYTES
+    }
+
     /// Applies the splitting of vertices to influences and morph targets.
     fn follow(&mut self, sources: &[u32]) {
         for target in &mut self.targets {
@@ -121,9 +145,7 @@ fn vertex_count(
         .attributes
         .get("POSITION")
         .ok_or_else(|| document.error(&place, "the primitive has no positions"))?;
-    let count = document.count(*positions, &place)?;
-    document.charge(count, &place)?;
-    Ok(count)
+    document.count(*positions, &place)
 }
 
 struct Reader<'a> {
@@ -143,12 +165,12 @@ impl Reader<'_> {
         let place = format!("{}.indices", self.place);
         let corners: Vec<u32> = match primitive.indices {
             Some(accessor) => {
-                document.charge(document.count(accessor, &place)?, &place)?;
+                document.charge(document.count(accessor, &place)?, INDEX_BYTES, &place)?;
                 let indices = document.integers::<1>(accessor, &place)?;
                 indices.into_iter().map(|[index]| index).collect()
             }
             None => {
-                document.charge(*count, &place)?;
+                document.charge(*count, INDEX_BYTES, &place)?;
                 let count = u32::try_from(*count)
                     .map_err(|_| document.error(&place, "more vertices than 32 bits count"))?;
                 (0..count).collect()
@@ -176,7 +198,7 @@ impl Reader<'_> {
                 Ok(corners[..whole].to_vec())
             }
             5 => {
-                document.charge(corners.len() as u64 * 3, &place)?;
+                document.charge(corners.len() as u64, 3 * INDEX_BYTES, &place)?;
                 // Every other triangle of a strip has the opposite winding.
                 let turned = triangles.enumerate().map(|(at, corners)| match at % 2 {
                     0 => [corners[0], corners[1], corners[2]],
@@ -185,7 +207,7 @@ impl Reader<'_> {
                 Ok(turned.flatten().collect())
             }
             6 => {
-                document.charge(corners.len() as u64 * 3, &place)?;
+                document.charge(corners.len() as u64, 3 * INDEX_BYTES, &place)?;
                 let around = corners.get(1..).unwrap_or_default().windows(2);
                 Ok(around
                     .flat_map(|edge| [edge[0], edge[1], corners[0]])
@@ -268,9 +290,9 @@ impl Reader<'_> {
         if sets == 0 {
             return Ok(None);
         }
-        self.document
-            .charge(self.count.saturating_mul(sets as u64), self.place)?;
         let per_vertex = sets * 4;
+        self.document
+            .charge(self.count, per_vertex * JOINT_BYTES, self.place)?;
         let mut joints = vec![(0, 0.0); self.count as usize * per_vertex];
         for set in 0..sets {
             let name = format!("JOINTS_{set}");
@@ -328,7 +350,6 @@ impl Reader<'_> {
             self.document
                 .warn(reader.place, format!("{other} does not morph"));
         }
-        self.document.charge(self.count, reader.place)?;
         let offsets = |name: &str| -> Result<Vec<Vec3>, ImportError> {
             let offsets = reader.floats::<3>(attributes, name)?;
             Ok(offsets.into_iter().map(Vec3::from).collect())
@@ -351,6 +372,8 @@ impl Reader<'_> {
         };
         let place = format!("{}.{name}", self.attributes_place);
         self.check_count(accessor, &place)?;
+        self.document
+            .charge(self.count, size_of::<[f32; N]>(), &place)?;
         self.document.floats(accessor, &place)
     }
 

@@ -5,11 +5,15 @@ use std::collections::HashSet;
 use glam::{Quat, Vec3};
 
 use super::document::Document;
-use super::nodes::INSTANCE_ELEMENTS;
+use super::nodes::INSTANCE_BYTES;
 use crate::ImportError;
 use crate::animation::{Node, Rig, Transform, unit_rotation};
 
 pub const NAME: &str = "EXT_mesh_gpu_instancing";
+
+/// Memory of a place (bytes): its transform as read and as placed, a node of the rig with its entry in the order, and
+/// its pose.
+const PLACE_BYTES: usize = 40 + 3 * size_of::<Transform>() + size_of::<Node>() + 128;
 
 /// The instanced nodes of a file and their instances.
 #[derive(Default)]
@@ -67,7 +71,7 @@ pub fn places(document: &Document, node: usize) -> Result<Option<Vec<Transform>>
         }
     }
     let count = count.ok_or_else(|| document.error(&place, "it has no attributes"))?;
-    document.charge(count.saturating_mul(INSTANCE_ELEMENTS), &place)?;
+    document.charge(count, PLACE_BYTES + INSTANCE_BYTES, &place)?;
     let attribute = |name: &str| extension.attributes.get(name).copied();
     let vectors = |name: &str| {
         let read = |accessor| document.floats::<3>(accessor, &format!("{place}.attributes.{name}"));

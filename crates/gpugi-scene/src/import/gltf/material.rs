@@ -5,6 +5,7 @@ use glam::{Vec3, Vec4};
 use super::document::Document;
 use super::texture::Textures;
 use super::{extras, schema};
+use crate::import::quoted;
 use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene, Volume};
 
 /// Maps primitives to scene materials.
@@ -320,7 +321,7 @@ impl Reader<'_> {
             Some("BLEND") => Ok(AlphaMode::Blend),
             Some(other) => Err(self.document.error(
                 format!("{}.alphaMode", self.place),
-                format!("{other:?} is no alpha mode"),
+                format!("\"{}\" is no alpha mode", quoted(other)),
             )),
         }
     }

@@ -7,6 +7,7 @@ use meshopt::{
 };
 
 use super::schema::Meshopt;
+use crate::import::quoted;
 
 const MOST_BYTES_PER_BYTE: u64 = 1024;
 
@@ -23,8 +24,14 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
         ));
     }
     let count = usize::try_from(view.count).map_err(|_| "count is too large")?;
-    let failed = |error: meshopt::Error| format!("the data is damaged: {error}");
-    let wrong_stride = || format!("byteStride {stride} does not fit mode {}", view.mode);
+    // The decoder has nothing to say but a number.
+    let failed = |_: meshopt::Error| "the compressed data is damaged".to_owned();
+    let wrong_stride = || {
+        format!(
+            "byteStride {stride} does not fit mode {}",
+            quoted(&view.mode)
+        )
+    };
     match (view.mode.as_str(), stride) {
         ("ATTRIBUTES", _) => {
             let decoded = vertices(bytes, count, stride).ok_or_else(wrong_stride)?;
@@ -46,7 +53,7 @@ pub fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
             .map(|indices| bytemuck::cast_slice(&indices).to_vec())
             .map_err(failed),
         ("TRIANGLES" | "INDICES", _) => Err(wrong_stride()),
-        (mode, _) => Err(format!("mode {mode:?} is unknown")),
+        (mode, _) => Err(format!("mode \"{}\" is unknown", quoted(mode))),
     }
 }
 
@@ -111,6 +118,6 @@ fn filter(name: &str, stride: u64, bytes: Vec<u8>) -> Result<Vec<u8>, String> {
         ("OCTAHEDRAL" | "QUATERNION", _) => {
             Err(format!("byteStride {stride} does not fit filter {name}"))
         }
-        _ => Err(format!("filter {name:?} is unknown")),
+        _ => Err(format!("filter \"{}\" is unknown", quoted(name))),
     }
 }

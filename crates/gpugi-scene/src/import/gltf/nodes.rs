@@ -9,12 +9,18 @@ use super::geometry::{self, Geometry};
 use super::instancing::{self, Instancing};
 use super::material::Materials;
 use super::{extras, rig, schema};
-use crate::animation::{Deformer, Node, Rig, Transform, rigid, unit_rotation};
-use crate::{Camera, ImportError, Instance, Light, LightKind, Origin, Projection, Scene};
+use crate::animation::{
+    Deformer, JOINT_BYTES, MorphTarget, Node, Rig, Transform, rigid, unit_rotation,
+};
+use crate::import::quoted;
+use crate::{Camera, ImportError, Instance, Light, LightKind, Mesh, Origin, Projection, Scene};
 
-/// The number of [`crate::Limits::elements`] that an instance counts as: it takes about as much memory as that many
-/// vertices. Without this charge, two short lists in a hostile file could multiply to a huge number of instances.
-pub const INSTANCE_ELEMENTS: u64 = 8;
+/// Memory of an instance (bytes), without its name. Two short lists in a file can multiply to a huge number of
+/// instances.
+pub const INSTANCE_BYTES: usize = size_of::<Instance>();
+
+/// Memory of a morph target's weight (bytes), at rest and posed.
+const WEIGHT_BYTES: usize = 8;
 
 /// Adds instances, lights and cameras to `scene`, and a rig if anything moves.
 pub fn read_all(
@@ -141,7 +147,7 @@ fn weights(
         (Some(weights), _) => (weights, place.to_owned()),
         (None, Some(weights)) => (weights, format!("meshes[{mesh}]")),
         (None, None) => {
-            document.charge(targets[mesh] as u64, place)?;
+            document.charge(targets[mesh] as u64, WEIGHT_BYTES, place)?;
             return Ok(vec![0.0; targets[mesh]]);
         }
     };
@@ -155,7 +161,7 @@ fn weights(
             ),
         ));
     }
-    document.charge(weights.len() as u64, &place)?;
+    document.charge(weights.len() as u64, WEIGHT_BYTES, &place)?;
     Ok(weights.clone())
 }
 
@@ -285,8 +291,8 @@ impl Placer<'_> {
             (Some(name), _) | (None, Some(name)) => name.clone(),
             (None, None) => format!("node {node}"),
         };
-        let elements = INSTANCE_ELEMENTS + name.len() as u64 / 32;
-        document.charge(elements.saturating_mul(loaded.len() as u64), place)?;
+        let bytes = INSTANCE_BYTES + name.len();
+        document.charge(loaded.len() as u64, bytes, place)?;
         for primitive in loaded {
             let geometry = &mut primitive.geometry;
             let skin = match (source.skin, &geometry.influences) {
@@ -301,12 +307,13 @@ impl Placer<'_> {
                         return Err(document.error(
                             place,
                             format!(
-                                "a vertex of {:?} follows joint {joint} of {}",
-                                geometry.mesh.name,
+                                "a vertex of \"{}\" follows joint {joint} of {}",
+                                quoted(&geometry.mesh.name),
                                 joints.len()
                             ),
                         ));
                     }
+                    document.charge(influences.joints.len() as u64, JOINT_BYTES, &place)?;
                     Some((skin, influences.clone()))
                 }
                 _ => None,
@@ -315,12 +322,16 @@ impl Placer<'_> {
             let mesh = match primitive.shared {
                 Some(shared) if !bends => shared,
                 _ => {
-                    let copies = if bends { 2 + geometry.targets.len() } else { 1 };
-                    document.charge((geometry.mesh.positions.len() * copies) as u64, place)?;
+                    let copies = if bends { 2 } else { 1 };
+                    let mesh_bytes = size_of::<Mesh>() + geometry.mesh.name.len();
+                    let bytes = copies * (mesh_bytes + geometry.mesh.byte_size());
+                    document.charge(1, bytes, place)?;
                     scene.add_mesh(geometry.mesh.clone())
                 }
             };
             if bends {
+                let bytes: usize = geometry.targets.iter().map(MorphTarget::byte_size).sum();
+                document.charge(1, bytes + size_of::<Deformer>(), place)?;
                 self.rig.deformers.push(Deformer {
                     instance: scene.instances.len(),
                     node,
@@ -357,6 +368,10 @@ impl Placer<'_> {
         }
         let document = self.document;
         let source = document.get(&document.root.meshes, "mesh", index, "nodes")?;
+        let name_bytes = source.name.as_ref().map_or(0, String::len);
+        let primitives = source.primitives.len() as u64;
+        let bytes = size_of::<Loaded>() + name_bytes;
+        document.charge(primitives, bytes, &format!("meshes[{index}]"))?;
         let mesh_name = source
             .name
             .clone()
@@ -455,7 +470,7 @@ fn light(document: &Document, light: &schema::Light, index: usize) -> Result<Lig
         other => {
             return Err(document.error(
                 format!("{place}.type"),
-                format!("{other:?} is no kind of light"),
+                format!("\"{}\" is no kind of light", quoted(other)),
             ));
         }
     };

@@ -6,6 +6,10 @@ use super::document::Document;
 use super::schema::{self, AnimationSampler};
 use crate::ImportError;
 use crate::animation::{Animation, Channel, Interpolation, Property, Rig, Skin};
+use crate::import::quoted;
+
+/// Memory of a joint of a skin (bytes): its node, its matrix at rest and its matrix in a pose.
+const SKIN_JOINT_BYTES: u64 = 8 + 2 * 64;
 
 /// Adds the file's skins to `rig`.
 pub fn read_skins(document: &Document, rig: &mut Rig) -> Result<(), ImportError> {
@@ -14,11 +18,13 @@ pub fn read_skins(document: &Document, rig: &mut Rig) -> Result<(), ImportError>
         for &joint in &source.joints {
             document.get(&rig.nodes, "node", joint, &format!("{place}.joints"))?;
         }
+        let bytes = size_of::<Skin>() as u64 + source.joints.len() as u64 * SKIN_JOINT_BYTES;
+        document.charge(bytes, 1, &place)?;
         let joint_from_mesh = match source.inverse_bind_matrices {
             None => vec![Mat4::IDENTITY; source.joints.len()],
             Some(accessor) => {
                 let place = format!("{place}.inverseBindMatrices");
-                document.charge(document.count(accessor, &place)?, &place)?;
+                document.charge(document.count(accessor, &place)?, 64, &place)?;
                 let matrices = document.floats::<16>(accessor, &place)?;
                 if matrices.len() < source.joints.len() {
                     return Err(document.error(
@@ -84,7 +90,10 @@ fn read_channel(
         "scale" => (Property::Scale, 3),
         "weights" => (Property::Weights, target.weights.len()),
         other => {
-            document.warn(&target_place, format!("{other:?} is not animated"));
+            document.warn(
+                &target_place,
+                format!("\"{}\" is not animated", quoted(other)),
+            );
             return Ok(None);
         }
     };
@@ -99,7 +108,7 @@ fn read_channel(
         "LINEAR" => Interpolation::Linear,
         "CUBICSPLINE" => Interpolation::CubicSpline,
         other => {
-            return Err(document.error(place, format!("{other:?} is no interpolation")));
+            return Err(document.error(place, format!("\"{}\" is no interpolation", quoted(other))));
         }
     };
     let times = read_times(document, sampler, place)?;
@@ -133,7 +142,7 @@ fn read_times(
     place: &str,
 ) -> Result<Vec<f32>, ImportError> {
     let place = format!("{place}.sampler.input");
-    document.charge(document.count(sampler.input, &place)?, &place)?;
+    document.charge(document.count(sampler.input, &place)?, 4, &place)?;
     let times = document.floats::<1>(sampler.input, &place)?;
     let times: Vec<f32> = times.into_iter().map(|[time]| time).collect();
     if times.is_empty() {
@@ -152,7 +161,8 @@ fn read_values(
     place: &str,
 ) -> Result<Vec<f32>, ImportError> {
     let place = format!("{place}.sampler.output");
-    document.charge(document.count(sampler.output, &place)?, &place)?;
+    let width = document.width(sampler.output, &place)?;
+    document.charge(document.count(sampler.output, &place)?, 4 * width, &place)?;
     Ok(match property {
         Property::Translation | Property::Scale => document
             .floats::<3>(sampler.output, &place)?

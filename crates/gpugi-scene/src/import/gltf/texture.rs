@@ -8,7 +8,8 @@ use super::document::Document;
 use super::schema::TextureInfo;
 use super::uri;
 use crate::image::decode_color;
-use crate::{Image, ImportError, Limits, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
+use crate::import::quoted;
+use crate::{Image, ImportError, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
 /// Indices of the decoded images and textures in the scene, by glTF index.
 pub struct Textures<'a> {
@@ -18,7 +19,6 @@ pub struct Textures<'a> {
     images: HashMap<usize, usize>,
     /// Roughness textures derived from glossiness, by glTF texture and the bits of the glossiness factor.
     roughness: HashMap<(usize, u32), usize>,
-    bytes_left: u64,
     /// The UV sets of the file that fill the slots of [`crate::Mesh::uvs`] for the material being read.
     pub uv_sets: [u32; 2],
 }
@@ -31,7 +31,6 @@ impl<'a> Textures<'a> {
             textures: HashMap::new(),
             images: HashMap::new(),
             roughness: HashMap::new(),
-            bytes_left: document.limits.image_bytes,
             uv_sets: [0, 1],
         }
     }
@@ -89,15 +88,12 @@ impl<'a> Textures<'a> {
         let Pixels::Rgba8(texels) = &source.pixels else {
             return Ok(like);
         };
-        self.bytes_left = self
-            .bytes_left
-            .checked_sub(texels.len() as u64)
-            .ok_or_else(|| {
-                self.document.error(
-                    format!("textures[{}]", info.index),
-                    "no image bytes are left for the roughness that its glossiness becomes",
-                )
-            })?;
+        let charged = self.document.budget.charge_image(texels.len());
+        charged.map_err(|reason| {
+            let place = format!("textures[{}]", info.index);
+            let reason = format!("the roughness that its glossiness becomes: {reason}");
+            self.document.error(place, reason)
+        })?;
         let (texels, _) = texels.as_chunks::<4>();
         let pixels = texels.iter().flat_map(|&[.., alpha]| {
             let roughness = 255.0 - glossiness * f32::from(alpha);
@@ -142,7 +138,7 @@ impl<'a> Textures<'a> {
                 } else {
                     format!(
                         "the texture has no PNG or JPEG to fall back on, and gpugi does not decode {}",
-                        formats.join(", ")
+                        quoted(&formats.join(", "))
                     )
                 },
             ));
@@ -205,17 +201,19 @@ impl<'a> Textures<'a> {
             (None, Some(uri)) if !uri.starts_with("data:") => uri.clone(),
             _ => format!("image {index}"),
         };
-        let limits = Limits {
-            image_bytes: self.bytes_left,
-            ..document.limits
-        };
+        if let Some(uri) = &image.uri {
+            document.given(uri, bytes.len());
+        }
+        let label = quoted(&label);
+        let limits = document.budget.image_limits();
         let decoded = decode_color(&label, bytes, &limits).map_err(|error| {
             document.error(
                 &place,
-                format!("{label:?}: {}: {}", error.place, error.reason),
+                format!("\"{label}\": {}: {}", error.place, error.reason),
             )
         })?;
-        self.bytes_left = self.bytes_left.saturating_sub(decoded.byte_size() as u64);
+        let charged = document.budget.charge_image(decoded.byte_size());
+        charged.map_err(|reason| document.error(&place, reason))?;
         scene.images.push(decoded.into());
         self.images.insert(index, scene.images.len() - 1);
         Ok(scene.images.len() - 1)

@@ -5,6 +5,7 @@ use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::Resolver;
+use crate::import::quoted;
 
 /// Base64 as exporters write it, with or without padding.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -27,14 +28,15 @@ pub fn read(uri: &str, resolver: &dyn Resolver) -> Result<Vec<u8>, String> {
     }
     if let Some((scheme, _)) = uri.split_once("://") {
         return Err(format!(
-            "{scheme} addresses are not read; download the file beside this one"
+            "{} addresses are not read; copy the file beside this one",
+            quoted(scheme)
         ));
     }
     let decoded = String::from_utf8(percent_decoded(uri))
-        .map_err(|_| format!("{uri:?} is not UTF-8 once decoded"))?;
+        .map_err(|_| format!("\"{}\" is not UTF-8 once decoded", quoted(uri)))?;
     resolver
         .read(&decoded)
-        .map_err(|reason| format!("cannot read {decoded:?}: {reason}"))
+        .map_err(|reason| format!("cannot read \"{}\": {reason}", quoted(&decoded)))
 }
 
 fn percent_decoded(text: &str) -> Vec<u8> {

@@ -2,24 +2,37 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
+use std::rc::Rc;
 
 use glam::{Vec2, Vec3};
 
-use super::{numbers, shortened};
+use super::numbers;
+use crate::import::budget::Budget;
+use crate::import::quoted;
 use crate::tangents::unit_or;
-use crate::{ImportError, Limits, Mesh, polygon};
+use crate::{ImportError, Instance, Mesh, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
     /// Named after the group; has no normals if any corner lacks one.
     pub mesh: Mesh,
     /// The material's name, if any.
-    pub material: Option<String>,
+    pub material: Option<Rc<str>>,
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
     has_uvs: bool,
 }
+
+/// Memory of an index (bytes).
+const INDEX_BYTES: usize = 2 * size_of::<u32>();
+/// Memory of a position, normal or texture coordinate (bytes), in a vector that may be twice as large as its contents.
+const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
+/// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
+/// and the table may be twice as large as their contents.
+const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
+/// Memory of a part (bytes), without names: as parsed, as a mesh, and as an instance.
+const PART_BYTES: usize = 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
 
 /// Indices of a position, a texture coordinate and a normal.
 type Corner = (u32, Option<u32>, Option<u32>);
@@ -36,11 +49,8 @@ pub struct Geometry {
 
 impl Geometry {
     /// Parses `text`; errors name `file` and the line.
-    pub fn parse(file: &str, text: &str, limits: &Limits) -> Result<Self, ImportError> {
-        let mut parser = Parser {
-            elements_left: limits.elements,
-            ..Parser::default()
-        };
+    pub fn parse(file: &str, text: &str, budget: &Budget) -> Result<Self, ImportError> {
+        let mut parser = Parser::new(budget);
         for (number, line) in joined_lines(text) {
             parser
                 .line(&line)
@@ -78,31 +88,52 @@ fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
         let (index, line) = lines.next()?;
         let mut joined = Cow::Borrowed(line);
         while let Some(start) = joined.trim_end().strip_suffix('\\') {
+            let length = start.len();
             let next = lines.next().map_or("", |(_, line)| line);
-            joined = Cow::Owned(format!("{start} {next}"));
+            // In place: copying the line each time would take quadratic time.
+            let owned = joined.to_mut();
+            owned.truncate(length);
+            owned.push(' ');
+            owned.push_str(next);
         }
         Some((index + 1, joined))
     })
 }
 
-#[derive(Default)]
-struct Parser {
+struct Parser<'a> {
+    budget: &'a Budget,
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     parts: Vec<Part>,
-    part_by_key: HashMap<(String, Option<String>), usize>,
+    part_by_key: HashMap<(Rc<str>, Option<Rc<str>>), usize>,
     /// The part that receives faces; `None` after a change of group or material.
     current: Option<usize>,
-    group: String,
-    material: Option<String>,
+    group: Rc<str>,
+    material: Option<Rc<str>>,
     libraries: Vec<String>,
     ignored: BTreeSet<String>,
     corners: Vec<Corner>,
-    elements_left: u64,
 }
 
-impl Parser {
+impl<'a> Parser<'a> {
+    fn new(budget: &'a Budget) -> Self {
+        Self {
+            budget,
+            positions: Vec::new(),
+            normals: Vec::new(),
+            uvs: Vec::new(),
+            parts: Vec::new(),
+            part_by_key: HashMap::new(),
+            current: None,
+            group: "".into(),
+            material: None,
+            libraries: Vec::new(),
+            ignored: BTreeSet::new(),
+            corners: Vec::new(),
+        }
+    }
+
     fn line(&mut self, line: &str) -> Result<(), String> {
         let line = line.trim();
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
@@ -110,11 +141,13 @@ impl Parser {
         // Names may contain a #; after numbers, it starts a comment.
         let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
         let words = || values.split_whitespace().take(4).collect::<Vec<&str>>();
+        if let "v" | "vn" | "vt" = keyword {
+            self.budget.charge(1, VALUE_BYTES)?;
+        }
         match keyword {
             "" | "s" => {}
             _ if keyword.starts_with('#') => {}
             "v" => {
-                self.count(1)?;
                 self.positions.push(numbers(&words())?.into());
             }
             "vn" => self.normals.push(numbers(&words())?.into()),
@@ -127,17 +160,17 @@ impl Parser {
             }
             "f" => self.face(values)?,
             "o" | "g" => {
-                self.group = rest.to_owned();
+                self.group = rest.into();
                 self.current = None;
             }
             "usemtl" => {
-                self.material = Some(rest.to_owned());
+                self.material = Some(rest.into());
                 self.current = None;
             }
             "mtllib" => self.libraries.push(rest.to_owned()),
             // Limited, because a damaged file could hold any number of unknown words.
             _ if self.ignored.len() < 20 => {
-                self.ignored.insert(shortened(keyword));
+                self.ignored.insert(quoted(keyword));
             }
             _ => {}
         }
@@ -153,18 +186,22 @@ impl Parser {
         if corners.len() < 3 {
             return Err(format!("a face with {} corners", corners.len()));
         }
-        self.count(3 * (corners.len() as u64 - 2))?;
+        self.budget
+            .charge(corners.len() as u64 - 2, 3 * INDEX_BYTES)?;
         let positions: Vec<Vec3> = corners
             .iter()
             .map(|&(position, ..)| self.positions[position as usize])
             .collect();
         let triangles = polygon::triangulate(&positions);
-        let current = self.current_part();
+        let current = self.current_part()?;
         let part = &mut self.parts[current];
+        let before = part.mesh.positions.len();
         let vertices: Vec<u32> = corners
             .iter()
             .map(|&corner| part.vertex(corner, &self.positions, &self.uvs, &self.normals))
             .collect();
+        let new = part.mesh.positions.len() - before;
+        self.budget.charge(new as u64, VERTEX_BYTES)?;
         for triangle in triangles {
             let triangle = triangle.map(|corner| vertices[corner as usize]);
             part.mesh.indices.extend(triangle);
@@ -183,7 +220,7 @@ impl Parser {
             }
             let number: i64 = field
                 .parse()
-                .map_err(|_| format!("\"{}\" is no face corner", shortened(word)))?;
+                .map_err(|_| format!("\"{}\" is no face corner", quoted(word)))?;
             let index = if number < 0 {
                 number.saturating_add(count as i64)
             } else {
@@ -199,22 +236,27 @@ impl Parser {
         let position = next("vertex", self.positions.len())?;
         let uv = next("texture coordinate", self.uvs.len())?;
         let normal = next("normal", self.normals.len())?;
-        let position =
-            position.ok_or_else(|| format!("\"{}\" names no vertex", shortened(word)))?;
+        let position = position.ok_or_else(|| format!("\"{}\" names no vertex", quoted(word)))?;
         Ok((position, uv, normal))
     }
 
-    fn current_part(&mut self) -> usize {
+    fn current_part(&mut self) -> Result<usize, String> {
         if let Some(current) = self.current {
-            return current;
+            return Ok(current);
         }
-        let key = (self.group.clone(), self.material.clone());
-        let current = *self.part_by_key.entry(key).or_insert_with(|| {
+        let key = (Rc::clone(&self.group), self.material.clone());
+        let current = if let Some(&known) = self.part_by_key.get(&key) {
+            known
+        } else {
             let material = self.material.as_deref().unwrap_or("default");
-            let name = match self.group.as_str() {
+            // The mesh and the instance are called by it.
+            let length = self.group.len() + material.len() + 3;
+            self.budget.charge(1, PART_BYTES + 2 * length)?;
+            let name = match &*self.group {
                 "" => material.to_owned(),
                 group => format!("{group} ({material})"),
             };
+            self.part_by_key.insert(key, self.parts.len());
             self.parts.push(Part {
                 mesh: Mesh {
                     name,
@@ -226,17 +268,9 @@ impl Parser {
                 has_uvs: false,
             });
             self.parts.len() - 1
-        });
+        };
         self.current = Some(current);
-        current
-    }
-
-    fn count(&mut self, elements: u64) -> Result<(), String> {
-        self.elements_left = self
-            .elements_left
-            .checked_sub(elements)
-            .ok_or("more vertices and indices than the limit")?;
-        Ok(())
+        Ok(current)
     }
 }
 

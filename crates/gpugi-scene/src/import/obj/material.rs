@@ -1,18 +1,23 @@
 //! MTL materials.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
+use super::numbers;
 use super::texture::{Map, Textures};
-use super::{numbers, shortened};
-use crate::{AlphaMode, ImportError, Limits, Material, MaterialModel, Resolver, Scene};
+use crate::import::budget::Budget;
+use crate::import::quoted;
+use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene};
 
 /// The materials of all libraries that an OBJ file refers to.
 pub struct Library<'a> {
     resolver: &'a dyn Resolver,
+    budget: &'a Budget,
     textures: Textures<'a>,
     by_name: HashMap<String, usize>,
+    /// The arguments and files that have been read.
+    known: HashSet<String>,
 }
 
 /// A material as described by MTL.
@@ -33,15 +38,20 @@ struct Entry {
     maps: HashMap<&'static str, Map>,
 }
 
+/// Memory of a material (bytes), as parsed and in the scene, without its names.
+const MATERIAL_BYTES: usize = 2 * size_of::<Entry>() + 2 * size_of::<Material>();
+
 /// Supported maps, by keyword.
 const MAPS: [&str; 4] = ["map_Kd", "map_Ke", "map_d", "norm"];
 
 impl<'a> Library<'a> {
-    pub fn new(resolver: &'a dyn Resolver, limits: &Limits) -> Self {
+    pub fn new(resolver: &'a dyn Resolver, budget: &'a Budget) -> Self {
         Self {
             resolver,
-            textures: Textures::new(resolver, limits),
+            budget,
+            textures: Textures::new(resolver, budget),
             by_name: HashMap::new(),
+            known: HashSet::new(),
         }
     }
 
@@ -51,25 +61,34 @@ impl<'a> Library<'a> {
     }
 
     /// Adds the libraries of a `mtllib` line to the scene. The line holds either one name, possibly with spaces, or
-    /// several names.
+    /// several names. What has been read is not read again.
     pub fn load(&mut self, names: &str, scene: &mut Scene) -> Result<(), ImportError> {
         let whole = names.replace('\\', "/");
-        let mut files = vec![whole.as_str()];
-        if self.resolver.read(&whole).is_err() {
-            files = whole.split_whitespace().collect();
+        if !self.known.insert(whole.clone()) {
+            return Ok(());
         }
-        for file in files {
+        if let Ok(bytes) = self.resolver.read(&whole) {
+            return self.read(&whole, &bytes, scene);
+        }
+        for file in whole.split_whitespace() {
+            if file != whole && !self.known.insert(file.to_owned()) {
+                continue;
+            }
             match self.resolver.read(file) {
-                Ok(bytes) => self.read(file, &String::from_utf8_lossy(&bytes), scene)?,
-                Err(reason) => scene
-                    .warnings
-                    .push(format!("material library {file}: {reason}")),
+                Ok(bytes) => self.read(file, &bytes, scene)?,
+                Err(reason) => {
+                    let file = quoted(file);
+                    let warning = format!("material library {file}: {reason}");
+                    scene.warnings.push(warning);
+                }
             }
         }
         Ok(())
     }
 
-    fn read(&mut self, file: &str, text: &str, scene: &mut Scene) -> Result<(), ImportError> {
+    fn read(&mut self, file: &str, bytes: &[u8], scene: &mut Scene) -> Result<(), ImportError> {
+        self.budget.give(file, bytes.len());
+        let text = String::from_utf8_lossy(bytes);
         let mut entries: Vec<Entry> = Vec::new();
         let mut ignored = BTreeSet::new();
         for (index, line) in text.lines().enumerate() {
@@ -77,6 +96,10 @@ impl<'a> Library<'a> {
             let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
             let rest = rest.trim();
             if keyword == "newmtl" {
+                let charged = self.budget.charge(1, MATERIAL_BYTES + 3 * rest.len());
+                charged.map_err(|reason| {
+                    ImportError::new(file, format!("line {}", index + 1), reason)
+                })?;
                 entries.push(Entry {
                     name: rest.to_owned(),
                     ..Entry::default()
@@ -86,7 +109,7 @@ impl<'a> Library<'a> {
                     ImportError::new(file, format!("line {}", index + 1), reason)
                 })?;
                 if !known && ignored.len() < 20 {
-                    ignored.insert(shortened(keyword));
+                    ignored.insert(quoted(keyword));
                 }
             }
         }
@@ -187,7 +210,7 @@ impl Entry {
         }
         let largest = (kd + ks).max_element();
         if largest > 1.0 {
-            let name = &self.name;
+            let name = quoted(&self.name);
             let warning = format!(
                 "material \"{name}\": Kd + Ks is {largest}, which would make light; both are scaled to 1"
             );

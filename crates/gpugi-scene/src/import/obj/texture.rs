@@ -5,7 +5,9 @@ use std::collections::HashMap;
 use glam::{Affine2, Vec2};
 
 use crate::image::decode_color;
-use crate::{Image, Limits, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
+use crate::import::budget::Budget;
+use crate::import::quoted;
+use crate::{Image, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
 /// A map statement: options and a file name.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,16 +91,16 @@ fn finite(word: &str) -> Option<f32> {
 /// Decodes each image once, and warns once about each image that cannot be used.
 pub struct Textures<'a> {
     resolver: &'a dyn Resolver,
-    limits: Limits,
+    budget: &'a Budget,
     images: HashMap<String, Option<usize>>,
     textures: HashMap<(usize, bool), usize>,
 }
 
 impl<'a> Textures<'a> {
-    pub fn new(resolver: &'a dyn Resolver, limits: &Limits) -> Self {
+    pub fn new(resolver: &'a dyn Resolver, budget: &'a Budget) -> Self {
         Self {
             resolver,
-            limits: *limits,
+            budget,
             images: HashMap::new(),
             textures: HashMap::new(),
         }
@@ -131,12 +133,11 @@ impl<'a> Textures<'a> {
         }
         let coverage = &scene.images[alpha_image];
         let base = color_image.map_or(coverage, |image| &scene.images[image]);
-        let combined = combine(&name, base, color_image.is_some(), coverage)?;
-        if !self.take(combined.byte_size()) {
-            let limit = "the limit on the bytes of all images is reached";
-            scene.warnings.push(format!("{name}: {limit}"));
+        if let Err(reason) = self.budget.charge_image(base.byte_size()) {
+            scene.warnings.push(format!("{}: {reason}", quoted(&name)));
             return None;
         }
+        let combined = combine(&name, base, color_image.is_some(), coverage)?;
         scene.images.push(combined.into());
         let image = scene.images.len() - 1;
         self.images.insert(name, Some(image));
@@ -150,13 +151,17 @@ impl<'a> Textures<'a> {
         let decoded = self
             .resolver
             .read(file)
-            .map_err(|reason| format!("{file}: {reason}"))
+            .map_err(|reason| format!("{}: {reason}", quoted(file)))
             .and_then(|bytes| {
-                decode_color(file, &bytes, &self.limits).map_err(|error| error.to_string())
+                self.budget.give(file, bytes.len());
+                let limits = self.budget.image_limits();
+                let image = decode_color(&quoted(file), &bytes, &limits)
+                    .map_err(|error| error.to_string())?;
+                self.budget.charge_image(image.byte_size())?;
+                Ok(image)
             });
         let image = match decoded {
             Ok(image) => {
-                self.take(image.byte_size());
                 scene.images.push(image.into());
                 Some(scene.images.len() - 1)
             }
@@ -168,13 +173,6 @@ impl<'a> Textures<'a> {
         };
         self.images.insert(file.to_owned(), image);
         image
-    }
-
-    /// Deducts bytes from the budget for images.
-    fn take(&mut self, bytes: usize) -> bool {
-        let left = self.limits.image_bytes.checked_sub(bytes as u64);
-        self.limits.image_bytes = left.unwrap_or(0);
-        left.is_some()
     }
 
     fn place(&mut self, map: &Map, image: usize, scene: &mut Scene) -> TextureRef {

@@ -1,5 +1,7 @@
 //! Parses the text at the start of a PLY file.
 
+use crate::import::quoted;
+
 /// Encoding of the values after the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
@@ -109,12 +111,12 @@ impl Header {
                         "ascii" => Format::Ascii,
                         "binary_little_endian" => Format::LittleEndian,
                         "binary_big_endian" => Format::BigEndian,
-                        _ => return fail(format!("unknown format \"{name}\"")),
+                        _ => return fail(format!("unknown format \"{}\"", quoted(name))),
                     });
                 }
                 ["element", name, count] => {
                     let Ok(count) = count.parse() else {
-                        return fail(format!("\"{count}\" is no count"));
+                        return fail(format!("\"{}\" is no count", quoted(count)));
                     };
                     elements.push(Element {
                         name: name.into(),
@@ -127,7 +129,7 @@ impl Header {
                         return fail("a property comes before any element".into());
                     };
                     let Some(property) = property(words) else {
-                        return fail(format!("\"{}\" is no property", text.trim()));
+                        return fail(format!("\"{}\" is no property", quoted(text.trim())));
                     };
                     element.properties.push(property);
                 }
@@ -141,7 +143,7 @@ impl Header {
                         size,
                     });
                 }
-                _ => return fail(format!("\"{}\" is no header line", text.trim())),
+                _ => return fail(format!("\"{}\" is no header line", quoted(text.trim()))),
             }
         }
         let last = bytes.split(|&byte| byte == b'\n').count();

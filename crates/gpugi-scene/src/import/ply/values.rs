@@ -1,5 +1,7 @@
 //! Reads the values after a PLY header.
 
+use crate::import::quoted;
+
 use super::header::{Element, Format, Kind, Property};
 
 /// Reads numbers in sequence and checks every length against the remaining bytes.
@@ -129,9 +131,6 @@ impl Word<'_> {
             Kind::F32 => text.parse::<f32>().map(f64::from).ok(),
             _ => text.parse::<f64>().ok(),
         };
-        number.ok_or_else(|| {
-            let shown: String = text.chars().take(40).collect();
-            format!("\"{shown}\" is no number")
-        })
+        number.ok_or_else(|| format!("\"{}\" is no number", quoted(&text)))
     }
 }

@@ -54,7 +54,7 @@ impl TexelGather {
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let Receiver { points, target } = receiver;
+        let Receiver { points, target, .. } = receiver;
         let mut pieces = texels.pieces().iter();
         let kernel = if pieces.any(|piece| piece.points.points == points.points) {
             own_variant(&self.own, &self.kernel, gpu)?.of(gpu, points)?

@@ -403,7 +403,7 @@ pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Ti
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] when not even one row fits.
-fn cut(
+pub(crate) fn cut(
     gpu: &Gpu,
     size: u32,
     rows: Range<u32>,

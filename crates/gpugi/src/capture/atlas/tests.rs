@@ -16,6 +16,7 @@ use super::{AtlasCapture, AtlasCaptureOptions};
 use crate::capture::{CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
 use crate::techniques::{Earlier, Technique};
@@ -390,6 +391,7 @@ fn lit(
     let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, options).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
     let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
+    let mut environments = Environments::default();
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let mut technique = ShadowMap::new(gpu, &on_gpu).unwrap();
     let view = View::new(
@@ -403,7 +405,15 @@ fn lit(
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
     capture.record(&mut frame, &on_gpu).unwrap();
-    let mut nothing = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+    let mut nothing = Earlier::new(
+        &mut emission,
+        &mut [],
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     technique
         .generate(&mut frame, &on_gpu, &view, &mut nothing)
         .unwrap();

@@ -117,6 +117,10 @@ struct CausticMaps {
     /// Versions of the scene, and of the settings of techniques, that the photons of `frames` frames were followed in.
     followed: Option<(Versions, u64)>,
     frames: u32,
+    /// The object whose photons of the next frame are followed next.
+    next: usize,
+    /// Whether photons of all objects were followed once, so that they can be gathered.
+    is_complete: bool,
     /// The lights of each frame, which differ in the points on emitters.
     lights: Vec<Vec<LightSample>>,
     revision: u64,
@@ -190,6 +194,8 @@ impl Caustics {
             caustics,
             followed: None,
             frames: 0,
+            next: 0,
+            is_complete: false,
             lights: Vec::new(),
             revision: 0,
         })
@@ -238,6 +244,7 @@ impl Technique for Caustics {
                 AUTO => String::new(),
                 list => list.to_owned(),
             },
+            lookups: self.claimed.len() as u32,
         }
     }
 
@@ -266,6 +273,10 @@ impl Technique for Caustics {
         if is_fresh {
             made.followed = now;
             made.frames = 0;
+            made.next = 0;
+            for caustic in &mut made.caustics {
+                caustic.restart();
+            }
             made.lights = self.lights(scene);
             self.check_counts(frame.gpu, made.lights.first().map_or(0, Vec::len))?;
         }
@@ -279,18 +290,26 @@ impl Technique for Caustics {
                 objects: made.caustics.len(),
                 settings_version: earlier.settings_version,
             };
-            for caustic in &mut made.caustics {
-                caustic.generate(frame, making, earlier.impostors, is_fresh)?;
+            while let Some(caustic) = made.caustics.get_mut(made.next)
+                && earlier.may_step()
+            {
+                let photons = caustic.generate(frame, making, earlier.impostors)?;
+                earlier.count(photons);
+                made.next += 1;
             }
-            made.frames += 1;
-            // Dependents need not follow every step.
-            let is_step = made.frames.is_power_of_two() || made.frames == self.settings.frames;
-            made.revision += u64::from(is_step && !is_fresh);
+            if made.next == made.caustics.len() {
+                made.next = 0;
+                made.frames += 1;
+                made.is_complete = true;
+                // Dependents need not follow every step.
+                let is_step = made.frames.is_power_of_two() || made.frames == self.settings.frames;
+                made.revision += u64::from(is_step && !is_fresh);
+            }
         }
         let generated = Generated {
             revision: made.revision,
             progress: made.frames as f32 / self.settings.frames as f32,
-            pending: None,
+            pending: (!made.is_complete).then_some("the photons of all objects"),
         };
         self.made = Some(made);
         Ok(generated)

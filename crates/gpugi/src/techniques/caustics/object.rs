@@ -160,7 +160,12 @@ impl Caustic {
         })
     }
 
-    /// Traces and counts the photons of one more frame; `is_fresh`: the first frame since something changed.
+    /// Makes the next frame's photons the first ones.
+    pub fn restart(&mut self) {
+        self.frames = 0;
+    }
+
+    /// Traces and counts the photons of one more frame; returns how many there are.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -169,8 +174,7 @@ impl Caustic {
         frame: &mut Frame<'_>,
         making: Making<'_>,
         impostors: &mut Impostors,
-        is_fresh: bool,
-    ) -> Result<(), GpuError> {
+    ) -> Result<u64, GpuError> {
         let Making {
             scene,
             kernels,
@@ -182,11 +186,8 @@ impl Caustic {
             .of(frame, scene, &self.wanted, making.settings_version, 0)?
             .clone();
         self.bind(gpu, kernels, &maps)?;
-        if is_fresh {
-            self.frames = 0;
+        if self.frames == 0 {
             frame.clear(&self.counters);
-        }
-        if is_fresh {
             // The finest step at which the sums of all frames still fit 31 bits and a sign.
             let flux: f64 = (0..settings.frames)
                 .flat_map(|number| self.views(making, number))
@@ -221,7 +222,7 @@ impl Caustic {
         gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let Some(bound) = &self.bound else {
-            return Ok(());
+            return Ok(0);
         };
         for (caustic_map, seen) in self.maps.iter_mut().zip(&views) {
             let Some(light) = &seen.view else { continue };
@@ -284,7 +285,8 @@ impl Caustic {
             let side = self.wanted.side;
             kernels.irradiance.dispatch(pass, &groups, [side, side, 6]);
         });
-        Ok(())
+        let pixels = views.iter().map(|seen| u64::from(seen.side).pow(2));
+        Ok(pixels.sum::<u64>() * u64::from(self.photons))
     }
 
     /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point

@@ -10,6 +10,7 @@ use super::{Caustics, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::{Earlier, Texels};
 use crate::testing::test_gpu;
@@ -91,10 +92,19 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
+    let mut environments = Environments::default();
     for _ in 0..frames {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+        let mut lit = Earlier::new(
+            &mut emission,
+            &mut [],
+            &mut impostors,
+            &mut environments,
+            0,
+            0,
+            true,
+        );
         technique
             .generate(&mut frame, &scene, &view, &mut lit)
             .unwrap();

@@ -243,6 +243,11 @@ impl Impostor {
         self.due.as_ref().is_some_and(|due| due.count < count)
     }
 
+    /// Makes all faces due.
+    pub fn light_whole(&mut self) {
+        self.due = self.maps.as_ref().map(|bound| bound.maps.points.clone());
+    }
+
     /// Makes the faces of the next turn due a second time; none once all turns were.
     pub fn once_more(&mut self) {
         let turns = self.maps.as_ref().map(|bound| &bound.maps.turns);

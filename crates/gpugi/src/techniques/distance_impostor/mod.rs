@@ -10,6 +10,8 @@ mod impostor;
 #[cfg(test)]
 mod tests;
 
+use std::collections::VecDeque;
+
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -247,6 +249,14 @@ struct ImpostorSet {
     /// [`Earlier::revision`] of the last frame.
     revision: u64,
     impostors: Vec<Impostor>,
+    /// Indices of the impostors to light, in order; what a frame's budget does not allow stays for the next.
+    queue: VecDeque<usize>,
+    /// Length of the queue at first.
+    queued: usize,
+    /// The impostor with which a new queue begins: the next in turn if the last queue was given up half-way.
+    next: usize,
+    /// Counts the queues that were finished in a later frame.
+    finished: u64,
 }
 
 impl DistanceImpostor {
@@ -340,6 +350,7 @@ impl Technique for DistanceImpostor {
                 AUTO => String::new(),
                 list => list.to_owned(),
             },
+            lookups: self.groups.len() as u32,
         }
     }
 
@@ -372,6 +383,10 @@ impl Technique for DistanceImpostor {
                 groups: self.groups.clone(),
                 seen: None,
                 revision: 0,
+                queue: VecDeque::new(),
+                queued: 0,
+                next: 0,
+                finished: 0,
             });
         }
         let Some(made) = &mut self.made else {
@@ -399,12 +414,26 @@ impl Technique for DistanceImpostor {
         let now = Some((scene.versions, earlier.settings_version));
         let is_changed = made.seen != now;
         made.seen = now;
-        let impostors = &mut made.impostors;
+        let ImpostorSet {
+            impostors,
+            queue,
+            queued,
+            next,
+            finished,
+            ..
+        } = made;
         for impostor in &mut *impostors {
             impostor.follow(frame, making, earlier)?;
         }
+        let is_left = !queue.is_empty();
+        let is_new = impostors.iter().any(|one| one.due.is_some());
+        for &index in &*queue {
+            impostors[index].light_whole();
+        }
         let are_several = impostors.len() > 1;
-        if are_several && impostors.iter().any(Impostor::is_in_turn) {
+        if is_left && !is_new {
+            // The queue goes on.
+        } else if are_several && impostors.iter().any(Impostor::is_in_turn) {
             for impostor in &mut *impostors {
                 impostor.next_turn = 0;
             }
@@ -420,25 +449,45 @@ impl Technique for DistanceImpostor {
         } else {
             1
         };
-        for round in 0..rounds {
-            for index in 0..impostors.len() {
-                let (before, rest) = impostors.split_at_mut(index);
-                let Some((this, after)) = rest.split_first_mut() else {
-                    break;
-                };
-                if round > 0 && this.is_in_turn() {
-                    continue;
-                }
-                let kernel = self.kernels.gather(self.settings.show);
-                let bound = &mut self.bound;
-                this.light(frame, making, earlier, |frame, receiver| {
-                    let others = before.iter().chain(&*after);
-                    let others = others.filter(|one| one.is_lit);
-                    add(frame, scene, kernel, bound, receiver, others)
-                })?;
+        let count = impostors.len();
+        if is_new || !is_left {
+            queue.clear();
+            for round in 0..rounds {
+                let in_turn = (0..count).map(|offset| (*next + offset) % count);
+                queue.extend(in_turn.filter(|&index| {
+                    let one = &impostors[index];
+                    one.due.is_some() && (round == 0 || !one.is_in_turn())
+                }));
             }
+            *queued = queue.len();
         }
-        Ok(Generated::FINAL)
+        while let Some(&index) = queue.front()
+            && earlier.may_step()
+        {
+            queue.pop_front();
+            *next = (index + 1) % count;
+            let (before, rest) = impostors.split_at_mut(index);
+            let Some((this, after)) = rest.split_first_mut() else {
+                break;
+            };
+            let kernel = self.kernels.gather(self.settings.show);
+            let bound = &mut self.bound;
+            this.light(frame, making, earlier, |frame, receiver| {
+                let others = before.iter().chain(&*after);
+                let others = others.filter(|one| one.is_lit);
+                add(frame, scene, kernel, bound, receiver, others)
+            })?;
+        }
+        if queue.is_empty() {
+            *next = 0;
+            *finished += u64::from(is_left);
+        }
+        let is_lit = impostors.iter().all(|one| one.is_lit);
+        Ok(Generated {
+            revision: *finished,
+            progress: 1.0 - queue.len() as f32 / (*queued).max(1) as f32,
+            pending: (!is_lit).then_some("the light around objects"),
+        })
     }
 
     fn gather(

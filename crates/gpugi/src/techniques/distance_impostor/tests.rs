@@ -8,6 +8,7 @@ use super::{DistanceImpostor, Search, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
@@ -69,7 +70,16 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
     scene.merge(&mut frame);
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+    let mut environments = Environments::default();
+    let mut lit = Earlier::new(
+        &mut emission,
+        &mut [],
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();

@@ -9,10 +9,9 @@ use half::f16;
 use serde::Serialize;
 
 use super::Settings;
-use super::maps::{Generator, Maps, level_roughness, phong_exponent};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, TextureAspect, read_buffer, read_texture};
+use crate::gpu::{Frame, Gpu, GpuError, TextureAspect, read_buffer, read_texture};
+use crate::prefiltered::{Environments, level_roughness, phong_exponent};
 use crate::scene::GpuScene;
-use crate::shader;
 
 /// The maps of one environment, without rotation and intensity.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,12 +97,11 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
         intensity: 1.0,
     });
     let scene = GpuScene::new(gpu, &scene)?;
-    let shader = shader!("techniques.environment_map.gather");
-    let gather = Kernel::new(gpu, &shader, "main", Some(&scene.layout))?;
-    let maps = Maps::new(gpu, &Generator::new(gpu, &scene)?, &gather, settings)?;
+    let (mut environments, wanted) = (Environments::default(), settings.wanted());
     let mut frame = Frame::new(gpu, false);
-    maps.record(&mut frame, &scene);
+    environments.fill(&mut frame, &scene, wanted, |_| true)?;
     frame.submit()?;
+    let maps = environments.of(gpu, &scene, wanted)?;
 
     let coefficients: Vec<[f32; 4]> = read_buffer(gpu, &maps.harmonics, 9 * 16)?;
     let [ggx, phong] = &maps.glossy;

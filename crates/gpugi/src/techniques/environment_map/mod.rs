@@ -10,8 +10,6 @@
 pub mod export;
 #[cfg(test)]
 mod export_tests;
-pub(crate) mod gpu;
-pub(crate) mod maps;
 #[cfg(test)]
 mod tests;
 
@@ -19,10 +17,10 @@ use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
+use crate::prefiltered::{Lookup, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use crate::shader;
-use maps::{Generator, Maps};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -99,21 +97,36 @@ const AUTO: &str = "auto";
 pub struct EnvironmentMap {
     settings: Settings,
     gather: Gather,
-    generator: Generator,
     /// Whether all of the environment's light is left to this technique.
     is_whole: bool,
     /// Whether any object needs more than the environment's image.
     needs_maps: bool,
-    made: Option<EnvironmentMaps>,
+    bound: Option<BoundMaps>,
 }
 
-/// Maps, and what they were made from.
+/// The environment's maps, and bind group 2 of the gather with them.
 #[derive(Debug)]
-struct EnvironmentMaps {
-    maps: Maps,
-    settings: Settings,
-    /// Version of the scene's environment when they were filled.
-    version: Option<u64>,
+struct BoundMaps {
+    maps: Prefiltered,
+    lookup: Lookup,
+    group: wgpu::BindGroup,
+}
+
+impl Settings {
+    fn wanted(&self) -> Wanted {
+        Wanted {
+            resolution: self.resolution,
+            samples: self.samples,
+            phong_cosine: self.phong_cosine,
+        }
+    }
+
+    fn lookup(&self) -> Lookup {
+        Lookup {
+            from_harmonics: self.irradiance == Irradiance::Harmonics,
+            approximate_metals: self.metals == Metals::Approximate,
+        }
+    }
 }
 
 impl EnvironmentMap {
@@ -126,17 +139,16 @@ impl EnvironmentMap {
         Ok(Self {
             settings: Settings::default(),
             gather: Gather::new(gpu, scene, &shader, &[])?,
-            generator: Generator::new(gpu, scene)?,
             is_whole: true,
             needs_maps: true,
-            made: None,
+            bound: None,
         })
     }
 
     /// Radiance of the environment in spherical harmonics, 9 x 4 floats in the order of
     /// shared/spherical_harmonics.wesl, once generated; without rotation and intensity.
     pub fn harmonics(&self) -> Option<&wgpu::Buffer> {
-        self.made.as_ref().map(|made| &made.maps.harmonics)
+        self.bound.as_ref().map(|bound| &bound.maps.harmonics)
     }
 }
 
@@ -184,6 +196,7 @@ impl Technique for EnvironmentMap {
             paths: if self.is_whole { INFO.paths } else { MIRRORS }.to_vec(),
             claims,
             object_names: chosen(&self.settings.objects),
+            lookups: 1,
         }
     }
 
@@ -200,31 +213,26 @@ impl Technique for EnvironmentMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
-        _: &mut Earlier<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         if scene.environment.is_none() {
             return Ok(Generated::FINAL);
         }
-        let made = match self.made.take() {
-            Some(made) if made.settings == self.settings => made,
-            _ => EnvironmentMaps {
-                maps: Maps::new(
-                    frame.gpu,
-                    &self.generator,
-                    self.gather.kernel(),
-                    &self.settings,
-                )?,
-                settings: self.settings.clone(),
-                version: None,
-            },
-        };
-        let made = self.made.insert(made);
-        // Rotation and intensity are applied at lookup.
-        if self.needs_maps && made.version != Some(scene.versions.environment) {
-            made.maps.record(frame, scene);
-            made.version = Some(scene.versions.environment);
+        let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
+        let (maps, is_filled) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
+        let is_bound = |bound: &BoundMaps| bound.maps == *maps && bound.lookup == lookup;
+        if !self.bound.as_ref().is_some_and(is_bound) {
+            self.bound = Some(BoundMaps {
+                group: maps.bind(frame.gpu, self.gather.kernel(), lookup)?,
+                maps: maps.clone(),
+                lookup,
+            });
         }
-        Ok(Generated::FINAL)
+        Ok(Generated {
+            pending: (!is_filled).then_some("the maps of the environment"),
+            progress: f32::from(u8::from(is_filled)),
+            ..Generated::FINAL
+        })
     }
 
     fn gather(
@@ -238,13 +246,13 @@ impl Technique for EnvironmentMap {
         if scene.environment.is_none() || !is_lit {
             return Ok(());
         }
-        let maps: Vec<_> = self.made.iter().map(|made| &made.maps.group).collect();
+        let maps: Vec<_> = self.bound.iter().map(|bound| &bound.group).collect();
         self.gather
             .record(frame, "environment-map.gather", scene, receiver, &maps)
     }
 
     fn inspect(&self) -> Inspection {
-        let textures = self.made.iter().flat_map(|made| made.maps.textures());
+        let textures = self.bound.iter().flat_map(|bound| bound.maps.textures());
         let names = ["radiance", "irradiance", "ggx", "phong", "albedo"];
         let maps = names
             .iter()

@@ -7,11 +7,11 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec2};
 use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 
-use super::maps::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
 use super::{Earlier, EnvironmentMap, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::impostor::Impostors;
+use crate::prefiltered::{Environments, IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::shared::cpu::Case;
@@ -72,7 +72,16 @@ pub(super) fn generated(
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+    let mut environments = Environments::default();
+    let mut lit = Earlier::new(
+        &mut emission,
+        &mut [],
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -513,12 +522,21 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     technique.settings_mut().set("resolution", "8").unwrap();
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
-    let passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
+    let mut environments = Environments::default();
+    let mut passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, true);
         let mut emission = Emission::new(&gpu, scene).unwrap();
         let kernels = CaptureKernels::new(&gpu, scene).unwrap();
         let mut impostors = Impostors::new(&gpu, scene, &kernels).unwrap();
-        let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+        let mut lit = Earlier::new(
+            &mut emission,
+            &mut [],
+            &mut impostors,
+            &mut environments,
+            0,
+            0,
+            true,
+        );
         technique
             .generate(&mut frame, scene, &view, &mut lit)
             .unwrap();

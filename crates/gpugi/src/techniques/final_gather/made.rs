@@ -51,14 +51,18 @@ enum Layout {
 #[derive(Debug)]
 enum Cubes {
     Own(Points),
-    OfObjects(Vec<ObjectPoint>),
+    OfObjects {
+        objects: Vec<ObjectPoint>,
+        /// The one that is lit first, so that none waits for ever where everything changes in every frame.
+        next: usize,
+    },
 }
 
 impl Cubes {
     fn bytes(&self) -> u64 {
         match self {
             Self::Own(points) => points.bytes(),
-            Self::OfObjects(objects) => objects.iter().map(ObjectPoint::bytes).sum(),
+            Self::OfObjects { objects, .. } => objects.iter().map(ObjectPoint::bytes).sum(),
         }
     }
 }
@@ -194,7 +198,10 @@ impl Made {
                 let objects = key.objects().map(|(instance, _)| {
                     ObjectPoint::new(gpu, &kernels, &maps, settings, instance)
                 });
-                Cubes::OfObjects(objects.collect::<Result<_, _>>()?)
+                Cubes::OfObjects {
+                    objects: objects.collect::<Result<_, _>>()?,
+                    next: 0,
+                }
             }
             Layout::Grid(_, grid) => {
                 let points = grid.points().collect();
@@ -240,7 +247,7 @@ impl Made {
             self.bounced = 0;
         }
         let [stale, never, turns] = self.turns();
-        let has_bounced = never == 0 && self.bounce(frame, scene);
+        let has_bounced = never == 0 && self.bounce(frame, scene, earlier);
         let all = self.bounces();
         let done = (turns - stale) as f32 + self.bounced as f32;
         let is_first = !self.is_complete;
@@ -342,10 +349,18 @@ impl Made {
                 }
                 points.light(frame, making, earlier)
             }
-            Cubes::OfObjects(objects) => {
-                let mut is_lit = false;
-                for (point, object) in (0..).zip(objects) {
-                    is_lit |= object.light(frame, making, earlier, is_stale, point)?;
+            Cubes::OfObjects { objects, next } => {
+                let count = objects.len();
+                let (first, mut is_lit) = (*next, false);
+                for index in (0..count).map(|offset| (first + offset) % count) {
+                    let object = &mut objects[index];
+                    if is_stale {
+                        object.invalidate();
+                    }
+                    if object.light(frame, making, earlier, index as u32)? {
+                        is_lit = true;
+                        *next = (index + 1) % count;
+                    }
                 }
                 Ok(is_lit)
             }
@@ -353,10 +368,20 @@ impl Made {
     }
 
     /// Lets light bounce as often as a frame may; whether it did.
-    fn bounce(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> bool {
+    fn bounce(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        earlier: &mut Earlier<'_>,
+    ) -> bool {
         let all = self.bounces();
         let most = if self.is_complete { 1 } else { BOUNCES_AT_ONCE };
-        let times = most.min(all - self.bounced.min(all));
+        let most = most.min(all - self.bounced.min(all));
+        let mut times = 0;
+        while times < most && earlier.may_step() {
+            earlier.count(self.maps.lookups_of_bounce());
+            times += 1;
+        }
         if times > 0 {
             self.maps.bounce(frame, scene, &self.kernels, times);
             self.bounced += times;
@@ -379,7 +404,11 @@ impl Made {
                 let [stale, never] = points.left();
                 [stale, never, points.turns()]
             }
-            Cubes::OfObjects(objects) => [0, 0, objects.len()],
+            Cubes::OfObjects { objects, .. } => {
+                let stale = objects.iter().filter(|one| one.is_stale()).count();
+                let never = objects.iter().filter(|one| !one.is_lit).count();
+                [stale, never, objects.len()]
+            }
         }
     }
 }

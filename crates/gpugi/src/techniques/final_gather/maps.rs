@@ -3,6 +3,7 @@
 use wgpu::BindingResource::TextureView;
 
 use super::gpu::{self, point_bytes, source_bytes};
+use super::places::Places;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Gather, Output, PerReceiver, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
@@ -139,6 +140,17 @@ impl Maps {
             sources,
             distances,
         })
+    }
+
+    /// Lights that one bounce looks up: each light those of one or eight reference points.
+    pub fn lookups_of_bounce(&self) -> u64 {
+        let of_point = 6 * u64::from(self.probes.side).pow(2);
+        let points = if self.probes.places == Places::Grid as u32 {
+            8
+        } else {
+            1
+        };
+        u64::from(self.probes.count) * of_point * of_point * points
     }
 
     /// Lets light bounce this often between all lights: pass `final-gather.bounce`.

@@ -121,7 +121,15 @@ impl Technique for FinalGather {
             paths.extend(self.paths(class, covered));
         }
         self.claimed.clear();
-        let mut plan = Plan::adding(paths, scene);
+        let lights = 6 * self.settings.size * self.settings.size;
+        let points = match (places, self.settings.blend) {
+            (Places::Grid, Blend::All) => 8,
+            _ => 1,
+        };
+        let mut plan = Plan {
+            lookups: points * lights,
+            ..Plan::adding(paths, scene)
+        };
         if places == Places::Objects {
             for (index, object) in scene.objects.iter().enumerate() {
                 if object.is_named_by(&self.settings.objects) {

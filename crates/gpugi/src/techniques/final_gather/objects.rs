@@ -16,7 +16,9 @@ pub struct ObjectPoint {
     bench: Bench,
     /// View of the cube's points, with what is asked for there.
     view: wgpu::Buffer,
-    is_lit: bool,
+    is_stale: bool,
+    /// Whether its surroundings were lit once.
+    pub is_lit: bool,
 }
 
 impl ObjectPoint {
@@ -49,12 +51,13 @@ impl ObjectPoint {
             },
             bench: Bench::new(gpu, kernels, maps, side)?,
             view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
+            is_stale: true,
             is_lit: false,
         })
     }
 
-    /// Follows the object, and lights its surroundings when they changed or when `is_stale`; whether it did. `point`:
-    /// the index of the object's reference point.
+    /// Follows the object, and lights its surroundings, if they changed since or [`ObjectPoint::invalidate`] was called,
+    /// as soon as a frame may; whether it did. `point`: the index of the object's reference point.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -63,7 +66,6 @@ impl ObjectPoint {
         frame: &mut Frame<'_>,
         making: Making<'_>,
         earlier: &mut Earlier<'_>,
-        is_stale: bool,
         point: u32,
     ) -> Result<bool, GpuError> {
         let Making { scene, output, .. } = making;
@@ -71,18 +73,20 @@ impl ObjectPoint {
         let maps = earlier
             .impostors
             .of(frame, scene, &self.wanted, settings, 0)?;
-        if self.is_lit && !is_stale && maps.renewed.is_none() {
+        self.is_stale |= maps.renewed.is_some();
+        let (reference, captured) = (maps.reference, maps.points.clone());
+        if !self.is_stale || !earlier.may_step() {
             return Ok(false);
         }
-        self.is_lit = true;
-        let mut view = CubeView::new(maps.reference, self.wanted.side, 0.0, 0, 0);
+        (self.is_stale, self.is_lit) = (false, true);
+        let mut view = CubeView::new(reference, self.wanted.side, 0.0, 0, 0);
         output.write(&mut view.uniform);
         let uniform = std::slice::from_ref(&view.uniform);
         frame.gpu.write(&self.view, 0, uniform);
         let points = SurfacePoints {
             view: self.view.clone(),
             output,
-            ..maps.points.clone()
+            ..captured
         };
         let work = Work {
             point,
@@ -91,6 +95,16 @@ impl ObjectPoint {
         };
         self.bench.light(frame, making, earlier, &points, &work)?;
         Ok(true)
+    }
+
+    /// Makes its light stale.
+    pub fn invalidate(&mut self) {
+        self.is_stale = true;
+    }
+
+    /// Whether its light is stale.
+    pub fn is_stale(&self) -> bool {
+        self.is_stale
     }
 
     /// Bytes of the light of its cube.

@@ -132,7 +132,7 @@ impl Points {
         cubes.map(|one| cube + one.bench.bytes()).sum()
     }
 
-    /// Captures and lights as many stale faces as a frame may; whether there were any.
+    /// Captures and lights as many stale faces as the frame may; whether there were any.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -150,6 +150,9 @@ impl Points {
             .take(self.workplaces.len())
             .collect();
         for (workplace, &index) in self.workplaces.iter_mut().zip(&stale) {
+            if !earlier.may_step() {
+                break;
+            }
             let turn = &mut self.turns[index];
             turn.lit = self.wanted;
             self.next = (index + 1) % count;

@@ -332,7 +332,7 @@ fn bind(
     made: &DirectionMaps,
     receiver: &Receiver,
 ) -> Result<ReceiverGroups, GpuError> {
-    let Receiver { points, target } = receiver;
+    let Receiver { points, target, .. } = receiver;
     let group = points.bind(gpu, gather)?;
     let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
     let mut ranges = Vec::new();

@@ -8,20 +8,21 @@ mod batches;
 mod delaunay;
 mod domains;
 pub(crate) mod gpu;
-mod prefiltered;
+mod ratio;
 #[cfg(test)]
 mod tests;
 
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use glam::{Mat3, Vec3};
-use prefiltered::Prefiltered;
+use ratio::RatioPass;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
+use crate::prefiltered::Wanted;
 use crate::scene::{GpuScene, Versions};
 use crate::settings::SettingSet;
 
@@ -98,7 +99,7 @@ pub struct ImageBasedLighting {
     /// Largest side of an atlas (texels).
     atlas_side: u32,
     /// For [`Reflectivity::Ratio`], once generated.
-    prefiltered: Option<Prefiltered>,
+    ratio: Option<RatioPass>,
     made: Option<(Versions, Settings)>,
 }
 
@@ -115,7 +116,7 @@ impl ImageBasedLighting {
             on_the_way: None,
             batches: Batches::new(gpu, scene, settings.reflectivity)?,
             atlas_side: ATLAS_SIDE,
-            prefiltered: None,
+            ratio: None,
             settings,
             made: None,
         })
@@ -195,7 +196,10 @@ impl Technique for ImageBasedLighting {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
-        Plan::adding(INFO.paths, scene)
+        Plan {
+            lookups: self.settings.samples * u32::from(scene.environment.is_some()),
+            ..Plan::adding(INFO.paths, scene)
+        }
     }
 
     fn generate(
@@ -203,22 +207,39 @@ impl Technique for ImageBasedLighting {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         _: &View,
-        _: &mut Earlier<'_>,
+        earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         let versions = Versions {
             lights: 0,
             ..scene.versions
         };
         let made = (versions, self.settings.clone());
-        if self.made.as_ref() == Some(&made) {
-            return Ok(Generated::FINAL);
+        let reflectivity = self.settings.reflectivity;
+        let mut is_filled = true;
+        if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
+            self.ratio = None;
+        } else {
+            let found = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
+            is_filled = found.1;
+            if !self
+                .ratio
+                .as_ref()
+                .is_some_and(|ratio| ratio.reads(found.0))
+            {
+                self.ratio = Some(RatioPass::new(frame.gpu, scene, found.0)?);
+            }
         }
         let pending = |what| Generated {
             revision: 0,
             progress: 0.0,
             pending: Some(what),
         };
-        let reflectivity = self.settings.reflectivity;
+        if !is_filled {
+            return Ok(pending("the maps of the environment"));
+        }
+        if self.made.as_ref() == Some(&made) {
+            return Ok(Generated::FINAL);
+        }
         if self.batches.reflectivity != reflectivity {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
         }
@@ -236,15 +257,6 @@ impl Technique for ImageBasedLighting {
         if !self.batches.prepare(frame, scene, &maps.drawing)? {
             return Ok(pending("simplified casters"));
         }
-        if reflectivity != Reflectivity::Ratio {
-            self.prefiltered = None;
-        } else {
-            let prefiltered = match self.prefiltered.take() {
-                Some(prefiltered) => prefiltered,
-                None => Prefiltered::new(frame.gpu, scene)?,
-            };
-            self.prefiltered.insert(prefiltered).generate(frame, scene);
-        }
         self.batches
             .generate(frame, scene, &directions, &views, &maps)?;
         self.made = Some(made);
@@ -257,12 +269,12 @@ impl Technique for ImageBasedLighting {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let Some(prefiltered) = &mut self.prefiltered else {
+        let Some(ratio) = &mut self.ratio else {
             return self.batches.gather(frame, scene, receiver);
         };
-        let sums = prefiltered.begin(frame, receiver)?;
+        let sums = ratio.begin(frame, receiver)?;
         self.batches.gather(frame, scene, &sums)?;
-        prefiltered.apply(frame, scene, receiver)?;
+        ratio.apply(frame, scene, receiver)?;
         Ok(())
     }
 

@@ -17,6 +17,7 @@ use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, S
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::{Earlier, Technique as _};
 use crate::testing::{Random, test_gpu};
@@ -544,7 +545,16 @@ impl Sight {
             .unwrap();
         let kernels = CaptureKernels::new(gpu, scene).unwrap();
         let mut impostors = Impostors::new(gpu, scene, &kernels).unwrap();
-        let mut earlier = Earlier::new(&mut self.emission, &mut [], &mut impostors, 0, 0, true);
+        let mut environments = Environments::default();
+        let mut earlier = Earlier::new(
+            &mut self.emission,
+            &mut [],
+            &mut impostors,
+            &mut environments,
+            0,
+            0,
+            true,
+        );
         while technique
             .generate(&mut frame, scene, &self.view, &mut earlier)
             .unwrap()

@@ -234,10 +234,10 @@ impl Technique for Obscurances {
         made.capture.record(frame, scene)?;
         made.leaks.record(frame, scene, &made.capture);
         for step in 0..self.settings.steps {
-            if step > 0 && made.solution.is_done() {
+            if step > 0 && made.solution.is_done() || !earlier.may_step() {
                 break;
             }
-            made.solution.record(frame, scene, &made.capture)?;
+            earlier.count(made.solution.record(frame, scene, &made.capture)?);
         }
         let is_done = made.solution.is_done();
         if is_done && !made.is_shown {

@@ -147,6 +147,11 @@ impl Peeling {
         Ok(())
     }
 
+    /// Lines of a bundle.
+    pub fn lines(&self) -> u64 {
+        u64::from(self.side).pow(2)
+    }
+
     /// Takes one step: one bundle. `region`: box around all texels that are computed; `None` if all texels are.
     pub fn step(
         &self,

@@ -66,7 +66,7 @@ impl Rays {
         self.chunks.len() as u64 * u64::from(self.directions.div_ceil(self.at_once))
     }
 
-    /// Takes one step.
+    /// Takes one step; returns the number of its rays.
     pub fn step(
         &self,
         frame: &mut Frame<'_>,
@@ -75,7 +75,7 @@ impl Rays {
         texels: &wgpu::Buffer,
         number: u64,
         base: SettingsUniform,
-    ) -> Result<(), GpuError> {
+    ) -> Result<u64, GpuError> {
         let gpu = frame.gpu;
         let chunks = self.chunks.len() as u64;
         let (piece, points) = &self.chunks[(number % chunks) as usize];
@@ -89,6 +89,7 @@ impl Rays {
             end_sample: (first_sample + self.at_once).min(self.directions),
             ..base
         };
+        let rays = settings.end_sample - settings.first_sample;
         let settings = gpu.uniform("obscurances", &settings)?;
         let resources = [
             ("settings", settings.as_entire_binding()),
@@ -101,6 +102,6 @@ impl Rays {
             self.kernel
                 .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
         });
-        Ok(())
+        Ok(points.len() as u64 * u64::from(rays))
     }
 }

@@ -210,7 +210,7 @@ impl Solution {
         self.state.made.is_some() && self.state.steps >= self.sampler.steps()
     }
 
-    /// Takes one step: passes `obscurances.prepare`, if the scene has changed, and `obscurances.rays` or
+    /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has changed, and `obscurances.rays` or
     /// `obscurances.peel` and `obscurances.transfer`. Beforehand, `capture` must have recorded the same scene, and its
     /// vertices must be merged.
     ///
@@ -224,23 +224,24 @@ impl Solution {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         capture: &AtlasCapture,
-    ) -> Result<(), GpuError> {
+    ) -> Result<u64, GpuError> {
         let now = [scene.versions.geometry, scene.versions.materials];
         if self.state.made != Some(now) {
             self.begin(frame, scene, capture)?;
         }
         if self.is_done() {
-            return Ok(());
+            return Ok(0);
         }
         let (base, texels, number) = (self.uniform(), &self.texels, self.state.steps);
-        match &self.sampler {
+        let work = match &self.sampler {
             Sampler::Rays(rays) => rays.step(frame, scene, capture, texels, number, base)?,
             Sampler::Peeling(peeling) => {
                 peeling.step(frame, scene, texels, number, self.state.region, base)?;
+                peeling.lines()
             }
-        }
+        };
         self.state.steps += 1;
-        Ok(())
+        Ok(work)
     }
 
     /// Saves the progress so far. Waits for the GPU.

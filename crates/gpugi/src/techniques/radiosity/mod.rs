@@ -118,6 +118,10 @@ struct LitTexels {
     solution: Solution,
     gather: TexelGather,
     lit: Option<LitAs>,
+    /// Pieces of the atlas whose direct light is that of `lit`.
+    lit_pieces: usize,
+    /// Whether iterates were averaged once, so that the light can be gathered.
+    is_averaged: bool,
     revision: u64,
 }
 
@@ -166,6 +170,32 @@ impl Radiosity {
         self.made.as_ref().map(|made| &made.solution)
     }
 
+    /// Begins the iteration from the present direct light.
+    fn begin(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        view: &View,
+        solution: &mut Solution,
+        kernels: &Kernels,
+    ) -> Result<(), GpuError> {
+        let work = gpu::Work {
+            rays: self.settings.rays,
+            light_sampled: self.settings.light_sampled_rays,
+            burn_in: self.settings.burn_in,
+            seed: view.uniform.seed,
+            with_environment: u32::from(self.own.environment && scene.environment.is_some()),
+            with_emission: u32::from(self.own.emission),
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let batch = Batch {
+            shooters: self.settings.shooters,
+            side: self.settings.hemicube_resolution,
+        };
+        let batch = (self.settings.mode == Mode::Shooting).then_some(batch);
+        solution.begin(frame, scene, kernels, &work, batch)
+    }
+
     fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<LitTexels, GpuError> {
         let kernels = Kernels::new(gpu, scene)?;
         let solution = Solution::new(gpu, scene, &kernels, &atlas, self.most_texels)?;
@@ -185,8 +215,17 @@ impl Radiosity {
             kernels,
             solution,
             lit: None,
+            lit_pieces: 0,
+            is_averaged: false,
             revision: 0,
         })
+    }
+}
+
+impl LitTexels {
+    /// Whether all direct light is up to date.
+    fn is_lit(&self) -> bool {
+        self.lit_pieces == self.solution.direct().count()
     }
 }
 
@@ -275,44 +314,42 @@ impl Technique for Radiosity {
         let is_fresh = made.lit.as_ref() != Some(&lit_as);
         if is_fresh {
             made.lit = Some(lit_as);
-            for (points, direct) in made.solution.direct() {
-                let receiver = Receiver::new(points, direct);
-                earlier.gather(frame, scene, &receiver, self.own.emission)?;
+            made.lit_pieces = 0;
+            made.solution.iterates = 0;
+        }
+        while !made.is_lit() && earlier.may_step() {
+            let mut direct = made.solution.direct().skip(made.lit_pieces);
+            let Some(receiver) = direct.next().map(|(points, to)| Receiver::new(points, to)) else {
+                break;
+            };
+            drop(direct);
+            earlier.gather(frame, scene, &receiver, self.own.emission)?;
+            made.lit_pieces += 1;
+            if made.is_lit() {
+                self.begin(frame, scene, view, &mut made.solution, &made.kernels)?;
             }
-            let work = gpu::Work {
-                rays: self.settings.rays,
-                light_sampled: self.settings.light_sampled_rays,
-                burn_in,
-                seed: view.uniform.seed,
-                with_environment: u32::from(self.own.environment && scene.environment.is_some()),
-                with_emission: u32::from(self.own.emission),
-                ..bytemuck::Zeroable::zeroed()
-            };
-            let batch = Batch {
-                shooters: self.settings.shooters,
-                side: self.settings.hemicube_resolution,
-            };
-            let batch = (self.settings.mode == Mode::Shooting).then_some(batch);
-            let solution = &mut made.solution;
-            solution.begin(frame, scene, &made.kernels, &work, batch)?;
         }
         let all = burn_in + iterations;
-        if made.solution.iterates < all {
-            let first = if is_fresh { burn_in } else { 0 };
-            let now = (first + steps).min(all - made.solution.iterates);
-            made.solution.iterate(frame, scene, &made.kernels, now)?;
+        let before = made.solution.iterates;
+        let most = (before.max(burn_in) + steps).min(all);
+        while made.is_lit() && made.solution.iterates < most && earlier.may_step() {
+            let rays = made.solution.iterate(frame, scene, &made.kernels);
+            earlier.count(rays);
+        }
+        // Dropped iterates do not count.
+        let [before, counted] =
+            [before, made.solution.iterates].map(|one| one.saturating_sub(burn_in));
+        if counted > before {
+            made.solution.average(frame, &made.kernels)?;
+            made.is_averaged = true;
             // Dependents need not follow every step.
-            let counted = made.solution.iterates - burn_in;
-            let was = counted - now.min(counted);
-            let is_step =
-                counted.ilog2() > was.checked_ilog2().unwrap_or(0) || made.solution.iterates == all;
+            let is_step = before == 0 || counted.ilog2() > before.ilog2() || counted == iterations;
             made.revision += u64::from(is_step && !is_fresh);
         }
-        let done = made.solution.iterates as f32 / all as f32;
         let generated = Generated {
             revision: made.revision,
-            progress: done,
-            pending: None,
+            progress: made.solution.iterates as f32 / all as f32,
+            pending: (!made.is_averaged).then_some("the first light between surfaces"),
         };
         self.made = Some(made);
         Ok(generated)
@@ -350,7 +387,7 @@ impl Resume for Radiosity {
         let Some(made) = &self.made else {
             return Ok(None);
         };
-        let Some(lit) = &made.lit else {
+        let Some(lit) = made.lit.as_ref().filter(|_| made.solution.iterates > 0) else {
             return Ok(None);
         };
         let saved = Saved {
@@ -368,21 +405,26 @@ impl Resume for Radiosity {
             return Ok(false);
         };
         let light = made.lit.as_ref().map(|lit| lit.revision);
-        if light != Some(saved.revision_of_light) {
+        if light != Some(saved.revision_of_light) || !made.is_lit() {
             return Ok(false);
         }
-        // The first frame computes the dropped iterates and at least one that counts.
         let Settings {
             burn_in,
             iterations,
             ..
         } = self.settings;
-        if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
+        if !(1..=burn_in + iterations).contains(&saved.iterates) {
             return Err(unfit("another number of iterates"));
         }
         let solution = &mut made.solution;
-        if !solution.resume(gpu, &made.kernels, saved.iterates, &saved.light)? {
+        if !solution.resume(gpu, saved.iterates, &saved.light) {
             return Err(unfit("another number of texels"));
+        }
+        if saved.iterates > burn_in {
+            let mut frame = Frame::new(gpu, false);
+            solution.average(&mut frame, &made.kernels)?;
+            frame.submit()?;
+            made.is_averaged = true;
         }
         made.revision = saved.revision;
         Ok(true)

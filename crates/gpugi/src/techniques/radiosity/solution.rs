@@ -65,6 +65,8 @@ pub struct Solution {
     chosen: wgpu::Buffer,
     /// Number of texels that each iterate chooses.
     chosen_count: u32,
+    /// Rays per texel and iterate, or shooters.
+    work_per_texel: u64,
     /// Shooters and hemicubes; `None` in the mode that traces rays.
     shooting: Option<Shooting>,
 }
@@ -135,6 +137,7 @@ impl Solution {
             choosing: Choosing::new(gpu, count, &iterates, &steps, &chosen)?,
             chosen,
             chosen_count: 0,
+            work_per_texel: 0,
             leaks: LeakTest::new(gpu, scene, &texels)?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
@@ -234,6 +237,10 @@ impl Solution {
             None if work.light_sampled > 0 => MOST_CHOSEN,
             None => 0,
         };
+        self.work_per_texel = match batch {
+            Some(batch) => batch.shooters.into(),
+            None => (work.rays + work.light_sampled).into(),
+        };
         for piece in &self.pieces {
             let work = Work {
                 texels,
@@ -253,24 +260,20 @@ impl Solution {
         Ok(())
     }
 
-    /// Computes `count` iterates and the average of all: passes `radiosity.choose`, `radiosity.rays` or those of
-    /// shooting, `radiosity.average`, `capture.atlas.dilate` and `capture.atlas.seams`.
+    /// Computes one iterate, and returns the number of its rays, or of texels that shooters are compared with: passes
+    /// `radiosity.choose`, and `radiosity.rays` or those of shooting.
     pub(super) fn iterate(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         kernels: &Kernels,
-        count: u32,
-    ) -> Result<(), GpuError> {
-        for _ in 0..count {
-            if self.chosen_count > 0 {
-                self.choosing.record(frame, self.last, self.chosen_count);
-            }
-            if let Some(shooting) = &self.shooting {
-                shooting.iterate(frame, scene, self.last);
-                self.last = 1 - self.last;
-                continue;
-            }
+    ) -> u64 {
+        if self.chosen_count > 0 {
+            self.choosing.record(frame, self.last, self.chosen_count);
+        }
+        if let Some(shooting) = &self.shooting {
+            shooting.iterate(frame, scene, self.last);
+        } else {
             frame.compute("radiosity.rays", |pass| {
                 for piece in &self.pieces {
                     let groups = [
@@ -282,14 +285,16 @@ impl Solution {
                     kernels.rays.dispatch(pass, &groups, [piece.count, 1, 1]);
                 }
             });
-            self.last = 1 - self.last;
         }
-        self.iterates += count;
-        self.average(frame, kernels)
+        self.last = 1 - self.last;
+        self.iterates += 1;
+        let texels: u64 = self.pieces.iter().map(|piece| u64::from(piece.count)).sum();
+        texels * self.work_per_texel
     }
 
-    /// Averages the iterates into the irradiance that other passes look up.
-    fn average(&self, frame: &mut Frame<'_>, kernels: &Kernels) -> Result<(), GpuError> {
+    /// Averages the iterates into the irradiance that other passes look up: passes `radiosity.average`,
+    /// `capture.atlas.dilate` and `capture.atlas.seams`.
+    pub(super) fn average(&self, frame: &mut Frame<'_>, kernels: &Kernels) -> Result<(), GpuError> {
         frame.compute("radiosity.average", |pass| {
             for piece in &self.pieces {
                 let groups = [(1, &piece.average), (3, &piece.average_texels[self.last])];
@@ -309,23 +314,14 @@ impl Solution {
 
     /// Continues from the state that [`Solution::light`] returned after `iterates` iterates, which started from the
     /// same direct light. Returns false if `light` has a different number of texels.
-    pub(super) fn resume(
-        &mut self,
-        gpu: &Gpu,
-        kernels: &Kernels,
-        iterates: u32,
-        light: &[u32],
-    ) -> Result<bool, GpuError> {
+    pub(super) fn resume(&mut self, gpu: &Gpu, iterates: u32, light: &[u32]) -> bool {
         let last = &self.light[self.last];
         if light.len() as u64 * 4 != last.size() {
-            return Ok(false);
+            return false;
         }
         gpu.write(last, 0, light);
         self.iterates = iterates;
-        let mut frame = Frame::new(gpu, false);
-        self.average(&mut frame, kernels)?;
-        frame.submit()?;
-        Ok(true)
+        true
     }
 }
 

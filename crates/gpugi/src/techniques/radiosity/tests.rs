@@ -10,6 +10,7 @@ use super::{Radiosity, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::{Earlier, Resume, Technique, Texels};
 use crate::testing::{read_points, test_gpu};
@@ -97,11 +98,20 @@ fn solved(
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
     let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
+    let mut environments = Environments::default();
     let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+    let mut lit = Earlier::new(
+        &mut emission,
+        &mut [],
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     let mut generate = || {
         let generated = radiosity.generate(&mut frame, &on_gpu, &view, &mut lit);
         generated.unwrap().pending

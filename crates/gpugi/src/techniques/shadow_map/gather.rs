@@ -108,7 +108,7 @@ fn bind(
     receiver: &Receiver,
     lights: &Lights,
 ) -> Result<ReceiverGroups, GpuError> {
-    let Receiver { points, target } = receiver;
+    let Receiver { points, target, .. } = receiver;
     let group = points.bind(gpu, kernel)?;
     let settings = &lights.settings;
     let taps = if settings.kind == 0 {

@@ -184,7 +184,15 @@ impl Technique for ShadowMap {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
-        Plan::adding(INFO.paths, scene)
+        let on_emitters = if scene.emitters.is_empty() {
+            0
+        } else {
+            self.settings.area_samples
+        };
+        Plan {
+            lookups: scene.lights.len() as u32 + on_emitters,
+            ..Plan::adding(INFO.paths, scene)
+        }
     }
 
     fn generate(

@@ -10,6 +10,7 @@ use super::scenes::{hollow_sphere, matt};
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
+use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
 use crate::techniques::{Earlier, Technique};
@@ -235,6 +236,7 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     let mut on_gpu = GpuScene::with_texels(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
     let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
+    let mut environments = Environments::default();
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let mut earlier: Vec<Box<dyn Technique>> =
         vec![Box::new(ShadowMap::new(gpu, &on_gpu).unwrap())];
@@ -254,11 +256,27 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     capture
         .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
         .unwrap();
-    let mut lit = Earlier::new(&mut emission, &mut [], &mut impostors, 0, 0, true);
+    let mut lit = Earlier::new(
+        &mut emission,
+        &mut [],
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     earlier[0]
         .generate(&mut frame, &on_gpu, &view, &mut lit)
         .unwrap();
-    let mut lit = Earlier::new(&mut emission, &mut earlier, &mut impostors, 0, 0, true);
+    let mut lit = Earlier::new(
+        &mut emission,
+        &mut earlier,
+        &mut impostors,
+        &mut environments,
+        0,
+        0,
+        true,
+    );
     let mut generate = || {
         let generated = technique.generate(&mut frame, &on_gpu, &view, &mut lit);
         generated.unwrap().pending

@@ -1,20 +1,18 @@
 //! Reflectivity as a ratio: the reflection of prefiltered environment maps, times the fraction that domains see.
 
-use super::super::environment_map::Settings;
-use super::super::environment_map::maps::{Generator, Maps};
 use super::gpu::LobeSums;
 use crate::capture::{PerReceiver, Receiver, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::prefiltered::{Lookup, Prefiltered};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Maps of the environment, sums over domains at surface points, and the pass that multiplies them.
+/// Sums over domains at surface points, and the pass that multiplies them with the maps of the environment.
 #[derive(Debug)]
-pub struct Prefiltered {
+pub struct RatioPass {
     apply: Kernel,
-    maps: Maps,
-    /// Version of the scene's environment that the maps were filled from.
-    version: Option<u64>,
+    maps: Prefiltered,
+    group: wgpu::BindGroup,
     bound: PerReceiver<LobeSumTarget>,
 }
 
@@ -25,34 +23,29 @@ struct LobeSumTarget {
     groups: [wgpu::BindGroup; 2],
 }
 
-impl Prefiltered {
-    /// Compiles the passes.
+impl RatioPass {
+    /// Compiles the pass, which reads `maps`.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, maps: &Prefiltered) -> Result<Self, GpuError> {
         let apply = Kernel::new(
             gpu,
-            &shader!("techniques.image_based_lighting.prefiltered"),
+            &shader!("techniques.image_based_lighting.ratio"),
             "main",
             Some(&scene.layout),
         )?;
-        let generator = Generator::new(gpu, scene)?;
         Ok(Self {
-            maps: Maps::new(gpu, &generator, &apply, &Settings::default())?,
+            group: maps.bind(gpu, &apply, Lookup::default())?,
+            maps: maps.clone(),
             apply,
-            version: None,
             bound: PerReceiver::default(),
         })
     }
 
-    /// Updates the maps. Rotation and intensity are applied at lookup.
-    pub fn generate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) {
-        let version = Some(scene.versions.environment);
-        if self.version != version {
-            self.maps.record(frame, scene);
-            self.version = version;
-        }
+    /// Whether it reads these maps.
+    pub fn reads(&self, maps: &Prefiltered) -> bool {
+        self.maps == *maps
     }
 
     /// The receiver's points with a cleared target for the sums of each: see lobe_sums.wesl.
@@ -72,7 +65,7 @@ impl Prefiltered {
     /// Adds the product, once the sums are complete.
     ///
     /// # Errors
-    /// As [`Prefiltered::begin`].
+    /// As [`RatioPass::begin`].
     pub fn apply(
         &mut self,
         frame: &mut Frame<'_>,
@@ -83,7 +76,7 @@ impl Prefiltered {
         let groups = [
             (0, &scene.bind_group),
             (1, &seen),
-            (2, &self.maps.group),
+            (2, &self.group),
             (3, &added),
         ];
         frame.compute("image-based-lighting.apply", |pass| {
@@ -94,7 +87,7 @@ impl Prefiltered {
     }
 
     fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&LobeSumTarget, GpuError> {
-        let Receiver { points, target } = receiver;
+        let Receiver { points, target, .. } = receiver;
         self.bound.of(receiver, || {
             let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
             let usage = wgpu::BufferUsages::STORAGE;

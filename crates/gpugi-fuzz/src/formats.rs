@@ -1,0 +1,314 @@
+//! The formats, and what is done with a file of each.
+
+use glam::Vec2;
+use gpugi::bake::{Checkpoint, CheckpointKey};
+use gpugi_scene::atlas::InstanceUvs;
+use gpugi_scene::bvh::{BottomLevel, BvhInstance};
+use gpugi_scene::export::{BakedPage, Original, export_bake, export_scene};
+use gpugi_scene::image::{decode_color, decode_radiance};
+use gpugi_scene::{Atlas, AtlasOptions, Limits, Resolver, Scene, import};
+
+use crate::allocator::measured;
+use crate::mutate::Case;
+use crate::seeds;
+
+/// Limits that keep a case short. The importer may take twice as much while it works.
+const LIMITS: Limits = Limits {
+    file_bytes: 1 << 20,
+    image_side: 1024,
+    image_bytes: 4 << 20,
+    scene_bytes: 16 << 20,
+    expansion: 1024,
+};
+/// Memory that an import may take under these limits (bytes): twice what they allow, and copies of its files.
+const MOST: usize = 2 * (20 << 20) + (8 << 20);
+/// Scenes beyond this are not unwrapped or exported: both take long, and neither depends on more.
+const MOST_TRIANGLES: u64 = 3000;
+const MOST_INSTANCES: usize = 300;
+
+/// A format: its name, its first files, and what is done with each.
+pub struct Format {
+    pub name: &'static str,
+    pub seeds: fn() -> Vec<Case>,
+    /// Reads a case.
+    pub run: fn(&Case) -> Outcome,
+}
+
+/// What became of a case.
+pub struct Outcome {
+    /// Text that is the same for cases that took the same way: an error without its numbers, or sizes.
+    pub signature: String,
+    /// What is wrong with gpugi, if anything.
+    pub failure: Option<String>,
+}
+
+/// All formats.
+pub const ALL: [Format; 11] = [
+    format("glb", seeds::glb, run_scene),
+    format("gltf", seeds::gltf, run_scene),
+    format("bake", seeds::bake, run_bake),
+    format("obj", seeds::obj, run_scene),
+    format("ply", seeds::ply, run_scene),
+    format("png", seeds::png, run_image),
+    format("jpeg", seeds::jpeg, run_image),
+    format("hdr", seeds::hdr, run_image),
+    format("exr", seeds::exr, run_image),
+    format("ktx2", seeds::ktx2, run_image),
+    format("checkpoint", seeds::checkpoint, run_checkpoint),
+];
+
+const fn format(name: &'static str, seeds: fn() -> Vec<Case>, run: fn(&Case) -> Outcome) -> Format {
+    Format { name, seeds, run }
+}
+
+/// The files of a case.
+pub struct Files<'a>(pub &'a Case);
+
+impl Resolver for Files<'_> {
+    fn read(&self, uri: &str) -> Result<Vec<u8>, String> {
+        let found = self.0.iter().find(|(name, _)| name == uri);
+        let (_, bytes) = found.ok_or("no such file")?;
+        Ok(bytes.clone())
+    }
+}
+
+/// Text without what differs between equal errors: digits, and what is quoted.
+fn without_numbers(text: &str) -> String {
+    let unquoted: Vec<&str> = text.split('"').step_by(2).collect();
+    let mut plain = String::new();
+    for character in unquoted.join("\"").chars() {
+        let character = if character.is_ascii_digit() {
+            '0'
+        } else {
+            character
+        };
+        if !(character == '0' && plain.ends_with('0')) {
+            plain.push(character);
+        }
+    }
+    plain.truncate(plain.floor_char_boundary(300));
+    plain
+}
+
+/// Imports the first file under the limits.
+fn imported(case: &Case) -> Result<Scene, Outcome> {
+    let given: usize = case.iter().map(|(_, bytes)| bytes.len()).sum();
+    let (name, bytes) = &case[0];
+    let (scene, peak) = measured(|| import(name, bytes, &Files(case), &LIMITS));
+    let signature = match &scene {
+        Ok(scene) => sizes(scene),
+        Err(error) => without_numbers(&error.to_string()),
+    };
+    if peak > MOST + 4 * given {
+        return Err(Outcome {
+            failure: Some(format!(
+                "import takes more memory than its limits ({signature})"
+            )),
+            signature,
+        });
+    }
+    scene.map_err(|error| {
+        let message = error.to_string();
+        Outcome {
+            failure: (message.len() > 1000).then(|| "a message of more than 1000 bytes".to_owned()),
+            signature,
+        }
+    })
+}
+
+fn sizes(scene: &Scene) -> String {
+    let statistics = scene.statistics();
+    let sizes = [
+        statistics.meshes as u64,
+        statistics.instances as u64,
+        statistics.triangles,
+        statistics.materials as u64,
+        statistics.images as u64,
+        statistics.cameras as u64,
+        scene.lights.len() as u64,
+        scene.warnings.len() as u64,
+        u64::from(statistics.animated),
+    ];
+    // Halves of powers of two: close sizes take the same way.
+    let warning = scene
+        .warnings
+        .last()
+        .map_or_else(String::new, |text| without_numbers(text));
+    format!("{:?} {warning}", sizes.map(|size| size.checked_ilog2()))
+}
+
+fn run_scene(case: &Case) -> Outcome {
+    let mut scene = match imported(case) {
+        Ok(scene) => scene,
+        Err(outcome) => return outcome,
+    };
+    let mut signature = sizes(&scene);
+    scene.pose(0.3);
+    let failure = use_scene(&scene, &mut signature).err();
+    Outcome { signature, failure }
+}
+
+/// Does with a scene what renders and bakes do. The error says what should not have happened.
+fn use_scene(scene: &Scene, signature: &mut String) -> Result<(), String> {
+    for mesh in &scene.meshes {
+        mesh.check()
+            .map_err(|reason| format!("a mesh that is none: {}", without_numbers(&reason)))?;
+    }
+    let triangles = scene.meshes.iter().map(|mesh| {
+        let corners = mesh.indices.as_chunks::<3>().0.iter();
+        corners
+            .map(|triangle| triangle.map(|index| mesh.positions[index as usize]))
+            .collect::<Vec<_>>()
+    });
+    let (bottom, _) = BottomLevel::new(triangles).map_err(|error| error.to_string())?;
+    let instances: Vec<BvhInstance> = (scene.instances.iter())
+        .map(|instance| BvhInstance {
+            mesh: instance.mesh,
+            world_from_mesh: instance.world_from_mesh,
+            flags: 0,
+        })
+        .collect();
+    bottom
+        .top_level(&instances)
+        .map_err(|error| error.to_string())?;
+    if scene.statistics().triangles > MOST_TRIANGLES || scene.instances.len() > MOST_INSTANCES {
+        return Ok(());
+    }
+    let options = AtlasOptions {
+        size: 64,
+        ..AtlasOptions::default()
+    };
+    match Atlas::new(scene, &options) {
+        Ok(atlas) => atlas
+            .check(scene)
+            .map_err(|reason| format!("the atlas: {}", without_numbers(&reason)))?,
+        Err(error) => signature.push_str(&without_numbers(&error.to_string())),
+    }
+    match export_scene(scene) {
+        Ok(exported) => {
+            let read = import(
+                "exported.glb",
+                &exported.glb,
+                &Files(&Vec::new()),
+                &Limits::default(),
+            );
+            let read = read.map_err(|error| {
+                format!(
+                    "its export is refused: {}",
+                    without_numbers(&error.to_string())
+                )
+            })?;
+            if read.statistics().triangles != scene.statistics().triangles {
+                return Err("its export has other triangles".to_owned());
+            }
+        }
+        Err(error) => signature.push_str(&without_numbers(&error.to_string())),
+    }
+    Ok(())
+}
+
+/// Reads a baked file, and bakes into it once more, with vertices split at every edge.
+fn run_bake(case: &Case) -> Outcome {
+    let scene = match imported(case) {
+        Ok(scene) => scene,
+        Err(outcome) => return outcome,
+    };
+    let mut signature = sizes(&scene);
+    if scene.statistics().triangles > MOST_TRIANGLES || scene.instances.len() > MOST_INSTANCES {
+        return Outcome {
+            signature,
+            failure: None,
+        };
+    }
+    let instances = scene.instances.iter().map(|instance| {
+        let corners = 0..scene.meshes[instance.mesh].indices.len();
+        Some(InstanceUvs {
+            corners: corners
+                .map(|corner| Vec2::splat(corner as f32 % 8.0 / 8.0))
+                .collect(),
+            page: 0,
+            charts: Vec::new(),
+        })
+    });
+    let atlas = Atlas {
+        size: 1,
+        pages: 1,
+        instances: instances.collect(),
+    };
+    let page = BakedPage {
+        obscurance: Some(vec![0.5]),
+        ..BakedPage::default()
+    };
+    let (name, bytes) = &case[0];
+    let original = Original {
+        name,
+        bytes,
+        resolver: &Files(case),
+        limits: LIMITS,
+    };
+    let mut failure = None;
+    match export_bake(Some(original), &scene, &atlas, &[page]) {
+        Ok(exported) => {
+            let read = import(
+                "baked.glb",
+                &exported.glb,
+                &Files(&Vec::new()),
+                &Limits::default(),
+            );
+            failure = read.err().map(|error| {
+                format!(
+                    "its bake is refused: {}",
+                    without_numbers(&error.to_string())
+                )
+            });
+        }
+        Err(error) => signature.push_str(&without_numbers(&error.to_string())),
+    }
+    Outcome { signature, failure }
+}
+
+fn run_image(case: &Case) -> Outcome {
+    let (name, bytes) = &case[0];
+    let mut outcome = Outcome {
+        signature: String::new(),
+        failure: None,
+    };
+    for decode in [decode_color, decode_radiance] {
+        let (image, peak) = measured(|| decode(name, bytes, &LIMITS));
+        let signature = match image {
+            Ok(image) => format!("{:?}", [image.width, image.height].map(u32::checked_ilog2)),
+            Err(error) => without_numbers(&error.to_string()),
+        };
+        if peak > 4 * (4 << 20) + 4 * bytes.len() {
+            let failure = format!("decoding takes more memory than its limits ({signature})");
+            outcome.failure = Some(failure);
+        }
+        outcome.signature += &signature;
+    }
+    outcome
+}
+
+fn run_checkpoint(case: &Case) -> Outcome {
+    let (_, bytes) = &case[0];
+    let scene = seeds::room();
+    let key = checkpoint_key();
+    let (read, peak) = measured(|| Checkpoint::from_bytes(bytes, &key, &scene));
+    let signature = match read {
+        Ok(checkpoint) => format!(
+            "{} {}",
+            checkpoint.light.is_some(),
+            checkpoint.obscurances.is_some()
+        ),
+        Err(error) => without_numbers(&error.to_string()),
+    };
+    let is_large = peak > 64 * bytes.len() + (8 << 20);
+    Outcome {
+        failure: is_large.then(|| "reading takes more memory than the file suggests".to_owned()),
+        signature,
+    }
+}
+
+/// The key of every checkpoint here.
+pub fn checkpoint_key() -> CheckpointKey {
+    CheckpointKey::new(&[0; 32], "fuzz")
+}

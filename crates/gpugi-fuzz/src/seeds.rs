@@ -1,0 +1,528 @@
+//! Undamaged files, which use as many features of their format as they can.
+
+use std::io::Cursor;
+
+use exr::prelude::{
+    Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
+    SpecificChannels, Vec2, WritableImage,
+};
+use gpugi::bake::{Checkpoint, LightState};
+use gpugi::techniques::obscurances::ObscuranceState;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::export::{BakedPage, export_bake, export_scene};
+use gpugi_scene::image::{HalfTexture, save_ktx2};
+use gpugi_scene::{Atlas, AtlasOptions, Scene};
+use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage, RgbaImage};
+use serde_json::{Value, json};
+
+use crate::formats::checkpoint_key;
+use crate::mutate::{Case, glb as container};
+
+fn one(name: &str, bytes: Vec<u8>) -> Case {
+    vec![(name.to_owned(), bytes)]
+}
+
+/// The scene of checkpoints and bakes.
+pub fn room() -> Scene {
+    builtin("cornell", 1).expect("a built-in scene")
+}
+
+fn atlas(scene: &Scene) -> Atlas {
+    let options = AtlasOptions {
+        size: 64,
+        ..AtlasOptions::default()
+    };
+    Atlas::new(scene, &options).expect("an atlas")
+}
+
+/// A document that uses every part of the importer, and its buffer.
+fn document() -> (Value, Vec<u8>) {
+    let mut binary = Vec::new();
+    let mut views = Vec::new();
+    let mut accessors = Vec::new();
+    let mut add = |kind: &str, component: u32, count: usize, bytes: Vec<u8>| {
+        let offset = binary.len();
+        let length = bytes.len();
+        binary.extend(bytes);
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length }));
+        if count > 0 {
+            accessors.push(json!({
+                "bufferView": views.len() - 1, "componentType": component, "count": count, "type": kind,
+            }));
+        }
+        (views.len() - 1, accessors.len().saturating_sub(1))
+    };
+    let floats = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.2];
+    let (_, positions) = add("VEC3", 5126, 4, floats(&corners));
+    let (_, normals) = add("VEC3", 5126, 4, floats(&[0.0, 0.0, 1.0].repeat(4)));
+    let (_, uvs) = add(
+        "VEC2",
+        5126,
+        4,
+        floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+    );
+    let (_, tangents) = add("VEC4", 5126, 4, floats(&[1.0, 0.0, 0.0, 1.0].repeat(4)));
+    let (_, colors) = add("VEC4", 5121, 4, vec![200; 16]);
+    let (_, indices) = add(
+        "SCALAR",
+        5123,
+        6,
+        [0_u16, 1, 2, 2, 1, 3].map(u16::to_le_bytes).concat(),
+    );
+    let (_, joints) = add("VEC4", 5121, 4, [0, 1, 0, 0].repeat(4));
+    let (_, weights) = add("VEC4", 5126, 4, floats(&[0.5, 0.5, 0.0, 0.0].repeat(4)));
+    let (_, offsets) = add("VEC3", 5126, 4, floats(&[0.1; 12]));
+    let (_, matrices) = add(
+        "MAT4",
+        5126,
+        2,
+        floats(&glam::Mat4::IDENTITY.to_cols_array().repeat(2)),
+    );
+    let (_, times) = add("SCALAR", 5126, 2, floats(&[0.0, 1.0]));
+    let (_, moves) = add("VEC3", 5126, 2, floats(&[0.0, 0.0, 0.0, 1.0, 2.0, 3.0]));
+    let (_, turns) = add("VEC4", 5126, 6, floats(&[0.0, 0.0, 0.0, 1.0].repeat(6)));
+    let (_, shares) = add("SCALAR", 5126, 2, floats(&[0.0, 1.0]));
+    let (_, places) = add(
+        "VEC3",
+        5126,
+        3,
+        floats(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0]),
+    );
+    let (picture, _) = add("", 0, 0, encoded(small(), ImageFormat::Png));
+    let (photo, _) = add("", 0, 0, encoded(small(), ImageFormat::Jpeg));
+    let (numbers, _) = add("", 0, 0, vec![1, 0, 0, 0]);
+    let (values, _) = add("", 0, 0, floats(&[1.0, 0.0, 0.5]));
+    accessors[positions]["sparse"] = json!({
+        "count": 1, "indices": { "bufferView": numbers, "componentType": 5121 }, "values": { "bufferView": values },
+    });
+    accessors[colors]["normalized"] = json!(true);
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_texture_transform"],
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 2, 3, 4, 5] }],
+        "nodes": [
+            { "name": "bent", "mesh": 0, "skin": 0, "children": [1], "weights": [0.5] },
+            { "rotation": [0, 0, 0, 1], "translation": [0, 1, 0], "scale": [1, 2, 1] },
+            { "name": "camera", "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+            { "mesh": 1, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } } },
+            { "mesh": 1, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 3, 1] },
+            { "camera": 1, "extensions": { "KHR_lights_punctual": { "light": 1 } } },
+        ],
+        "meshes": [
+            { "name": "soft", "primitives": [{
+                "attributes": {
+                    "POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs, "TANGENT": tangents,
+                    "JOINTS_0": joints, "WEIGHTS_0": weights,
+                },
+                "indices": indices, "material": 0, "targets": [{ "POSITION": offsets, "NORMAL": offsets }],
+            }] },
+            { "primitives": [
+                {
+                    "attributes": { "POSITION": positions, "TEXCOORD_0": uvs, "COLOR_0": colors },
+                    "material": 1, "mode": 5,
+                },
+                { "attributes": { "POSITION": positions, "TEXCOORD_0": uvs }, "indices": indices, "material": 2 },
+                { "attributes": { "POSITION": positions }, "mode": 6 },
+            ] },
+        ],
+        "skins": [{ "joints": [1, 0], "inverseBindMatrices": matrices }],
+        "animations": [{
+            "channels": [
+                { "sampler": 0, "target": { "node": 1, "path": "translation" } },
+                { "sampler": 1, "target": { "node": 1, "path": "rotation" } },
+                { "sampler": 2, "target": { "node": 0, "path": "weights" } },
+            ],
+            "samplers": [
+                { "input": times, "output": moves },
+                { "input": times, "output": turns, "interpolation": "CUBICSPLINE" },
+                { "input": times, "output": shares, "interpolation": "STEP" },
+            ],
+        }],
+        "cameras": [
+            { "type": "perspective", "perspective": { "yfov": 0.8, "znear": 0.1 } },
+            { "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 2, "znear": 0.1, "zfar": 10 } },
+        ],
+        "extensions": { "KHR_lights_punctual": { "lights": [
+            { "type": "spot", "intensity": 5, "spot": { "innerConeAngle": 0.2, "outerConeAngle": 0.5 }, "range": 9 },
+            { "type": "directional", "color": [1, 0.5, 0.2], "extras": { "gpugi": { "radius": 0.01 } } },
+        ] } },
+        "materials": [
+            {
+                "name": "glass", "normalTexture": { "index": 0, "scale": 0.5 }, "emissiveFactor": [1, 0, 0],
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": 1 }, "roughnessFactor": 0.1, "metallicFactor": 0,
+                },
+                "extensions": {
+                    "KHR_materials_transmission": { "transmissionFactor": 1 }, "KHR_materials_ior": { "ior": 1.4 },
+                    "KHR_materials_volume": {
+                        "thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [1, 0.5, 0.5],
+                    },
+                    "KHR_materials_emissive_strength": { "emissiveStrength": 4 },
+                    "KHR_materials_specular": { "specularFactor": 0.5, "specularColorFactor": [1, 2, 1] },
+                },
+            },
+            {
+                "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
+                "extensions": { "KHR_materials_pbrSpecularGlossiness": {
+                    "diffuseTexture": {
+                        "index": 0, "extensions": { "KHR_texture_transform": { "scale": [2, 2], "rotation": 1 } },
+                    },
+                    "specularGlossinessTexture": { "index": 0 }, "glossinessFactor": 0.7,
+                } },
+            },
+            { "extras": { "gpugi": { "phong": { "kd": [0.8, 0, 0], "ks": [0.1, 0.5, 0.1], "shininess": 30 } } } },
+            { "extras": { "gpugi": { "conductor": { "n": [0.2, 0.9, 1.1], "k": [3.9, 2.4, 2.2] } } } },
+        ],
+        "textures": [{ "source": 0, "sampler": 0 }, { "source": 1 }],
+        "samplers": [{ "magFilter": 9728, "minFilter": 9987, "wrapS": 33071, "wrapT": 33648 }],
+        "images": [
+            { "bufferView": picture, "mimeType": "image/png" }, { "bufferView": photo, "mimeType": "image/jpeg" },
+        ],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    (document, binary)
+}
+
+pub fn glb() -> Vec<Case> {
+    let (document, binary) = document();
+    let built_in = export_scene(&room()).expect("a file").glb;
+    vec![
+        one("a.glb", container(document.to_string().as_bytes(), &binary)),
+        one("a.glb", built_in),
+    ]
+}
+
+pub fn gltf() -> Vec<Case> {
+    let (mut document, binary) = document();
+    document["buffers"][0]["uri"] = json!("a.bin");
+    document["images"][0] = json!({ "uri": "a.png" });
+    let beside = vec![
+        ("a.gltf".to_owned(), document.to_string().into_bytes()),
+        ("a.bin".to_owned(), binary),
+        ("a.png".to_owned(), encoded(small(), ImageFormat::Png)),
+    ];
+    let triangle = json!({
+        "asset": { "version": "2.0" },
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+        "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" }],
+        "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+        "buffers": [{
+            "byteLength": 36,
+            "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA",
+        }],
+    });
+    vec![beside, one("a.gltf", triangle.to_string().into_bytes())]
+}
+
+pub fn bake() -> Vec<Case> {
+    let scene = room();
+    let atlas = atlas(&scene);
+    let texels = (atlas.size * atlas.size) as usize;
+    let page = BakedPage {
+        obscurance: Some(vec![0.5; texels]),
+        ..BakedPage::default()
+    };
+    let pages = vec![page; atlas.pages as usize];
+    let baked = export_bake(None, &scene, &atlas, &pages).expect("a file");
+    let mut cases = glb();
+    cases.push(one("a.glb", baked.glb));
+    cases
+}
+
+pub fn obj() -> Vec<Case> {
+    let scene = "# a house
+mtllib a.mtl
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0.5 0.5 1 # a tip
+vt 0 0
+vt 1 0
+vt 1 1
+vn 0 0 1
+o floor
+usemtl plain
+f 1/1/1 2/2/1 3/3/1 4
+g roof left
+usemtl shiny
+f 1 2 5
+f -4//1 -3//1 -1//1
+usemtl metal
+f 3 \\
+4 5
+s off
+usemtl nowhere
+f 4 1 5
+";
+    let library = "newmtl plain
+Kd 0.8 0.1 0
+Ks 0 0.5 0
+Ns 30
+map_Kd a.png
+newmtl shiny
+Kd 0.9
+Ke 1 2 3
+map_d -s 2 2 a.png
+norm -bm 0.5 a.png
+d 0.5
+newmtl metal
+Pr 0.2
+Pm 1
+Ni 1.4
+illum 2
+Tr 0.1
+";
+    vec![vec![
+        ("a.obj".to_owned(), scene.into()),
+        ("a.mtl".to_owned(), library.into()),
+        ("a.png".to_owned(), encoded(small(), ImageFormat::Png)),
+    ]]
+}
+
+pub fn ply() -> Vec<Case> {
+    let header = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\ncomment a tip\nelement vertex 4\n\
+             property float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 3\n\
+             property list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let corners = [
+        [0.0_f32, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
+    let faces = [&[0, 1, 2][..], &[0, 1, 3], &[0, 1, 2, 3]];
+    let mut text = header("ascii");
+    let mut little = header("binary_little_endian").into_bytes();
+    let mut big = header("binary_big_endian").into_bytes();
+    for [x, y, z] in corners {
+        text += &format!("{x} {y} {z} 255 128 0\n");
+        for value in [x, y, z] {
+            little.extend(value.to_le_bytes());
+            big.extend(value.to_be_bytes());
+        }
+        little.extend([255, 128, 0]);
+        big.extend([255, 128, 0]);
+    }
+    for face in faces {
+        text += &format!("{}", face.len());
+        little.push(face.len() as u8);
+        big.push(face.len() as u8);
+        for &index in face {
+            text += &format!(" {index}");
+            little.extend(i32::to_le_bytes(index));
+            big.extend(i32::to_be_bytes(index));
+        }
+        text.push('\n');
+    }
+    vec![
+        one("a.ply", text.into()),
+        one("b.ply", little),
+        one("c.ply", big),
+    ]
+}
+
+fn small() -> DynamicImage {
+    RgbaImage::from_fn(5, 3, |x, y| {
+        image::Rgba([x as u8 * 50, y as u8 * 80, 7, 255 - x as u8])
+    })
+    .into()
+}
+
+fn encoded(image: DynamicImage, format: ImageFormat) -> Vec<u8> {
+    let image = match format {
+        ImageFormat::Jpeg => image.into_rgb8().into(),
+        _ => image,
+    };
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format).expect("memory");
+    bytes.into_inner()
+}
+
+pub fn png() -> Vec<Case> {
+    let grey = DynamicImage::from(image::GrayImage::from_fn(9, 9, |x, y| {
+        image::Luma([(x * y) as u8])
+    }));
+    let deep = DynamicImage::ImageRgb16(image::ImageBuffer::from_fn(4, 4, |x, y| {
+        Rgb([x as u16 * 9999, y as u16, 3])
+    }));
+    [small(), grey, deep]
+        .map(|image| one("a.png", encoded(image, ImageFormat::Png)))
+        .into()
+}
+
+pub fn jpeg() -> Vec<Case> {
+    let large = RgbImage::from_fn(40, 24, |x, y| {
+        Rgb([(x * 6) as u8, (y * 9) as u8, (x * y) as u8])
+    });
+    let grey = image::GrayImage::from_fn(17, 17, |x, y| image::Luma([(x * y) as u8]));
+    [small(), large.into(), grey.into()]
+        .map(|image| one("a.jpg", encoded(image, ImageFormat::Jpeg)))
+        .into()
+}
+
+fn radiance() -> Rgb32FImage {
+    Rgb32FImage::from_fn(40, 20, |x, y| Rgb([x as f32 / 8.0, y as f32 * 2.0, 0.25]))
+}
+
+pub fn hdr() -> Vec<Case> {
+    let flat = Rgb32FImage::from_pixel(4, 4, Rgb([1.0, 2.0, 3.0]));
+    [radiance(), flat]
+        .map(|image| one("a.hdr", encoded(image.into(), ImageFormat::Hdr)))
+        .into()
+}
+
+pub fn exr() -> Vec<Case> {
+    let compressions = [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP1,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44,
+        Compression::B44A,
+        Compression::DWAA(None),
+        Compression::DWAB(None),
+    ];
+    let mut cases = Vec::new();
+    for compression in compressions {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))] {
+            for is_half in [false, true] {
+                let encoding = Encoding {
+                    compression,
+                    blocks,
+                    line_order: LineOrder::Increasing,
+                };
+                let mut bytes = Cursor::new(Vec::new());
+                let attributes = LayerAttributes::named("all");
+                let size = (40, 20);
+                let written = if is_half {
+                    let channels = SpecificChannels::rgb(|at| {
+                        let (r, g, b) = gradient(at);
+                        let half = half::f16::from_f32;
+                        (half(r), half(g), half(b))
+                    });
+                    let layer = Layer::new(size, attributes, encoding, channels);
+                    ExrImage::from_layer(layer)
+                        .write()
+                        .non_parallel()
+                        .to_buffered(&mut bytes)
+                } else {
+                    let layer =
+                        Layer::new(size, attributes, encoding, SpecificChannels::rgb(gradient));
+                    ExrImage::from_layer(layer)
+                        .write()
+                        .non_parallel()
+                        .to_buffered(&mut bytes)
+                };
+                // What the crate cannot write is no seed.
+                if written.is_ok() {
+                    cases.push(one("a.exr", bytes.into_inner()));
+                }
+            }
+        }
+    }
+    cases
+}
+
+fn gradient(at: Vec2<usize>) -> (f32, f32, f32) {
+    (at.x() as f32 / 8.0, at.y() as f32, 0.25)
+}
+
+pub fn ktx2() -> Vec<Case> {
+    let texel = [0.0, 0.5, 1.0, 1.0].map(half::f16::from_f32);
+    let flat = HalfTexture {
+        size: [4, 4],
+        depth: 1,
+        faces: 1,
+        levels: vec![vec![texel; 16], vec![texel; 4], vec![texel; 1]],
+    };
+    let solid = HalfTexture {
+        size: [4, 2],
+        depth: 3,
+        faces: 1,
+        levels: vec![vec![texel; 24]],
+    };
+    let folder = std::env::temp_dir();
+    let mut cases = Vec::new();
+    for texture in [flat, solid] {
+        let path = folder.join(format!("gpugi-fuzz-{}.ktx2", std::process::id()));
+        save_ktx2(&path, &texture).expect("a file");
+        cases.push(one("a.ktx2", std::fs::read(&path).expect("a file")));
+        std::fs::remove_file(&path).ok();
+    }
+    // The first one in 8 bits: VK_FORMAT_R8G8B8A8_UNORM, of which half as many bytes are enough.
+    let mut bytes = cases[0][0].1.clone();
+    bytes[12..16].copy_from_slice(&37_u32.to_le_bytes());
+    cases.push(one("a.ktx2", bytes));
+    cases
+}
+
+pub fn checkpoint() -> Vec<Case> {
+    let begun = Checkpoint {
+        atlas: atlas(&room()),
+        obscurances: Some(ObscuranceState::default()),
+        light: Some(LightState::default()),
+    };
+    let empty = Checkpoint {
+        atlas: begun.atlas.clone(),
+        ..Checkpoint::default()
+    };
+    [begun, empty]
+        .map(|checkpoint| one("a.checkpoint", checkpoint.to_bytes(&checkpoint_key())))
+        .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::image::decode_radiance;
+    use gpugi_scene::{Limits, import};
+
+    use super::*;
+    use crate::formats::{ALL, Files};
+
+    /// A seed that is refused would lead nowhere.
+    #[test]
+    fn seeds_are_read() {
+        for case in [glb(), gltf(), bake(), obj(), ply()].concat() {
+            let (name, bytes) = &case[0];
+            let scene = import(name, bytes, &Files(&case), &Limits::default());
+            let scene = scene.unwrap_or_else(|error| panic!("{error}"));
+            assert!(!scene.instances.is_empty(), "{name}");
+        }
+        let pictures = [png(), jpeg(), hdr(), exr()].concat();
+        for case in &pictures {
+            let (name, bytes) = &case[0];
+            let image = decode_radiance(name, bytes, &Limits::default());
+            image.unwrap_or_else(|error| panic!("{error}"));
+        }
+        // Ten compressions, in lines and in tiles, of whole and of half floats.
+        assert_eq!(exr().len(), 40);
+    }
+
+    #[test]
+    fn seeds_do_not_fail() {
+        for format in &ALL {
+            for case in (format.seeds)() {
+                let outcome = (format.run)(&case);
+                assert_eq!(outcome.failure, None, "{}", format.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The tasks of a light bake, and how their results become texels.
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use super::super::tasks::{LightPart, LightTask, LitRows, TexelPart};
+use super::{LightBake, Quantity, unfit};
+use crate::capture::Target;
+use crate::capture::atlas::{self, Dilation};
+use crate::gpu::{Frame, read_buffer};
+use crate::lighting::LightingError;
+
+impl LightBake<'_> {
+    /// All tasks, in the order in which [`LightBake::step`] takes them. They depend on the atlas, the options and the
+    /// adapter's limits.
+    pub fn tasks(&self) -> Vec<LightTask> {
+        let tiles = 0..self.tiles.len() as u32;
+        let texels = tiles.flat_map(|tile| {
+            let samples = self.parts_of_tile();
+            samples.map(move |samples| LightTask::Texels { tile, samples })
+        });
+        [LightTask::Maps].into_iter().chain(texels).collect()
+    }
+
+    /// The samples of each task of a tile.
+    pub(super) fn parts_of_tile(&self) -> impl Iterator<Item = Range<u32>> + use<> {
+        let all = self.options.samples.max(1);
+        let of_task = self.options.samples_per_task.max(1);
+        let firsts = (0..all).step_by(of_task as usize);
+        firsts.map(move |first| first..first.saturating_add(of_task).min(all))
+    }
+
+    /// Takes over the result of a task that ran elsewhere, for the same scene, atlas, techniques, settings and options;
+    /// maps before the first step. Results that this bake already has are dropped.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`] when the result does not fit such a bake.
+    pub fn merge(&mut self, part: LightPart) -> Result<(), LightingError> {
+        match part {
+            LightPart::Maps(maps) => {
+                if self.refining.is_some() {
+                    self.maps = maps;
+                }
+                Ok(())
+            }
+            LightPart::Texels(part) => {
+                self.check(&part, true)?;
+                self.keep(part)
+            }
+        }
+    }
+
+    /// Whether all texels are lit.
+    pub fn is_complete(&self) -> bool {
+        self.done.iter().all(Option::is_some)
+    }
+
+    /// Whether a task of the bake lights these samples of a tile.
+    pub(super) fn has_task(&self, tile: u32, samples: &Range<u32>) -> bool {
+        let mut tasks = self.parts_of_tile();
+        (tile as usize) < self.tiles.len() && tasks.any(|one| one == *samples)
+    }
+
+    /// Whether a part fits a task of this bake; with `whole`, all samples of the task.
+    pub(super) fn check(&self, part: &TexelPart, whole: bool) -> Result<(), LightingError> {
+        let TexelPart { tile, samples, .. } = part;
+        let place = self.tiles.get(*tile as usize);
+        let is_of = |task: Range<u32>| {
+            let has_end = if whole {
+                task.end == samples.end
+            } else {
+                samples.end > samples.start && samples.end < task.end
+            };
+            task.start == samples.start && has_end
+        };
+        let fits = place.is_some_and(|place| {
+            self.parts_of_tile().any(is_of) && part.is_sound(place.captured.len() * self.side())
+        });
+        fits.then_some(())
+            .ok_or_else(|| unfit("the result of a task of another bake"))
+    }
+
+    /// Texels per row.
+    pub(super) fn side(&self) -> usize {
+        self.atlas.size as usize
+    }
+
+    /// The first task whose result is missing.
+    pub(super) fn next_task(&self) -> Option<(u32, Range<u32>)> {
+        let tile = self.done.iter().position(Option::is_none)? as u32;
+        let is_known = |samples: &Range<u32>| {
+            let mut parts = self.parts.iter();
+            parts.any(|part| part.tile == tile && part.samples == *samples)
+        };
+        let mut tasks = self.parts_of_tile();
+        Some((tile, tasks.find(|samples| !is_known(samples))?))
+    }
+
+    /// Keeps the result of a task, and finishes its tile if it was the last one.
+    pub(super) fn keep(&mut self, part: TexelPart) -> Result<(), LightingError> {
+        let number = part.tile;
+        let is_known = |one: &TexelPart| one.tile == number && one.samples == part.samples;
+        if self.done[number as usize].is_some() || self.parts.iter().any(is_known) {
+            return Ok(());
+        }
+        self.parts.push(part);
+        let of_tile = self.parts.iter().filter(|part| part.tile == number);
+        if of_tile.count() < self.parts_of_tile().count() {
+            return Ok(());
+        }
+        let (mut parts, others): (Vec<_>, Vec<_>) = std::mem::take(&mut self.parts)
+            .into_iter()
+            .partition(|part| part.tile == number);
+        self.parts = others;
+        // Sums of floats depend on the order: always that of the samples.
+        parts.sort_unstable_by_key(|part| part.samples.start);
+        let mut parts = parts.into_iter();
+        let Some(TexelPart {
+            mut sums, leak_map, ..
+        }) = parts.next()
+        else {
+            return Ok(());
+        };
+        for part in parts {
+            for (sum, more) in sums.iter_mut().flatten().zip(part.sums.iter().flatten()) {
+                *sum += more;
+            }
+        }
+        let captured = self.means(number, &sums)?;
+        let (place, size) = (&self.tiles[number as usize], self.atlas.size);
+        self.done[number as usize] = Some(LitRows {
+            texels: place.of(&captured, size).to_vec(),
+            leak_map: place.of(&leak_map, size).to_vec(),
+        });
+        Ok(())
+    }
+
+    /// Means of the samples in a tile's captured texels; empty texels are filled from their neighbours.
+    fn means(&self, tile: u32, sums: &[[f32; 4]]) -> Result<Vec<Vec3>, LightingError> {
+        let (gpu, size) = (&self.gpu, self.atlas.size);
+        let rows = self.tiles[tile as usize].captured.clone();
+        let unit = match self.options.quantity {
+            Quantity::Irradiance => std::f32::consts::FRAC_1_PI,
+            Quantity::Diffuse | Quantity::All => 1.0,
+        };
+        let (mut rest, mut means) = (sums, Vec::new());
+        for piece in atlas::cut(gpu, size, rows, u32::MAX)? {
+            let rows = piece.len() as u32;
+            let (these, others) = rest.split_at((rows * size) as usize);
+            rest = others;
+            let target = Target::new(gpu, rows * size)?;
+            gpu.write(&target.radiance, 0, these);
+            let mut frame = Frame::new(gpu, false);
+            Dilation::new(gpu, [size, rows])?.record(&mut frame, &target)?;
+            frame.submit()?;
+            let filled = read_buffer::<[f32; 4]>(gpu, &target.radiance, target.radiance.size())?;
+            // `a` is the number of samples in the sum; a filled texel holds one mean.
+            let mean = |[r, g, b, a]: [f32; 4]| Vec3::new(r, g, b) * unit / a.max(1.0);
+            means.extend(filled.into_iter().map(mean));
+        }
+        Ok(means)
+    }
+}

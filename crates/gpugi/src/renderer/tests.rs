@@ -1,0 +1,87 @@
+//! Renderers: tiles, threads, and frames that never wait.
+
+use gpugi_scene::builtin::builtin;
+
+use super::*;
+use crate::testing::test_gpu;
+
+#[test]
+fn renderers_may_move_between_threads() {
+    fn is_send_and_sync<T: Send + Sync>() {}
+    is_send_and_sync::<Renderer>();
+    is_send_and_sync::<crate::bake::LightBake<'_>>();
+    is_send_and_sync::<crate::reference::PathTracer>();
+}
+
+/// Shadows, mirrors, glass, light in texels and see-through surfaces alike.
+#[test]
+fn a_picture_lit_in_tiles_has_no_seams() {
+    let Some(gpu) = test_gpu() else { return };
+    let size = [48, 37];
+    let settings = [
+        ("shadow-map", "area-samples", "4"),
+        ("radiosity", "resolution", "64"),
+        ("radiosity", "iterations", "4"),
+        ("distance-impostor", "resolution", "32"),
+    ];
+    let names = ["shadow-map", "radiosity", "distance-impostor"].map(str::to_owned);
+    let scene = builtin("glass-room", 1).unwrap();
+    let picture = |most_points: u32| {
+        let mut renderer = Renderer::new(&gpu, &scene, size, &names).unwrap();
+        for (technique, name, value) in settings {
+            renderer.set(technique, name, value).unwrap();
+        }
+        renderer.cut(size, most_points).unwrap();
+        let display = DisplaySettings::default();
+        for _ in 0..2 {
+            renderer
+                .render_sample(&scene.cameras[0], 2, Some(&display), false)
+                .unwrap();
+        }
+        let points = renderer.surface_points().unwrap();
+        let picked = renderer.pick([20, 30]).unwrap().wait().unwrap();
+        assert_eq!(picked, points[30 * 48 + 20]);
+        assert!(picked.is_some());
+        (
+            renderer.tiles.len(),
+            renderer.radiance().unwrap(),
+            renderer.pixels().unwrap(),
+        )
+    };
+    let (one, whole, shown) = picture(u32::MAX);
+    let (several, tiled, shown_tiled) = picture(48 * 8);
+    assert_eq!((one, several), (1, 5));
+    assert_eq!(whole.len(), tiled.len());
+    let far = whole
+        .iter()
+        .zip(&tiled)
+        .filter(|(a, b)| (*a - *b).abs() > 1e-3 * a.abs().max(0.05));
+    // A rasterizer may decide otherwise at a triangle's edge.
+    assert!(far.count() <= 3 * 4);
+    let differs = shown
+        .iter()
+        .zip(&shown_tiled)
+        .filter(|(a, b)| a.abs_diff(**b) > 1);
+    assert!(differs.count() <= 3 * 4);
+    assert!(Renderer::pick(&Renderer::new(&gpu, &scene, size, &names).unwrap(), [48, 0]).is_err());
+}
+
+#[test]
+fn frames_that_never_wait_come_to_the_same_picture() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = builtin("spheres", 1).unwrap();
+    let camera = &scene.cameras[0];
+    let mut blocking = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+    blocking.render_sample(camera, 1, None, false).unwrap();
+    let mut live = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+    let mut waited = 0;
+    while live.samples() == 0 {
+        let readiness = live.try_render_sample(camera, 1, None).unwrap();
+        waited += u32::from(!readiness.is_usable());
+    }
+    assert!(waited > 0, "an environment's domains take a frame at least");
+    assert_eq!(live.radiance().unwrap(), blocking.radiance().unwrap());
+    live.resize([24, 8]).unwrap();
+    live.render_sample(camera, 1, None, false).unwrap();
+    assert_eq!(live.radiance().unwrap().len(), 24 * 8 * 3);
+}

@@ -1,0 +1,59 @@
+//! A picture is lit in tiles of rows where its points exceed a buffer.
+
+use std::ops::Range;
+
+use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target};
+use crate::display::Part;
+use crate::gpu::{Gpu, GpuError};
+use crate::lighting::Lighting;
+
+/// As many rows of the picture as fit one buffer of surface points.
+#[derive(Debug)]
+pub(super) struct Tile {
+    pub rows: Range<u32>,
+    pub capture: Capture,
+    pub receiver: Receiver,
+}
+
+impl Tile {
+    pub fn part(&self) -> Part {
+        Part {
+            radiance: self.receiver.target.radiance.clone(),
+            pixels: self.receiver.points.count,
+        }
+    }
+}
+
+/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
+/// pixels each.
+pub(super) fn tiles(
+    gpu: &Gpu,
+    lighting: &Lighting,
+    size: [u32; 2],
+    most_points: u32,
+) -> Result<Vec<Tile>, GpuError> {
+    let limits = gpu.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let most_points = (bytes / SURFACE_POINT_BYTES).min(u64::from(most_points));
+    let most_rows =
+        (most_points / u64::from(size[0].max(1))).min(u64::from(limits.max_texture_dimension_2d));
+    // A row at least: if that is too large, its buffer says so.
+    let count = u64::from(size[1]).div_ceil(most_rows.max(1)).max(1) as u32;
+    let kernels = lighting.capture_kernels();
+    (0..count)
+        .map(|index| {
+            let row =
+                |index: u32| (u64::from(size[1]) * u64::from(index) / u64::from(count)) as u32;
+            let rows = row(index)..row(index + 1);
+            let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
+            let target = Target::new(gpu, capture.points.count)?;
+            Ok(Tile {
+                receiver: Receiver::new(&capture.points, &target),
+                capture,
+                rows,
+            })
+        })
+        .collect()
+}

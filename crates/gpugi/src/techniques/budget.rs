@@ -1,0 +1,32 @@
+//! How much work on maps a frame may do.
+
+/// A limit on the work that a frame may do on maps, so that a live view stays fluent while they are made. Its unit
+/// does not depend on the machine: one ray traced, or one light, map or depth comparison looked up at one point. A
+/// caller that wants to keep a frame time measures milliseconds per unit ([`crate::lighting::Lighting::work`]) and sets
+/// its budget by that; gpugi itself never reads a clock. The final maps are the same, whatever the budget.
+///
+/// Techniques work in steps and begin no further step once the frame's steps have used up the budget. But each
+/// technique that has something to do takes at least one step per frame, so a frame exceeds its budget by at most one
+/// step of each technique.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Budget(u64);
+
+impl Budget {
+    /// No limit but those of the techniques' settings, such as `radiosity.steps`: for still pictures and bakes.
+    pub const UNLIMITED: Self = Self(u64::MAX);
+
+    /// A limit of `units` per frame.
+    pub const fn units(units: u64) -> Self {
+        Self(units)
+    }
+
+    /// What is left after `work`.
+    pub(crate) fn after(self, work: u64) -> Self {
+        Self(self.0.saturating_sub(work))
+    }
+
+    /// Whether a technique that has done `work` may begin another step.
+    pub(crate) fn allows_step(self, work: u64) -> bool {
+        work == 0 || work < self.0
+    }
+}
