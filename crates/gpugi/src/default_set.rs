@@ -8,7 +8,7 @@ use gpugi_scene::Scene;
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
-use crate::scene::has_emitters;
+use crate::scene::{has_emitters, has_glossy_objects};
 use crate::techniques::{
     Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting, radiosity,
     shadow_map,
@@ -90,6 +90,7 @@ impl DefaultSet {
 ///
 /// - for every purpose, the techniques that suit the scene and are fast enough for a live view: direct light, and what
 ///   mirrors and glass make of it;
+/// - for a still picture, also what rough surfaces reflect of lit surroundings;
 /// - for a still picture and for a bake, also indirect light between diffuse surfaces.
 pub fn default_set(
     scene: &Scene,
@@ -120,6 +121,14 @@ pub fn default_set(
         // Indirect light in an atlas is noisy while things move, and whenever meshes change the frame waits for another
         // atlas.
         return set;
+    }
+    if purpose == Purpose::StillPicture
+        && has_glossy_objects(scene)
+        && registry.find(IMPOSTORS).is_some()
+    {
+        let is_other = |one: &Choice| one.technique != IMPOSTORS;
+        set.choices.retain(is_other);
+        set.choices.push(gloss());
     }
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
@@ -155,6 +164,15 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
             "it needs no atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long"
         ),
         settings: Vec::new(),
+    }
+}
+
+/// Reflections of everything glossy in a still picture: its samples share the work of wide lobes.
+fn gloss() -> Choice {
+    Choice {
+        technique: IMPOSTORS,
+        reason: "surfaces reflect or refract their surroundings".into(),
+        settings: vec![("objects", "*".to_owned()), ("lobes", "drawn".to_owned())],
     }
 }
 
@@ -253,18 +271,23 @@ mod tests {
             let [still, live, bake] =
                 [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
             assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
-            assert_eq!(still.names(), bake.names());
-            let (last, fast) = still.choices.split_last().unwrap();
-            let names = |choices: &[Choice]| -> Vec<_> {
-                choices.iter().map(|one| one.technique).collect()
-            };
-            assert_eq!(names(fast), names(&live.choices));
-            assert_eq!(last.technique, RADIOSITY);
             assert!(live.choices.iter().all(|one| one.settings.is_empty()));
-            let is_soft = has_emitters(&scene)
-                || scene.environment.is_some()
-                || scene.lights.iter().any(|one| one.radius > 0.0);
-            assert_eq!(fast.iter().any(|one| !one.settings.is_empty()), is_soft);
+            let mut expected = live.names();
+            expected.push(RADIOSITY.to_owned());
+            assert_eq!(bake.names(), expected);
+            if has_glossy_objects(&scene) {
+                expected.retain(|name| name != IMPOSTORS);
+                expected.insert(expected.len() - 1, IMPOSTORS.to_owned());
+            }
+            assert_eq!(still.names(), expected);
+            let has_settings = |name| {
+                let choice = still.choices.iter().find(|one| one.technique == name);
+                choice.is_some_and(|one| !one.settings.is_empty())
+            };
+            let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
+            assert_eq!(has_settings(SHADOWS), is_soft);
+            assert_eq!(has_settings(SKY), scene.environment.is_some());
+            assert_eq!(has_settings(IMPOSTORS), has_glossy_objects(&scene));
             // Refused if light paths overlap, or if a setting does not exist.
             let size = [8, 8];
             let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();
@@ -277,18 +300,15 @@ mod tests {
                 is_told("light reflected between diffuse surfaces"),
                 "{words:?}"
             );
-            let is_smooth = renderer
-                .scene()
-                .objects
+            let objects = &renderer.scene().objects;
+            let is_smooth = objects.iter().any(|object| object.is_smooth);
+            let is_rough = objects
                 .iter()
-                .any(|object| object.is_smooth);
-            let has_impostors = still.names().iter().any(|name| name == IMPOSTORS);
-            assert_eq!(has_impostors, is_smooth, "{}", one.name);
-            assert_eq!(
-                is_told("lit surroundings seen in mirrors"),
-                is_smooth,
-                "{words:?}"
-            );
+                .any(|object| !object.is_smooth && !object.is_diffuse);
+            for (what, is_there) in [("mirrors", is_smooth), ("gloss", is_rough)] {
+                let words_of = format!("lit surroundings seen in {what}");
+                assert_eq!(is_told(&words_of), is_there, "{}: {words:?}", one.name);
+            }
         }
     }
 

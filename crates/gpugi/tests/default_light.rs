@@ -64,17 +64,17 @@ fn chamber() {
 
 #[test]
 fn teapot() {
-    still_picture_is_near_the_truth("teapot", 0.07);
+    still_picture_is_near_the_truth("teapot", 0.035);
 }
 
 #[test]
 fn spheres() {
-    still_picture_is_near_the_truth("spheres", 0.055);
+    still_picture_is_near_the_truth("spheres", 0.04);
 }
 
 #[test]
 fn shapes() {
-    still_picture_is_near_the_truth("shapes", 0.095);
+    still_picture_is_near_the_truth("shapes", 0.06);
 }
 
 #[test]

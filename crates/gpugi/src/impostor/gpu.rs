@@ -15,4 +15,8 @@ pub struct Impostor {
     pub is_refracting: u32,
     pub is_classical: u32,
     pub world_from_shape: [f32; 4],
+    pub number: u32,
+    pub is_rough: u32,
+    pub draws_lobes: u32,
+    pub is_shared: u32,
 }

@@ -29,20 +29,43 @@ use shape::{ShapePasses, Shaped};
 const NEAR: f32 = 1e-4;
 
 /// Which maps a technique requests.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
-    /// Index of the instance.
-    pub instance: u32,
+    /// Indices of the instances that the maps surround and leave out, ascending: the parts of one object, or objects near
+    /// each other; none for what is seen from a reference point in the open.
+    pub instances: Arc<[u32]>,
     /// Side of the faces of the surroundings' cube (texels), a power of two.
     pub side: u32,
     /// The same for the cube of the object's own shape, if light passes through the object.
     pub shape_side: Option<u32>,
-    /// Where the cube is captured from (m); `None`: from the object's centre.
+    /// Where the cube is captured from (m); `None`: from the centre of the instances.
     pub reference: Option<Vec3>,
     /// Layers: 1, or 2 to also capture what the reference point would see if the nearest surfaces were not there.
     pub layers: u32,
     /// When the maps are renewed.
     pub renewal: Renewal,
+}
+
+impl Wanted {
+    /// Whether the draw is one of the instances that the maps surround.
+    fn is_own(&self, draw: &Draw) -> bool {
+        self.instances.binary_search(&draw.instance).is_ok()
+    }
+
+    /// The mean of the instances' centres, weighted by their sizes (m); `None` if none is drawn. It moves and turns with
+    /// instances that move and turn together.
+    fn center(&self, scene: &GpuScene) -> Option<Vec3> {
+        let mut sum = (Vec3::ZERO, 0.0);
+        for draw in scene.draws.iter().filter(|draw| self.is_own(draw)) {
+            let world_from_mesh = scene.placements[draw.instance as usize].world_from_mesh;
+            let bounds = &draw.mesh_bounds;
+            let size = world_from_mesh.transform_vector3(bounds.max - bounds.min);
+            let weight = size.length().max(f32::MIN_POSITIVE);
+            let center = world_from_mesh.transform_point3(bounds.center());
+            sum = (sum.0 + weight * center, sum.1 + weight);
+        }
+        (sum.1 > 0.0).then(|| sum.0 / sum.1)
+    }
 }
 
 /// The maps of one object.
@@ -277,14 +300,14 @@ impl Impostors {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        wanted: Wanted,
+        wanted: &Wanted,
         settings_version: u64,
         seed: u32,
     ) -> Result<&Maps, GpuError> {
-        let index = match self.kept.iter().position(|one| one.wanted == wanted) {
+        let index = match self.kept.iter().position(|one| one.wanted == *wanted) {
             Some(index) => index,
             None => {
-                self.kept.push(self.make(frame.gpu, scene, wanted)?);
+                self.kept.push(self.make(frame.gpu, scene, wanted.clone())?);
                 self.kept.len() - 1
             }
         };
@@ -299,16 +322,12 @@ impl Impostors {
             settings: settings_version,
             seed,
         };
-        let own = wanted.instance;
-        let mut draws = scene.draws.iter();
         if !wanted.renewal.is_settled(kept.begun.as_ref(), &now)
-            && let Some(draw) = draws.find(|draw| draw.instance == own)
+            && let Some(center) = wanted.center(scene).or(wanted.reference)
         {
-            let placement = &scene.placements[own as usize];
-            let middle = draw.mesh_bounds.center();
-            kept.maps.center = placement.world_from_mesh.transform_point3(middle);
+            kept.maps.center = center;
             if wanted.shape_side.is_some() {
-                kept.follow_shape(frame, scene, &mut self.shapes, draw)?;
+                kept.follow_shape(frame, scene, &mut self.shapes)?;
             }
             kept.renew(frame, scene, &self.store_surroundings, now, self.frame)?;
         }
@@ -407,17 +426,17 @@ impl ObjectMaps {
         number: u64,
     ) -> Result<(), GpuError> {
         let Wanted {
-            instance,
+            ref instances,
             reference,
             renewal,
             ..
         } = self.wanted;
-        let (own, center) = (instance as usize, self.maps.center);
+        let center = self.maps.center;
         let due = renewal.due(
             self.begun.as_ref(),
             now,
             number,
-            (own, center),
+            (instances, center),
             &scene.placements,
             reference.is_some(),
         );
@@ -438,7 +457,7 @@ impl ObjectMaps {
                 let turn = &self.turns[index];
                 let faces = turn.faces.clone();
                 let captured = turn.captured;
-                if !captured.is_some_and(|it| it.shows(&now, own, &scene.placements)) {
+                if !captured.is_some_and(|it| it.shows(&now, instances, &scene.placements)) {
                     self.capture_faces(frame, scene, store, &faces, now.seed)?;
                     self.turns[index].captured = Some(now);
                 }
@@ -457,19 +476,19 @@ impl ObjectMaps {
         faces: &Faces,
         seed: u32,
     ) -> Result<(), GpuError> {
-        let (gpu, own, side) = (frame.gpu, self.wanted.instance, self.wanted.side);
+        let (gpu, wanted, side) = (frame.gpu, &self.wanted, self.wanted.side);
         let view = CubeView::new(self.maps.reference, side, near(scene), 0, seed);
         // From now on all turns look from here, including those that only relight what was captured before.
         for turn in &self.turns {
             turn.faces.look(gpu, &view.uniform);
         }
-        let class_of = |draw: &Draw| (draw.instance != own).then_some(seen_from_outside(draw));
+        let class_of = |draw: &Draw| (!wanted.is_own(draw)).then_some(seen_from_outside(draw));
         self.capture
             .record_faces(frame, scene, &view, faces, class_of)?;
         if let Some(peeled) = &self.maps.peeled {
             let reference = self.maps.reference;
             peeled.record(frame, scene, &self.capture, &view, faces, |draw| {
-                (draw.instance != own).then_some(seen_peeled(draw, reference))
+                (!wanted.is_own(draw)).then_some(seen_peeled(draw, reference))
             })?;
         }
         let bound = &mut self.stored_points;

@@ -65,14 +65,15 @@ impl RenewalKey {
         of(self) == of(other)
     }
 
-    /// Whether a capture at this state of the surroundings of instance `own` shows what one at `now` would.
-    pub fn shows(&self, now: &Self, own: usize, placements: &[Placement]) -> bool {
+    /// Whether a capture at this state of the surroundings of the instances `own` shows what one at `now` would.
+    pub fn shows(&self, now: &Self, own: &[u32], placements: &[Placement]) -> bool {
         let since = self.versions.geometry;
-        let mut others = placements.iter().enumerate();
+        let is_other = |index: usize| own.binary_search(&(index as u32)).is_err();
+        let mut all = placements.iter().enumerate();
         self.has_same_things(now)
             && self.seed == now.seed
             && (since == now.versions.geometry
-                || !others.any(|(index, one)| index != own && one.moved > since))
+                || !all.any(|(index, one)| one.moved > since && is_other(index)))
     }
 }
 
@@ -118,14 +119,14 @@ impl Renewal {
         self.renew != Renew::EveryFrame && begun.is_some_and(is_done)
     }
 
-    /// What to renew in `frame` of the surroundings of instance `own`, whose centre is at `center` (m), and the renewal
-    /// to remember. `has_reference`: the cube is captured from a given point, wherever the object is.
+    /// What to renew in `frame` of the surroundings of the instances `own`, whose centre is at `center` (m), and the
+    /// renewal to remember. `has_reference`: the cube is captured from a given point, wherever the object is.
     pub(super) fn due(
         &self,
         begun: Option<&Begun>,
         now: RenewalKey,
         frame: u64,
-        (own, center): (usize, Vec3),
+        (own, center): (&[u32], Vec3),
         placements: &[Placement],
         has_reference: bool,
     ) -> Option<(Due, Begun)> {
@@ -148,9 +149,8 @@ impl Renewal {
             return Some((Due::Turn(next_turn - 1), begun));
         }
         let is_near = center.distance(begun.center) < self.threshold;
-        let has_moved = placements
-            .get(own)
-            .is_some_and(|one| one.moved > begun.of.versions.geometry);
+        let mut own_placements = own.iter().filter_map(|&one| placements.get(one as usize));
+        let has_moved = own_placements.any(|one| one.moved > begun.of.versions.geometry);
         let is_due = match self.renew {
             Renew::EveryFrame => true,
             Renew::Changed(frames) => {

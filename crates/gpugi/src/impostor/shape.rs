@@ -6,7 +6,7 @@ use wgpu::BindingResource::TextureView;
 use super::{ObjectMaps, layers, near};
 use crate::capture::{Capture, CaptureKernels, CubeView};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::scene::{Draw, GpuScene};
+use crate::scene::GpuScene;
 use crate::shader;
 
 /// Captures shapes. Later frames reuse the buffers. Within a frame each shape needs its own, because all writes to
@@ -70,12 +70,15 @@ pub(super) struct Shaped {
 }
 
 impl Shaped {
-    fn new(scene: &GpuScene, draw: &Draw) -> Self {
-        let placement = &scene.placements[draw.instance as usize];
+    /// The parts move together: the first one's placement stands for all.
+    fn new(scene: &GpuScene, instances: &[u32]) -> Self {
+        let of = |&one: &u32| scene.placements.get(one as usize);
+        let bent = instances.iter().filter_map(of).map(|one| one.bent).max();
+        let first = instances.first().and_then(of);
         let versions = scene.versions;
         Self {
-            versions: [placement.bent, versions.instances, versions.materials],
-            world_from_mesh: placement.world_from_mesh,
+            versions: [bent.unwrap_or(0), versions.instances, versions.materials],
+            world_from_mesh: first.map_or(Mat4::IDENTITY, |one| one.world_from_mesh),
         }
     }
 
@@ -108,14 +111,13 @@ impl ObjectMaps {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         passes: &mut ShapePasses,
-        draw: &Draw,
     ) -> Result<(), GpuError> {
-        let now = Shaped::new(scene, draw);
+        let now = Shaped::new(scene, &self.wanted.instances);
         if let Some(turn) = self.shaped.and_then(|shaped| shaped.turned_to(&now)) {
             self.maps.world_from_shape = turn;
             return Ok(());
         }
-        self.capture_shape(frame, scene, passes, draw)?;
+        self.capture_shape(frame, scene, passes)?;
         self.maps.world_from_shape = Quat::IDENTITY;
         self.shaped = Some(now);
         Ok(())
@@ -126,7 +128,6 @@ impl ObjectMaps {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         passes: &mut ShapePasses,
-        own: &Draw,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let side = self.maps.shape_normals.width();
@@ -145,8 +146,11 @@ impl ObjectMaps {
         };
         let (capture, points) = passes.capture(gpu, side)?;
         let view = CubeView::new(self.maps.center, side, near(scene), 0, 0);
+        let wanted = &self.wanted;
         capture.record_cube(frame, scene, &view, |draw| {
-            (draw.instance == own.instance).then(|| scene.whole_class(draw).from_both_sides())
+            wanted
+                .is_own(draw)
+                .then(|| scene.whole_class(draw).from_both_sides())
         })?;
         let points = points.clone();
         frame.compute("impostor.store", |pass| {

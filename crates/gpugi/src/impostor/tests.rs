@@ -76,7 +76,7 @@ impl<'a> Watched<'a> {
         let on_gpu = GpuScene::new(gpu, &scene).unwrap();
         let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
         let wanted = Wanted {
-            instance: GLASS as u32,
+            instances: [GLASS as u32].into(),
             side: SIDE,
             shape_side: Some(SIDE),
             reference: None,
@@ -96,7 +96,7 @@ impl<'a> Watched<'a> {
         let mut frame = Frame::new(self.gpu, true);
         self.on_gpu.merge(&mut frame);
         self.impostors.begin_frame();
-        let (scene, wanted) = (&self.on_gpu, self.wanted);
+        let (scene, wanted) = (&self.on_gpu, &self.wanted);
         let maps = self.impostors.of(&mut frame, scene, wanted, 0, 0).unwrap();
         let maps = maps.clone();
         let timings = frame.submit().unwrap().wait().unwrap();
@@ -322,14 +322,14 @@ fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
             impostors.begin_frame();
             for &instance in instances {
                 let wanted = Wanted {
-                    instance,
+                    instances: [instance].into(),
                     side: SIDE,
                     shape_side: Some(SIDE),
                     reference: None,
                     layers: 1,
                     renewal: Renewal::default(),
                 };
-                let of = impostors.of(&mut frame, &on_gpu, wanted, 0, 0).unwrap();
+                let of = impostors.of(&mut frame, &on_gpu, &wanted, 0, 0).unwrap();
                 maps.push(of.shape.distances.clone());
             }
             frame.submit().unwrap();

@@ -330,12 +330,11 @@ impl GpuScene {
             self.emitters = emitters(&self.host);
             self.versions.lights += 1;
         }
-        let object = |one: &Material| Object::new("", one);
-        if object(&before) != object(material) {
+        if Object::of(&before) != Object::of(material) {
             self.versions.objects += 1;
             for (object, instance) in self.objects.iter_mut().zip(&self.host.instances) {
                 if instance.material == index {
-                    *object = Object::new(&instance.name, material);
+                    *object = Object::new(instance, material);
                 }
             }
         }

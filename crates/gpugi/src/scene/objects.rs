@@ -6,7 +6,7 @@
 use std::ops::BitOr;
 
 use glam::Vec3;
-use gpugi_scene::{AlphaMode, Material, MaterialModel, Scene, names};
+use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, names};
 
 use super::DrawClass;
 
@@ -15,6 +15,8 @@ use super::DrawClass;
 pub struct Object {
     /// The instance's name.
     pub name: String,
+    /// The node of a file, and its copy, that the instance is a part of: a node has one instance per material.
+    pub part_of: Option<(usize, Option<usize>)>,
     /// Whether light passes through its surface.
     pub is_transmissive: bool,
     /// Whether its surface bounds a solid (KHR_materials_volume); otherwise it is a thin wall.
@@ -22,32 +24,57 @@ pub struct Object {
     /// Whether its surface reflects and refracts ideally, as far as the material's factors tell: `is_delta` of
     /// shared/brdf.wesl.
     pub is_smooth: bool,
+    /// Its roughness, 0 if a texture may lower it. Phong: the roughness of a GGX lobe that is about as wide.
+    pub least_roughness: f32,
     /// Whether its surface only scatters light diffusely.
     pub is_diffuse: bool,
 }
 
 impl Object {
-    pub(super) fn new(name: &str, material: &Material) -> Self {
+    pub(super) fn new(instance: &Instance, material: &Material) -> Self {
+        let part_of = instance.origin.map(|origin| (origin.node, origin.place));
         Self {
-            name: name.to_owned(),
+            name: instance.name.clone(),
+            part_of,
+            ..Self::of(material)
+        }
+    }
+
+    /// A nameless object.
+    pub(super) fn of(material: &Material) -> Self {
+        Self {
+            name: String::new(),
+            part_of: None,
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),
             is_smooth: is_smooth(material),
-            is_diffuse: match material.model {
-                MaterialModel::MetallicRoughness => {
-                    material.transmission <= 0.0
-                        && material.metallic <= 0.0
-                        && material.specular <= 0.0
-                }
-                MaterialModel::Phong { ks, .. } => ks.max_element() <= 0.0,
-                MaterialModel::Conductor { .. } => false,
-            },
+            least_roughness: least_roughness(material),
+            is_diffuse: is_diffuse(material),
         }
     }
 
     /// Whether `list` names the object: names separated by commas, in which `*` stands for any characters.
     pub fn is_named_by(&self, list: &str) -> bool {
         names::is_named_by(&self.name, list)
+    }
+}
+
+fn is_diffuse(material: &Material) -> bool {
+    match material.model {
+        MaterialModel::MetallicRoughness => {
+            material.transmission <= 0.0 && material.metallic <= 0.0 && material.specular <= 0.0
+        }
+        MaterialModel::Phong { ks, .. } => ks.max_element() <= 0.0,
+        MaterialModel::Conductor { .. } => false,
+    }
+}
+
+fn least_roughness(material: &Material) -> f32 {
+    match material.model {
+        // The squared width alpha^2 of a lobe cos^n is about 2 / (n + 2), and alpha is the squared roughness.
+        MaterialModel::Phong { shininess, .. } => (2.0 / (shininess + 2.0)).powf(0.25),
+        _ if material.metallic_roughness_texture.is_some() => 0.0,
+        _ => material.roughness,
     }
 }
 
@@ -83,6 +110,12 @@ pub(crate) fn has_smooth_objects(scene: &Scene) -> bool {
 /// `DELTA_ROUGHNESS` of shared/brdf.wesl.
 const DELTA_ROUGHNESS: f32 = 0.01;
 
+/// Whether any surface of the scene reflects or transmits light other than diffusely.
+pub(crate) fn has_glossy_objects(scene: &Scene) -> bool {
+    let mut instances = scene.instances.iter();
+    instances.any(|instance| !is_diffuse(&scene.materials[instance.material]))
+}
+
 /// Claims on an object: the `CLAIM_` bits of scene/tables.wesl.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Claims(pub(super) u32);
@@ -102,6 +135,16 @@ impl Claims {
     pub const SHADOW: Self = Self(16);
     /// Only final-gather adds indirect light on the object.
     pub const INDIRECT: Self = Self(32);
+    /// Only distance-impostor adds what the object's glossy lobes reflect of lit surroundings.
+    pub const GLOSSY: Self = Self(64);
+
+    /// Number of the first bit of [`Claims::with_impostor`].
+    const IMPOSTOR_SHIFT: u32 = 8;
+
+    /// These claims, for an object whose surroundings are in the cube `number` of distance-impostor, from 1 on.
+    pub fn with_impostor(self, number: u32) -> Self {
+        Self(self.0 | (number << Self::IMPOSTOR_SHIFT))
+    }
 
     /// Whether these claims contain all of `other`.
     pub fn contains(self, other: Self) -> bool {

@@ -115,6 +115,12 @@ fn claims_are_the_same_bits() {
     let depth = shader!("capture.depth_alpha");
     let shadow = constant(&depth, "scene_tables", "CLAIM_SHADOW");
     assert_eq!(shadow, Claims::SHADOW.0);
+    let final_gather = shader!("techniques.final_gather.gather");
+    let glossy = constant(&final_gather, "scene_tables", "CLAIM_GLOSSY");
+    assert_eq!(glossy, Claims::GLOSSY.0);
+    let impostor = shader!("techniques.distance_impostor.gather");
+    let shift = constant(&impostor, "scene_tables", "IMPOSTOR_SHIFT");
+    assert_eq!(Claims::NONE.with_impostor(1).0, 1 << shift);
 }
 
 #[test]

@@ -185,7 +185,7 @@ impl GpuScene {
             objects: scene
                 .instances
                 .iter()
-                .map(|instance| Object::new(&instance.name, &scene.materials[instance.material]))
+                .map(|instance| Object::new(instance, &scene.materials[instance.material]))
                 .collect(),
             placements: motion::placements(scene),
             alpha_modes: scene

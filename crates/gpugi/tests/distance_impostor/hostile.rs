@@ -147,7 +147,7 @@ fn refractors_need_not_be_closed() {
 }
 
 #[test]
-fn more_mirrors_than_get_impostors_are_seen() {
+fn more_mirrors_than_cubes_are_seen() {
     let Some(gpu) = gpu() else { return };
     let mut scene = room();
     let ball = scene.add_mesh(sphere(0.15, 16));
@@ -172,7 +172,8 @@ fn more_mirrors_than_get_impostors_are_seen() {
         shining.len()
     };
     let small = ("resolution", "16");
-    assert_eq!(lit(&[small]), 16);
+    assert_eq!(lit(&[small]), 20);
+    assert_eq!(lit(&[small, ("cubes", "3")]), 20);
     assert_eq!(lit(&[small, ("objects", "ball")]), 20);
 }
 
@@ -195,6 +196,8 @@ fn settings_that_cannot_work_are_refused() {
         ("renew", "often"),
         ("threshold", "-1"),
         ("faces-per-frame", "7"),
+        ("lobes", "wide"),
+        ("cubes", "2"),
     ] {
         let refused = renderer.set("distance-impostor", name, value);
         assert!(

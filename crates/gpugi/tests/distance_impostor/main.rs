@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod gloss;
 mod hidden;
 mod hostile;
 mod layers;

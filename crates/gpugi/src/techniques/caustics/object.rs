@@ -25,6 +25,7 @@ const SPLAT_INVOCATIONS: u32 = 1 << 21;
 /// The caustics of one object.
 #[derive(Debug)]
 pub struct Caustic {
+    instance: u32,
     wanted: Wanted,
     bounces: u32,
     /// Photons per pixel: one mirrored, and one for each bounce inside.
@@ -129,8 +130,9 @@ impl Caustic {
             (true, true) => 1 + settings.bounces,
         };
         Ok(Self {
+            instance,
             wanted: Wanted {
-                instance,
+                instances: [instance].into(),
                 side,
                 shape_side: is_refracting.then_some(settings.shape_resolution),
                 reference: None,
@@ -181,7 +183,7 @@ impl Caustic {
         } = making;
         let gpu = frame.gpu;
         let maps = impostors
-            .of(frame, scene, self.wanted, making.settings_version, 0)?
+            .of(frame, scene, &self.wanted, making.settings_version, 0)?
             .clone();
         self.bind(gpu, kernels, &maps)?;
         if self.frames == 0 {
@@ -198,7 +200,7 @@ impl Caustic {
         self.frames += 1;
         let of_object = impostor_gpu::Impostor {
             reference: maps.reference.to_array(),
-            instance: self.wanted.instance,
+            instance: self.instance,
             center: maps.center.to_array(),
             search: 0,
             iterations: 0,
@@ -206,12 +208,13 @@ impl Caustic {
             is_refracting: u32::from(self.wanted.shape_side.is_some()),
             is_classical: 0,
             world_from_shape: maps.world_from_shape.to_array(),
+            ..bytemuck::Zeroable::zeroed()
         };
         gpu.write(&self.of_object, 0, std::slice::from_ref(&of_object));
         let lit_cube = LitCube {
             reference: maps.reference.to_array(),
             side: self.wanted.side,
-            instance: self.wanted.instance,
+            instance: self.instance,
             padding: [0; 3],
         };
         gpu.write(&self.lit_cube, 0, std::slice::from_ref(&lit_cube));
@@ -225,7 +228,7 @@ impl Caustic {
             let Some(light) = &seen.view else { continue };
             let capture = &mut caustic_map.capture;
             capture.record(frame, scene, &light.view, |draw| {
-                if draw.instance == self.wanted.instance {
+                if draw.instance == self.instance {
                     scene.whole_class(draw)
                 } else if scene
                     .claims(draw.instance as usize)
@@ -298,10 +301,9 @@ impl Caustic {
         } = making;
         let mut draws = scene.draws.iter();
         let lights = making.lights.get(number as usize);
-        let (Some(draw), Some(lights)) = (
-            draws.find(|draw| draw.instance == self.wanted.instance),
-            lights,
-        ) else {
+        let (Some(draw), Some(lights)) =
+            (draws.find(|draw| draw.instance == self.instance), lights)
+        else {
             return Vec::new();
         };
         let jitter = if settings.frames > 1 {
@@ -445,7 +447,7 @@ impl Caustic {
     pub fn map(&self) -> Map {
         let side = self.wanted.side;
         Map {
-            name: format!("caustics.{}.irradiance", self.wanted.instance),
+            name: format!("caustics.{}.irradiance", self.instance),
             texels: Texels::Buffer {
                 buffer: self.lit_texels.clone(),
                 size: [side, 6 * side],

@@ -1,12 +1,15 @@
-//! The light around one object: a radiance cube that goes with the maps of its surroundings and of its own shape.
+//! The light around a group of objects: a radiance cube that goes with the maps of their surroundings and of an object's
+//! own shape.
 
+use glam::Vec3;
 use wgpu::BindingResource::TextureView;
 
-use super::{Search, Settings, Show};
+use super::groups::{Group, Kind};
+use super::{Lobes, Search, Settings, Show};
 use crate::capture::{PerReceiver, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Maps, Wanted, cube_texture, cubes, gpu, layers_of_cube, layers_of_level};
-use crate::scene::{GpuScene, Object};
+use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
 
@@ -62,16 +65,25 @@ pub struct Making<'a> {
     pub settings: &'a Settings,
     /// Seed of random decisions in the captures of cubes.
     pub seed: u32,
+    /// Where the camera is (m).
+    pub eye: Vec3,
     /// Whether the light of other techniques was refined since the last frame, though nothing changed.
     pub is_refined: bool,
 }
 
-/// An object with an impostor.
+/// How far the eye moves before the cube of surroundings is captured from elsewhere, as a share of the scene's diagonal.
+const EYE_STEP: f32 = 0.05;
+
+/// Objects with an impostor.
 #[derive(Debug)]
 pub struct Impostor {
+    /// Number of the cube, to which the objects' claims refer.
+    number: u32,
+    /// The first of the objects' instances, and whether there are more.
+    instance: u32,
+    is_shared: bool,
     wanted: Wanted,
-    /// Whether its surface is ideal. Then its cube shows emitters; otherwise other techniques add their light.
-    is_smooth: bool,
+    kind: Kind,
     radiance: wgpu::Texture,
     coarser: Vec<(wgpu::BindGroup, u32)>,
     target: Target,
@@ -99,7 +111,7 @@ struct BoundMaps {
 }
 
 impl Impostor {
-    /// An empty cube for the instance.
+    /// An empty cube for the group.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -107,16 +119,14 @@ impl Impostor {
         gpu: &Gpu,
         kernels: &Kernels,
         settings: &Settings,
-        instance: u32,
-        object: &Object,
+        number: u32,
+        group: &Group,
     ) -> Result<Self, GpuError> {
-        let side = settings.resolution;
-        let is_refracting = object.is_transmissive && object.is_solid && object.is_smooth;
+        let side = group.side(settings.resolution);
         // Ideal lobes read only the finest level.
-        let levels = if object.is_smooth {
-            1
-        } else {
-            side.ilog2() + 1
+        let levels = match group.kind {
+            Kind::Mirror | Kind::Refractor => 1,
+            Kind::Rough | Kind::Surroundings => side.ilog2() + 1,
         };
         let format = wgpu::TextureFormat::Rgba16Float;
         let layers = settings.layers_searched();
@@ -138,15 +148,18 @@ impl Impostor {
             wgpu::BufferUsages::UNIFORM,
         )?;
         Ok(Self {
+            number,
+            instance: group.members[0],
+            is_shared: group.members.len() > 1,
             wanted: Wanted {
-                instance,
+                instances: group.left_out.clone(),
                 side,
-                shape_side: is_refracting.then_some(settings.shape_resolution),
+                shape_side: (group.kind == Kind::Refractor).then_some(settings.shape_resolution),
                 reference: settings.reference.0,
                 layers,
                 renewal: settings.renewal(),
             },
-            is_smooth: object.is_smooth,
+            kind: group.kind,
             radiance,
             coarser,
             target: Target::new(gpu, 6 * side * side)?,
@@ -160,7 +173,7 @@ impl Impostor {
         })
     }
 
-    /// Follows the object's motion, and captures those of its surroundings that are due.
+    /// Follows the objects' motion, and captures those of their surroundings that are due.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -175,12 +188,22 @@ impl Impostor {
             kernels,
             settings,
             seed,
+            eye,
             is_refined,
         } = making;
         let gpu = frame.gpu;
+        if self.kind == Kind::Surroundings && settings.reference.0.is_none() {
+            // A cube elsewhere needs new maps, so that it follows the eye in steps.
+            let step = EYE_STEP * scene.diagonal();
+            let reference = &mut self.wanted.reference;
+            if reference.is_none_or(|before| before.distance(eye) > step) {
+                *reference = Some(eye);
+                self.is_lit = false;
+            }
+        }
         let maps = earlier
             .impostors
-            .of(frame, scene, self.wanted, earlier.settings_version, seed)?
+            .of(frame, scene, &self.wanted, earlier.settings_version, seed)?
             .clone();
         self.due = if self.is_lit && !is_refined {
             maps.renewed.clone()
@@ -193,7 +216,7 @@ impl Impostor {
         };
         let uniform = gpu::Impostor {
             reference: bound.maps.reference.to_array(),
-            instance: self.wanted.instance,
+            instance: self.instance,
             center: bound.maps.center.to_array(),
             search: settings.search.number(),
             iterations: settings.iterations,
@@ -201,6 +224,10 @@ impl Impostor {
             is_refracting: u32::from(self.wanted.shape_side.is_some() && settings.bounces > 0),
             is_classical: u32::from(settings.search == Search::None),
             world_from_shape: bound.maps.world_from_shape.to_array(),
+            number: self.number,
+            is_rough: u32::from(!self.kind.is_smooth()),
+            draws_lobes: u32::from(settings.lobes == Lobes::Drawn),
+            is_shared: u32::from(self.is_shared),
         };
         if self.written != Some(uniform) {
             gpu.write(&self.uniform, 0, std::slice::from_ref(&uniform));
@@ -247,7 +274,8 @@ impl Impostor {
         let layers = bound.maps.layers(points);
         for (points, stored) in layers.iter().zip(&bound.stored) {
             let receiver = Receiver::new(points, &self.target);
-            earlier.gather(frame, scene, &receiver, self.is_smooth)?;
+            // Other techniques add the light of emitters to rough lobes.
+            earlier.gather(frame, scene, &receiver, self.kind.is_smooth())?;
             add_others(frame, &receiver)?;
             let seen = self.seen.of(&receiver, || {
                 let seen = [("seen", points.view.as_entire_binding())];
@@ -303,7 +331,7 @@ impl Impostor {
         })
     }
 
-    /// Adds what the object mirrors and refracts at `points`; `groups`: points and target.
+    /// Adds what the objects reflect and refract at `points`; `groups`: points and target.
     pub fn gather(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
@@ -331,7 +359,7 @@ impl Impostor {
             textures.push(("distances", &maps.distances));
             textures.extend(maps.normals.iter().map(|normals| ("normals", normals)));
         }
-        let instance = self.wanted.instance;
+        let instance = self.instance;
         textures
             .into_iter()
             .map(|(name, texture)| (format!("distance-impostor.{instance}.{name}"), texture))

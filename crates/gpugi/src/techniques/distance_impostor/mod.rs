@@ -5,6 +5,7 @@
 //! this one, with their distances; for a refractor also its own shape. Gather: reflected and refracted rays search for
 //! their hits in these maps. docs/techniques/distance-impostor.md.
 
+mod groups;
 mod impostor;
 #[cfg(test)]
 mod tests;
@@ -19,19 +20,23 @@ use crate::capture::{Output, PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
+use crate::scene::{Claims, GpuScene, Object, Versions, has_smooth_objects};
 use crate::settings::{Kind, SettingSet, SettingValue};
+use groups::{Group, Kind as GroupKind};
 use impostor::{Impostor, Kernels, Making};
+
+/// Lit surroundings in mirrors, glass and gloss, and lights in mirrors and glass.
+const SURROUNDINGS: &str = "L(S|[DG][GS])[GS]*E";
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "distance-impostor",
-    summary: "localized reflections and multiple refractions of lit surroundings, on chosen objects",
+    summary: "localized reflections, sharp or blurred, and multiple refractions of lit surroundings, on chosen objects",
     source: "tutorial sections 5.1 to 5.3; Szirmay-Kalos et al. 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "L[DG]?S+E"),
-        LightPaths::new(LightClass::Area, "L[DG]?S+E"),
-        LightPaths::new(LightClass::Environment, "L[DG]?S+E"),
+        LightPaths::new(LightClass::Punctual, SURROUNDINGS),
+        LightPaths::new(LightClass::Area, SURROUNDINGS),
+        LightPaths::new(LightClass::Environment, SURROUNDINGS),
     ],
     suits: has_smooth_objects,
     keeps_texels: false,
@@ -60,6 +65,17 @@ impl Search {
             Self::Secant => 1,
             Self::FalsePosition => 2,
         }
+    }
+}
+
+crate::choices! {
+    /// How rough lobes read their cube.
+    pub enum Lobes {
+        /// The mean over the lobe, at the level whose texels are as wide as the lobe at its hit.
+        Filtered = "filtered",
+        /// One direction, drawn by its weight in the lobe: the mean over many samples of a picture is exact. What is not
+        /// a camera's pixel has the mean over the lobe.
+        Drawn = "drawn",
     }
 }
 
@@ -172,6 +188,11 @@ crate::settings! {
         pub threshold: f32 = 0.0 => in_range(0.0, 1e9).unit("m"),
         /// Faces of a cube that are renewed per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 6 => in_range(1.0, 6.0),
+        /// How rough lobes read their cube: filtered, the mean over the lobe; or drawn, one direction per sample, whose
+        /// mean is exact.
+        pub lobes: Lobes = Lobes::Filtered => any(),
+        /// Most cubes. If there are more objects, those near each other share one; refractors have their own or none.
+        pub cubes: u32 = 16 => in_range(3.0, 32.0),
         /// Objects with impostors: names separated by commas, * for any characters; auto: those with ideal surfaces.
         pub objects: String = AUTO.to_owned() => any(),
     }
@@ -198,9 +219,6 @@ impl Settings {
 
 /// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
 const AUTO: &str = "auto";
-/// Most objects with impostors that `auto` chooses, and most that may be named.
-const MOST: usize = 16;
-const MOST_NAMED: usize = 32;
 /// How often the cubes of several objects are lit when the scene changed: those lit first do not show yet what the
 /// others reflect.
 const ROUNDS: u32 = 2;
@@ -212,8 +230,11 @@ const MOST_BOUNCES: u32 = 32;
 pub struct DistanceImpostor {
     settings: Settings,
     kernels: Kernels,
-    /// Instances with an impostor.
-    claimed: Vec<u32>,
+    /// Instances that are to have an impostor.
+    wanted: Vec<u32>,
+    groups: Vec<Group>,
+    /// What the groups were formed of: they stay while objects move.
+    grouped: Option<ObjectMapsKey<u32>>,
     made: Option<ImpostorSet>,
     bound: PerReceiver<[wgpu::BindGroup; 2]>,
 }
@@ -222,6 +243,7 @@ pub struct DistanceImpostor {
 #[derive(Debug)]
 struct ImpostorSet {
     of: ObjectMapsKey<Settings>,
+    groups: Vec<Group>,
     /// Versions of the scene, and of the settings of techniques, in the last frame.
     seen: Option<(Versions, u64)>,
     /// [`Earlier::revision`] of the last frame.
@@ -246,7 +268,9 @@ impl DistanceImpostor {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            claimed: Vec::new(),
+            wanted: Vec::new(),
+            groups: Vec::new(),
+            grouped: None,
             made: None,
             bound: PerReceiver::default(),
         })
@@ -259,28 +283,44 @@ impl Technique for DistanceImpostor {
     }
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
-        let objects = &scene.objects;
-        let mut claims = vec![Claims::NONE; objects.len()];
-        self.claimed.clear();
-        let (mut refracts, mut is_smooth, mut is_rough) = (false, false, false);
-        for (index, object) in objects.iter().enumerate() {
-            let is_mine = match self.settings.objects.as_str() {
-                AUTO => object.is_smooth && self.claimed.len() < MOST,
-                list => object.is_named_by(list),
-            };
-            if is_mine {
-                self.claimed.push(index as u32);
-                claims[index] = Claims::SPECULAR;
-                is_rough |= !object.is_smooth;
-                is_smooth |= object.is_smooth;
-                // The cubes of rough objects hold no emitters, so transmission through rough objects is left to other
-                // techniques.
-                if object.is_transmissive && object.is_solid && object.is_smooth {
-                    claims[index] = Claims::SPECULAR | Claims::TRANSMISSION | Claims::REFRACTION;
-                    refracts = true;
+        let objects = scene.objects.iter().enumerate();
+        let list = self.settings.objects.as_str();
+        let is_wanted = |object: &Object| match list {
+            AUTO => object.is_smooth,
+            list => object.is_named_by(list) && !object.is_diffuse,
+        };
+        let wanted = objects.filter(|(_, object)| is_wanted(object));
+        self.wanted = wanted.map(|(index, _)| index as u32).collect();
+        let cubes = self.settings.cubes;
+        let is_grouped = |grouped: &ObjectMapsKey<u32>| grouped.serves(&cubes, &self.wanted, scene);
+        if !self.grouped.as_ref().is_some_and(is_grouped) {
+            self.groups = groups::groups(&self.wanted, scene, cubes as usize);
+            self.grouped = Some(ObjectMapsKey::new(&cubes, &self.wanted, scene));
+        }
+        let mut claims = vec![Claims::NONE; scene.objects.len()];
+        for (number, group) in (1..).zip(&self.groups) {
+            // The cubes of rough objects hold no emitters, so transmission through rough objects is left to other
+            // techniques.
+            let claim = match group.kind {
+                GroupKind::Rough | GroupKind::Surroundings => Claims::GLOSSY,
+                GroupKind::Mirror => Claims::SPECULAR,
+                GroupKind::Refractor => {
+                    Claims::SPECULAR | Claims::TRANSMISSION | Claims::REFRACTION
                 }
+            };
+            for &member in &*group.members {
+                claims[member as usize] = claim.with_impostor(number);
             }
         }
+        let has = |kind| self.groups.iter().any(|group| group.kind == kind);
+        let refracts = has(GroupKind::Refractor);
+        let is_smooth = refracts || has(GroupKind::Mirror);
+        let is_rough = has(GroupKind::Rough) || has(GroupKind::Surroundings);
+        let lobes = match (is_smooth, is_rough) {
+            (true, true) => "[GS]",
+            (false, _) => "G",
+            (true, false) => "S",
+        };
         // A single refraction represents those on the way in and out.
         let own = if refracts {
             self.settings.bounces.max(1) + 1
@@ -288,27 +328,15 @@ impl Technique for DistanceImpostor {
             1
         };
         // Cubes show other objects, whose cubes in turn show this one.
-        let objects = if self.claimed.len() > 1 {
-            ROUNDS + 1
-        } else {
-            1
-        };
-        let bounces = match (own * objects).min(MOST_BOUNCES) {
-            1 => "S".to_owned(),
-            most => format!("S{{1,{most}}}"),
-        };
+        let rounds = if self.groups.len() > 1 { ROUNDS + 1 } else { 1 };
+        let most = (own * rounds).min(MOST_BOUNCES);
         let mut paths = Vec::new();
-        if !self.claimed.is_empty() {
+        if !self.groups.is_empty() {
             // Light on the surroundings, and lights seen directly; the latter only in smooth objects.
-            for one in covered {
-                if is_smooth {
-                    paths.push(one.continued(&bounces));
-                }
-                if is_rough {
-                    paths.push(one.continued("G"));
-                }
-            }
+            let bounces = format!("{lobes}{{1,{most}}}");
+            paths.extend(covered.iter().map(|one| one.continued(&bounces)));
             if is_smooth {
+                let bounces = format!("S{lobes}{{0,{}}}", most - 1);
                 for class in [LightClass::Area, LightClass::Environment] {
                     let one = LightPaths::new(class, SEEN_DIRECTLY);
                     paths.push(one.continued(&bounces));
@@ -322,7 +350,7 @@ impl Technique for DistanceImpostor {
                 AUTO => String::new(),
                 list => list.to_owned(),
             },
-            lookups: self.claimed.len() as u32,
+            lookups: self.groups.len() as u32,
             needs: None,
         }
     }
@@ -342,23 +370,18 @@ impl Technique for DistanceImpostor {
         view: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        if self.claimed.len() > MOST_NAMED {
-            return Err(GpuError::TooLarge {
-                what: "objects with distance impostors (name fewer)".into(),
-                needed: self.claimed.len() as u64,
-                limit: MOST_NAMED as u64,
-                adapter: frame.gpu.adapter.name.clone(),
-            });
-        }
-        let is_made = |made: &ImpostorSet| made.of.serves(&self.settings, &self.claimed, scene);
+        let is_made = |made: &ImpostorSet| {
+            made.groups == self.groups && made.of.serves(&self.settings, &self.wanted, scene)
+        };
         if !self.made.as_ref().is_some_and(is_made) {
-            let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
-            let impostors = of.objects().map(|(one, object)| {
-                Impostor::new(frame.gpu, &self.kernels, &self.settings, one, object)
+            let groups = (1..).zip(&self.groups);
+            let impostors = groups.map(|(number, group)| {
+                Impostor::new(frame.gpu, &self.kernels, &self.settings, number, group)
             });
             self.made = Some(ImpostorSet {
                 impostors: impostors.collect::<Result<_, _>>()?,
-                of,
+                of: ObjectMapsKey::new(&self.settings, &self.wanted, scene),
+                groups: self.groups.clone(),
                 seen: None,
                 revision: 0,
                 queue: VecDeque::new(),
@@ -386,6 +409,7 @@ impl Technique for DistanceImpostor {
             kernels: &self.kernels,
             settings: &self.settings,
             seed,
+            eye: Vec3::from_array(view.uniform.origin),
             is_refined,
         };
         let now = Some((scene.versions, earlier.settings_version));

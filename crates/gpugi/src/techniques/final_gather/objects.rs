@@ -11,6 +11,7 @@ use crate::techniques::Earlier;
 /// An object with a reference point.
 #[derive(Debug)]
 pub struct ObjectPoint {
+    instance: u32,
     wanted: Wanted,
     bench: Bench,
     /// View of the cube's points, with what is asked for there.
@@ -35,8 +36,9 @@ impl ObjectPoint {
         let side = settings.resolution;
         let bytes = size_of::<ViewUniform>() as u64;
         Ok(Self {
+            instance,
             wanted: Wanted {
-                instance,
+                instances: [instance].into(),
                 side,
                 shape_side: None,
                 reference: None,
@@ -70,7 +72,7 @@ impl ObjectPoint {
         let settings = earlier.settings_version;
         let maps = earlier
             .impostors
-            .of(frame, scene, self.wanted, settings, 0)?;
+            .of(frame, scene, &self.wanted, settings, 0)?;
         self.is_stale |= maps.renewed.is_some();
         let (reference, captured) = (maps.reference, maps.points.clone());
         if !self.is_stale || !earlier.may_step() {
@@ -88,7 +90,7 @@ impl ObjectPoint {
         };
         let work = Work {
             point,
-            instance: self.wanted.instance,
+            instance: self.instance,
             ..making.work
         };
         self.bench.light(frame, making, earlier, &points, &work)?;
