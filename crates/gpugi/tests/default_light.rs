@@ -69,7 +69,7 @@ fn teapot() {
 
 #[test]
 fn spheres() {
-    still_picture_is_near_the_truth("spheres", 0.055);
+    still_picture_is_near_the_truth("spheres", 0.05);
 }
 
 #[test]
@@ -79,5 +79,5 @@ fn shapes() {
 
 #[test]
 fn window_room() {
-    still_picture_is_near_the_truth("window-room", 0.2);
+    still_picture_is_near_the_truth("window-room", 0.15);
 }
