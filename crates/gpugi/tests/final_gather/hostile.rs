@@ -6,7 +6,7 @@ use gpugi::scene::{Claims, GpuScene};
 use gpugi::techniques::Technique;
 use gpugi::techniques::final_gather::FinalGather;
 use gpugi::{LightingError, Renderer};
-use gpugi_scene::builtin::shapes::cuboid;
+use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
 use super::common::{gpu, inside_out, place, shining_room};
@@ -58,7 +58,7 @@ fn odd_scenes_are_black() {
     let mut flat = Scene::new("flat");
     place(
         &mut flat,
-        cuboid(Vec3::ZERO, vec3(1.0, 0.0, 1.0), 1),
+        quad(Vec3::ZERO, Vec3::Z, Vec3::X, 1),
         Material::matt("flat", Vec3::ONE),
     );
     let mut speck = Scene::new("speck");
