@@ -69,7 +69,7 @@ pub enum BindingKind {
     Texture(wgpu::TextureViewDimension, wgpu::TextureSampleType),
     /// Storage texture that shaders only write: dimension, format.
     StorageTexture(wgpu::TextureViewDimension, wgpu::TextureFormat),
-    /// Filtering sampler.
+    /// Sampler that does not compare.
     Sampler,
     /// Comparison sampler.
     ComparisonSampler,
@@ -184,8 +184,9 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
 }
 
 impl BindingKind {
-    /// The layout entry of this kind. A texture whose name ends in `_unfilterable` is loaded, never filtered.
+    /// The layout entry of this kind. Textures and samplers whose names end in `_unfilterable` never filter.
     pub(super) fn layout_type(self, name: &str) -> wgpu::BindingType {
+        let is_unfilterable = name.ends_with("_unfilterable");
         let buffer = |ty| wgpu::BindingType::Buffer {
             ty,
             has_dynamic_offset: false,
@@ -196,7 +197,7 @@ impl BindingKind {
             Self::ReadOnlyStorage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
             Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
             Self::Texture(view_dimension, sample_type) => wgpu::BindingType::Texture {
-                sample_type: if name.ends_with("_unfilterable") {
+                sample_type: if is_unfilterable {
                     wgpu::TextureSampleType::Float { filterable: false }
                 } else {
                     sample_type
@@ -209,7 +210,11 @@ impl BindingKind {
                 format,
                 view_dimension,
             },
-            Self::Sampler => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            Self::Sampler => wgpu::BindingType::Sampler(if is_unfilterable {
+                wgpu::SamplerBindingType::NonFiltering
+            } else {
+                wgpu::SamplerBindingType::Filtering
+            }),
             Self::ComparisonSampler => {
                 wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Comparison)
             }

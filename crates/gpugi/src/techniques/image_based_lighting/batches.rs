@@ -65,6 +65,8 @@ pub struct Batches {
     pub reflectivity: Reflectivity,
     rasterizer: DepthRasterizer,
     gather: ReceiverKernel,
+    /// Gathers four texels of an atlas.
+    texels: wgpu::Sampler,
     made: Option<DirectionMaps>,
     bound: PerReceiver<ReceiverGroups>,
 }
@@ -108,6 +110,10 @@ impl Batches {
             reflectivity,
             rasterizer: DepthRasterizer::new(gpu, scene)?,
             gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
+            texels: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("texels of depth maps"),
+                ..Default::default()
+            }),
             made: None,
             bound: PerReceiver::default(),
         })
@@ -215,6 +221,10 @@ impl Batches {
                         wgpu::BindingResource::TextureView(&atlas.view),
                     ),
                     ("directions", directions.as_entire_binding()),
+                    (
+                        "texels_unfilterable",
+                        wgpu::BindingResource::Sampler(&self.texels),
+                    ),
                 ],
             )?;
             batches.push(Batch {
@@ -297,10 +307,14 @@ impl Batch {
     fn maps(&self) -> impl Iterator<Item = DirectionMap> {
         (0..self.directions.len()).map(|index| {
             let texels_from_world = self.atlas.texels_from_world(index);
+            let rows = [0, 1, 2].map(|row| texels_from_world.row(row));
+            let [u, v, depth] = rows.map(|row| row.truncate().length_squared());
+            let side = self.atlas.texture.width() as f32;
             DirectionMap {
-                u: texels_from_world.row(0).to_array(),
-                v: texels_from_world.row(1).to_array(),
-                depth: texels_from_world.row(2).to_array(),
+                u: rows[0].to_array(),
+                v: rows[1].to_array(),
+                depth: rows[2].to_array(),
+                scale: [depth / u, depth / v, depth.sqrt(), 1.0 / side],
             }
         })
     }

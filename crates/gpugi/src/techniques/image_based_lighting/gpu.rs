@@ -63,6 +63,7 @@ pub struct DirectionMap {
     pub u: [f32; 4],
     pub v: [f32; 4],
     pub depth: [f32; 4],
+    pub scale: [f32; 4],
 }
 
 /// `Range` of gather.wesl.
