@@ -189,8 +189,8 @@ impl ImageLimits {
         Ok(())
     }
 
-    /// Checks an image of `bytes` against the size of its own file. `is_dense`: whether its
-    /// encoding needs next to nothing for texels of one colour.
+    /// Checks an image of `bytes` against the size of its own file. `is_dense`: whether its encoding needs next to
+    /// nothing for texels of one colour.
     pub fn check_file(&self, bytes: u64, given: usize, is_dense: bool) -> Result<(), String> {
         let free = if is_dense { FREE_IMAGES } else { FREE };
         let most = free.saturating_add(self.limits.expansion_of(given as u64));
