@@ -33,6 +33,17 @@ pub struct Arguments {
         hide_default_value = true
     )]
     without: String,
+    /// Also read files in this folder and below it if the scene refers to them (docs/security.md)
+    #[arg(long, value_name = "FOLDER")]
+    files_from: Option<PathBuf>,
+    /// Raises, or lowers, what files may ask for, as in scene=8GiB,images=8GiB (docs/security.md)
+    #[arg(
+        long,
+        value_name = "NAME=VALUE,...",
+        default_value = "",
+        hide_default_value = true
+    )]
+    limits: String,
     /// Width and height in pixels (default: 1280x1024, or 1920x1080 for bvh)
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
@@ -102,7 +113,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         detail: arguments.detail,
         environment: arguments.environment.clone(),
         time: 0.0,
-        limits: String::new(),
+        files_from: arguments.files_from.clone(),
+        limits: arguments.limits.clone(),
         without: arguments.without.clone(),
     })?;
     print_notes(common, &notes);

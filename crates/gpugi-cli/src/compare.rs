@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use gpugi_scene::Limits;
 use gpugi_scene::image::metrics::{
     Comparison, Metric, MetricError, both_display_referred, compare, heat_map, load_picture,
 };
 use serde_json::{Map, Value, json};
 
 use crate::output::{write_json, write_png};
+use crate::scene_argument::parse_limits;
 use crate::{Common, Usage};
 
 /// Options of `gpugi compare`.
@@ -39,6 +39,14 @@ pub struct Arguments {
     /// Write the result as JSON; an infinite psnr is null
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Raises, or lowers, what files may ask for, as in side=32768,images=32GiB (docs/security.md)
+    #[arg(
+        long,
+        value_name = "NAME=VALUE,...",
+        default_value = "",
+        hide_default_value = true
+    )]
+    limits: String,
 }
 
 fn metric_parser() -> impl TypedValueParser<Value = Metric> {
@@ -61,7 +69,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let message = format!("--diff {}: the name must end in .png", path.display());
         return Err(Usage(message).into());
     }
-    let limits = Limits::default();
+    let limits = parse_limits(&arguments.limits)?;
     let test = load_picture(&arguments.test, &limits)?;
     let reference = load_picture(&arguments.reference, &limits)?;
     let names = [&arguments.test, &arguments.reference].map(|path| path.display().to_string());

@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use gpugi_scene::{Camera, Environment, Limits, Scene, builtin, import_environment, import_file};
+use gpugi_scene::{
+    Camera, Environment, FileResolver, Limits, Scene, builtin, import_environment, import_file,
+    import_file_within,
+};
 
 use crate::Usage;
 
@@ -29,6 +32,9 @@ pub struct SceneArguments {
         hide_default_value = true
     )]
     pub without: String,
+    /// Also read files in this folder and below it if the scene refers to them (docs/security.md)
+    #[arg(long, value_name = "FOLDER")]
+    pub files_from: Option<PathBuf>,
     /// Raises, or lowers, what files may ask for: file=BYTES, side=TEXELS, images=BYTES, scene=BYTES, expansion=N,
     /// separated by commas; bytes may end in KiB, MiB or GiB (docs/security.md)
     #[arg(
@@ -43,11 +49,26 @@ pub struct SceneArguments {
 impl SceneArguments {
     /// The limits on what files may ask for.
     pub fn limits(&self) -> anyhow::Result<Limits> {
-        let mut limits = Limits::default();
-        let set = limits.set(&self.limits);
-        set.map_err(|reason| Usage(format!("--limits: {reason}")))?;
-        Ok(limits)
+        parse_limits(&self.limits)
     }
+
+    /// Reads the files that the scene refers to.
+    pub fn resolver(&self) -> anyhow::Result<FileResolver> {
+        let folder = Path::new(&self.scene).parent().unwrap_or(Path::new("."));
+        let limits = self.limits()?;
+        Ok(match &self.files_from {
+            Some(root) => FileResolver::within(folder, root, limits),
+            None => FileResolver::new(folder, limits),
+        })
+    }
+}
+
+/// The limits that `--limits` sets.
+pub fn parse_limits(text: &str) -> anyhow::Result<Limits> {
+    let mut limits = Limits::default();
+    let set = limits.set(text);
+    set.map_err(|reason| Usage(format!("--limits: {reason}")))?;
+    Ok(limits)
 }
 
 /// Loads the scene, and adds a sky if it has no light. Also returns notes for the user.
@@ -56,7 +77,15 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
     let name = &arguments.scene;
     let is_file = Path::new(name).extension().is_some() || name.contains(std::path::MAIN_SEPARATOR);
     let mut scene = if is_file {
-        import_file(Path::new(name), &limits)?
+        let path = Path::new(name);
+        match &arguments.files_from {
+            Some(root) if !root.is_dir() => {
+                let reason = format!("--files-from {}: there is no such folder", root.display());
+                return Err(Usage(reason).into());
+            }
+            Some(root) => import_file_within(path, root, &limits)?,
+            None => import_file(path, &limits)?,
+        }
     } else {
         builtin::builtin(name, arguments.detail).ok_or_else(|| {
             let names: Vec<_> = builtin::SCENES.iter().map(|scene| scene.name).collect();

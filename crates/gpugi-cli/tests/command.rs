@@ -5,6 +5,28 @@ mod common;
 use common::{folder, gpugi, skip_gpu};
 
 #[test]
+fn files_of_another_folder_need_an_option() {
+    let folder = folder("files-from");
+    for below in ["scenes", "textures"] {
+        std::fs::create_dir(folder.join(below)).expect("a folder");
+    }
+    let triangle = "mtllib ../textures/a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+    std::fs::write(folder.join("textures/a.mtl"), "newmtl a\nKd 1 0 0\n").expect("a library");
+    let scene = folder.join("scenes/a.obj");
+    std::fs::write(&scene, triangle).expect("a scene");
+    let scene = scene.display().to_string();
+    let notes = |more: &[&str]| {
+        let output = gpugi(&[&["info", &scene], more].concat());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(notes(&[]).contains("--files-from FOLDER allows it"));
+    let root = folder.display().to_string();
+    let allowed = notes(&["--files-from", &root]);
+    assert!(!allowed.contains("library"), "{allowed}");
+    assert!(notes(&["--files-from", "nowhere"]).contains("there is no such folder"));
+}
+
+#[test]
 fn renders_a_picture_with_report_and_quantities() {
     if skip_gpu() {
         return;

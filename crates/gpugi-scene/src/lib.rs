@@ -29,7 +29,9 @@ pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, TexelDensity};
 pub use camera::{Camera, Projection};
 pub use error::ImportError;
 pub use image::{Image, Pixels};
-pub use import::{FileResolver, Limits, Resolver, import, import_environment, import_file};
+pub use import::{
+    FileResolver, Limits, Resolver, import, import_environment, import_file, import_file_within,
+};
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
 pub use mesh::Mesh;

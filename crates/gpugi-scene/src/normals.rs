@@ -20,6 +20,11 @@ const CORNERS_COMPARED: usize = 512;
 /// The normals are always unit and finite: triangles without area take the mean of their neighbours, or +Y if there are
 /// none. Indices must be in range and positions finite.
 pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
+    smooth_normals_within(mesh, crease_angle, usize::MAX);
+}
+
+/// Like [`smooth_normals`]. Returns false, and leaves `mesh` as it is, if that would take more than `most` vertices.
+pub(crate) fn smooth_normals_within(mesh: &mut Mesh, crease_angle: f32, most: usize) -> bool {
     let triangles = mesh.indices.as_chunks::<3>().0;
     // Double precision prevents overflow and underflow for huge and tiny triangles.
     let position = |vertex: u32| mesh.positions[vertex as usize].as_dvec3();
@@ -31,7 +36,7 @@ pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
     let corners = CornersByPosition::new(&mesh.indices, &welded);
 
     let crease_cosine = f64::from(crease_angle).cos() - 1e-9;
-    let mut splits = HashMap::with_capacity(mesh.positions.len());
+    let mut splits = HashMap::with_capacity(mesh.positions.len().min(most));
     let mut vertices = Vec::with_capacity(mesh.positions.len());
     let mut normals = Vec::with_capacity(mesh.positions.len());
     let mut indices = Vec::with_capacity(mesh.indices.len());
@@ -65,9 +70,13 @@ pub fn smooth_normals(mesh: &mut Mesh, crease_angle: f32) {
             vertices.len() as u32 - 1
         });
         indices.push(new_vertex);
+        if vertices.len() > most {
+            return false;
+        }
     }
     *mesh = mesh.with_vertices(&vertices, indices);
     mesh.normals = normals;
+    true
 }
 
 struct Face {

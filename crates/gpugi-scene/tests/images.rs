@@ -210,9 +210,9 @@ fn sizes_are_limited_before_allocation() {
     };
     let bytes = encoded(picture(), ImageFormat::Png);
     let error = decode_color("test", &bytes, &small).unwrap_err();
-    assert!(error.reason.contains("need 24 bytes"), "{error}");
+    assert!(error.reason.contains("24 bytes exceed the 23"), "{error}");
     let error = decode_radiance("test", &bytes, &small).unwrap_err();
-    assert!(error.reason.contains("need 96 bytes"), "{error}");
+    assert!(error.reason.contains("96 bytes exceed the 23"), "{error}");
 }
 
 /// A PNG whose header claims 60,000 x 60,000 texels, a few bytes long.

@@ -11,9 +11,10 @@ use gpugi_scene::image::{decode_color, decode_radiance};
 use gpugi_scene::material::Volume;
 use gpugi_scene::{
     AlphaMode, Atlas, AtlasOptions, FileResolver, ImportError, Limits, Material, MaterialModel,
-    Mesh, Resolver, Scene, import, import_file,
+    Mesh, Resolver, Scene, import, import_file, import_file_within,
 };
-use image::{ImageFormat, Rgb, Rgb32FImage, RgbImage};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{GrayImage, ImageFormat, Luma, Rgb, Rgb32FImage, RgbImage};
 use serde_json::json;
 
 mod random;
@@ -163,6 +164,11 @@ fn pictures_that_claim_more_than_their_bytes_can_hold() {
         let error = soon(|| decode("a.jpg", &jpeg, &Limits::default())).unwrap_err();
         assert!(error.reason.contains("--limits expansion"), "{error}");
     }
+    let mut png = encoded(ImageFormat::Png);
+    png[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
+    for decode in [decode_color, decode_radiance] {
+        soon(|| decode("a.png", &png, &Limits::default())).unwrap_err();
+    }
     let mut scans = encoded(ImageFormat::Jpeg);
     let end = scans.len() - 2;
     scans.splice(end..end, [0xff, 0xda].repeat(200));
@@ -172,6 +178,112 @@ fn pictures_that_claim_more_than_their_bytes_can_hold() {
     raised.set("expansion=10000000, images=1KiB").unwrap();
     let error = decode_color("a.jpg", &jpeg, &raised).unwrap_err();
     assert!(error.reason.contains("--limits images"), "{error}");
+}
+
+/// What a segment holds, and what follows the picture, are no scans.
+#[test]
+fn pictures_with_others_inside_and_behind() {
+    let mut jpeg = Cursor::new(Vec::new());
+    let picture = RgbImage::from_pixel(8, 8, Rgb([200, 20, 20]));
+    picture.write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
+    let plain = jpeg.into_inner();
+    let scans = [0xff, 0xda].repeat(500);
+    let length = u16::to_be_bytes(scans.len() as u16 + 2);
+    let segment = [&[0xff, 0xe5], &length[..], &scans].concat();
+    let comment = [&[0xff, 0xfe], &length[..], &scans].concat();
+    let decode = |bytes: &[u8]| decode_color("a.jpg", bytes, &Limits::default());
+    let expected = decode(&plain).unwrap();
+    let with = |start: &[u8]| [&plain[..2], start, &plain[2..], &scans].concat();
+    for bytes in [with(&[]), with(&segment), with(&comment)] {
+        assert_eq!(decode(&bytes).unwrap(), expected);
+    }
+    // A segment hides no scans of the picture itself.
+    let end = plain.len() - 2;
+    for hidden in [&segment, &comment] {
+        let bytes = [&plain[..end], hidden, &plain[end..]].concat();
+        let error = decode(&bytes).unwrap_err();
+        assert!(error.reason.contains("501 scans"), "{error}");
+    }
+}
+
+/// Masks of one colour, of the largest size: the first is honest, and more of them exceed what the file may expand to.
+#[test]
+fn large_flat_images() {
+    let mut mask = Cursor::new(Vec::new());
+    let texels = GrayImage::from_pixel(16_384, 16_384, Luma([255]));
+    let (best, filter) = (CompressionType::Best, FilterType::NoFilter);
+    let encoder = PngEncoder::new_with_quality(&mut mask, best, filter);
+    texels.write_with_encoder(encoder).unwrap();
+    let mask = mask.into_inner();
+    assert!(mask.len() < 1 << 20);
+    struct Masks(Vec<u8>);
+    impl Resolver for Masks {
+        fn read(&self, uri: &str) -> Result<Vec<u8>, String> {
+            Ok(match uri {
+                "a.mtl" => b"newmtl a\nmap_Kd 1.png\nmap_Ke 2.png\n".to_vec(),
+                _ => self.0.clone(),
+            })
+        }
+    }
+    let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n";
+    let scene = import("a.obj", text.as_bytes(), &Masks(mask), &Limits::default()).unwrap();
+    assert_eq!(scene.images.len(), 1);
+    let warning = &scene.warnings[0];
+    assert!(warning.contains("--limits expansion=N"), "{warning}");
+}
+
+/// Squares of a grid, and triangles.
+const GRID: usize = 200;
+const GRID_TRIANGLES: usize = 2 * GRID * GRID;
+
+/// A grid without normals, as OBJ and as PLY.
+fn grid(height: impl Fn(usize, usize) -> f32) -> [String; 2] {
+    let mut obj = String::new();
+    let mut ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {GRID_TRIANGLES}\nproperty list uchar int vertex_indices\nend_header\n",
+        (GRID + 1) * (GRID + 1)
+    );
+    for (x, y) in (0..=GRID).flat_map(|y| (0..=GRID).map(move |x| (x, y))) {
+        let vertex = format!("{x} {y} {}\n", height(x, y));
+        obj += &format!("v {vertex}");
+        ply += &vertex;
+    }
+    for (x, y) in (0..GRID).flat_map(|y| (0..GRID).map(move |x| (x, y))) {
+        let corner = |dx: usize, dy: usize| (y + dy) * (GRID + 1) + x + dx;
+        let corners = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+        for [a, b, c] in [[0, 1, 2], [0, 2, 3]].map(|face| face.map(|at: usize| corners[at])) {
+            obj += &format!("f {} {} {}\n", a + 1, b + 1, c + 1);
+            ply += &format!("3 {a} {b} {c}\n");
+        }
+    }
+    [obj, ply]
+}
+
+/// In as much memory for each triangle as 28 million have at the default limits.
+#[test]
+fn large_meshes_without_normals() {
+    let limits = Limits {
+        scene_bytes: GRID_TRIANGLES as u64 * Limits::default().scene_bytes / 28_000_000,
+        ..Limits::default()
+    };
+    let smooth = grid(|x, y| (x as f32 * 0.1).sin() + (y as f32 * 0.1).cos());
+    // Where all edges are sharp, each corner becomes a vertex, which takes more.
+    let sharp = grid(|x, y| ((x * x + y * y * 7) % 5) as f32 * 100.0);
+    for (name, smooth, sharp) in [
+        ("a.obj", &smooth[0], &sharp[0]),
+        ("a.ply", &smooth[1], &sharp[1]),
+    ] {
+        let scene = import(name, smooth.as_bytes(), &Nothing, &limits);
+        let scene = scene.unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(scene.meshes[0].indices.len(), 3 * GRID_TRIANGLES);
+        assert_eq!(scene.meshes[0].normals.len(), (GRID + 1) * (GRID + 1));
+        let error = import(name, sharp.as_bytes(), &Nothing, &limits)
+            .err()
+            .unwrap();
+        assert!(error.reason.contains("--limits scene=BYTES"), "{error}");
+        import(name, sharp.as_bytes(), &Nothing, &Limits::default()).unwrap();
+    }
 }
 
 #[test]
@@ -469,7 +581,13 @@ fn house() -> std::path::PathBuf {
         Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("untrusted-{}", std::process::id()));
     std::fs::remove_dir_all(&root).ok();
     std::fs::create_dir_all(root.join("house/below")).unwrap();
-    for place in ["secret.bin", "house/a.bin", "house/below/b.bin"] {
+    std::fs::create_dir_all(root.join("beside")).unwrap();
+    for place in [
+        "secret.bin",
+        "house/a.bin",
+        "house/below/b.bin",
+        "beside/c.bin",
+    ] {
         std::fs::write(root.join(place), [0; 36]).unwrap();
     }
     #[cfg(unix)]
@@ -496,6 +614,7 @@ fn files_refer_to_nothing_outside_their_folder() {
         "below/b.bin",
         "below/../a.bin",
         "%61.bin",
+        "../house/a.bin",
     ] {
         read(uri).unwrap_or_else(|error| panic!("{error}"));
     }
@@ -507,7 +626,6 @@ fn files_refer_to_nothing_outside_their_folder() {
         "..%2Fsecret.bin",
         "below/../../secret.bin",
         "./.././secret.bin",
-        "../house/a.bin",
         "../missing.bin",
         "/etc/passwd",
         "//host/share",
@@ -526,8 +644,14 @@ fn files_refer_to_nothing_outside_their_folder() {
     for uri in hostile {
         let error = read(uri).expect_err(uri);
         assert_eq!(error.place, "buffers[0].uri", "{uri}: {error}");
-        let says_why = error.reason.contains("outside the folder")
-            || error.reason.contains("addresses are not read");
+        let is_below = uri.starts_with(['.', '%', 'b', 'l', 'u']);
+        let says_why = if is_below {
+            error.reason.contains("--files-from FOLDER allows it")
+        } else if uri.contains("://") {
+            error.reason.contains("addresses are not read")
+        } else {
+            error.reason.contains("absolute paths are not read")
+        };
         assert!(says_why, "{uri}: {error}");
     }
     // Of every format that refers to files.
@@ -539,6 +663,39 @@ fn files_refer_to_nothing_outside_their_folder() {
         "{:?}",
         scene.warnings
     );
+    // Another folder may be allowed, above or beside the scene's own, with all below it and nothing else.
+    let within = |allowed: &Path, uri: &str| {
+        FileResolver::within(&folder, allowed, Limits::default()).read(uri)
+    };
+    within(&root, "a.bin").unwrap();
+    within(&root, "../secret.bin").unwrap();
+    within(&root, "below/../../beside/c.bin").unwrap();
+    within(&root.join("beside"), "a.bin").unwrap();
+    within(&root.join("beside"), "../beside/c.bin").unwrap();
+    if cfg!(unix) {
+        within(&root, "link.bin").unwrap();
+        let error = within(&root.join("beside"), "link.bin").unwrap_err();
+        assert!(error.contains("symbolic link leads outside"), "{error}");
+    }
+    for uri in [
+        "../secret.bin",
+        "../missing.bin",
+        "../../secret.bin",
+        "../besides/c.bin",
+    ] {
+        let error = within(&root.join("beside"), uri).unwrap_err();
+        assert!(error.contains("--files-from FOLDER allows it"), "{error}");
+    }
+    for uri in [&absolute, "C:/tex/a.png"] {
+        let error = within(&root, uri).unwrap_err();
+        assert!(error.contains("absolute paths are not read"), "{error}");
+    }
+    std::fs::copy(folder.join("a.bin"), root.join("a.bin")).unwrap();
+    let scene = triangle(|document| document["buffers"][0]["uri"] = json!("../a.bin"));
+    std::fs::write(folder.join("a.gltf"), scene).unwrap();
+    let limits = Limits::default();
+    import_file(&folder.join("a.gltf"), &limits).unwrap_err();
+    import_file_within(&folder.join("a.gltf"), &root, &limits).unwrap();
     // A folder that vanishes is an error.
     std::fs::remove_dir_all(&root).unwrap();
     assert!(resolver.read("a.bin").is_err());

@@ -17,7 +17,7 @@ use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity,
 use gpugi::{Purpose, default_set};
 use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
-use gpugi_scene::{Atlas, AtlasError, AtlasOptions, FileResolver, Scene, TexelDensity};
+use gpugi_scene::{Atlas, AtlasError, AtlasOptions, Scene, TexelDensity};
 
 use super::has_extension;
 use super::work::Work;
@@ -507,11 +507,10 @@ fn write(
     let path = PathBuf::from(name);
     let exported = if has_extension(&path, &["gltf", "glb"]) {
         let bytes = std::fs::read(&path).with_context(|| format!("{name}: cannot be read"))?;
-        let folder = path.parent().unwrap_or(Path::new("."));
         let original = Original {
             name,
             bytes: &bytes,
-            resolver: &FileResolver::new(folder, limits),
+            resolver: &arguments.resolver()?,
             limits,
         };
         export_bake(Some(original), scene, atlas, pages)?

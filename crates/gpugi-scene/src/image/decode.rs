@@ -6,6 +6,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
 
 use super::{exr, ktx2};
+use crate::import::budget::ImageLimits;
 use crate::{Image, ImportError, Limits, Pixels};
 
 /// Bytes per texel of [`Pixels::Rgba8`].
@@ -17,6 +18,15 @@ const RADIANCE_TEXEL: u64 = 16;
 ///
 /// Files that hold radiance (HDR, EXR, KTX2 with floats) are rejected, because 8 bits cannot represent their values.
 pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
+    decode_color_within(name, bytes, &ImageLimits::alone(limits))
+}
+
+/// Like [`decode_color`], for an image of a scene.
+pub(crate) fn decode_color_within(
+    name: &str,
+    bytes: &[u8],
+    limits: &ImageLimits,
+) -> Result<Image, ImportError> {
     let format = recognise(name, bytes)?;
     let decoded = match format {
         Format::Ktx2 => return ktx2::decode_color(name, bytes, limits),
@@ -53,6 +63,7 @@ pub(super) fn decode_linear(
     bytes: &[u8],
     limits: &Limits,
 ) -> Result<(Image, bool), ImportError> {
+    let limits = &ImageLimits::alone(limits);
     let (image, encoded_as_srgb) = match recognise(name, bytes)? {
         Format::Ktx2 => (ktx2::decode_radiance(name, bytes, limits)?, false),
         Format::Other(format) => {
@@ -125,32 +136,54 @@ pub(super) fn check_size(
     name: &str,
     (width, height): (u32, u32),
     texel: u64,
-    limits: &Limits,
+    limits: &ImageLimits,
 ) -> Result<(), ImportError> {
     let error = |reason: String| Err(ImportError::new(name, "header", reason));
     if width == 0 || height == 0 {
         return error(format!("{width} x {height} texels are no image"));
     }
-    let side = limits.image_side;
+    let side = limits.limits.image_side;
     if width > side || height > side {
         return error(format!(
             "{width} x {height} texels exceed the limit of {side} a side; --limits side=N raises it"
         ));
     }
     let size = u64::from(width) * u64::from(height) * texel;
-    if size > limits.image_bytes {
-        return error(format!(
-            "{width} x {height} texels need {size} bytes of the {} that are left for images; --limits images=BYTES raises them",
-            limits.image_bytes
-        ));
-    }
-    Ok(())
+    let checked = limits.check_bytes(size);
+    checked.or_else(|reason| error(format!("{width} x {height} texels: {reason}")))
 }
 
-/// The marker before each scan of a JPEG. Compressed data never holds it.
-const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
 /// Encoders write about ten scans.
 const MOST_SCANS: usize = 100;
+
+/// The first picture of a JPEG up to its end, and the number of its scans. Cameras append others, and films.
+fn first_picture(bytes: &[u8]) -> (&[u8], usize) {
+    let mut at = 2;
+    // Segments up to the first scan. They have lengths, and may hold anything, such as a small picture.
+    loop {
+        let is_marker = |byte: &u8| !matches!(byte, 0 | 0xff);
+        let rest = bytes.get(at..).unwrap_or_default();
+        let Some(start) = rest.iter().position(|&byte| byte == 0xff) else {
+            return (bytes, 0);
+        };
+        let Some(fill) = rest[start..].iter().position(is_marker) else {
+            return (bytes, 0);
+        };
+        at += start + fill;
+        if bytes[at] == 0xda {
+            break;
+        }
+        let length = bytes.get(at + 1..).and_then(|rest| rest.first_chunk());
+        at += 1 + length.map_or(0, |&length| usize::from(u16::from_be_bytes(length)));
+    }
+    // Compressed data holds neither of the two markers.
+    let end = bytes[at..].windows(2).position(|pair| pair == [0xff, 0xd9]);
+    let end = end.map_or(bytes.len(), |end| at + end + 2);
+    let scans = bytes[at..end]
+        .windows(2)
+        .filter(|pair| *pair == [0xff, 0xda]);
+    (&bytes[..end], 1 + scans.count())
+}
 
 /// Rejects an image that claims far more texels than `given` bytes can hold.
 pub(super) fn check_expansion(
@@ -158,24 +191,25 @@ pub(super) fn check_expansion(
     (width, height): (u32, u32),
     texel: u64,
     given: usize,
-    limits: &Limits,
+    is_dense: bool,
+    limits: &ImageLimits,
 ) -> Result<(), ImportError> {
     let size = u64::from(width) * u64::from(height) * texel;
-    let most = limits.expanded(given as u64);
-    if size <= most {
-        return Ok(());
-    }
-    let reason = format!(
-        "{width} x {height} texels need {size} bytes, and a file of {given} bytes may take {most}; --limits expansion=N raises that"
-    );
-    Err(ImportError::new(name, "header", reason))
+    let checked = limits.check_file(size, given, is_dense);
+    checked.map_err(|reason| {
+        ImportError::new(
+            name,
+            "header",
+            format!("{width} x {height} texels: {reason}"),
+        )
+    })
 }
 
 fn decode(
     name: &str,
     bytes: &[u8],
     format: ImageFormat,
-    limits: &Limits,
+    limits: &ImageLimits,
     texel: u64,
 ) -> Result<DynamicImage, ImportError> {
     let reader = Cursor::new(bytes);
@@ -185,26 +219,40 @@ fn decode(
         ImageFormat::Png => {
             let decoder = codecs::png::PngDecoder::with_limits(reader, decoder_limits(limits));
             let decoder = decoder.map_err(header)?;
-            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), true, limits)?;
             finish(name, decoder, limits, texel)
         }
         ImageFormat::Jpeg => {
             // Each scan visits every block, in as few as two bytes per 32,767 of them.
-            let scans = bytes.windows(2).filter(|pair| *pair == START_OF_SCAN);
-            let scans = scans.count();
+            let (picture, scans) = first_picture(bytes);
             if scans > MOST_SCANS {
                 let reason = format!("{scans} scans, where {MOST_SCANS} are the most");
                 return Err(header_error(reason));
             }
-            let decoder = codecs::jpeg::JpegDecoder::new(reader);
+            let decoder = codecs::jpeg::JpegDecoder::new(Cursor::new(picture));
             let decoder = decoder.map_err(header)?;
-            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            // Each block of texels takes some bits, also of one colour.
+            check_expansion(
+                name,
+                decoder.dimensions(),
+                texel,
+                picture.len(),
+                false,
+                limits,
+            )?;
             finish(name, decoder, limits, texel)
         }
         ImageFormat::Hdr => {
             let decoder = codecs::hdr::HdrDecoder::new(reader);
             let decoder = decoder.map_err(header)?;
-            check_expansion(name, decoder.dimensions(), texel, bytes.len(), limits)?;
+            check_expansion(
+                name,
+                decoder.dimensions(),
+                texel,
+                bytes.len(),
+                false,
+                limits,
+            )?;
             finish(name, decoder, limits, texel)
         }
         _ => exr::decode(name, bytes, limits, texel),
@@ -212,9 +260,9 @@ fn decode(
 }
 
 /// Limits the memory that decoders allocate. Image sides are left to [`check_size`], which has a better message.
-fn decoder_limits(limits: &Limits) -> image::Limits {
+fn decoder_limits(limits: &ImageLimits) -> image::Limits {
     let mut decoder_limits = image::Limits::no_limits();
-    decoder_limits.max_alloc = Some(limits.image_bytes);
+    decoder_limits.max_alloc = Some(limits.most());
     decoder_limits
 }
 
@@ -222,7 +270,7 @@ fn decoder_limits(limits: &Limits) -> image::Limits {
 pub(super) fn finish(
     name: &str,
     mut decoder: impl ImageDecoder,
-    limits: &Limits,
+    limits: &ImageLimits,
     texel: u64,
 ) -> Result<DynamicImage, ImportError> {
     check_size(name, decoder.dimensions(), texel, limits)?;

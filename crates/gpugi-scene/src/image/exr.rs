@@ -10,8 +10,9 @@ use image::DynamicImage;
 use image::codecs::openexr::OpenExrDecoder;
 
 use super::decode::{check_expansion, check_size, finish};
+use crate::ImportError;
+use crate::import::budget::ImageLimits;
 use crate::import::quoted;
-use crate::{ImportError, Limits};
 
 const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 const VERSION: u32 = 2;
@@ -27,13 +28,13 @@ const FARTHEST: i32 = 1 << 24;
 pub(super) fn decode(
     name: &str,
     bytes: &[u8],
-    limits: &Limits,
+    limits: &ImageLimits,
     texel: u64,
 ) -> Result<DynamicImage, ImportError> {
     let error = |(place, reason): Fault| ImportError::new(name, place, reason);
     let (part, table) = read_parts(bytes).map_err(error)?;
     check_size(name, part.display.size(), texel, limits)?;
-    check_expansion(name, part.display.size(), texel, bytes.len(), limits)?;
+    check_expansion(name, part.display.size(), texel, bytes.len(), true, limits)?;
     check_stored(name, &part, bytes.len(), limits)?;
     let chunks = part.chunks(bytes, table).map_err(error)?;
     let checked = part.written(&chunks);
@@ -329,14 +330,19 @@ impl<'a> Header<'a> {
 }
 
 /// Rejects a part whose stored texels, of all channels, exceed the limits.
-fn check_stored(name: &str, part: &Part, given: usize, limits: &Limits) -> Result<(), ImportError> {
+fn check_stored(
+    name: &str,
+    part: &Part,
+    given: usize,
+    limits: &ImageLimits,
+) -> Result<(), ImportError> {
     let in_data_window = |mut error: ImportError| {
         error.place = "attribute dataWindow".into();
         error
     };
     let size = part.data.size();
     check_size(name, size, part.texel, limits).map_err(in_data_window)?;
-    check_expansion(name, size, part.texel, given, limits).map_err(in_data_window)
+    check_expansion(name, size, part.texel, given, true, limits).map_err(in_data_window)
 }
 
 impl Part<'_> {

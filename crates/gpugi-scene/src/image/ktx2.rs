@@ -10,7 +10,8 @@ use ktx2::{Format, Header, Index, LevelIndex};
 use super::replace_file;
 
 use super::decode::{check_size, linear_from_srgb};
-use crate::{Image, ImportError, Limits, Pixels};
+use crate::import::budget::ImageLimits;
+use crate::{Image, ImportError, Pixels};
 
 /// An RGBA texture of half floats: a 2D texture, a 3D texture or a cube map.
 #[derive(Debug, Clone, PartialEq)]
@@ -153,7 +154,7 @@ impl Channel {
 pub(super) fn decode_color(
     name: &str,
     bytes: &[u8],
-    limits: &Limits,
+    limits: &ImageLimits,
 ) -> Result<Image, ImportError> {
     decode(name, bytes, limits, 4, |layout, texels| {
         if !matches!(layout.channel, Channel::Byte { .. }) {
@@ -174,7 +175,7 @@ pub(super) fn decode_color(
 pub(super) fn decode_radiance(
     name: &str,
     bytes: &[u8],
-    limits: &Limits,
+    limits: &ImageLimits,
 ) -> Result<Image, ImportError> {
     decode(name, bytes, limits, 16, |layout, texels| {
         let value = |bytes: &[u8]| match layout.channel {
@@ -228,7 +229,7 @@ fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
 fn decode(
     name: &str,
     bytes: &[u8],
-    limits: &Limits,
+    limits: &ImageLimits,
     texel: u64,
     convert: impl Fn(&Layout, &[u8]) -> Result<Pixels, ImportError>,
 ) -> Result<Image, ImportError> {

@@ -6,8 +6,8 @@ mod exr;
 mod ktx2;
 pub mod metrics;
 
-pub(crate) use decode::srgb_from_linear;
 pub use decode::{decode_color, decode_radiance, load_radiance};
+pub(crate) use decode::{decode_color_within, srgb_from_linear};
 pub use encode::{replace_file, save_exr, save_hdr, save_png};
 pub use ktx2::{HalfTexture, save_ktx2};
 

@@ -4,10 +4,24 @@ use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
 use std::path::{Component, Path, PathBuf};
 
-use crate::Limits;
+use crate::normals::{CREASE_ANGLE, smooth_normals_within};
+use crate::{Limits, Mesh, tangents};
 
 /// Memory that any file may take, however short it is (bytes): a desktop hardly notices it.
 const FREE: u64 = 256 << 20;
+/// The same for images, because flat ones compress well: the texels of a file of one colour may take four times what
+/// Deflate unpacks, which in turn is up to 1032 times the file.
+const FREE_IMAGES: u64 = 1 << 30;
+
+/// Memory of a vertex of a mesh (bytes): position, normal, texture coordinate, colour and tangent.
+const VERTEX: usize = 12 + 12 + 8 + 16 + 16;
+/// Memory of a corner while normals are generated (bytes): its part of a face, and its place in three tables.
+const SMOOTHED_CORNER: usize = 64;
+/// Memory of a new vertex meanwhile (bytes): its place in a table that may grow, and in three lists.
+const SMOOTHED_VERTEX: usize = 192;
+/// Memory of a corner while tangents are generated (bytes): the face, the corner in two tables, and the new vertex in a
+/// third one and in the mesh.
+const TANGENT_CORNER: usize = 256;
 
 /// The memory of one import. Everything whose size a file decides is charged here before it is allocated.
 #[derive(Debug)]
@@ -76,27 +90,51 @@ impl Budget {
         Ok(total)
     }
 
+    /// Gives `mesh` smooth normals, and charges the vertices that this adds.
+    pub fn smooth_normals(&self, mesh: &mut Mesh) -> Result<(), String> {
+        let vertices = mesh.positions.len();
+        let used = self.check(mesh.indices.len() as u64, SMOOTHED_CORNER)?;
+        let scene = self.limits.scene_bytes;
+        let left = scene.min(self.limits.expanded(self.given.get())) - used;
+        let most = vertices as u64 + left / SMOOTHED_VERTEX as u64;
+        let most = usize::try_from(most).unwrap_or(usize::MAX);
+        if !smooth_normals_within(mesh, CREASE_ANGLE, most) {
+            // It splits more vertices than fit, one for each corner at most: what that takes, and so the limit.
+            self.check(mesh.indices.len() as u64, SMOOTHED_CORNER + SMOOTHED_VERTEX)?;
+        }
+        self.charge_new_vertices(vertices, mesh)
+    }
+
+    /// Gives `mesh` tangents, and charges the vertices that this adds.
+    pub fn tangents(&self, mesh: &mut Mesh) -> Result<(), String> {
+        let vertices = mesh.positions.len();
+        self.check(mesh.indices.len() as u64, TANGENT_CORNER)?;
+        tangents::generate(mesh, 0);
+        self.charge_new_vertices(vertices, mesh)
+    }
+
+    /// Charges the vertices of `mesh` beyond the first `vertices`, which were charged before.
+    fn charge_new_vertices(&self, vertices: usize, mesh: &Mesh) -> Result<(), String> {
+        let new = mesh.positions.len().saturating_sub(vertices);
+        self.charge(new as u64, VERTEX)
+    }
+
     /// The limits for the next image: what earlier ones left.
-    pub fn image_limits(&self) -> Limits {
-        let most = self.limits.expanded(self.given.get());
-        Limits {
-            image_bytes: self
-                .limits
-                .image_bytes
-                .min(most)
-                .saturating_sub(self.images.get()),
-            ..self.limits
+    pub fn image_limits(&self) -> ImageLimits {
+        let used = self.images.get();
+        let by_size = FREE_IMAGES.saturating_add(self.limits.expansion_of(self.given.get()));
+        ImageLimits {
+            limits: Limits {
+                image_bytes: self.limits.image_bytes.saturating_sub(used),
+                ..self.limits
+            },
+            expanded: by_size.saturating_sub(used),
         }
     }
 
     /// Charges an image of `bytes`; the error says that none are left.
     pub fn charge_image(&self, bytes: usize) -> Result<(), String> {
-        let left = self.image_limits().image_bytes;
-        if bytes as u64 > left {
-            return Err(format!(
-                "{bytes} bytes exceed the {left} that are left for images; --limits images=BYTES raises them"
-            ));
-        }
+        self.image_limits().check_bytes(bytes as u64)?;
         self.images.set(self.images.get() + bytes as u64);
         Ok(())
     }
@@ -105,6 +143,62 @@ impl Budget {
 impl Limits {
     /// Memory that `given` bytes of files may expand to (bytes).
     pub(crate) fn expanded(&self, given: u64) -> u64 {
-        FREE.saturating_add(given.saturating_mul(self.expansion))
+        FREE.saturating_add(self.expansion_of(given))
+    }
+
+    fn expansion_of(&self, given: u64) -> u64 {
+        given.saturating_mul(self.expansion)
+    }
+}
+
+/// What an image may take.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ImageLimits {
+    /// Its `image_bytes` are what earlier images of the scene left.
+    pub limits: Limits,
+    /// What `expansion` and earlier images of the scene left (bytes).
+    expanded: u64,
+}
+
+impl ImageLimits {
+    /// For an image that is no part of a scene.
+    pub fn alone(limits: &Limits) -> Self {
+        Self {
+            limits: *limits,
+            expanded: u64::MAX,
+        }
+    }
+
+    /// Bytes that a decoder may allocate.
+    pub fn most(&self) -> u64 {
+        self.limits.image_bytes.min(self.expanded)
+    }
+
+    /// The error names the limit that `bytes` exceed.
+    pub fn check_bytes(&self, bytes: u64) -> Result<(), String> {
+        for (most, limit) in [
+            (self.limits.image_bytes, "images=BYTES"),
+            (self.expanded, "expansion=N"),
+        ] {
+            if bytes > most {
+                return Err(format!(
+                    "{bytes} bytes exceed the {most} that are left for images; --limits {limit} raises them"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks an image of `bytes` against the size of its own file. `is_dense`: whether its encoding needs next to
+    /// nothing for texels of one colour.
+    pub fn check_file(&self, bytes: u64, given: usize, is_dense: bool) -> Result<(), String> {
+        let free = if is_dense { FREE_IMAGES } else { FREE };
+        let most = free.saturating_add(self.limits.expansion_of(given as u64));
+        if bytes > most {
+            return Err(format!(
+                "a file of {given} bytes may take {most}, and not {bytes}; --limits expansion=N raises that"
+            ));
+        }
+        Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! Importers: turn bytes, with the help of a [`Resolver`], into a [`Scene`].
 
-mod budget;
+pub(crate) mod budget;
 pub(crate) mod gltf;
 mod obj;
 mod ply;
@@ -26,8 +26,8 @@ pub struct Limits {
     pub image_bytes: u64,
     /// Maximum memory of everything else in a scene together (bytes): geometry, instances, animation, names.
     pub scene_bytes: u64,
-    /// Maximum memory per byte of input, beyond 256 MiB. It stops short files that claim to hold much. Deflate, the
-    /// densest of the usual encodings, never exceeds 1032.
+    /// Maximum memory per byte of input, beyond 256 MiB (1 GiB for images). It stops short files that claim to hold
+    /// much.
     pub expansion: u64,
 }
 
@@ -87,6 +87,8 @@ impl Default for Limits {
 #[derive(Debug, Clone)]
 pub struct FileResolver {
     folder: PathBuf,
+    /// Another folder whose files may be read.
+    root: Option<PathBuf>,
     limits: Limits,
 }
 
@@ -95,7 +97,16 @@ impl FileResolver {
     pub fn new(folder: &Path, limits: Limits) -> Self {
         Self {
             folder: folder.to_owned(),
+            root: None,
             limits,
+        }
+    }
+
+    /// Resolves relative to `folder`, and also reads files in `root` and below it.
+    pub fn within(folder: &Path, root: &Path, limits: Limits) -> Self {
+        Self {
+            root: Some(root.to_owned()),
+            ..Self::new(folder, limits)
         }
     }
 }
@@ -107,9 +118,8 @@ impl Resolver for FileResolver {
 }
 
 impl FileResolver {
-    /// The file at `uri`, which lies in the folder or below it once `..` and symbolic links are followed.
+    /// The file at `uri`, which lies in an allowed folder or below it once `..` and symbolic links are followed.
     fn inside(&self, uri: &str) -> Result<PathBuf, String> {
-        let outside = "it lies outside the folder of the file that names it; copy it there";
         let path = Path::new(uri);
         let is_relative = path
             .components()
@@ -118,34 +128,45 @@ impl FileResolver {
         let scheme = uri.split_once(':').map_or("", |(scheme, _)| scheme);
         let has_scheme = scheme.len() == 1 || scheme.eq_ignore_ascii_case("file");
         if !is_relative || has_scheme {
-            return Err(outside.into());
+            return Err(
+                "absolute paths are not read; make it relative to the file that names it".into(),
+            );
         }
-        let resolved = |path: &Path| path.canonicalize().map_err(|error| error.to_string());
-        let is_here = self.folder.as_os_str().is_empty();
-        let folder = if is_here {
-            Path::new(".")
-        } else {
-            &self.folder
+        let folder = real(&self.folder)?;
+        let root = self.root.as_deref().map(real).transpose()?;
+        let is_allowed = |file: &Path| {
+            file.starts_with(&folder) || root.as_ref().is_some_and(|root| file.starts_with(root))
         };
         // Before the file is looked for, so that a message never tells whether a file elsewhere exists.
-        let mut depth = 0_i64;
+        let mut named = folder.clone();
         for part in path.components() {
-            depth += match part {
-                Component::ParentDir => -1,
-                Component::Normal(_) => 1,
-                _ => 0,
-            };
-            if depth < 0 {
-                return Err(outside.into());
+            match part {
+                Component::ParentDir => drop(named.pop()),
+                Component::Normal(name) => named.push(name),
+                _ => {}
             }
         }
-        let file = resolved(&folder.join(path))?;
-        if file.starts_with(resolved(folder)?) {
-            Ok(file)
-        } else {
-            Err(outside.into())
+        if !is_allowed(&named) {
+            return Err(
+                "it lies outside the folder of the scene; --files-from FOLDER allows it".into(),
+            );
         }
+        let file = real(&folder.join(path))?;
+        if !is_allowed(&file) {
+            return Err(
+                "a symbolic link leads outside the folder of the scene; --files-from FOLDER allows it".into(),
+            );
+        }
+        Ok(file)
     }
+}
+
+/// The absolute path without symbolic links.
+fn real(path: &Path) -> Result<PathBuf, String> {
+    let is_here = path.as_os_str().is_empty();
+    let path = if is_here { Path::new(".") } else { path };
+    let real = path.canonicalize();
+    real.map_err(|error| error.to_string())
 }
 
 /// The beginning of a text from a file, for messages.
@@ -210,13 +231,27 @@ pub fn import(
     Ok(scene)
 }
 
-/// Reads the scene file at `path`.
+/// Reads the scene file at `path`, and what it refers to in its folder and below.
 pub fn import_file(path: &Path, limits: &Limits) -> Result<Scene, ImportError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    import_resolved(path, &FileResolver::new(folder, *limits), limits)
+}
+
+/// Like [`import_file`]; the scene may also refer to files in `root` and below it.
+pub fn import_file_within(path: &Path, root: &Path, limits: &Limits) -> Result<Scene, ImportError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    import_resolved(path, &FileResolver::within(folder, root, *limits), limits)
+}
+
+fn import_resolved(
+    path: &Path,
+    resolver: &FileResolver,
+    limits: &Limits,
+) -> Result<Scene, ImportError> {
     let name = path.display().to_string();
     let bytes = read_limited(path, limits.file_bytes)
         .map_err(|reason| ImportError::new(&name, "open", reason))?;
-    let folder = path.parent().unwrap_or(Path::new("."));
-    import(&name, &bytes, &FileResolver::new(folder, *limits), limits)
+    import(&name, &bytes, resolver, limits)
 }
 
 /// Reads an equirectangular environment map (.hdr, .exr, .ktx2, .png, .jpg) at `path`.

@@ -16,12 +16,7 @@ use self::geometry::Geometry;
 use self::material::Library;
 use super::budget::Budget;
 use super::quoted;
-use crate::normals::{CREASE_ANGLE, smooth_normals};
-use crate::{ImportError, Limits, Material, Mesh, Resolver, Scene, tangents};
-
-/// Memory of a corner while normals or tangents are generated (bytes): the face, the corner in two tables, and the new
-/// vertex in a third one and in the mesh.
-const SPLIT_BYTES: usize = 256;
+use crate::{ImportError, Limits, Material, Resolver, Scene};
 
 /// Reads an OBJ scene: one instance per group (or object) and material. Parts without normals get smooth ones. Missing
 /// files other than the OBJ itself (material libraries, images) cause warnings.
@@ -57,18 +52,14 @@ pub fn import(
         });
 
         let mut mesh = part.mesh;
-        let charge = |mesh: &Mesh| {
-            let charged = budget.charge(mesh.indices.len() as u64, SPLIT_BYTES);
-            charged.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))
-        };
+        let mut completed = Ok(());
         if mesh.normals.is_empty() {
-            charge(&mesh)?;
-            smooth_normals(&mut mesh, CREASE_ANGLE);
+            completed = budget.smooth_normals(&mut mesh);
         }
         if scene.materials[material].normal_texture.is_some() {
-            charge(&mesh)?;
-            tangents::generate(&mut mesh, 0);
+            completed = completed.and_then(|()| budget.tangents(&mut mesh));
         }
+        completed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         let name = mesh.name.clone();
         let mesh = scene.add_mesh(mesh);
         scene.add_instance(&name, mesh, material, Mat4::IDENTITY);

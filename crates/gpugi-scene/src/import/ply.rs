@@ -11,7 +11,6 @@ use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
 use super::budget::Budget;
-use crate::normals::{CREASE_ANGLE, smooth_normals};
 use crate::tangents::unit_or;
 use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
 
@@ -63,9 +62,6 @@ impl From<String> for Failure {
 const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
 /// Memory of an index (bytes), likewise.
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
-/// Memory of a corner while normals are generated (bytes): the face, the corner in two tables, and the new vertex in a
-/// third one and in the mesh.
-const SPLIT_BYTES: usize = 256;
 
 fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, Failure> {
     let mut mesh = Mesh::default();
@@ -101,9 +97,8 @@ fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, F
         return Err(Failure::Place("element face".into(), reason.into()));
     }
     if mesh.normals.is_empty() {
-        let charged = budget.charge(mesh.indices.len() as u64, SPLIT_BYTES);
-        charged.map_err(|reason| Failure::Place("element face".into(), reason))?;
-        smooth_normals(&mut mesh, CREASE_ANGLE);
+        let smoothed = budget.smooth_normals(&mut mesh);
+        smoothed.map_err(|reason| Failure::Place("element face".into(), reason))?;
     }
     Ok(mesh)
 }

@@ -7,7 +7,7 @@ use glam::{Affine2, Vec2};
 use super::document::Document;
 use super::schema::TextureInfo;
 use super::uri;
-use crate::image::decode_color;
+use crate::image::decode_color_within;
 use crate::import::quoted;
 use crate::{Image, ImportError, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
@@ -206,7 +206,7 @@ impl<'a> Textures<'a> {
         }
         let label = quoted(&label);
         let limits = document.budget.image_limits();
-        let decoded = decode_color(&label, bytes, &limits).map_err(|error| {
+        let decoded = decode_color_within(&label, bytes, &limits).map_err(|error| {
             document.error(
                 &place,
                 format!("\"{label}\": {}: {}", error.place, error.reason),

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::{Affine2, Vec2};
 
-use crate::image::decode_color;
+use crate::image::decode_color_within;
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::{Image, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
@@ -155,7 +155,7 @@ impl<'a> Textures<'a> {
             .and_then(|bytes| {
                 self.budget.give(file, bytes.len());
                 let limits = self.budget.image_limits();
-                let image = decode_color(&quoted(file), &bytes, &limits)
+                let image = decode_color_within(&quoted(file), &bytes, &limits)
                     .map_err(|error| error.to_string())?;
                 self.budget.charge_image(image.byte_size())?;
                 Ok(image)
