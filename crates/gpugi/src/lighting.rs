@@ -337,7 +337,12 @@ impl Lighting {
                 revision,
                 self.lights_elsewhere,
             )
-            .within(budget.after(self.work), lookups);
+            .within(budget.after(self.work), lookups)
+            .refining(
+                self.generated[..index]
+                    .iter()
+                    .all(|one| one.progress >= 1.0),
+            );
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
             self.work = self.work.saturating_add(earlier.work());
             self.generated[index] = generated;
