@@ -238,7 +238,9 @@ fn small_budgets_finish_rounds_while_everything_changes() {
     for _ in 0..24 {
         scene.lights[0].intensity *= 1.01;
         renderer.update(&scene).unwrap();
-        readiness.push(renderer.try_converge(&camera()).unwrap());
+        let one_frame = |_, _| ControlFlow::Break(());
+        let found = renderer.converge(&camera(), false, one_frame).unwrap();
+        readiness.push(found);
         renderer.scene().wait_for_atlas();
     }
     println!("{readiness:?}");
@@ -254,6 +256,22 @@ fn small_budgets_finish_rounds_while_everything_changes() {
         values.iter().sum()
     };
     assert!(sum("radiosity.irradiance") > 0.0);
+}
+
+#[test]
+fn caustics_of_nothing_are_final_at_once() {
+    let Some(gpu) = test_gpu() else { return };
+    let names = ["caustics".to_owned()];
+    let mut dark = balls();
+    dark.lights.clear();
+    let mut matt = balls();
+    matt.instances.truncate(1);
+    for scene in [dark, matt] {
+        let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).unwrap();
+        let one_frame = |_, _| ControlFlow::Break(());
+        let readiness = renderer.converge(&camera(), false, one_frame).unwrap();
+        assert_eq!(readiness, Readiness::Ready);
+    }
 }
 
 /// A lamp that moves in every frame must not keep any cube from being lit again.

@@ -98,9 +98,10 @@ fn maps_of_a_changing_environment_are_filled() {
         filled = fill(&scene);
         assert!(!filled.is_current);
     }
-    assert!(filled.is_whole && filled.revision > 1, "{filled:?}");
+    // What depends on the environment follows each change by itself.
+    assert!(filled.is_whole && filled.revision == 0, "{filled:?}");
     for _ in 0..100 {
         filled = fill(&scene);
     }
-    assert!(filled.is_current, "{filled:?}");
+    assert!(filled.is_current && filled.revision > 0, "{filled:?}");
 }

@@ -335,11 +335,8 @@ impl Technique for Radiosity {
         let has_first = made.is_lit() && made.solution.iterates > burn_in;
         if made.begins(&lit_as, has_first, earlier.is_final) {
             // Where other light led must not show in the light of a still scene, or budgets would.
-            if made
-                .lit
-                .as_ref()
-                .is_some_and(|lit| lit.revision != lit_as.revision)
-            {
+            let before = made.lit.as_ref().map(|lit| lit.revision);
+            if before.is_some_and(|before| before != lit_as.revision) {
                 made.solution.forget(frame);
             }
             made.lit = Some(lit_as.clone());
@@ -452,9 +449,7 @@ impl Resume for Radiosity {
         }
         let solution = &mut made.solution;
         if !solution.resume(gpu, saved.iterates, &saved.light) {
-            return Err(unfit(
-                "another number of texels, or light that is not finite",
-            ));
+            return Err(unfit("other texels, or light that is not finite"));
         }
         let mut frame = Frame::new(gpu, false);
         solution.average(&mut frame, &made.kernels)?;
