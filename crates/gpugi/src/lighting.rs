@@ -325,7 +325,7 @@ impl Lighting {
         self.impostors.begin_frame();
         self.environments.begin_frame();
         self.work = 0;
-        let (mut revision, mut lookups) = (0, 1);
+        let (mut revision, mut lookups, mut is_final) = (0, 1, true);
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
             let mut earlier = Earlier::new(
@@ -337,7 +337,8 @@ impl Lighting {
                 revision,
                 self.lights_elsewhere,
             )
-            .within(budget.after(self.work), lookups);
+            .within(budget.after(self.work), lookups)
+            .refining(is_final);
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
             self.work = self.work.saturating_add(earlier.work());
             self.generated[index] = generated;
@@ -348,6 +349,7 @@ impl Lighting {
                     what,
                 });
             }
+            is_final &= generated.progress >= 1.0;
             revision += generated.revision;
             lookups += u64::from(self.plans[index].lookups);
         }

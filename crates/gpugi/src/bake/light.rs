@@ -15,7 +15,7 @@ use super::tasks::{LightPart, LightState, LightTask, LitRows, TexelPart};
 use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, LeakTest, TexelLobes};
 use crate::capture::{Output, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Budget, Lighting, LightingError};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness};
 use crate::scene::GpuScene;
 use crate::techniques::Registry;
 
@@ -103,8 +103,8 @@ pub struct LightBake<'a> {
     on_gpu: GpuScene,
     lighting: Lighting,
     view: View,
-    /// Progress of the maps; `None` once they are final.
-    refining: Option<f32>,
+    /// Whether the maps are not final yet.
+    refining: bool,
     /// Saved maps from which techniques have yet to resume.
     maps: BTreeMap<String, Vec<u8>>,
     tiles: Vec<atlas::Tile>,
@@ -190,7 +190,7 @@ impl<'a> LightBake<'a> {
             options: *options,
             on_gpu,
             lighting,
-            refining: Some(-1.0),
+            refining: true,
             maps: BTreeMap::new(),
             done: vec![None; tiles.len()],
             tiles,
@@ -225,9 +225,10 @@ impl<'a> LightBake<'a> {
 
     /// The stage of the next step.
     pub fn stage(&self) -> Stage {
-        match self.refining {
-            Some(_) => Stage::Maps,
-            None => Stage::Texels,
+        if self.refining {
+            Stage::Maps
+        } else {
+            Stage::Texels
         }
     }
 
@@ -239,7 +240,7 @@ impl<'a> LightBake<'a> {
     /// [`LightingError::Gpu`].
     pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, LightingError> {
         let stage = self.stage();
-        if self.refining.is_some() {
+        if self.refining {
             let done = self.refine()?;
             return Ok(Some(Progress { stage, done }));
         }
@@ -286,7 +287,7 @@ impl<'a> LightBake<'a> {
         {
             return Err(unfit("this is a task of another bake"));
         }
-        while self.refining.is_some() {
+        while self.refining {
             self.refine()?;
             self.gpu.wait()?;
         }
@@ -313,11 +314,9 @@ impl<'a> LightBake<'a> {
             scene.wait_for_atlas();
         }
         self.maps = lighting.resume(std::mem::take(&mut self.maps))?;
-        let done = readiness.progress();
-        let is_stuck = self.refining.is_some_and(|before| done <= before);
-        let is_final = readiness.is_usable() && (done >= 1.0 || is_stuck);
-        self.refining = (!is_final).then_some(done);
-        Ok(done)
+        // Progress alone does not tell: it falls when light improves that other maps are made from.
+        self.refining = readiness != Readiness::Ready;
+        Ok(readiness.progress())
     }
 
     /// Adds the next sample of light at the texels of a tile: emission, and the light of those techniques whose names
@@ -442,8 +441,7 @@ impl<'a> LightBake<'a> {
     pub fn resume(&mut self, state: LightState) -> Result<(), LightingError> {
         let is_whole = |(tile, rows): (&atlas::Tile, &Option<LitRows>)| {
             let texels = tile.rows.len() * self.side();
-            rows.as_ref()
-                .is_none_or(|rows| rows.texels.len() == texels && rows.leak_map.len() == texels)
+            rows.as_ref().is_none_or(|rows| rows.is_sound(texels))
         };
         if state.done.len() != self.tiles.len() || !self.tiles.iter().zip(&state.done).all(is_whole)
         {

@@ -64,11 +64,26 @@ pub(super) struct LitRows {
 }
 
 impl TexelPart {
-    /// Whether it has `texels` texels and only finite sums.
+    /// Whether it has `texels` texels, only finite sums, and as many samples in each as there can be.
     pub(super) fn is_sound(&self, texels: usize) -> bool {
-        let mut sums = self.sums.iter().flatten();
         self.sums.len() == texels
             && self.leak_map.len() == texels
-            && sums.all(|sum| sum.is_finite())
+            && are_sums(&self.sums, self.samples.len())
+    }
+}
+
+/// Whether these are sums of up to `samples` samples each.
+pub(super) fn are_sums(sums: &[[f32; 4]], samples: usize) -> bool {
+    let counts = 0.0..=samples as f32;
+    let mut sums = sums.iter();
+    sums.all(|sum| sum.iter().all(|one| one.is_finite()) && counts.contains(&sum[3]))
+}
+
+impl LitRows {
+    /// Whether it has `texels` texels, whose light is finite.
+    pub(super) fn is_sound(&self, texels: usize) -> bool {
+        self.texels.len() == texels
+            && self.leak_map.len() == texels
+            && self.texels.iter().all(|texel| texel.is_finite())
     }
 }

@@ -171,7 +171,7 @@ fn results_of_other_bakes_are_refused() {
         leak_map: vec![[0; 4]; texels],
     };
     let tiles = bake.tiles() as u32;
-    let unsound: [fn(&mut TexelPart, u32); 7] = [
+    let unsound: [fn(&mut TexelPart, u32); 9] = [
         |part, tiles| part.tile = tiles,
         |part, _| part.tile = u32::MAX,
         |part, _| part.samples = 1..3,
@@ -179,6 +179,8 @@ fn results_of_other_bakes_are_refused() {
         |part, _| part.sums.truncate(7),
         |part, _| part.leak_map.clear(),
         |part, _| part.sums[3][1] = f32::NAN,
+        |part, _| part.sums[3][3] = -1.0,
+        |part, _| part.sums[3][3] = 2.0,
     ];
     for (number, spoil) in unsound.into_iter().enumerate() {
         let mut part = sound.clone();
@@ -195,6 +197,19 @@ fn results_of_other_bakes_are_refused() {
     assert!(bake.resume(LightState::default()).is_err());
     let (tile, samples) = (tiles, 0..2);
     let foreign = LightTask::Texels { tile, samples };
+    // The sum of two finite parts.
+    let other = TexelPart {
+        tile: 0,
+        samples: 0..2,
+        sums: vec![[f32::MAX, 0.0, 0.0, 1.0]; texels],
+        ..sound.clone()
+    };
+    let more = TexelPart {
+        samples: 2..3,
+        ..other.clone()
+    };
+    bake.merge(LightPart::Texels(other)).unwrap();
+    assert!(bake.merge(LightPart::Texels(more)).is_err());
     bake.merge(LightPart::Texels(sound)).unwrap();
     assert!(bake.run(&foreign, |_| true).is_err());
 }
@@ -378,4 +393,75 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
             &[&whole[..16], &checksum.as_bytes()[..], content].concat(),
         );
     }
+}
+
+/// Caustics improve while radiosity already iterates, and make it begin again: the maps are final all the same,
+/// however often the bake is stopped.
+#[test]
+fn maps_are_final_with_caustics() {
+    let Some(gpu) = test_gpu() else { return };
+    let (mut scene, _) = room();
+    let ball = scene.add_mesh(gpugi_scene::builtin::shapes::sphere(0.2, 12));
+    let mirror = gpugi_scene::Material::metal("mirror", Vec3::splat(0.9), 0.0);
+    let mirror = scene.add_material(mirror);
+    let center = scene.bounds().center();
+    scene.add_instance("ball", ball, mirror, glam::Mat4::from_translation(center));
+    let options = AtlasOptions {
+        size: SIZE,
+        gutter: 1,
+        ..AtlasOptions::default()
+    };
+    let atlas = Atlas::new(&scene, &options).unwrap();
+    let new = || {
+        let names = ["shadow-map", "caustics", "radiosity"].map(str::to_owned);
+        let options = LightOptions {
+            samples: 1,
+            ..LightOptions::default()
+        };
+        let mut bake = LightBake::new(&gpu, &scene, &atlas, &names, &options).unwrap();
+        for (technique, name, value) in [
+            ("shadow-map", "resolution", "64"),
+            ("caustics", "resolution", "32"),
+            ("caustics", "cube-resolution", "16"),
+            ("caustics", "frames", "8"),
+            ("radiosity", "resolution", "32"),
+            ("radiosity", "iterations", "16"),
+        ] {
+            bake.set(technique, name, value).unwrap();
+        }
+        bake
+    };
+    let mut whole = new();
+    let mut steps = 0;
+    let mut done = 0.0;
+    while whole.stage() == Stage::Maps {
+        done = whole.step(|_| true).unwrap().unwrap().done;
+        steps += 1;
+    }
+    // Radiosity begins a second time with the last frame of caustics, and no more often.
+    assert_eq!(done, 1.0);
+    assert!((8 + 15..8 + 20).contains(&steps), "{steps}");
+    let maps = whole.save().unwrap().maps;
+    take(&mut whole, usize::MAX);
+    let whole = whole.finish();
+    for stop in [5, 12] {
+        let mut stopped = new();
+        take(&mut stopped, stop);
+        let state = stopped.save().unwrap();
+        let mut other = new();
+        other.resume(state).unwrap();
+        take(&mut other, usize::MAX);
+        assert!(other.finish() == whole, "stopped after {stop}");
+    }
+
+    // Maps with light that is no number.
+    let mut spoilt = maps.clone();
+    let light = spoilt.get_mut("radiosity").unwrap();
+    for at in (light.len() - 400..light.len()).rev() {
+        light[at] = 0xff;
+    }
+    let mut other = new();
+    other.merge(LightPart::Maps(spoilt)).unwrap();
+    let refused = (0..steps).any(|_| other.step(|_| true).is_err());
+    assert!(refused);
 }

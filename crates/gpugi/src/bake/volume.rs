@@ -284,17 +284,27 @@ fn counts(gpu: &Gpu, bounds: &Bounds, density: f32) -> Result<UVec3, GpuError> {
     let counts = (extent * density).ceil().max(Vec3::ONE);
     let counts = counts.min(Vec3::splat(1e6)).as_uvec3();
     let all = counts.to_array().map(u64::from).iter().product();
-    let along = counts.to_array().into_iter().zip(MOST_ALONG);
-    let is_too_long = along.clone().any(|(count, most)| count > most);
-    if all > MOST_VOXELS || is_too_long {
-        return Err(GpuError::TooLarge {
-            what: "voxels of an irradiance volume (ask for fewer per metre)".into(),
-            needed: all,
-            limit: MOST_VOXELS,
+    let along = ["x", "y", "z"]
+        .into_iter()
+        .zip(counts.to_array().into_iter().zip(MOST_ALONG));
+    let along = along.map(|(axis, (count, most))| {
+        (
+            format!("voxels of an irradiance volume along {axis}"),
+            count.into(),
+            most.into(),
+        )
+    });
+    let limits = along.chain([("voxels of an irradiance volume".into(), all, MOST_VOXELS)]);
+    let too_many = limits.into_iter().find(|(_, needed, limit)| needed > limit);
+    match too_many {
+        Some((what, needed, limit)) => Err(GpuError::TooLarge {
+            what: format!("{what} (ask for fewer per metre)"),
+            needed,
+            limit,
             adapter: gpu.adapter.name.clone(),
-        });
+        }),
+        None => Ok(counts),
     }
-    Ok(counts)
 }
 
 /// The middles of voxels (m), x first, then y, then z.
@@ -308,6 +318,28 @@ fn middles(bounds: &Bounds, counts: UVec3) -> impl Iterator<Item = Vec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A volume that is too long along one axis says so, and by how much.
+    #[test]
+    fn too_many_voxels_are_refused() {
+        let Some(gpu) = crate::testing::test_gpu() else {
+            return;
+        };
+        let refused = |extent: Vec3| {
+            let bounds = Bounds {
+                min: Vec3::ZERO,
+                max: extent,
+            };
+            match counts(&gpu, &bounds, 1.0) {
+                Err(GpuError::TooLarge { needed, limit, .. }) => Some((needed, limit)),
+                _ => None,
+            }
+        };
+        assert_eq!(refused(Vec3::new(3000.0, 1.0, 1.0)), Some((3000, 2048)));
+        assert_eq!(refused(Vec3::new(1.0, 1.0, 700.0)), Some((700, 682)));
+        assert_eq!(refused(Vec3::splat(100.0)), Some((1_000_000, MOST_VOXELS)));
+        assert_eq!(refused(Vec3::splat(64.0)), None);
+    }
 
     /// The quadrature finds that the harmonics are orthonormal, and powers have their means over the sphere.
     #[test]

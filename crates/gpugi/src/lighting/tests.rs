@@ -137,7 +137,7 @@ fn budgets_bound_frames_and_change_no_map() {
         ["obscurances", "steps", "16"],
         ["caustics", "resolution", "32"],
         ["caustics", "cube-resolution", "32"],
-        ["caustics", "frames", "1"],
+        ["caustics", "frames", "2"],
         ["distance-impostor", "resolution", "32"],
     ];
     let whole = converged(&gpu, &settings, &names, Budget::UNLIMITED);
@@ -201,6 +201,76 @@ fn budgets_slice_final_gathering() {
         for (a, b) in whole.picture.iter().zip(&sliced.picture) {
             assert!((a - b).abs() <= 1e-4 * a.max(0.05), "{a} and {b}");
         }
+    }
+}
+
+/// A scene that changes in every frame must not keep any object's caustics from being made, nor light between surfaces.
+#[test]
+fn small_budgets_finish_rounds_while_everything_changes() {
+    let Some(gpu) = test_gpu() else { return };
+    let names = ["shadow-map", "caustics", "radiosity"].map(str::to_owned);
+    let mut scene = balls();
+    scene.environment = None;
+    for material in &mut scene.materials {
+        if material.name == "mirror" {
+            *material = Material {
+                transmission: 1.0,
+                roughness: 0.0,
+                volume: Some(gpugi_scene::Volume {
+                    attenuation_distance: f32::INFINITY,
+                    attenuation_color: Vec3::ONE,
+                }),
+                ..Material::default()
+            };
+        }
+    }
+    let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).unwrap();
+    for [technique, name, value] in [
+        ["caustics", "resolution", "32"],
+        ["caustics", "cube-resolution", "16"],
+        ["radiosity", "resolution", "32"],
+        ["radiosity", "burn-in", "2"],
+    ] {
+        renderer.set(technique, name, value).unwrap();
+    }
+    renderer.set_budget(Budget::units(1));
+    let mut readiness = Vec::new();
+    for _ in 0..24 {
+        scene.lights[0].intensity *= 1.01;
+        renderer.update(&scene).unwrap();
+        let one_frame = |_, _| ControlFlow::Break(());
+        let found = renderer.converge(&camera(), false, one_frame).unwrap();
+        readiness.push(found);
+        renderer.scene().wait_for_atlas();
+    }
+    println!("{readiness:?}");
+    let last = readiness[readiness.len() - 1];
+    assert!(last.is_usable() && last != Readiness::Ready, "{last:?}");
+    let sum = |name: &str| -> f32 {
+        let maps = renderer.maps().into_iter();
+        let mut found = maps.filter(|map| map.name == name);
+        let Some(Texels::Buffer { buffer, .. }) = found.next().map(|map| map.texels) else {
+            panic!("{name}");
+        };
+        let values: Vec<f32> = read_buffer(&gpu, &buffer, buffer.size()).unwrap();
+        values.iter().sum()
+    };
+    assert!(sum("radiosity.irradiance") > 0.0);
+}
+
+#[test]
+fn caustics_of_nothing_are_final_at_once() {
+    let Some(gpu) = test_gpu() else { return };
+    let names = ["caustics".to_owned()];
+    let mut dark = balls();
+    dark.lights.clear();
+    let mut matt = balls();
+    matt.instances.truncate(1);
+    for scene in [dark, matt] {
+        let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).unwrap();
+        let one_frame = |_, _| ControlFlow::Break(());
+        let readiness = renderer.converge(&camera(), false, one_frame).unwrap();
+        assert_eq!(readiness, Readiness::Ready);
     }
 }
 

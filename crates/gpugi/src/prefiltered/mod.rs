@@ -181,6 +181,17 @@ pub struct Environments {
     frame: u64,
 }
 
+/// How far maps are filled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Filled {
+    /// Whether all steps were done once, perhaps for an earlier environment.
+    pub is_whole: bool,
+    /// Whether the maps show the scene's environment.
+    pub is_current: bool,
+    /// Counts how often maps that had shown an earlier environment were filled.
+    pub revision: u64,
+}
+
 /// Maps, and how far they are filled.
 #[derive(Debug)]
 struct Kept {
@@ -190,6 +201,9 @@ struct Kept {
     next: usize,
     /// Version of the scene's environment that the steps read.
     version: Option<u64>,
+    /// Version in the latest frame, whose steps may have yet to begin.
+    seen: Option<u64>,
+    filled: Filled,
     /// The frame of the latest request.
     asked: u64,
 }
@@ -226,7 +240,8 @@ impl Environments {
 
     /// Fills the maps `wanted` from the scene's environment, unless they are, in the pass `environment-map.generate`.
     /// `takes` is told the work of each step before it is recorded, and returns false to leave it to a later frame.
-    /// Returns whether all steps are done.
+    /// A begun round of steps ends before one for a changed environment begins: or else none would end while the
+    /// environment changes in every frame.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -236,11 +251,13 @@ impl Environments {
         scene: &GpuScene,
         wanted: Wanted,
         mut takes: impl FnMut(u64) -> bool,
-    ) -> Result<bool, GpuError> {
+    ) -> Result<Filled, GpuError> {
         let kept = self.kept(frame.gpu, scene, wanted)?;
         // Rotation and intensity are applied at lookup.
         let version = Some(scene.versions.environment);
-        if kept.version != version {
+        let is_fresh = kept.seen != version;
+        kept.seen = version;
+        if kept.version != version && [0, kept.steps.len()].contains(&kept.next) {
             kept.version = version;
             kept.next = 0;
         }
@@ -256,7 +273,14 @@ impl Environments {
                 }
             });
         }
-        Ok(kept.next == kept.steps.len())
+        let is_done = kept.next == kept.steps.len();
+        let is_late = kept.filled.is_whole && !is_fresh;
+        kept.filled = Filled {
+            is_whole: kept.filled.is_whole || is_done,
+            is_current: is_done && kept.version == version,
+            revision: kept.filled.revision + u64::from(taken > 0 && is_done && is_late),
+        };
+        Ok(kept.filled)
     }
 
     fn kept(&mut self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<&mut Kept, GpuError> {
@@ -392,6 +416,8 @@ impl Kept {
             steps,
             next: 0,
             version: None,
+            seen: None,
+            filled: Filled::default(),
             asked: 0,
         })
     }

@@ -38,12 +38,12 @@ fn maps_are_shared_filled_in_slices_and_dropped() {
             steps += 1;
             steps == 1
         };
-        let is_filled = environments
+        let filled = environments
             .fill(&mut frame, &scene, small(4), takes)
             .unwrap();
         frame.submit().unwrap();
         all += steps.min(1);
-        if is_filled {
+        if filled.is_current {
             break;
         }
         frames += 1;
@@ -56,6 +56,7 @@ fn maps_are_shared_filled_in_slices_and_dropped() {
         environments
             .fill(&mut frame, &scene, small(4), takes_none)
             .unwrap()
+            .is_current
     );
     // Nobody has asked for the others since.
     assert_eq!(environments.len(), 1);
@@ -64,4 +65,43 @@ fn maps_are_shared_filled_in_slices_and_dropped() {
     }
     assert_eq!(environments.len(), 0);
     assert!(first != of(&mut environments, 4));
+}
+
+/// A sky that changes in every frame must not keep steps from being done.
+#[test]
+fn maps_of_a_changing_environment_are_filled() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = gpugi_scene::Scene::new("sky");
+    scene.environment = Some(Sky::default_sky());
+    let mut scene = GpuScene::new(&gpu, &scene).unwrap();
+    let mut environments = Environments::default();
+    let wanted = Wanted {
+        resolution: 16,
+        samples: 4,
+        ..Wanted::default()
+    };
+    let mut fill = |scene: &GpuScene| {
+        environments.begin_frame();
+        let mut frame = Frame::new(&gpu, false);
+        let mut steps = 0;
+        let takes_one = |_| {
+            steps += 1;
+            steps == 1
+        };
+        let filled = environments.fill(&mut frame, scene, wanted, takes_one);
+        frame.submit().unwrap();
+        filled.unwrap()
+    };
+    let mut filled = Filled::default();
+    for _ in 0..100 {
+        scene.versions.environment += 1;
+        filled = fill(&scene);
+        assert!(!filled.is_current);
+    }
+    // What depends on the environment follows each change by itself.
+    assert!(filled.is_whole && filled.revision == 0, "{filled:?}");
+    for _ in 0..100 {
+        filled = fill(&scene);
+    }
+    assert!(filled.is_current && filled.revision > 0, "{filled:?}");
 }

@@ -25,7 +25,7 @@ use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::LightPaths;
-use crate::prefiltered::{Environments, Prefiltered, Wanted};
+use crate::prefiltered::{Environments, Filled, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 
@@ -98,6 +98,15 @@ impl Generated {
         progress: 0.0,
         pending: Some("texture atlas"),
     };
+
+    /// Those of the environment's maps.
+    pub(crate) fn of_environment(filled: Filled) -> Self {
+        Self {
+            revision: filled.revision,
+            progress: f32::from(u8::from(filled.is_current)),
+            pending: (!filled.is_whole).then_some("the maps of the environment"),
+        }
+    }
 
     /// Maps that are final at once.
     pub const FINAL: Self = Self {
@@ -244,6 +253,8 @@ pub struct Earlier<'a> {
     pub settings_version: u64,
     /// Grows when the light of these techniques improves although nothing has changed.
     pub revision: u64,
+    /// Whether the light of these techniques is final, as long as nothing changes.
+    pub is_final: bool,
     /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
     pub lights_elsewhere: bool,
     budget: Budget,
@@ -271,6 +282,7 @@ impl<'a> Earlier<'a> {
             environments,
             settings_version,
             revision,
+            is_final: true,
             lights_elsewhere,
             budget: Budget::UNLIMITED,
             lookups: 1,
@@ -296,6 +308,11 @@ impl<'a> Earlier<'a> {
         }
     }
 
+    /// The same, with light that may not be final.
+    pub(crate) fn refining(self, is_final: bool) -> Self {
+        Self { is_final, ..self }
+    }
+
     /// Whether the technique may begin another step in this frame: always the first one.
     pub fn may_step(&self) -> bool {
         self.budget.allows_step(self.work)
@@ -311,7 +328,7 @@ impl<'a> Earlier<'a> {
         self.work
     }
 
-    /// The maps `wanted` of the scene's environment, and whether they show it. `is_read`: they are filled, as far as this
+    /// The maps `wanted` of the scene's environment, and their state. `is_read`: they are filled, as far as this
     /// frame may; otherwise they are only bound.
     ///
     /// # Errors
@@ -322,16 +339,20 @@ impl<'a> Earlier<'a> {
         scene: &GpuScene,
         wanted: Wanted,
         is_read: bool,
-    ) -> Result<(&Prefiltered, bool), GpuError> {
+    ) -> Result<(&Prefiltered, Generated), GpuError> {
         let (budget, work) = (self.budget, &mut self.work);
         let takes = |step: u64| {
             let may_step = budget.allows_step(*work);
             *work = work.saturating_add(u64::from(may_step) * step);
             may_step
         };
-        let is_filled = !is_read || self.environments.fill(frame, scene, wanted, takes)?;
+        let generated = if is_read {
+            Generated::of_environment(self.environments.fill(frame, scene, wanted, takes)?)
+        } else {
+            Generated::FINAL
+        };
         let maps = self.environments.of(frame.gpu, scene, wanted)?;
-        Ok((maps, is_filled))
+        Ok((maps, generated))
     }
 
     /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::super::tasks::{LightPart, LightTask, LitRows, TexelPart};
+use super::super::tasks::{LightPart, LightTask, LitRows, TexelPart, are_sums};
 use super::{LightBake, Quantity, unfit};
 use crate::capture::Target;
 use crate::capture::atlas::{self, Dilation};
@@ -39,7 +39,7 @@ impl LightBake<'_> {
     pub fn merge(&mut self, part: LightPart) -> Result<(), LightingError> {
         match part {
             LightPart::Maps(maps) => {
-                if self.refining.is_some() {
+                if self.refining {
                     self.maps = maps;
                 }
                 Ok(())
@@ -126,6 +126,10 @@ impl LightBake<'_> {
             for (sum, more) in sums.iter_mut().flatten().zip(part.sums.iter().flatten()) {
                 *sum += more;
             }
+        }
+        // Finite parts may have sums that are not.
+        if !are_sums(&sums, self.options.samples.max(1) as usize) {
+            return Err(unfit("the light of the tasks together is not finite"));
         }
         let captured = self.means(number, &sums)?;
         let (place, size) = (&self.tiles[number as usize], self.atlas.size);

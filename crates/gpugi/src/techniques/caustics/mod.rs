@@ -116,6 +116,8 @@ struct CausticMaps {
     caustics: Vec<Caustic>,
     /// Versions of the scene, and of the settings of techniques, that the photons of `frames` frames were followed in.
     followed: Option<(Versions, u64)>,
+    /// Those of the latest frame, whose photons may have yet to be followed.
+    seen: Option<(Versions, u64)>,
     frames: u32,
     /// The object whose photons of the next frame are followed next.
     next: usize,
@@ -123,6 +125,8 @@ struct CausticMaps {
     is_complete: bool,
     /// The lights of each frame, which differ in the points on emitters.
     lights: Vec<Vec<LightSample>>,
+    /// Index of the first sample point on an emitter among them.
+    first_area: usize,
     revision: u64,
 }
 
@@ -193,10 +197,12 @@ impl Caustics {
             of,
             caustics,
             followed: None,
+            seen: None,
             frames: 0,
             next: 0,
             is_complete: false,
             lights: Vec::new(),
+            first_area: 0,
             revision: 0,
         })
     }
@@ -264,14 +270,21 @@ impl Technique for Caustics {
         _: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
+        let has_lights = !(scene.lights.is_empty() && scene.emitters.is_empty());
+        if self.claimed.is_empty() || !has_lights {
+            self.made = None;
+            return Ok(Generated::FINAL);
+        }
         let is_made = |made: &CausticMaps| made.of.serves(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => self.make(frame.gpu, scene)?,
         };
         let now = Some((scene.versions, earlier.settings_version));
-        let is_fresh = made.followed != now;
-        if is_fresh {
+        let is_fresh = made.seen != now;
+        made.seen = now;
+        // Photons of all objects first: small budgets would never reach the last objects if changes came faster.
+        if made.followed != now && made.next == 0 {
             made.followed = now;
             made.frames = 0;
             made.next = 0;
@@ -279,6 +292,7 @@ impl Technique for Caustics {
                 caustic.restart();
             }
             made.lights = self.lights(scene);
+            made.first_area = scene.lights.len();
             self.check_counts(frame.gpu, made.lights.first().map_or(0, Vec::len))?;
         }
         if made.frames < self.settings.frames {
@@ -287,7 +301,7 @@ impl Technique for Caustics {
                 kernels: &self.kernels,
                 settings: &self.settings,
                 lights: &made.lights,
-                first_area: scene.lights.len(),
+                first_area: made.first_area,
                 objects: made.caustics.len(),
                 settings_version: earlier.settings_version,
             };
@@ -307,9 +321,11 @@ impl Technique for Caustics {
                 made.revision += u64::from(is_step && !is_fresh);
             }
         }
+        let is_stale = made.followed != now;
         let generated = Generated {
             revision: made.revision,
-            progress: made.frames as f32 / self.settings.frames as f32,
+            // Below 1 while the photons are those of an earlier scene.
+            progress: made.frames as f32 / (self.settings.frames + u32::from(is_stale)) as f32,
             pending: (!made.is_complete).then_some("the photons of all objects"),
         };
         self.made = Some(made);

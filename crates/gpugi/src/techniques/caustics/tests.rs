@@ -113,7 +113,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     technique
 }
 
-/// The map is dark without a light.
+/// There is no map without a light.
 #[test]
 fn the_map_of_a_cube_holds_its_irradiance() {
     let Some(gpu) = test_gpu() else { return };
@@ -124,7 +124,10 @@ fn the_map_of_a_cube_holds_its_irradiance() {
         scene.lights = lights;
         let technique = generated(&gpu, &scene, &[("resolution", "64")], 1);
         let maps = technique.inspect().maps;
-        assert_eq!(maps.len(), 1);
+        assert_eq!(maps.len(), usize::from(is_lit));
+        if !is_lit {
+            continue;
+        }
         assert!(maps[0].name.ends_with(".irradiance"));
         let Texels::Buffer {
             buffer,
@@ -137,10 +140,9 @@ fn the_map_of_a_cube_holds_its_irradiance() {
         };
         let texels: Vec<[f32; 8]> = read_buffer(&gpu, buffer, 32 * 192 * 32).unwrap();
         let lit = texels.iter().filter(|texel| texel[0] > 0.0).count();
-        assert_eq!(lit > 500, is_lit, "{lit} texels");
-        // At least the counters and, with a light, the points of its caustic map.
-        let least = if is_lit { 64 * 64 * 48 } else { 0 };
-        assert!(technique.inspect().work_bytes >= 32 * 192 * 24 + least);
+        assert!(lit > 500, "{lit} texels");
+        // At least the counters and the points of the caustic map.
+        assert!(technique.inspect().work_bytes >= 32 * 192 * 24 + 64 * 64 * 48);
     }
 }
 

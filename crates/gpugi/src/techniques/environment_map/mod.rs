@@ -220,7 +220,7 @@ impl Technique for EnvironmentMap {
             return Ok(Generated::FINAL);
         }
         let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
-        let (maps, is_filled) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
+        let (maps, generated) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
         let is_bound = |bound: &BoundMaps| bound.maps == *maps && bound.lookup == lookup;
         if !self.bound.as_ref().is_some_and(is_bound) {
             self.bound = Some(BoundMaps {
@@ -229,11 +229,7 @@ impl Technique for EnvironmentMap {
                 lookup,
             });
         }
-        Ok(Generated {
-            pending: (!is_filled).then_some("the maps of the environment"),
-            progress: f32::from(u8::from(is_filled)),
-            ..Generated::FINAL
-        })
+        Ok(generated)
     }
 
     fn gather(

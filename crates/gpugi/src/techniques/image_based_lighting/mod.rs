@@ -285,12 +285,12 @@ impl Technique for ImageBasedLighting {
         let turn = (self.settings.per_sample && sample != View::NO_SAMPLE).then_some(sample);
         let made = (versions, self.settings.clone(), turn);
         let reflectivity = self.settings.reflectivity;
-        let mut is_filled = true;
+        let mut of_maps = Generated::FINAL;
         if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
             self.ratio = None;
         } else {
             let found = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
-            is_filled = found.1;
+            of_maps = found.1;
             if !self
                 .ratio
                 .as_ref()
@@ -304,11 +304,11 @@ impl Technique for ImageBasedLighting {
             progress: 0.0,
             pending: Some(what),
         };
-        if !is_filled {
-            return Ok(pending("the maps of the environment"));
+        if of_maps.pending.is_some() {
+            return Ok(of_maps);
         }
         if self.made.as_ref() == Some(&made) {
-            return Ok(Generated::FINAL);
+            return Ok(of_maps);
         }
         if self.batches.reflectivity != reflectivity {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
@@ -330,7 +330,7 @@ impl Technique for ImageBasedLighting {
         self.batches
             .generate(frame, scene, &directions, &views, &maps)?;
         self.made = Some(made);
-        Ok(Generated::FINAL)
+        Ok(of_maps)
     }
 
     fn gather(

@@ -118,6 +118,8 @@ struct LitTexels {
     solution: Solution,
     gather: TexelGather,
     lit: Option<LitAs>,
+    /// What the latest frame's light was, whose iteration may have yet to begin.
+    seen: Option<LitAs>,
     /// Pieces of the atlas whose direct light is that of `lit`.
     lit_pieces: usize,
     /// Whether iterates were averaged once, so that the light can be gathered.
@@ -215,6 +217,7 @@ impl Radiosity {
             kernels,
             solution,
             lit: None,
+            seen: None,
             lit_pieces: 0,
             is_averaged: false,
             revision: 0,
@@ -226,6 +229,20 @@ impl LitTexels {
     /// Whether all direct light is up to date.
     fn is_lit(&self) -> bool {
         self.lit_pieces == self.solution.direct().count()
+    }
+
+    /// Whether the iteration begins again because of the light `now`. `has_first`: its first light was averaged;
+    /// `is_final`: light of earlier techniques is.
+    fn begins(&self, now: &LitAs, has_first: bool, is_final: bool) -> bool {
+        let Some(lit) = &self.lit else { return true };
+        let revision = lit.revision;
+        // Small budgets would never see first light if changes came faster. And to begin at each improvement of other
+        // light would waste work.
+        let has_only_improved = LitAs {
+            revision,
+            ..now.clone()
+        } == *lit;
+        lit != now && has_first && (is_final || !has_only_improved)
     }
 }
 
@@ -311,9 +328,18 @@ impl Technique for Radiosity {
             burn_in,
             ..
         } = self.settings;
-        let is_fresh = made.lit.as_ref() != Some(&lit_as);
+        let is_fresh = made.seen.as_ref() != Some(&lit_as);
         if is_fresh {
-            made.lit = Some(lit_as);
+            made.seen = Some(lit_as.clone());
+        }
+        let has_first = made.is_lit() && made.solution.iterates > burn_in;
+        if made.begins(&lit_as, has_first, earlier.is_final) {
+            // Where other light led must not show in the light of a still scene, or budgets would.
+            let before = made.lit.as_ref().map(|lit| lit.revision);
+            if before.is_some_and(|before| before != lit_as.revision) {
+                made.solution.forget(frame);
+            }
+            made.lit = Some(lit_as.clone());
             made.lit_pieces = 0;
             made.solution.iterates = 0;
         }
@@ -346,9 +372,11 @@ impl Technique for Radiosity {
             let is_step = before == 0 || counted.ilog2() > before.ilog2() || counted == iterations;
             made.revision += u64::from(is_step && !is_fresh);
         }
+        let is_stale = made.lit.as_ref() != Some(&lit_as);
         let generated = Generated {
             revision: made.revision,
-            progress: made.solution.iterates as f32 / all as f32,
+            // Below 1 while it is of other light.
+            progress: made.solution.iterates as f32 / (all + u32::from(is_stale)) as f32,
             pending: (!made.is_averaged).then_some("the first light between surfaces"),
         };
         self.made = Some(made);
@@ -421,7 +449,7 @@ impl Resume for Radiosity {
         }
         let solution = &mut made.solution;
         if !solution.resume(gpu, saved.iterates, &saved.light) {
-            return Err(unfit("another number of texels"));
+            return Err(unfit("other texels, or light that is not finite"));
         }
         let mut frame = Frame::new(gpu, false);
         solution.average(&mut frame, &made.kernels)?;

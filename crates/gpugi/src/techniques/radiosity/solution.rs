@@ -211,6 +211,11 @@ impl Solution {
         self.texels.points().zip(direct)
     }
 
+    /// Drops the light of the last iterate, before the iteration restarts.
+    pub(super) fn forget(&self, frame: &mut Frame<'_>) {
+        frame.clear(&self.light[self.last]);
+    }
+
     /// Restarts the iteration from the light of the last iterate and discards all else: pass `radiosity.begin`.
     /// `batch`: number and resolution of shooters; `None` to trace rays.
     pub(super) fn begin(
@@ -313,10 +318,15 @@ impl Solution {
     }
 
     /// Continues from the state that [`Solution::light`] returned after `iterates` iterates, which started from the
-    /// same direct light. Returns false if `light` has a different number of texels.
+    /// same direct light. Returns false if `light` has a different number of texels, or light that is not finite.
     pub(super) fn resume(&mut self, gpu: &Gpu, iterates: u32, light: &[u32]) -> bool {
         let last = &self.light[self.last];
-        if light.len() as u64 * 4 != last.size() {
+        // Each texel is two vectors of floats, and a number behind each.
+        let mut vectors = light.chunks(4);
+        let is_finite = |word: &u32| f32::from_bits(*word).is_finite();
+        let fits = light.len() as u64 * 4 == last.size()
+            && vectors.all(|vector| vector.iter().take(3).all(is_finite));
+        if !fits {
             return false;
         }
         gpu.write(last, 0, light);
