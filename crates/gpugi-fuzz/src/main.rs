@@ -29,8 +29,8 @@ use random::Random;
 #[global_allocator]
 static ALLOCATOR: allocator::Counting = allocator::Counting;
 
-/// Longest time of a case (CPU time).
-const LONGEST: Duration = Duration::from_secs(1);
+/// Longest time of a case, unless another is asked for (s of CPU time).
+const LONGEST: f64 = 1.0;
 /// After this the child gives up on a case (wall time, on a machine that may be busy).
 const HANGS: Duration = Duration::from_secs(30);
 /// Time to make a failing case smaller.
@@ -38,7 +38,8 @@ const MINIMIZING: Duration = Duration::from_secs(5);
 /// Most cases from which new ones are made.
 const CORPUS: usize = 2000;
 
-const USAGE: &str = "usage: gpugi-fuzz FORMAT|all [--seconds N] [--seed N] [--failures FOLDER]
+const USAGE: &str =
+    "usage: gpugi-fuzz FORMAT|all [--seconds N] [--seed N] [--longest SECONDS] [--failures FOLDER]
        gpugi-fuzz FORMAT --replay FILE_OR_FOLDER";
 
 #[derive(Clone)]
@@ -46,6 +47,8 @@ struct Options {
     format: String,
     seconds: u64,
     seed: u64,
+    /// CPU time that a case may take (s).
+    longest: f64,
     failures: PathBuf,
     replay: Option<PathBuf>,
     /// Set in the child: where it writes down what it does.
@@ -59,6 +62,7 @@ impl Options {
             format: arguments.next().context(USAGE)?,
             seconds: 10,
             seed: 1,
+            longest: LONGEST,
             failures: "fuzz-failures".into(),
             replay: None,
             child: None,
@@ -68,6 +72,7 @@ impl Options {
             match name.as_str() {
                 "--seconds" => options.seconds = value.parse()?,
                 "--seed" => options.seed = value.parse()?,
+                "--longest" => options.longest = value.parse()?,
                 "--failures" => options.failures = value.into(),
                 "--replay" => options.replay = Some(value.into()),
                 "--child" => options.child = Some(value.into()),
@@ -133,6 +138,7 @@ fn supervise(format: &Format, options: &Options) -> anyhow::Result<bool> {
         let status = Command::new(std::env::current_exe()?)
             .arg(format.name)
             .args(["--seconds", &left.to_string(), "--seed", &seed.to_string()])
+            .args(["--longest", &options.longest.to_string()])
             .arg("--failures")
             .arg(&options.failures)
             .arg("--child")
@@ -196,7 +202,7 @@ fn work(format: &Format, options: &Options, folder: &Path) -> anyhow::Result<boo
         };
         note.write(&case)?;
         BEGAN.store(started.elapsed().as_millis() as u64 + 1, Ordering::Relaxed);
-        let outcome = attempt(format, &case);
+        let outcome = attempt(format, &case, options.longest);
         BEGAN.store(0, Ordering::Relaxed);
         cases += 1;
         if cases.is_multiple_of(64) {
@@ -205,7 +211,7 @@ fn work(format: &Format, options: &Options, folder: &Path) -> anyhow::Result<boo
         if let Some(failure) = outcome.failure
             && failures.insert(failure.clone())
         {
-            let small = minimized(format, case.clone(), &failure);
+            let small = minimized(format, case.clone(), &failure, options.longest);
             let place = keep(&options.failures, format, &small)?;
             println!("{}: {failure}: {}", format.name, place.display());
         } else if at >= seeds && signatures.insert(outcome.signature) {
@@ -291,7 +297,7 @@ fn watch(started: Instant) {
 }
 
 /// Reads a case; a panic or too long a time is a failure.
-fn attempt(format: &Format, case: &Case) -> Outcome {
+fn attempt(format: &Format, case: &Case, longest: f64) -> Outcome {
     let before = cpu_time();
     let outcome = catch_unwind(AssertUnwindSafe(|| (format.run)(case)));
     let mut outcome = outcome.unwrap_or_else(|_| {
@@ -307,8 +313,8 @@ fn attempt(format: &Format, case: &Case) -> Outcome {
         }
     });
     let took = cpu_time().saturating_sub(before);
-    if took > LONGEST && outcome.failure.is_none() {
-        outcome.failure = Some(format!("more than {LONGEST:?} ({})", outcome.signature));
+    if took.as_secs_f64() > longest && outcome.failure.is_none() {
+        outcome.failure = Some(format!("more than {longest} s ({})", outcome.signature));
     }
     outcome
 }
@@ -325,7 +331,7 @@ fn cpu_time() -> Duration {
 }
 
 /// Leaves out parts of the files as long as the same failure remains.
-fn minimized(format: &Format, mut case: Case, failure: &str) -> Case {
+fn minimized(format: &Format, mut case: Case, failure: &str, longest: f64) -> Case {
     let started = Instant::now();
     for file in 0..case.len() {
         let mut length = case[file].1.len().next_power_of_two();
@@ -338,7 +344,7 @@ fn minimized(format: &Format, mut case: Case, failure: &str) -> Case {
                 let mut smaller = case.clone();
                 let end = (at + length).min(smaller[file].1.len());
                 smaller[file].1.drain(at..end);
-                if attempt(format, &smaller).failure.as_deref() == Some(failure) {
+                if attempt(format, &smaller, longest).failure.as_deref() == Some(failure) {
                     case = smaller;
                 } else {
                     at += length;
@@ -400,7 +406,7 @@ fn replay(format: &Format, path: &Path) -> anyhow::Result<bool> {
     let case = load(path)?;
     watch(Instant::now());
     let before = Instant::now();
-    let Outcome { signature, failure } = attempt(format, &case);
+    let Outcome { signature, failure } = attempt(format, &case, LONGEST);
     println!("{:.2} s: {signature}", before.elapsed().as_secs_f64());
     if let Some(failure) = &failure {
         println!("fails: {failure}");
