@@ -44,7 +44,7 @@ use images::ImageArrays;
 pub use motion::Placement;
 use objects::seen_class;
 pub use objects::{Claims, Object};
-pub(crate) use objects::{has_glossy_objects, has_smooth_objects};
+pub(crate) use objects::{DELTA_ROUGHNESS, has_glossy_objects, has_smooth_objects};
 use rays::Rays;
 use tables::Tables;
 use upload::Bindings;

@@ -108,7 +108,7 @@ pub(crate) fn has_smooth_objects(scene: &Scene) -> bool {
 }
 
 /// `DELTA_ROUGHNESS` of shared/brdf.wesl.
-const DELTA_ROUGHNESS: f32 = 0.01;
+pub const DELTA_ROUGHNESS: f32 = 0.01;
 
 /// Whether any surface of the scene reflects or transmits light other than diffusely.
 pub(crate) fn has_glossy_objects(scene: &Scene) -> bool {

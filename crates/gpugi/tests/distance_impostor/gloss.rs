@@ -4,14 +4,18 @@ use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
+use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
-use gpugi_scene::{Camera, Material, Mesh, Origin, Scene};
+use gpugi_scene::{
+    Camera, Image, Material, MaterialModel, Mesh, Origin, Pixels, Scene, Texture, TextureRef, Wrap,
+};
 
 use crate::common::{gpu, picture};
 use crate::scenes::{
-    add, errors, glass, mirror, rel_mse, renderer, room, set, shining_room, toward, with_ball,
+    add, errors, glass, mirror, rel_mse, renderer, renderer_of, room, set, shining_room, toward,
+    with_ball,
 };
 
 /// As default sets of still pictures choose.
@@ -176,4 +180,96 @@ fn many_objects_share_cubes() {
         println!("{most} cubes: {} of 40 balls shine", shining.len());
         assert_eq!(shining.len(), 40, "{most} cubes");
     }
+}
+
+/// What a lamp sends over a mirror or through glass to a glossy floor are caustics, which other techniques add. Where
+/// nothing else is lit, the floor is black, though the mirror and the glass show the lamp.
+#[test]
+fn gloss_shows_no_lamps_in_mirrors_and_glass() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("lamp");
+    let black = Material {
+        roughness: 0.2,
+        base_color: Vec3::ZERO.extend(1.0),
+        ..Material::default()
+    };
+    let floor = quad(vec3(-2.0, 0.0, 2.0), 4.0 * Vec3::X, 4.0 * Vec3::NEG_Z, 1);
+    let floor = add(&mut scene, "floor", floor, black, Vec3::ZERO);
+    let lamp = quad(vec3(-1.5, 0.0, 0.0), 3.0 * Vec3::X, 3.0 * Vec3::Y, 1);
+    let shine = Material::emitter("lamp", Vec3::new(3.0, 2.0, 1.0));
+    add(&mut scene, "lamp", lamp, shine, vec3(0.0, 0.2, -1.8));
+    let ball = || sphere(0.4, 32);
+    let balls = [(mirror(), -0.6), (glass(1.5), 0.6)]
+        .map(|(material, x)| add(&mut scene, "ball", ball(), material, vec3(x, 0.5, 0.0)));
+    let camera = Camera::look_at("", vec3(0.0, 1.5, 3.0), vec3(0.0, 0.3, 0.0), 0.8);
+    let names = ["distance-impostor"];
+    let mut renderer = renderer_of(&gpu, &scene, &names, &[("objects", "*")]);
+    let found = picture(&mut renderer, &camera);
+    let brightest = |instance: usize| {
+        let points = found
+            .lit()
+            .filter(|point| point.instance as usize == instance);
+        points.fold(0.0, |most: f32, point| {
+            most.max(point.radiance.max_element())
+        })
+    };
+    let shown = balls.map(brightest);
+    let doubled = brightest(floor);
+    println!("the lamp in balls: {shown:?}, in the floor: {doubled}");
+    assert!(shown[0] > 1.0 && shown[1] > 1.0, "{shown:?}");
+    assert!(doubled < 1e-2, "{doubled}");
+    let paths = renderer.light_paths();
+    let caustics = LightPaths::new(LightClass::Area, "LS+[DG]E");
+    assert_eq!(overlap(&paths, &[caustics]), None);
+}
+
+/// A Phong lobe reflects less toward the edge of a ball, where part of it lies below the horizon.
+#[test]
+fn filtered_phong_lobes_have_their_albedo() {
+    let Some(gpu) = gpu() else { return };
+    let phong = Material {
+        model: MaterialModel::Phong {
+            kd: Vec3::ZERO,
+            ks: Vec3::splat(0.8),
+            shininess: 20.0,
+        },
+        ..Material::default()
+    };
+    let scene = with_ball(room(), phong, Vec3::ZERO);
+    let camera = toward(Vec3::ZERO);
+    let [filtered, _] = errors(&gpu, &scene, &camera, &[("objects", "*")]);
+    println!("Phong, filtered: rel-mse {filtered:.1e}");
+    assert!(filtered < 0.01, "{filtered}");
+}
+
+/// A texture makes a rough ball ideal: it shows the room as a mirror does.
+#[test]
+fn ideal_patches_of_rough_objects_mirror_the_room() {
+    let Some(gpu) = gpu() else { return };
+    let at = Vec3::ZERO;
+    let camera = toward(at);
+    let mut scene = with_ball(room(), metal(0.5), at);
+    let image = Image {
+        name: "roughness".into(),
+        width: 1,
+        height: 1,
+        pixels: Pixels::Rgba8(vec![255, 0, 255, 255]),
+    };
+    let texture = TextureRef::new(scene.textures.len());
+    scene.textures.push(Texture {
+        image: scene.images.len(),
+        wrap: [Wrap::Repeat; 2],
+        nearest: false,
+        has_levels: false,
+    });
+    scene.images.push(image.into());
+    let material = scene.instances.last().expect("a ball").material;
+    scene.materials[material].metallic_roughness_texture = Some(texture);
+    let all = [("objects", "*")];
+    let ideal = picture(&mut renderer(&gpu, &scene, &all), &camera).radiance;
+    let expected = with_ball(room(), metal(0.0), at);
+    let expected = picture(&mut renderer(&gpu, &expected, &all), &camera).radiance;
+    let error = rel_mse(&ideal, &expected);
+    println!("ideal by texture: rel-mse {error:.1e}");
+    assert!(error < 1e-2, "{error}");
 }

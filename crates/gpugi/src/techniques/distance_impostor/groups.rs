@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::scene::{GpuScene, Object};
+use crate::scene::{DELTA_ROUGHNESS, GpuScene, Object};
 
 /// Objects that share a cube.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,6 +64,11 @@ impl Group {
         let alpha = (self.roughness * self.roughness).max(1e-4);
         let side = (TEXELS_PER_LOBE / alpha).clamp(LEAST_SIDE, 1024.0);
         (side as u32).next_power_of_two().min(resolution)
+    }
+
+    /// Whether a member may be ideal somewhere.
+    pub fn has_ideal_lobes(&self) -> bool {
+        self.roughness < DELTA_ROUGHNESS
     }
 
     fn new(units: &[Unit], scene: &GpuScene) -> Self {

@@ -19,6 +19,9 @@ pub struct Kernels {
     store: Kernel,
     coarser: Kernel,
     gather: Kernel,
+    /// The same, into cubes of mirrors and glass, and into cubes of rough surfaces.
+    gather_apart: Kernel,
+    gather_without: Kernel,
     certainty: Kernel,
     sampler: wgpu::Sampler,
 }
@@ -33,10 +36,13 @@ impl Kernels {
         let store = shader!("techniques.distance_impostor.store");
         let gather = shader!("techniques.distance_impostor.gather");
         let certainty = shader!("techniques.distance_impostor.certainty");
+        let gather = Kernel::new(gpu, &gather, "main", layout)?;
         Ok(Self {
             store: Kernel::new(gpu, &store, "main", layout)?,
             coarser: Kernel::new(gpu, &shader!("capture.downsample_cube"), "main", None)?,
-            gather: Kernel::new(gpu, &gather, "main", layout)?,
+            gather_apart: gather.variant(gpu, &[("STRAIGHT", 1.0)])?,
+            gather_without: gather.variant(gpu, &[("STRAIGHT", 2.0)])?,
+            gather,
             certainty: Kernel::new(gpu, &certainty, "main", layout)?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("distance-impostor maps"),
@@ -52,6 +58,15 @@ impl Kernels {
     pub fn gather(&self, show: Show) -> &Kernel {
         match show {
             Show::Light => &self.gather,
+            Show::Certainty => &self.certainty,
+        }
+    }
+
+    /// The gather pass into the cube of such objects.
+    pub fn gather_into(&self, kind: Kind, show: Show) -> &Kernel {
+        match show {
+            Show::Light if kind.is_smooth() => &self.gather_apart,
+            Show::Light => &self.gather_without,
             Show::Certainty => &self.certainty,
         }
     }
@@ -83,7 +98,7 @@ pub struct Impostor {
     instance: u32,
     is_shared: bool,
     wanted: Wanted,
-    kind: Kind,
+    pub kind: Kind,
     radiance: wgpu::Texture,
     coarser: Vec<(wgpu::BindGroup, u32)>,
     target: Target,
@@ -277,10 +292,9 @@ impl Impostor {
             // Other techniques add the light of emitters to rough lobes.
             earlier.gather(frame, scene, &receiver, self.kind.is_smooth())?;
             add_others(frame, &receiver)?;
-            let seen = self.seen.of(&receiver, || {
-                let seen = [("seen", points.view.as_entire_binding())];
-                kernels.store.bind(gpu, 1, &seen)
-            })?;
+            let seen = self
+                .seen
+                .of(&receiver, || points.bind(gpu, &kernels.store))?;
             frame.compute("distance-impostor.store", |pass| {
                 let groups = [(0, &scene.bind_group), (1, seen), (3, stored)];
                 let side = self.wanted.side;

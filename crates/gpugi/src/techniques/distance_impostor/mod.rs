@@ -316,7 +316,9 @@ impl Technique for DistanceImpostor {
         let refracts = has(GroupKind::Refractor);
         let is_smooth = refracts || has(GroupKind::Mirror);
         let is_rough = has(GroupKind::Rough) || has(GroupKind::Surroundings);
-        let lobes = match (is_smooth, is_rough) {
+        // A texture may make parts of a rough object ideal.
+        let is_partly_smooth = self.groups.iter().any(Group::has_ideal_lobes);
+        let lobes = match (is_smooth || is_partly_smooth, is_rough) {
             (true, true) => "[GS]",
             (false, _) => "G",
             (true, false) => "S",
@@ -332,11 +334,12 @@ impl Technique for DistanceImpostor {
         let most = (own * rounds).min(MOST_BOUNCES);
         let mut paths = Vec::new();
         if !self.groups.is_empty() {
-            // Light on the surroundings, and lights seen directly; the latter only in smooth objects.
+            // Light on the surroundings, and lights seen directly; the latter only in smooth objects, and not in smooth
+            // objects that rough ones show: those are caustics, which other techniques add.
             let bounces = format!("{lobes}{{1,{most}}}");
             paths.extend(covered.iter().map(|one| one.continued(&bounces)));
             if is_smooth {
-                let bounces = format!("S{lobes}{{0,{}}}", most - 1);
+                let bounces = format!("S{{1,{most}}}");
                 for class in [LightClass::Area, LightClass::Environment] {
                     let one = LightPaths::new(class, SEEN_DIRECTLY);
                     paths.push(one.continued(&bounces));
@@ -471,7 +474,7 @@ impl Technique for DistanceImpostor {
             let Some((this, after)) = rest.split_first_mut() else {
                 break;
             };
-            let kernel = self.kernels.gather(self.settings.show);
+            let kernel = self.kernels.gather_into(this.kind, self.settings.show);
             let bound = &mut self.bound;
             this.light(frame, making, earlier, |frame, receiver| {
                 let others = before.iter().chain(&*after);

@@ -86,7 +86,8 @@ crate::settings! {
         /// Fraction of the casters' triangles in depth maps: below 1, meshes are simplified.
         pub caster_detail: f32 = 1.0 => in_range(0.0, 1.0),
         /// Whether each sample of a picture is lit from other directions. Its shadows become exact with the number of
-        /// samples; each draws its own maps.
+        /// samples; each draws its own maps. Maps of other techniques are lit from the domains only if they are made
+        /// before the first sample (Renderer::converge).
         pub per_sample: bool = false => any(),
     }
 }
@@ -280,7 +281,8 @@ impl Technique for ImageBasedLighting {
             lights: 0,
             ..scene.versions
         };
-        // What is lit for all samples, such as texels, takes the domains.
+        // What is lit for all samples, such as texels, takes the domains after `Renderer::converge`. Without it, it is
+        // lit in a picture's samples, from the directions of the sample in which it is lit.
         let sample = view.uniform.sample_index;
         let turn = (self.settings.per_sample && sample != View::NO_SAMPLE).then_some(sample);
         let made = (versions, self.settings.clone(), turn);
