@@ -142,6 +142,36 @@ fn objects_of_several_parts_are_one_object() {
     }
 }
 
+/// A mirror's other parts, inside it, are not in its reflection.
+#[test]
+fn what_a_node_hides_inside_is_not_reflected() {
+    let Some(gpu) = gpu() else { return };
+    let at = vec3(0.2, 0.1, -0.3);
+    let camera = toward(at);
+    let node = |scene: &mut Scene, first: usize| {
+        for (primitive, instance) in scene.instances[first..].iter_mut().enumerate() {
+            instance.origin = Some(Origin {
+                node: 0,
+                place: None,
+                primitive,
+            });
+        }
+    };
+    let show = |has_core: bool| {
+        let mut scene = room();
+        let first = scene.instances.len();
+        add(&mut scene, "shell", sphere(0.5, 32), mirror(), at);
+        if has_core {
+            add(&mut scene, "core", sphere(0.3, 16), metal(0.9), at);
+        }
+        node(&mut scene, first);
+        picture(&mut renderer(&gpu, &scene, &[]), &camera).radiance
+    };
+    let error = rel_mse(&show(true), &show(false));
+    println!("with a core: rel-mse {error:.1e}");
+    assert!(error < 1e-9, "{error}");
+}
+
 fn cubes(renderer: &Renderer) -> usize {
     let maps = renderer.maps();
     maps.iter()

@@ -1,5 +1,6 @@
 //! Which objects share a cube (tutorial section 5.5: "a single cube map for all of them, or a separate map for each").
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -12,7 +13,7 @@ pub struct Group {
     /// Indices of the instances, ascending.
     pub members: Arc<[u32]>,
     pub kind: Kind,
-    /// What the cube leaves out, so that it is seen from inside the objects; ascending.
+    /// What the cube leaves out, so that surroundings are seen from inside the objects; ascending.
     pub left_out: Arc<[u32]>,
     /// The least roughness of a member.
     roughness: f32,
@@ -82,14 +83,19 @@ impl Group {
             .iter()
             .map(|&one| scene.objects[one as usize].least_roughness);
         let roughness = roughness.fold(1.0, f32::min);
-        let members: Arc<[u32]> = members.into();
         let kind = units[0].kind;
+        let mut left_out = match kind {
+            Kind::Surroundings => Vec::new(),
+            _ => members.clone(),
+        };
+        if matches!(kind, Kind::Mirror | Kind::Rough) {
+            left_out.extend(units.iter().flat_map(|unit| &unit.inside));
+            left_out.sort_unstable();
+            left_out.dedup();
+        }
         Self {
-            left_out: match kind {
-                Kind::Surroundings => Arc::default(),
-                _ => members.clone(),
-            },
-            members,
+            left_out: left_out.into(),
+            members: members.into(),
             kind,
             roughness,
         }
@@ -101,6 +107,9 @@ impl Group {
 struct Unit {
     members: Vec<u32>,
     kind: Kind,
+    /// Other parts of its node inside its box, such as the seats of a car whose body mirrors: seen from the middle, they
+    /// would hide what the outside reflects.
+    inside: Vec<u32>,
     /// Centre and diagonal of its box (m).
     center: Vec3,
     size: f32,
@@ -159,21 +168,35 @@ fn units(claimed: &[u32], scene: &GpuScene) -> Vec<Unit> {
             Kind::of(object),
         )
     };
+    let mut parts = BTreeMap::<_, Vec<u32>>::new();
+    for (index, object) in (0..).zip(&scene.objects) {
+        if let Some(node) = object.part_of {
+            parts.entry(node).or_default().push(index);
+        }
+    }
     let mut sorted = claimed.to_vec();
     sorted.sort_by_key(|&index| (key(index), index));
     let units = sorted.chunk_by(|&a, &b| key(a) == key(b)).map(|members| {
-        let boxes = members
+        let of_members = members
             .iter()
             .filter_map(|&one| boxes[one as usize].as_ref());
-        let (low, high) = boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
-            (low.min(one.min), high.max(one.max))
-        });
+        let (low, high) = of_members
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
+                (low.min(one.min), high.max(one.max))
+            });
         let size = (high - low).length();
         let kind = Kind::of(&scene.objects[members[0] as usize]);
+        let node = scene.objects[members[0] as usize].part_of;
+        let others = node.and_then(|node| parts.get(&node)).into_iter().flatten();
+        let is_inside = |part: &&u32| {
+            let own = boxes[**part as usize].as_ref();
+            own.is_some_and(|own| own.min.cmpge(low).all() && own.max.cmple(high).all())
+        };
         let is_large = kind == Kind::Rough && size >= LEAST_SURROUNDINGS * scene.diagonal();
         Unit {
             members: members.to_vec(),
             kind: if is_large { Kind::Surroundings } else { kind },
+            inside: others.filter(is_inside).copied().collect(),
             center: (low + high) / 2.0,
             size,
         }
