@@ -2,10 +2,9 @@
 
 mod common;
 
-use std::sync::Arc;
-
 use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::sync::Arc;
 
 use common::{folder, gpugi, skip_gpu};
 use gpugi::bake::HarmonicVolume;
@@ -315,79 +314,6 @@ fn a_baked_scene_looks_as_it_is_lit() {
     assert!(String::from_utf8_lossy(&bytes).contains("occlusionTexture"));
 }
 
-/// What Ctrl-C stops goes on where it was, or says why it cannot.
-#[cfg(unix)]
-#[test]
-fn a_bake_that_was_stopped_goes_on() {
-    if skip_gpu() {
-        return;
-    }
-    let folder = folder("bake-stopped");
-    let output = folder.join("x.glb");
-    let name = output.display().to_string();
-    let checkpoint = folder.join("x.glb.checkpoint");
-    let arguments = |samples: &str, more: &[&str]| {
-        let bake = ["bake", "cornell", "-o", &name, "--atlas-size", "64"];
-        let light = ["--include", "direct", "--set", "shadow-map.area-samples=4"];
-        let samples = ["--samples", samples];
-        [&bake[..], &light, &samples, more]
-            .concat()
-            .into_iter()
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
-    };
-    let run = |samples: &str, more: &[&str]| {
-        let arguments = arguments(samples, more);
-        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        let done = gpugi(&arguments);
-        let errors = String::from_utf8_lossy(&done.stderr).into_owned();
-        (done.status.code(), errors)
-    };
-    // As many samples as take a while on whatever this runs on.
-    let samples = ["256", "4096", "65536"].into_iter().find(|samples| {
-        let arguments = arguments(samples, &[]);
-        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-        // What was too fast is there.
-        std::fs::remove_file(&output).ok();
-        let mut child = common::command(&arguments).spawn().expect("a process");
-        std::thread::sleep(std::time::Duration::from_secs(1));
-        let mut kill = std::process::Command::new("kill");
-        let number = child.id().to_string();
-        kill.args(["-INT", &number]).status().expect("a signal");
-        let status = child.wait().expect("an end");
-        checkpoint.exists() && status.code() == Some(1)
-    });
-    let samples = samples.expect("a bake that can be stopped");
-    assert!(!output.exists());
-    let whole = std::fs::read(&checkpoint).expect("a checkpoint");
-
-    let (code, errors) = run("7", &["--resume"]);
-    assert_eq!(code, Some(1), "{errors}");
-    assert!(errors.contains("of another bake"), "{errors}");
-    let mut damaged = whole.clone();
-    damaged[whole.len() / 2] ^= 1;
-    std::fs::write(&checkpoint, damaged).expect("the damage");
-    let (code, errors) = run(samples, &["--resume"]);
-    assert_eq!(code, Some(1), "{errors}");
-    assert!(errors.contains("checksum"), "{errors}");
-    assert!(!output.exists());
-
-    std::fs::write(&checkpoint, whole).expect("mended");
-    let (code, errors) = run(samples, &["--resume"]);
-    assert_eq!(code, Some(0), "{errors}");
-    assert!(!checkpoint.exists());
-    let resumed = std::fs::read(&output).expect("a bake");
-    let (code, errors) = run(samples, &[]);
-    assert_eq!(code, Some(0), "{errors}");
-    assert!(resumed == std::fs::read(&output).expect("a bake"));
-    // Without a checkpoint it starts, and says so.
-    std::fs::remove_file(&output).expect("a bake");
-    let (code, errors) = run(samples, &["--resume"]);
-    assert_eq!(code, Some(0), "{errors}");
-    assert!(errors.contains("x.glb.checkpoint"), "{errors}");
-    assert!(resumed == std::fs::read(&output).expect("a bake"));
-}
-
 /// gpugi shows an unlit bake as it was lit.
 #[test]
 fn an_unlit_bake_looks_as_it_is_lit() {
@@ -643,100 +569,4 @@ fn an_irradiance_volume_is_a_3d_texture() {
     ] {
         assert_eq!(bake(wrong).status.code(), Some(2), "{wrong:?}");
     }
-}
-
-/// Interrupted and killed at random times, and called with the same line until it succeeds, a bake gives the bits of a
-/// bake that ran through; meanwhile nothing has its name.
-#[cfg(unix)]
-#[test]
-fn a_bake_that_is_interrupted_and_killed_gives_the_same_bits() {
-    if skip_gpu() {
-        return;
-    }
-    let folder = folder("bake-killed");
-    let output = folder.join("x.glb");
-    let name = output.display().to_string();
-    let arguments = [
-        "bake",
-        "cornell",
-        "-o",
-        &name,
-        "--atlas-size",
-        "64",
-        "--include",
-        "direct",
-        "--set",
-        "shadow-map.area-samples=4",
-        "--samples",
-        "512",
-        "--resume",
-    ];
-    let mut state = 7_u64;
-    let mut stopped = 0;
-    // Longer and longer, so that it ends on any machine.
-    for attempt in 1_u64.. {
-        let mut child = common::command(&arguments).spawn().expect("a process");
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        let most = 300 + 300 * attempt;
-        std::thread::sleep(std::time::Duration::from_millis((state >> 33) % most));
-        let signal = if attempt % 3 == 0 { "-KILL" } else { "-INT" };
-        let mut kill = std::process::Command::new("kill");
-        kill.args([signal, &child.id().to_string()]);
-        kill.stderr(std::process::Stdio::null())
-            .status()
-            .expect("a signal");
-        if child.wait().expect("an end").success() {
-            break;
-        }
-        stopped += 1;
-        assert!(!output.exists(), "attempt {attempt} left a file");
-    }
-    assert!(stopped > 0);
-    let resumed = std::fs::read(&output).expect("a bake");
-    std::fs::remove_file(&output).expect("a bake");
-    assert!(common::gpugi(&arguments).status.success());
-    assert!(resumed == std::fs::read(&output).expect("a bake"));
-}
-
-/// A limit on the size of files stands for a full disk: an error that names the file, and none broken.
-#[cfg(unix)]
-#[test]
-fn a_full_disk_is_an_error_and_leaves_no_file() {
-    if skip_gpu() {
-        return;
-    }
-    let folder = folder("full-disk");
-    for (name, arguments) in [
-        (
-            "x.glb",
-            "bake cornell --atlas-size 64 --include direct --samples 1",
-        ),
-        (
-            "x.exr",
-            "render cornell --size 64x64 --technique shadow-map --samples 1",
-        ),
-    ] {
-        let output = folder.join(name);
-        let program = env!("CARGO_BIN_EXE_gpugi");
-        let script = format!(
-            "trap '' XFSZ; ulimit -f 8; exec '{program}' {arguments} -o '{}'",
-            output.display()
-        );
-        let mut shell = std::process::Command::new("sh");
-        shell
-            .args(["-c", &script])
-            .env("XDG_RUNTIME_DIR", std::env::temp_dir());
-        // Shaders that the driver keeps on disk are files, too.
-        shell.env("MESA_SHADER_CACHE_DISABLE", "true");
-        let done = shell.output().expect("a shell");
-        let errors = String::from_utf8_lossy(&done.stderr);
-        assert_eq!(done.status.code(), Some(1), "{errors}");
-        assert!(
-            errors.contains(name) && errors.contains("cannot be written"),
-            "{errors}"
-        );
-    }
-    assert_eq!(std::fs::read_dir(&folder).expect("a folder").count(), 0);
 }

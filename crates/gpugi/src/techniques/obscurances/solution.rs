@@ -210,9 +210,9 @@ impl Solution {
         self.state.made.is_some() && self.state.steps >= self.sampler.steps()
     }
 
-    /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has changed, and `obscurances.rays` or
-    /// `obscurances.peel` and `obscurances.transfer`. Beforehand, `capture` must have recorded the same scene, and its
-    /// vertices must be merged.
+    /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has
+    /// changed, and `obscurances.rays` or `obscurances.peel` and `obscurances.transfer`. Beforehand, `capture` must
+    /// have recorded the same scene, and its vertices must be merged.
     ///
     /// If instances have moved since the last call and nothing else has changed, only texels within reach of the
     /// instances' previous and present positions are recomputed.
