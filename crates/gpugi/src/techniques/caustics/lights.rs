@@ -15,9 +15,10 @@ const LARGEST_TANGENT: f32 = 3.7;
 pub struct LightView {
     /// Camera of the capture.
     pub view: View,
-    /// Uniform for the photon passes. The caller sets the fields about the cube (`reference`, `cube_side`) and about
-    /// splatting (`first`, `end`, `counts`, `lanes`).
+    /// What the photon passes read. The caller sets `corner` and `counts`.
     pub map: CausticMap,
+    /// Pixels per side.
+    side: u32,
 }
 
 impl LightView {
@@ -70,30 +71,28 @@ impl LightView {
             Projection::Orthographic { height: 2.0 * half }
         };
         let pixel = 2.0 * half / side as f32;
+        let view = View::new(&camera, [side, side], jitter, 0, seed, diagonal);
         Some(Self {
-            view: View::new(&camera, [side, side], jitter, 0, seed, diagonal),
+            view,
             map: CausticMap {
+                view: view.uniform,
                 light: *light,
-                reference: [0.0; 3],
-                cube_side: 0,
-                side,
-                first: 0,
-                end: 0,
+                corner: [0; 2],
                 is_perspective: u32::from(is_perspective),
                 pixel_area: pixel * pixel,
                 // Flux of a pixel at the map's centre, straight in front of the light: no other pixel receives more.
                 unit: intensity * pixel * pixel,
                 counts: 0.0,
                 seed,
-                lanes: 0,
-                padding: [0; 3],
+                padding: 0,
             },
+            side,
         })
     }
 
     /// Upper bound on the flux that all pixels together receive (W).
     pub fn flux(&self) -> f64 {
-        f64::from(self.map.unit) * f64::from(self.map.side).powi(2)
+        f64::from(self.map.unit) * f64::from(self.side).powi(2)
     }
 }
 

@@ -5,10 +5,10 @@ use std::ops::Range;
 
 use glam::Vec2;
 
-use super::gpu::{COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
+use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use super::lights::LightView;
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
-use crate::capture::{Capture, CaptureKernels, SurfacePoints};
+use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::lights::gpu::LightSample;
@@ -18,7 +18,7 @@ use crate::techniques::{Map, Texels};
 
 /// Most bytes of photon buffers at a time: more photons are traced in several batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-/// Invocations that splat the photons of one bounce of a map. Each photon's texels are shared among enough invocations
+/// Invocations that splat the photons of one number of a batch's maps. Each photon's texels are shared among enough invocations
 /// that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
@@ -38,10 +38,7 @@ pub struct Caustic {
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
     bound: Option<PhotonGroups>,
-    maps: Vec<CausticMapOf>,
-    batches: Vec<Vec<Dispatch>>,
-    /// Bytes of the photon buffers, which all batches share.
-    photon_bytes: u64,
+    caustic_maps: Option<CausticMaps>,
     /// Frames whose photons the counters hold.
     frames: u32,
     /// Flux per count of one frame's sums (W); 0: no light shines on the object.
@@ -57,11 +54,16 @@ struct PhotonGroups {
     counted: wgpu::BindGroup,
 }
 
-/// The caustic map of one light.
+/// The caustic maps of all lights.
 #[derive(Debug)]
-struct CausticMapOf {
-    capture: Capture,
-    seen: wgpu::BindGroup,
+struct CausticMaps {
+    images: HitImages,
+    /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
+    seen: Option<(wgpu::Buffer, wgpu::BindGroup)>,
+    uniforms: wgpu::Buffer,
+    batches: Vec<BatchOf>,
+    /// Bytes of the photon buffer, which all batches share.
+    photon_bytes: u64,
 }
 
 /// A light's view of the object, in a map of `side` x `side` pixels; `None` if it does not shine on the object.
@@ -71,13 +73,13 @@ struct Seen {
     view: Option<LightView>,
 }
 
-/// Tracing and splatting of some of the bounces of one caustic map's pixels.
+/// Tracing and splatting of some photons of consecutive maps of the same size.
 #[derive(Debug)]
-struct Dispatch {
-    /// Index of the caustic map.
-    of: usize,
-    bounces: Range<u32>,
-    map: wgpu::Buffer,
+struct BatchOf {
+    maps: Range<usize>,
+    /// Numbers of the photons.
+    numbers: Range<u32>,
+    uniform: wgpu::Buffer,
     trace: wgpu::BindGroup,
     splat: wgpu::BindGroup,
 }
@@ -152,9 +154,7 @@ impl Caustic {
             count_flux: gpu.buffer("flux of a count [W]", size_of::<f32>() as u64, uniform)?,
             group,
             bound: None,
-            maps: Vec::new(),
-            batches: Vec::new(),
-            photon_bytes: 0,
+            caustic_maps: None,
             frames: 0,
             step: 0.0,
         })
@@ -221,63 +221,45 @@ impl Caustic {
         let count_flux = (step / f64::from(self.frames)) as f32;
         gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
-        let Some(bound) = &self.bound else {
+        let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
             return Ok(0);
         };
-        for (caustic_map, seen) in self.maps.iter_mut().zip(&views) {
-            let Some(light) = &seen.view else { continue };
-            let capture = &mut caustic_map.capture;
-            capture.record(frame, scene, &light.view, |draw| {
-                if draw.instance == self.instance {
-                    scene.whole_class(draw)
-                } else if scene
-                    .claims(draw.instance as usize)
-                    .contains(Claims::SHADOW)
-                {
-                    // Light that passes through another such object belongs to that object's caustic.
-                    scene.whole_class(draw).from_both_sides()
-                } else {
-                    // Occluders block light with both of their sides.
-                    draw.seen.from_both_sides()
-                }
-            })?;
-        }
-        for batch in &self.batches {
-            let lit = batch.iter().filter_map(|dispatch| {
-                let view = views[dispatch.of].view.as_ref()?;
-                Some((dispatch, &view.map))
-            });
-            for (dispatch, &map) in lit.clone() {
-                let map = CausticMap {
-                    reference: maps.reference.to_array(),
-                    cube_side: self.wanted.side,
-                    counts: (f64::from(map.unit) / step) as f32,
-                    first: dispatch.bounces.start,
-                    end: dispatch.bounces.end,
-                    lanes: lanes(map.side),
-                    ..map
-                };
-                gpu.write(&dispatch.map, 0, std::slice::from_ref(&map));
+        let lit: Vec<_> = views
+            .iter()
+            .map(|seen| seen.view.as_ref().map(|light| &light.view))
+            .collect();
+        caustic_maps.images.record(frame, scene, &lit, |draw| {
+            if draw.instance == self.instance {
+                scene.whole_class(draw)
+            } else if scene
+                .claims(draw.instance as usize)
+                .contains(Claims::SHADOW)
+            {
+                // Light that passes through another such object belongs to that object's caustic.
+                scene.whole_class(draw).from_both_sides()
+            } else {
+                // Occluders block light with both of their sides.
+                draw.seen.from_both_sides()
             }
+        });
+        let seen = caustic_maps.seen(gpu, kernels, scene)?;
+        caustic_maps.write(gpu, &views, step, &lit_cube);
+        for batch in &caustic_maps.batches {
+            let side = caustic_maps.images.sides[batch.maps.start];
+            let maps = batch.maps.len() as u32;
             frame.compute("caustics.trace", |pass| {
-                for (dispatch, map) in lit.clone() {
-                    let side = map.side;
-                    let groups = [
-                        (0, &scene.bind_group),
-                        (1, &self.maps[dispatch.of].seen),
-                        (2, &bound.trace),
-                        (3, &dispatch.trace),
-                    ];
-                    kernels.trace.dispatch(pass, &groups, [side, side, 1]);
-                }
+                let groups = [
+                    (0, &scene.bind_group),
+                    (1, &seen),
+                    (2, &bound.trace),
+                    (3, &batch.trace),
+                ];
+                kernels.trace.dispatch(pass, &groups, [side, side, maps]);
             });
             frame.compute("caustics.splat", |pass| {
-                for (dispatch, map) in lit {
-                    let side = map.side;
-                    let invocations = side * side * dispatch.bounces.len() as u32 * lanes(side);
-                    let groups = [(3, &dispatch.splat)];
-                    kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
-                }
+                let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
+                let groups = [(3, &batch.splat)];
+                kernels.splat.dispatch(pass, &groups, [invocations, 1, maps]);
             });
         }
         frame.compute("caustics.irradiance", |pass| {
@@ -338,8 +320,7 @@ impl Caustic {
             bound.maps = maps.clone();
             return Ok(());
         }
-        self.maps.clear();
-        self.batches.clear();
+        self.caustic_maps = None;
         let counted = [
             ("count_flux", self.count_flux.as_entire_binding()),
             ("counters", self.counters.as_entire_binding()),
@@ -354,7 +335,7 @@ impl Caustic {
         Ok(())
     }
 
-    /// Allocates the views' caustic maps and photon buffers, unless those that exist have the right sizes.
+    /// Allocates the views' caustic maps and photon buffer, unless those that exist have the right sizes.
     fn resize(
         &mut self,
         gpu: &Gpu,
@@ -363,83 +344,56 @@ impl Caustic {
         maps: &Maps,
         views: &[Seen],
     ) -> Result<(), GpuError> {
-        let sides = views.iter().map(|seen| seen.side);
-        if self
-            .maps
-            .iter()
-            .map(|map| map.capture.size()[0])
-            .eq(sides.clone())
-        {
+        let sides: Vec<u32> = views.iter().map(|seen| seen.side).collect();
+        let is_right = |made: &CausticMaps| made.images.sides == sides;
+        if self.caustic_maps.as_ref().is_some_and(is_right) {
             return Ok(());
         }
-        self.maps.clear();
-        self.batches.clear();
+        self.caustic_maps = None;
+        if sides.is_empty() {
+            return Ok(());
+        }
         let limits = gpu.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size)
             .min(PHOTONS_AT_ONCE);
-        // Each dispatch of a batch has its own photon buffer, so that none waits for another; the next batch reuses the
-        // buffers.
-        let mut sizes: Vec<u64> = Vec::new();
-        let mut batches: Vec<Vec<(usize, Range<u32>)>> = Vec::new();
-        let mut left = 0;
-        for (index, side) in sides.clone().enumerate() {
-            let of_bounce = u64::from(side) * u64::from(side) * PHOTON_BYTES;
-            let at_once = (limit / of_bounce).clamp(1, u64::from(self.photons)) as u32;
-            for first in (0..self.photons).step_by(at_once as usize) {
-                let bounces = first..(first + at_once).min(self.photons);
-                let size = of_bounce * bounces.len() as u64;
-                if left < size {
-                    batches.push(Vec::new());
-                    left = PHOTONS_AT_ONCE;
-                }
-                left = left.saturating_sub(size);
-                if let Some(batch) = batches.last_mut() {
-                    if batch.len() == sizes.len() {
-                        sizes.push(0);
-                    }
-                    let room = &mut sizes[batch.len()];
-                    *room = size.max(*room);
-                    batch.push((index, bounces));
-                }
-            }
-        }
-        self.photon_bytes = sizes.iter().sum();
-        let photons = sizes.iter().map(|&size| {
-            let usage = wgpu::BufferUsages::STORAGE;
-            gpu.buffer("photons [bytes]", size, usage)
+        let parts = parts(&sides, self.photons, limit);
+        let bytes = parts.iter().map(|(maps, numbers)| {
+            let side = u64::from(sides[maps.start]);
+            side * side * PHOTON_BYTES * (maps.len() * numbers.len()) as u64
         });
-        let photons: Vec<_> = photons.collect::<Result<_, _>>()?;
-        for side in sides {
-            let capture = Capture::of_camera(gpu, capture_kernels, [side, side])?;
-            self.maps.push(CausticMapOf {
-                seen: capture.points.bind(gpu, &kernels.trace)?,
-                capture,
-            });
-        }
-        let dispatch = |((of, bounces), photons): ((usize, Range<u32>), &wgpu::Buffer)| {
-            let size = size_of::<CausticMap>() as u64;
-            let map = gpu.buffer("caustic map", size, wgpu::BufferUsages::STORAGE)?;
+        let photon_bytes = bytes.max().unwrap_or(0);
+        let usage = wgpu::BufferUsages::STORAGE;
+        let photons = gpu.buffer("photons [bytes]", photon_bytes, usage)?;
+        let size = (sides.len() * size_of::<CausticMap>()) as u64;
+        let uniforms = gpu.buffer("caustic maps", size, usage)?;
+        let batches = parts.into_iter().map(|(of, numbers)| {
+            let size = size_of::<Batch>() as u64;
+            let uniform = gpu.buffer("photon batch", size, wgpu::BufferUsages::UNIFORM)?;
             let mut resources = vec![
-                ("caustic_map", map.as_entire_binding()),
+                ("batch", uniform.as_entire_binding()),
+                ("caustic_maps", uniforms.as_entire_binding()),
                 ("photons", photons.as_entire_binding()),
                 ("receivers", maps.points.points.as_entire_binding()),
             ];
             let trace = kernels.trace.bind(gpu, 3, &resources)?;
             resources.push(("counters", self.counters.as_entire_binding()));
-            Ok(Dispatch {
-                of,
-                bounces,
+            Ok(BatchOf {
+                maps: of,
+                numbers,
                 trace,
                 splat: kernels.splat.bind(gpu, 3, &resources)?,
-                map,
+                uniform,
             })
-        };
-        self.batches = batches
-            .into_iter()
-            .map(|batch| batch.into_iter().zip(&photons).map(dispatch).collect())
-            .collect::<Result<_, GpuError>>()?;
+        });
+        self.caustic_maps = Some(CausticMaps {
+            batches: batches.collect::<Result<_, GpuError>>()?,
+            images: HitImages::new(gpu, capture_kernels, sides)?,
+            seen: None,
+            uniforms,
+            photon_bytes,
+        });
         Ok(())
     }
 
@@ -457,13 +411,13 @@ impl Caustic {
         }
     }
 
-    /// Bytes that are not in maps: counters, photons, and caustic maps with their visibility buffers and depth.
+    /// Bytes that are not in maps: counters, photons, and caustic maps with their depth.
     pub fn work_bytes(&self) -> u64 {
-        let maps = self.maps.iter().map(|map| {
-            let points = &map.capture.points;
-            points.points.size() + u64::from(points.count) * (4 + 4)
+        let maps = self.caustic_maps.iter().map(|made| {
+            let pixels = made.images.pixels * (4 + 4);
+            pixels + made.uniforms.size() + made.photon_bytes
         });
-        self.counters.size() + self.photon_bytes + maps.sum::<u64>()
+        self.counters.size() + maps.sum::<u64>()
     }
 
     /// Adds the caustics at `points`; `groups`: points and target.
@@ -486,9 +440,86 @@ impl Caustic {
     }
 }
 
-/// Invocations that share the texels of one photon of a map: a power of two, at most 64, the size of a workgroup.
-fn lanes(side: u32) -> u32 {
-    let lanes = SPLAT_INVOCATIONS / (side * side);
+impl CausticMaps {
+    /// Bind group 1 of the trace: hit records, and the merged vertices that they refer to.
+    fn seen(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        scene: &GpuScene,
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        if let Some((vertices, group)) = &self.seen
+            && *vertices == scene.vertices
+        {
+            return Ok(group.clone());
+        }
+        let hits = wgpu::BindingResource::TextureView(&self.images.hits);
+        let merged = scene.vertices.as_entire_binding();
+        let group = kernels
+            .trace
+            .bind(gpu, 1, &[("hits", hits), ("merged", merged)])?;
+        self.seen = Some((scene.vertices.clone(), group.clone()));
+        Ok(group)
+    }
+
+    /// Writes what the photon passes read. `step`: flux per count (W).
+    fn write(&self, gpu: &Gpu, views: &[Seen], step: f64, cube: &LitCube) {
+        let uniforms = views.iter().zip(&self.images.corners);
+        let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
+            Some(LightView { map, .. }) => CausticMap {
+                corner,
+                counts: (f64::from(map.unit) / step) as f32,
+                ..map
+            },
+            None => bytemuck::Zeroable::zeroed(),
+        });
+        gpu.write(&self.uniforms, 0, &uniforms.collect::<Vec<_>>());
+        for batch in &self.batches {
+            let side = self.images.sides[batch.maps.start];
+            let uniform = Batch {
+                reference: cube.reference,
+                cube_side: cube.side,
+                first_map: batch.maps.start as u32,
+                side,
+                first: batch.numbers.start,
+                end: batch.numbers.end,
+                lanes: lanes(side, batch.maps.len() as u32),
+                padding: [0; 3],
+            };
+            gpu.write(&batch.uniform, 0, std::slice::from_ref(&uniform));
+        }
+    }
+}
+
+/// The maps, by their `sides`, and the numbers of their `photons` per pixel that are traced together, so that at most
+/// `limit` bytes hold them; one number of one map may take more.
+fn parts(sides: &[u32], photons: u32, limit: u64) -> Vec<(Range<usize>, Range<u32>)> {
+    let mut parts = Vec::new();
+    let mut first = 0;
+    for run in sides.chunk_by(|a, b| a == b) {
+        let maps = first..first + run.len();
+        first = maps.end;
+        let of_number = u64::from(run[0]).pow(2) * PHOTON_BYTES;
+        let at_once = (limit / of_number).max(1);
+        let whole = (at_once / u64::from(photons)) as usize;
+        if whole > 0 {
+            let starts = maps.clone().step_by(whole);
+            parts.extend(starts.map(|start| (start..(start + whole).min(maps.end), 0..photons)));
+            continue;
+        }
+        for map in maps {
+            let numbers = (0..photons).step_by(at_once as usize);
+            let end = |number: u32| (number + at_once as u32).min(photons);
+            parts.extend(numbers.map(|number| (map..map + 1, number..end(number))));
+        }
+    }
+    parts
+}
+
+/// Invocations that share the texels of one photon of each of `maps` maps: a power of two, at most 64, the size of a
+/// workgroup.
+fn lanes(side: u32, maps: u32) -> u32 {
+    let lanes = SPLAT_INVOCATIONS / (side * side * maps);
     (1 << lanes.max(1).ilog2()).clamp(4, 64)
 }
 
