@@ -33,7 +33,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, RasterKernel, RasterState, Shader};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel, RasterState, Shader};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -240,6 +240,7 @@ pub struct Faces {
     range: Range<u32>,
     /// Width and height of each face (pixels).
     size: [u32; 2],
+    view: HostBuffer,
     resolve_seen: wgpu::BindGroup,
 }
 
@@ -253,9 +254,10 @@ impl Faces {
         size: [u32; 2],
     ) -> Result<Self, GpuError> {
         let uniform = std::mem::size_of::<ViewUniform>() as u64;
+        let view = HostBuffer::new(gpu, "view", uniform, wgpu::BufferUsages::UNIFORM)?;
         let points = SurfacePoints {
             points,
-            view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
+            view: wgpu::Buffer::clone(&view),
             count: range.len() as u32 * size[0] * size[1],
             hits,
             output: Output::RadianceToEye,
@@ -264,6 +266,7 @@ impl Faces {
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
             points,
+            view,
             range,
             size,
         })
@@ -296,14 +299,14 @@ impl Faces {
             height: self.range.end * self.size[1],
             ..*view
         };
-        gpu.write(&self.points.view, 0, std::slice::from_ref(&view));
+        self.view.write(gpu, std::slice::from_ref(&view));
     }
 }
 
 /// One matrix per image of a visibility buffer, each as the shaders' `clip_from_world`.
 #[derive(Debug)]
 struct Matrices {
-    buffer: wgpu::Buffer,
+    buffer: HostBuffer,
     images: u32,
     /// Bind group 1 of each image, opaque and alpha.
     groups: Vec<[wgpu::BindGroup; 2]>,
@@ -317,7 +320,12 @@ impl Matrices {
 
     fn new(gpu: &Gpu, kernels: &HitKernels, images: u32) -> Result<Self, GpuError> {
         let bytes = u64::from(images) * Self::STRIDE as u64 * 4;
-        let buffer = gpu.buffer("clip_from_world", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let buffer = HostBuffer::new(
+            gpu,
+            "clip_from_world",
+            bytes,
+            wgpu::BufferUsages::UNIFORM,
+        )?;
         let mut matrices = Self {
             buffer,
             images,
@@ -355,7 +363,7 @@ impl Matrices {
             words.extend([seed, view.top].map(f32::from_bits));
             words.resize(words.len().next_multiple_of(Self::STRIDE), 0.0);
         }
-        gpu.write(&self.buffer, 0, &words);
+        self.buffer.write(gpu, &words);
     }
 }
 

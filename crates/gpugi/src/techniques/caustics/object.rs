@@ -9,7 +9,7 @@ use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHO
 use super::lights::LightView;
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
 use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::lights::gpu::LightSample;
 use crate::scene::{Claims, GpuScene, Object};
@@ -32,9 +32,9 @@ pub struct Caustic {
     photons: u32,
     counters: wgpu::Buffer,
     lit_texels: wgpu::Buffer,
-    of_object: wgpu::Buffer,
-    lit_cube: wgpu::Buffer,
-    count_flux: wgpu::Buffer,
+    of_object: HostBuffer,
+    lit_cube: HostBuffer,
+    count_flux: HostBuffer,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
     bound: Option<PhotonGroups>,
@@ -60,7 +60,7 @@ struct CausticMaps {
     images: HitImages,
     /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
     seen: Option<(wgpu::Buffer, wgpu::BindGroup)>,
-    uniforms: wgpu::Buffer,
+    uniforms: HostBuffer,
     batches: Vec<BatchOf>,
     /// Bytes of the photon buffer, which all batches share.
     photon_bytes: u64,
@@ -79,7 +79,7 @@ struct BatchOf {
     maps: Range<usize>,
     /// Numbers of the photons.
     numbers: Range<u32>,
-    uniform: wgpu::Buffer,
+    uniform: HostBuffer,
     trace: wgpu::BindGroup,
     splat: wgpu::BindGroup,
 }
@@ -116,7 +116,7 @@ impl Caustic {
         let texels = 6 * u64::from(side) * u64::from(side);
         let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
         let lit_texels = gpu.buffer("caustics [bytes]", texels * LIT_TEXEL_BYTES, storage)?;
-        let lit_cube = gpu.buffer("lit cube", size_of::<LitCube>() as u64, uniform)?;
+        let lit_cube = HostBuffer::new(gpu, "lit cube", size_of::<LitCube>() as u64, uniform)?;
         let group = kernels.gather.to_bind().bind(
             gpu,
             2,
@@ -145,13 +145,14 @@ impl Caustic {
             photons,
             counters: gpu.buffer("caustic counters [bytes]", texels * COUNTER_BYTES, storage)?,
             lit_texels,
-            of_object: gpu.buffer(
+            of_object: HostBuffer::new(
+                gpu,
                 "impostor",
                 size_of::<impostor_gpu::Impostor>() as u64,
                 uniform,
             )?,
             lit_cube,
-            count_flux: gpu.buffer("flux of a count [W]", size_of::<f32>() as u64, uniform)?,
+            count_flux: HostBuffer::new(gpu, "flux of a count [W]", 4, uniform)?,
             group,
             bound: None,
             caustic_maps: None,
@@ -210,16 +211,16 @@ impl Caustic {
             world_from_shape: maps.world_from_shape.to_array(),
             ..bytemuck::Zeroable::zeroed()
         };
-        gpu.write(&self.of_object, 0, std::slice::from_ref(&of_object));
+        self.of_object.write(gpu, std::slice::from_ref(&of_object));
         let lit_cube = LitCube {
             reference: maps.reference.to_array(),
             side: self.wanted.side,
             instance: self.instance,
             padding: [0; 3],
         };
-        gpu.write(&self.lit_cube, 0, std::slice::from_ref(&lit_cube));
+        self.lit_cube.write(gpu, std::slice::from_ref(&lit_cube));
         let count_flux = (step / f64::from(self.frames)) as f32;
-        gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
+        self.count_flux.write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
             return Ok(0);
@@ -367,10 +368,11 @@ impl Caustic {
         let usage = wgpu::BufferUsages::STORAGE;
         let photons = gpu.buffer("photons [bytes]", photon_bytes, usage)?;
         let size = (sides.len() * size_of::<CausticMap>()) as u64;
-        let uniforms = gpu.buffer("caustic maps", size, usage)?;
+        let uniforms = HostBuffer::new(gpu, "caustic maps", size, usage)?;
         let batches = parts.into_iter().map(|(of, numbers)| {
             let size = size_of::<Batch>() as u64;
-            let uniform = gpu.buffer("photon batch", size, wgpu::BufferUsages::UNIFORM)?;
+            let uniform =
+                HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
             let mut resources = vec![
                 ("batch", uniform.as_entire_binding()),
                 ("caustic_maps", uniforms.as_entire_binding()),
@@ -473,7 +475,7 @@ impl CausticMaps {
             },
             None => bytemuck::Zeroable::zeroed(),
         });
-        gpu.write(&self.uniforms, 0, &uniforms.collect::<Vec<_>>());
+        self.uniforms.write(gpu, &uniforms.collect::<Vec<_>>());
         for batch in &self.batches {
             let side = self.images.sides[batch.maps.start];
             let uniform = Batch {
@@ -486,7 +488,7 @@ impl CausticMaps {
                 lanes: lanes(side, batch.maps.len() as u32),
                 padding: [0; 3],
             };
-            gpu.write(&batch.uniform, 0, std::slice::from_ref(&uniform));
+            batch.uniform.write(gpu, std::slice::from_ref(&uniform));
         }
     }
 }
