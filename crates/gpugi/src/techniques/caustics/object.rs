@@ -6,7 +6,7 @@ use std::ops::Range;
 use glam::Vec2;
 
 use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
-use super::lights::LightView;
+use super::lights::{Framing, LightView};
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
 use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
@@ -191,8 +191,8 @@ impl Caustic {
             frame.clear(&self.counters);
             // The finest step at which the sums of all frames still fit 31 bits and a sign.
             let flux: f64 = (0..settings.frames)
-                .flat_map(|number| self.views(making, number))
-                .filter_map(|seen| Some(seen.view?.flux()))
+                .flat_map(|number| self.framings(making, number))
+                .filter_map(|(_, _, framing)| Some(framing?.flux()))
                 .sum();
             self.step = flux / f64::from(1_u32 << 30);
         }
@@ -272,9 +272,13 @@ impl Caustic {
         Ok(pixels.sum::<u64>() * u64::from(self.photons))
     }
 
-    /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
-    /// on an emitter, even if it does not shine on the object, because their number must not change.
-    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+    /// The lights of frame `number`, each with the side of its map (pixels) and its view's framing, `None` if it does not
+    /// shine on the object; empty if the object is not drawn.
+    fn framings<'a>(
+        &self,
+        making: Making<'a>,
+        number: u32,
+    ) -> impl Iterator<Item = (&'a LightSample, u32, Option<Framing>)> {
         let Making {
             scene,
             settings,
@@ -283,35 +287,43 @@ impl Caustic {
             ..
         } = making;
         let mut draws = scene.draws.iter();
-        let lights = making.lights.get(number as usize);
-        let (Some(draw), Some(lights)) =
-            (draws.find(|draw| draw.instance == self.instance), lights)
-        else {
-            return Vec::new();
-        };
-        let jitter = if settings.frames > 1 {
-            low_discrepancy(number) - 0.5
-        } else {
-            Vec2::ZERO
-        };
+        let draw = draws.find(|draw| draw.instance == self.instance);
+        let lights = making.lights.get(number as usize).filter(|_| draw.is_some());
+        let lights = lights.map_or(&[][..], Vec::as_slice);
         // All sample points on emitters together get as many pixels as one other light.
-        let emitters = lights.len() - first_area;
+        let emitters = lights.len().saturating_sub(first_area);
         let whole_maps = objects * (first_area + emitters.min(1));
         let affordable = (MOST_PIXELS / whole_maps.max(1) as f32).sqrt();
         let side = (settings.resolution as f32).min(affordable);
         let area_side = (side / (emitters.max(1) as f32).sqrt()).ceil();
-        let lights = lights.iter().enumerate();
-        lights
-            .filter_map(|(index, light)| {
-                let is_area = index >= first_area;
-                let side = if is_area { area_side } else { side };
-                let side = (side as u32).max(LEAST_RESOLUTION);
-                let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
-                let diagonal = scene.diagonal();
-                let view = LightView::new(light, &draw.bounds, side, jitter, seed, diagonal);
-                (is_area || view.is_some()).then_some(Seen { side, view })
-            })
-            .collect()
+        lights.iter().enumerate().map(move |(index, light)| {
+            let is_area = index >= first_area;
+            let side = if is_area { area_side } else { side };
+            let side = (side as u32).max(LEAST_RESOLUTION);
+            let framing =
+                draw.and_then(|draw| Framing::new(light, &draw.bounds, side, scene.diagonal()));
+            (light, side, framing)
+        })
+    }
+
+    /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
+    /// on an emitter, even if it does not shine on the object, because their number must not change.
+    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+        let jitter = if making.settings.frames > 1 {
+            low_discrepancy(number) - 0.5
+        } else {
+            Vec2::ZERO
+        };
+        let diagonal = making.scene.diagonal();
+        let framings = self.framings(making, number).enumerate();
+        let views = framings.filter_map(|(index, (light, side, framing))| {
+            let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
+            let view = framing
+                .map(|framing| LightView::new(light, &framing, side, jitter, seed, diagonal));
+            let is_area = index >= making.first_area;
+            (is_area || view.is_some()).then_some(Seen { side, view })
+        });
+        views.collect()
     }
 
     fn bind(&mut self, gpu: &Gpu, kernels: &Kernels, maps: &Maps) -> Result<(), GpuError> {
