@@ -75,7 +75,6 @@ fn means(radiance: &[f32]) -> impl Iterator<Item = f64> {
 
 fn pictures(gpu: &Gpu, scene: &Scene, settings: &[String]) -> Result<Vec<Seen>, Box<dyn Error>> {
     let names = ["shadow-map", OF].map(str::to_owned);
-    let mut emission = Renderer::new(gpu, scene, [SIDE; 2], &[])?;
     let mut direct = Renderer::new(gpu, scene, [SIDE; 2], &names[..1])?;
     let mut renderers = Vec::new();
     for visibility in VISIBILITY {
@@ -89,6 +88,7 @@ fn pictures(gpu: &Gpu, scene: &Scene, settings: &[String]) -> Result<Vec<Seen>, 
     }
     let classes = direct.light_classes();
     let own = parts(renderers[0].light_paths_of(OF), &classes);
+    let emitted = parts(&[], &classes);
     let options = Options {
         samples: SAMPLES,
         reference: Quality {
@@ -118,11 +118,12 @@ fn pictures(gpu: &Gpu, scene: &Scene, settings: &[String]) -> Result<Vec<Seen>, 
                 size: [SIDE; 2],
             };
             let truth = trace(gpu, &subject, &own, &options, go_on)?.radiance;
-            let emitted = picture(&mut emission)?;
             let points = direct.surface_points()?;
+            // The reference also has what emitters and the sky send straight to the eye.
+            let emitted = trace(gpu, &subject, &emitted, &options, go_on)?.radiance;
             let truth: Vec<f64> = means(&truth)
                 .zip(means(&emitted))
-                .map(|(a, b)| a - b)
+                .map(|(all, emitted)| all - emitted)
                 .collect();
             let found = with.each_ref().map(|with| -> Vec<f64> {
                 means(with)
@@ -147,9 +148,9 @@ fn pictures(gpu: &Gpu, scene: &Scene, settings: &[String]) -> Result<Vec<Seen>, 
     Ok(all)
 }
 
-/// A share, in percent.
+/// A share, in percent; adding zero turns -0 into 0.
 fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
+    format!("{:.1} %", 100.0 * share + 0.0)
 }
 
 fn row(gpu: &Gpu, name: &str, scene: &Scene, settings: &[String]) -> Result<(), Box<dyn Error>> {
