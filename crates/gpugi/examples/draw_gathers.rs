@@ -162,6 +162,8 @@ fn draw(
     let size = [SIZE as u32; 2];
     let camera = toward(at);
     let mut renderer = Renderer::new(gpu, scene, size, &techniques)?;
+    // So that the error is final-gather's, and not that of coarse shadows.
+    renderer.set("shadow-map", "resolution", "4096")?;
     let glossy = is_glossy.to_string();
     for (key, value) in [("glossy", glossy.as_str()), ("resolution", "64")]
         .iter()

@@ -1,7 +1,7 @@
 //! A pass over the points of receivers.
 
 use super::{PerReceiver, Receiver, ReceiverKernel};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Shader};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::scene::GpuScene;
 
 /// A kernel with one invocation per point, with bind groups 0 (scene), 1 (points), 2 (maps, if it has any) and 3
@@ -23,8 +23,25 @@ impl Gather {
         shader: &Shader,
         constants: &[(&str, f64)],
     ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants,
+            ..Default::default()
+        };
+        Self::with_options(gpu, scene, shader, &options)
+    }
+
+    /// The same with all options.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn with_options(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        options: &KernelOptions<'_>,
+    ) -> Result<Self, GpuError> {
         Ok(Self {
-            kernel: ReceiverKernel::new(gpu, scene, shader, constants)?,
+            kernel: ReceiverKernel::with_options(gpu, scene, shader, options)?,
             bound: PerReceiver::default(),
         })
     }

@@ -320,12 +320,7 @@ impl Matrices {
 
     fn new(gpu: &Gpu, kernels: &HitKernels, images: u32) -> Result<Self, GpuError> {
         let bytes = u64::from(images) * Self::STRIDE as u64 * 4;
-        let buffer = HostBuffer::new(
-            gpu,
-            "clip_from_world",
-            bytes,
-            wgpu::BufferUsages::UNIFORM,
-        )?;
+        let buffer = HostBuffer::new(gpu, "clip_from_world", bytes, wgpu::BufferUsages::UNIFORM)?;
         let mut matrices = Self {
             buffer,
             images,

@@ -119,8 +119,25 @@ impl ReceiverKernel {
         constants: &[(&str, f64)],
     ) -> Result<Self, GpuError> {
         let options = KernelOptions {
-            constants: &[constants, &[("IS_GENERAL", 0.0)]].concat(),
+            constants,
             ..Default::default()
+        };
+        Self::with_options(gpu, scene, shader, &options)
+    }
+
+    /// The same with all options.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn with_options(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        options: &KernelOptions<'_>,
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[options.constants, &[("IS_GENERAL", 0.0)]].concat(),
+            ..*options
         };
         Ok(Self {
             radiance: Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?,

@@ -15,7 +15,9 @@ mod twin;
 pub use present::Present;
 pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
 
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, ReadBack, begin_read_buffer, read_buffer};
+use crate::gpu::{
+    Frame, Gpu, GpuError, HostBuffer, Kernel, ReadBack, begin_read_buffer, read_buffer,
+};
 use crate::shader;
 use std::sync::{Mutex, PoisonError};
 
@@ -347,7 +349,8 @@ impl BoundPart {
             dither: settings.dither.into(),
             first_pixel,
         };
-        self.parameters.write(gpu, std::slice::from_ref(&parameters));
+        self.parameters
+            .write(gpu, std::slice::from_ref(&parameters));
     }
 }
 

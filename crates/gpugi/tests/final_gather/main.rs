@@ -7,6 +7,7 @@ mod leaks;
 mod occlusion;
 mod places;
 mod scenes;
+mod thin_walls;
 mod volume;
 
 use std::f32::consts::PI;

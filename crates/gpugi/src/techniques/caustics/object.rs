@@ -220,7 +220,8 @@ impl Caustic {
         };
         self.lit_cube.write(gpu, std::slice::from_ref(&lit_cube));
         let count_flux = (step / f64::from(self.frames)) as f32;
-        self.count_flux.write(gpu, std::slice::from_ref(&count_flux));
+        self.count_flux
+            .write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
             return Ok(0);
@@ -260,7 +261,9 @@ impl Caustic {
             frame.compute("caustics.splat", |pass| {
                 let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
                 let groups = [(3, &batch.splat)];
-                kernels.splat.dispatch(pass, &groups, [invocations, 1, maps]);
+                kernels
+                    .splat
+                    .dispatch(pass, &groups, [invocations, 1, maps]);
             });
         }
         frame.compute("caustics.irradiance", |pass| {
@@ -288,7 +291,10 @@ impl Caustic {
         } = making;
         let mut draws = scene.draws.iter();
         let draw = draws.find(|draw| draw.instance == self.instance);
-        let lights = making.lights.get(number as usize).filter(|_| draw.is_some());
+        let lights = making
+            .lights
+            .get(number as usize)
+            .filter(|_| draw.is_some());
         let lights = lights.map_or(&[][..], Vec::as_slice);
         // All sample points on emitters together get as many pixels as one other light.
         let emitters = lights.len().saturating_sub(first_area);
@@ -383,8 +389,7 @@ impl Caustic {
         let uniforms = HostBuffer::new(gpu, "caustic maps", size, usage)?;
         let batches = parts.into_iter().map(|(of, numbers)| {
             let size = size_of::<Batch>() as u64;
-            let uniform =
-                HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
+            let uniform = HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
             let mut resources = vec![
                 ("batch", uniform.as_entire_binding()),
                 ("caustic_maps", uniforms.as_entire_binding()),

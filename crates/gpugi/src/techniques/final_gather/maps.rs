@@ -11,6 +11,9 @@ use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
 
+/// Invocations that sum for one light: LANES of bounce.wesl.
+const BOUNCE_LANES: u32 = 32;
+
 /// The passes, for one choice of settings.
 #[derive(Debug)]
 pub struct Kernels {
@@ -56,7 +59,18 @@ impl Kernels {
             state: kernel(&downsample, "state", &[solid_angle])?,
             bounce: kernel(&bounce, "main", &[solid_angle, visibility])?,
             light_points: kernel(&light_points, "main", &[])?,
-            gather: Gather::new(gpu, scene, &shader, &gather)?,
+            // Every index in range: that of a point ends at the view's last; those of reference points, lights and
+            // texels are clamped to counts by which their buffers and the map were made. The exception is obscurances,
+            // which may not be there yet.
+            gather: Gather::with_options(
+                gpu,
+                scene,
+                &shader,
+                &KernelOptions {
+                    constants: &gather,
+                    unchecked: !settings.occlusion,
+                },
+            )?,
         })
     }
 }
@@ -187,12 +201,12 @@ impl Maps {
         let count = 6 * self.probes.side * self.probes.side * self.probes.count;
         frame.compute("final-gather.bounce", |pass| {
             for _ in 0..times {
-                for (kernel, [read, written]) in [
-                    (&kernels.bounce, &self.bounced),
-                    (&kernels.light_points, &self.lit),
+                for (kernel, [read, written], invocations) in [
+                    (&kernels.bounce, &self.bounced, BOUNCE_LANES * count),
+                    (&kernels.light_points, &self.lit, count),
                 ] {
                     let groups = [(0, &scene.bind_group), (2, read), (3, written)];
-                    kernel.dispatch(pass, &groups, [count, 1, 1]);
+                    kernel.dispatch(pass, &groups, [invocations, 1, 1]);
                 }
             }
         });

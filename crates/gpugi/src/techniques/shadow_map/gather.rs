@@ -124,9 +124,7 @@ fn bind(
     let work = dispatch_work(gpu);
     let per_light = u64::from(points.count) * u64::from(taps);
     let lights_at_once = (work / per_light.max(1)).clamp(1, u64::from(lights.count)) as u32;
-    let points_at_once = (work / u64::from(taps))
-        .min(u64::from(points.count))
-        .max(1) as u32;
+    let points_at_once = (work / u64::from(taps)).min(u64::from(points.count)).max(1) as u32;
     let mut chunks = Vec::new();
     for first_light in (0..lights.count).step_by(lights_at_once as usize) {
         for first_point in (0..points.count).step_by(points_at_once as usize) {
