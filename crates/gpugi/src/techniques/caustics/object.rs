@@ -165,7 +165,7 @@ impl Caustic {
         self.frames = 0;
     }
 
-    /// Traces and counts the photons of one more frame; returns how many there are.
+    /// Traces and counts the photons of one more frame; returns how many there are, and how many pixels were drawn.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -182,9 +182,9 @@ impl Caustic {
             ..
         } = making;
         let gpu = frame.gpu;
-        let maps = impostors
-            .of(frame, scene, &self.wanted, making.settings_version, 0)?
-            .clone();
+        let (maps, captured) =
+            impostors.renew(frame, scene, &self.wanted, making.settings_version, 0)?;
+        let maps = maps.clone();
         self.bind(gpu, kernels, &maps)?;
         if self.frames == 0 {
             frame.clear(&self.counters);
@@ -222,7 +222,7 @@ impl Caustic {
         gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let Some(bound) = &self.bound else {
-            return Ok(0);
+            return Ok(captured);
         };
         for (caustic_map, seen) in self.maps.iter_mut().zip(&views) {
             let Some(light) = &seen.view else { continue };
@@ -286,7 +286,7 @@ impl Caustic {
             kernels.irradiance.dispatch(pass, &groups, [side, side, 6]);
         });
         let pixels = views.iter().map(|seen| u64::from(seen.side).pow(2));
-        Ok(pixels.sum::<u64>() * u64::from(self.photons))
+        Ok(captured + pixels.sum::<u64>() * (1 + u64::from(self.photons)))
     }
 
     /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point

@@ -10,7 +10,9 @@ use super::Settings;
 use super::gpu::{Bundle, PeelView, SettingsUniform};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
-use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::gpu::{
+    DepthTest, Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState,
+};
 use crate::scene::{DrawClass, GpuScene};
 use crate::sequences::{GOLDEN_RATIO, R2, low_discrepancy};
 use crate::shader;
@@ -56,7 +58,7 @@ impl Peeling {
                 slope_bias: 0.0,
                 has_fragment: true,
                 has_vertices: true,
-                has_depth: false,
+                depth: DepthTest::Off,
             };
             RasterKernel::new(gpu, &shader, Some(&scene.layout), &state)
         };
