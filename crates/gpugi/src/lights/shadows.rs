@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::LightList;
 use super::gpu::{LightSample, table};
 use crate::capture::depth::{DepthAtlas, DepthKernels, clear_tiles};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, RasterKernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel};
 use crate::scene::{GpuScene, Versions};
 
 /// How much sooner than others a light's maps are drawn if the light itself has changed: moving lights show more than
@@ -30,7 +30,7 @@ pub struct Shadows {
 #[derive(Debug)]
 struct DepthMaps {
     atlas: DepthAtlas,
-    table: wgpu::Buffer,
+    table: HostBuffer,
     /// The samples as their maps show them.
     samples: Vec<LightSample>,
     /// When each sample's maps were drawn.
@@ -248,8 +248,12 @@ impl DepthMaps {
     fn new(gpu: &Gpu, kernels: &DepthKernels, list: LightList) -> Result<Self, GpuError> {
         let atlas = DepthAtlas::new(gpu, kernels, list.views)?;
         let rows = table(&list.samples, &atlas.uniforms());
+        let size = std::mem::size_of_val(rows.as_slice()) as u64;
+        let usage = wgpu::BufferUsages::STORAGE;
+        let table = HostBuffer::new(gpu, "light table [bytes]", size, usage)?;
+        table.write(gpu, &rows);
         Ok(Self {
-            table: gpu.storage("light table [bytes]", &rows)?,
+            table,
             atlas,
             drawn: vec![None; list.samples.len()],
             samples: list.samples,
@@ -263,11 +267,8 @@ impl DepthMaps {
     }
 
     fn write_table(&self, gpu: &Gpu) {
-        gpu.write(
-            &self.table,
-            0,
-            &table(&self.samples, &self.atlas.uniforms()),
-        );
+        let rows = table(&self.samples, &self.atlas.uniforms());
+        self.table.write(gpu, &rows);
     }
 
     /// The views of a sample.
