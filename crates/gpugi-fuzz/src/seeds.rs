@@ -6,8 +6,7 @@ use exr::prelude::{
     Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
     SpecificChannels, Vec2, WritableImage,
 };
-use gpugi::bake::{Checkpoint, LightState};
-use gpugi::techniques::obscurances::ObscuranceState;
+use gpugi::bake::{Checkpoint, LightState, ObscuranceState};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::export::{BakedPage, export_bake, export_scene};
 use gpugi_scene::image::{HalfTexture, save_ktx2};

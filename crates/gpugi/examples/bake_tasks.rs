@@ -5,7 +5,7 @@
 
 use std::error::Error;
 
-use gpugi::bake::{LightBake, LightOptions, LightTask};
+use gpugi::bake::{Bake, LightBake, LightOptions, Task};
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
 
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .map(postcard::to_allocvec)
         .collect::<Result<_, _>>()?;
     let mut first = bake(&gpu, &scene, &atlas)?;
-    let maps = postcard::to_allocvec(&first.run(&LightTask::Maps, |_| true)?)?;
+    let maps = postcard::to_allocvec(&first.run(&Task::Maps)?)?;
     println!("{} tasks; the maps take {} bytes", tasks.len(), maps.len());
 
     // A third one gets the solved maps. The two light texels, the last tile first.
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         } else {
             &mut second
         };
-        let result = worker.run(&postcard::from_bytes(task)?, |_| true)?;
+        let result = worker.run(&postcard::from_bytes(task)?)?;
         let sent = postcard::to_allocvec(&result)?;
         merged.merge(postcard::from_bytes(&sent)?)?;
     }
@@ -67,7 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The plain bake takes the same tasks one after another.
     let mut plain = bake(&gpu, &scene, &atlas)?;
-    while plain.step(|_| true)?.is_some() {}
+    while plain.step()?.is_some() {}
     assert!(plain.finish() == merged.finish());
     println!("merged and plain bake have the same bits");
     Ok(())

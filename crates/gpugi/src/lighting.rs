@@ -326,8 +326,16 @@ impl Lighting {
         self.environments.begin_frame();
         self.work = 0;
         let (mut revision, mut lookups, mut is_final) = (0, 1, true);
+        let waiting = self.techniques.iter().map(|one| one.waiting());
+        let waiting: Vec<u64> = waiting.collect();
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
+            let left = budget.after(self.work);
+            let left = if rest[0].info().lights_points {
+                left.after(waiting[index + 1..].iter().sum())
+            } else {
+                left
+            };
             let mut earlier = Earlier::new(
                 &mut self.emission,
                 techniques,
@@ -337,7 +345,7 @@ impl Lighting {
                 revision,
                 self.lights_elsewhere,
             )
-            .within(budget.after(self.work), lookups)
+            .within(left, lookups)
             .refining(is_final);
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
             self.work = self.work.saturating_add(earlier.work());

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use common::{floor, gpu};
 use glam::Vec3;
 use gpugi::Renderer;
-use gpugi::bake::{LightBake, LightOptions};
+use gpugi::bake::{Bake, LightBake, LightOptions};
 use gpugi::gpu::GpuError;
 use gpugi::lighting::LightingError;
 use gpugi::reference::{PathTracer, Settings};
@@ -73,12 +73,12 @@ fn a_bake_whose_gpu_is_lost() {
     let mut bake =
         LightBake::new(&gpu, &scene, &atlas, &names, &LightOptions::default()).expect("a bake");
     for _ in 0..3 {
-        bake.step(|_| true).expect("a step");
+        bake.step().expect("a step");
     }
     gpu.device.destroy();
     // Steps that are on their way may still end.
     let steps = (0..8).try_for_each(|_| {
-        bake.step(|_| true)?;
+        bake.step()?;
         Ok::<(), LightingError>(gpu.wait()?)
     });
     assert_lost(steps);

@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use anyhow::Context;
 use glam::Vec3;
-use gpugi::bake::{CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
+use gpugi::bake::{
+    Bake, CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage,
+};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
@@ -244,7 +246,10 @@ pub fn run(
             notes.push(format!("not in this bake: {}", left_out.join("; ")));
         }
         work.timed("setup");
-        light(&mut bake, &lights, &mut work)?;
+        if lights.only_indirect {
+            bake.leave_out(&DIRECT);
+        }
+        light(&mut bake, &mut work)?;
         if let Some(folder) = &options.dump_maps {
             crate::output::dump_maps(&gpu, &bake.lighting().maps(), folder)?;
         }
@@ -412,15 +417,14 @@ fn factor(
                 .map_err(|error| Usage(format!("--set {technique}.{error}")))?;
         }
     }
-    let mut bake = ObscuranceBake::new(work.gpu, scene, atlas, &settings)?;
+    let mut bake = ObscuranceBake::new(work.gpu, scene, atlas, &settings, u32::MAX)?;
     work.timed("setup");
     if let Some(saved) = work.done.obscurances.take() {
         bake.resume(&saved)?;
         work.done.obscurances = Some(saved);
     }
-    while !bake.is_done() {
-        let done = bake.step()?;
-        work.progress.show(f64::from(done), FACTOR);
+    while let Some(at) = bake.step()? {
+        work.progress.show(f64::from(at.done), FACTOR);
         work.after_step(|checkpoint| {
             checkpoint.obscurances = Some(bake.save()?);
             Ok(())
@@ -433,14 +437,14 @@ fn factor(
 }
 
 /// Lights all texels.
-fn light(bake: &mut LightBake<'_>, lights: &Lights, work: &mut Work<'_>) -> anyhow::Result<()> {
+fn light(bake: &mut LightBake<'_>, work: &mut Work<'_>) -> anyhow::Result<()> {
     if let Some(saved) = work.done.light.take() {
         bake.resume(saved)?;
     }
-    while let Some(at) = bake.step(|name| lights.adds(name))? {
+    while let Some(at) = bake.step()? {
         let what = match at.stage {
             Stage::Maps => "maps",
-            Stage::Texels => "texels",
+            Stage::Samples => "texels",
         };
         work.progress.show(f64::from(at.done), what);
         work.after_step(|checkpoint| {
@@ -487,10 +491,6 @@ impl Lights {
             names,
             only_indirect,
         }
-    }
-
-    fn adds(&self, name: &str) -> bool {
-        !(self.only_indirect && DIRECT.contains(&name))
     }
 }
 

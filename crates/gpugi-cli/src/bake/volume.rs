@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use clap::ValueEnum;
-use gpugi::bake::{HarmonicVolume, IrradianceVolume, VolumeLight};
+use gpugi::bake::{HarmonicVolume, IrradianceVolume, Volume, VolumeLight};
 use gpugi::gpu::Gpu;
 use gpugi::techniques::final_gather;
 use gpugi_scene::image::{replace_file, save_ktx2};

@@ -3,8 +3,7 @@
 use gpugi_scene::{Atlas, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::LightState;
-use crate::techniques::obscurances::ObscuranceState;
+use super::{LightState, ObscuranceState};
 
 /// The magic number at the start of a checkpoint.
 const MAGIC: &[u8; 16] = b"gpugi checkpoint";

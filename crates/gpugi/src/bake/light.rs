@@ -1,8 +1,8 @@
 //! Bakes the light that techniques add at the texels of an atlas.
 
 mod merge;
+mod state;
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::{Vec2, Vec3};
@@ -10,14 +10,20 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Camera, Projection, Scene};
 use serde::{Deserialize, Serialize};
 
+pub use state::{LightState, TexelPart};
+
 use super::Leaks;
-use super::tasks::{LightPart, LightState, LightTask, LitRows, TexelPart};
+use super::solver::Solver;
+use super::tasks::{
+    Bake, BakeKey, Part, Progress, Shares, Stage, Task, TaskResult, digest, result_of, unfit,
+};
 use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, LeakTest, TexelLobes};
 use crate::capture::{Output, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Budget, Lighting, LightingError, Readiness};
+use crate::lighting::{Budget, Lighting, LightingError};
 use crate::scene::GpuScene;
 use crate::techniques::Registry;
+use state::LitRows;
 
 /// GPU memory per texel while it is lit (bytes): point (48), coverage (16), hit (4), state (4), sum of light (16),
 /// dilation levels (22), and the sums again while they are read back (16).
@@ -63,24 +69,6 @@ impl Default for LightOptions {
     }
 }
 
-/// The stages of a bake.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// The techniques make their maps.
-    Maps,
-    /// Texels are lit.
-    Texels,
-}
-
-/// Progress of a bake.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress {
-    /// The current stage.
-    pub stage: Stage,
-    /// Part of that stage that is done (0 to 1).
-    pub done: f32,
-}
-
 /// A baked atlas.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LitAtlas {
@@ -91,22 +79,18 @@ pub struct LitAtlas {
     pub leaks: Leaks,
 }
 
-/// Lights the texels of an atlas, tile by tile and some samples at a time. [`LightBake::step`] takes all tasks of the
-/// bake in order. [`LightBake::run`] and [`LightBake::merge`] do the same with tasks that run elsewhere: the merged
-/// result has the same bits, in whatever order and wherever the tasks ran.
+/// Lights the texels of an atlas, tile by tile and some samples at a time. A step refines the maps by one frame until
+/// they are final; then each adds one sample of light to a tile.
 #[derive(Debug)]
 pub struct LightBake<'a> {
-    gpu: Gpu,
     scene: &'a Scene,
     atlas: &'a Atlas,
     options: LightOptions,
-    on_gpu: GpuScene,
-    lighting: Lighting,
-    view: View,
-    /// Whether the maps are not final yet.
-    refining: bool,
-    /// Saved maps from which techniques have yet to resume.
-    maps: BTreeMap<String, Vec<u8>>,
+    /// [`digest`] of the scene and the atlas.
+    digest: [u8; 32],
+    solver: Solver,
+    /// Techniques whose light is left out.
+    left_out: Vec<String>,
     tiles: Vec<atlas::Tile>,
     /// The finished tiles.
     done: Vec<Option<LitRows>>,
@@ -163,8 +147,7 @@ impl<'a> LightBake<'a> {
         options: &LightOptions,
     ) -> Result<Self, LightingError> {
         let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
-        let mut lighting = Lighting::new(gpu, &mut on_gpu, names, &Registry::default())?;
-        lighting.light_elsewhere();
+        let lighting = Lighting::new(gpu, &mut on_gpu, names, &Registry::default())?;
         gpu.check()?;
         let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
         let tiles = atlas::tiles(gpu, atlas, most_texels)?;
@@ -175,23 +158,15 @@ impl<'a> LightBake<'a> {
             projection: Projection::Orthographic { height: diagonal },
             ..Camera::look_at("all", center + Vec3::Y * diagonal, center, 1.0)
         };
+        let index = View::NO_SAMPLE;
+        let view = View::new(&all, [1, 1], Vec2::ZERO, index, options.seed, diagonal);
         Ok(Self {
-            view: View::new(
-                &all,
-                [1, 1],
-                Vec2::ZERO,
-                View::NO_SAMPLE,
-                options.seed,
-                diagonal,
-            ),
-            gpu: gpu.clone(),
             scene,
             atlas,
             options: *options,
-            on_gpu,
-            lighting,
-            refining: true,
-            maps: BTreeMap::new(),
+            digest: digest(scene, atlas),
+            solver: Solver::new(gpu, on_gpu, lighting, view),
+            left_out: Vec::new(),
             done: vec![None; tiles.len()],
             tiles,
             parts: Vec::new(),
@@ -202,12 +177,12 @@ impl<'a> LightBake<'a> {
 
     /// The lighting of the texels, which knows what it leaves out.
     pub fn lighting(&self) -> &Lighting {
-        &self.lighting
+        &self.solver.lighting
     }
 
     /// The scene on the GPU.
     pub fn scene(&self) -> &GpuScene {
-        &self.on_gpu
+        &self.solver.on_gpu
     }
 
     /// Sets one setting of one technique from text, before the first step.
@@ -215,7 +190,12 @@ impl<'a> LightBake<'a> {
     /// # Errors
     /// Those of [`Lighting::set`].
     pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
-        self.lighting.set(&mut self.on_gpu, technique, name, value)
+        self.solver.set(technique, name, value)
+    }
+
+    /// Leaves the light of these techniques out, before the first step. They still light what the others capture.
+    pub fn leave_out(&mut self, techniques: &[&str]) {
+        self.left_out = techniques.iter().map(|&name| name.to_owned()).collect();
     }
 
     /// Number of tiles, which are lit one after another.
@@ -225,118 +205,32 @@ impl<'a> LightBake<'a> {
 
     /// The stage of the next step.
     pub fn stage(&self) -> Stage {
-        if self.refining {
+        if self.solver.is_refining {
             Stage::Maps
         } else {
-            Stage::Texels
+            Stage::Samples
         }
     }
 
-    /// Takes a step. First, steps refine the maps one frame at a time until they are final. Then each step adds one
-    /// sample of light to the current task's tile: the light of those techniques whose names `adds` accepts. The other
-    /// techniques still light what these capture. `None` when nothing is left to do.
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`].
-    pub fn step(&mut self, adds: impl Fn(&str) -> bool) -> Result<Option<Progress>, LightingError> {
-        let stage = self.stage();
-        if self.refining {
-            let done = self.refine()?;
-            return Ok(Some(Progress { stage, done }));
-        }
-        let mut running = match (self.running.take(), self.next_task()) {
-            (Some(running), _) => running,
-            (None, Some((tile, samples))) => {
-                let first = self.unfinished.take();
-                self.begin(tile, samples, first.as_ref())?
-            }
-            (None, None) => return Ok(None),
-        };
-        self.light(&mut running, adds)?;
-        let lit = running.next - running.samples.start;
-        if running.next < running.samples.end {
-            self.running = Some(running);
-        } else {
-            let part = self.part(&running)?;
-            // Frees the tile's memory.
-            drop(running);
-            self.keep(part)?;
-        }
-        let of_tile = u64::from(self.options.samples.max(1));
-        let tiles = self.done.iter().flatten().count() as u64 * of_tile;
-        let parts = self.parts.iter().map(|part| part.samples.len() as u64);
-        let running = self.running.iter().map(|_| u64::from(lit));
-        let samples = tiles + parts.chain(running).sum::<u64>();
-        let done = samples as f64 / (of_tile * self.tiles.len() as u64) as f64;
-        let done = done as f32;
-        Ok(Some(Progress { stage, done }))
-    }
-
-    /// Runs one task to its end and returns its result, which is not merged here. Waits for the GPU. `adds` as in
-    /// [`LightBake::step`].
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`], also when the task is none of [`LightBake::tasks`].
-    pub fn run(
-        &mut self,
-        task: &LightTask,
-        adds: impl Fn(&str) -> bool,
-    ) -> Result<LightPart, LightingError> {
-        if let LightTask::Texels { tile, samples } = task
-            && !self.has_task(*tile, samples)
-        {
-            return Err(unfit("this is a task of another bake"));
-        }
-        while self.refining {
-            self.refine()?;
-            self.gpu.wait()?;
-        }
-        let LightTask::Texels { tile, samples } = task else {
-            return Ok(LightPart::Maps(self.lighting.save()?));
-        };
-        let mut running = self.begin(*tile, samples.clone(), None)?;
-        while running.next < running.samples.end {
-            self.light(&mut running, &adds)?;
-            self.gpu.wait()?;
-        }
-        Ok(LightPart::Texels(self.part(&running)?))
-    }
-
-    /// Refines the maps by one frame; returns their progress (0 to 1).
-    fn refine(&mut self) -> Result<f32, LightingError> {
-        let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
-        let (lighting, scene) = (&mut self.lighting, &mut self.on_gpu);
-        let readiness = lighting.prepare(&mut frame, scene, &self.view, Budget::UNLIMITED)?;
-        frame.submit()?;
-        if !readiness.is_usable() {
-            gpu.wait()?;
-            scene.wait_for_atlas();
-        }
-        self.maps = lighting.resume(std::mem::take(&mut self.maps))?;
-        // Progress alone does not tell: it falls when light improves that other maps are made from.
-        self.refining = readiness != Readiness::Ready;
-        Ok(readiness.progress())
-    }
-
-    /// Adds the next sample of light at the texels of a tile: emission, and the light of those techniques whose names
-    /// `adds` accepts.
-    fn light(
-        &mut self,
-        running: &mut Running,
-        adds: impl Fn(&str) -> bool,
-    ) -> Result<(), LightingError> {
-        let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
-        let (lighting, scene) = (&mut self.lighting, &mut self.on_gpu);
+    /// Adds the next sample of light at the texels of a tile: emission, and the light of the techniques.
+    fn light(&mut self, running: &mut Running) -> Result<(), LightingError> {
+        let Solver {
+            gpu,
+            on_gpu: scene,
+            lighting,
+            view,
+            ..
+        } = &mut self.solver;
+        let mut frame = Frame::new(gpu, false);
         let lit = &mut running.lit;
-        lit.capture.look(&gpu, running.next, self.options.seed);
+        lit.capture.look(gpu, running.next, self.options.seed);
         lit.capture.record(&mut frame, scene)?;
         lit.leaks.record(&mut frame, scene, &lit.capture);
-        lighting.prepare(&mut frame, scene, &self.view, Budget::UNLIMITED)?;
+        lighting.prepare(&mut frame, scene, view, Budget::UNLIMITED)?;
+        let adds = |name: &str| !self.left_out.iter().any(|one| one == name);
         for (points, target) in lit.capture.points().zip(&lit.targets) {
             let receiver = Receiver::new(points, target);
-            lighting.gather_some(&mut frame, scene, &receiver, &adds)?;
+            lighting.gather_some(&mut frame, scene, &receiver, adds)?;
         }
         frame.submit()?;
         running.next += 1;
@@ -351,7 +245,7 @@ impl<'a> LightBake<'a> {
         first: Option<&TexelPart>,
     ) -> Result<Running, LightingError> {
         let tile = &self.tiles[number as usize];
-        let gpu = &self.gpu;
+        let gpu = &self.solver.gpu;
         let options = AtlasCaptureOptions {
             lobes: match self.options.quantity {
                 Quantity::Diffuse | Quantity::Irradiance => TexelLobes::Diffuse,
@@ -364,7 +258,7 @@ impl<'a> LightBake<'a> {
             rows: Some(tile.captured.clone()),
             ..AtlasCaptureOptions::default()
         };
-        let on_gpu = &self.on_gpu;
+        let on_gpu = &self.solver.on_gpu;
         let capture = AtlasCapture::new(gpu, self.scene, on_gpu, self.atlas, &options)?;
         let leaks = LeakTest::new(gpu, on_gpu, &capture)?;
         let targets = capture
@@ -400,7 +294,7 @@ impl<'a> LightBake<'a> {
         let mut sums = Vec::new();
         for Target { radiance } in &running.lit.targets {
             sums.extend(read_buffer::<[f32; 4]>(
-                &self.gpu,
+                &self.solver.gpu,
                 radiance,
                 radiance.size(),
             )?);
@@ -409,7 +303,7 @@ impl<'a> LightBake<'a> {
             tile: running.tile,
             samples: running.samples.start..running.next,
             sums,
-            leak_map: running.lit.leaks.map(&self.gpu)?,
+            leak_map: running.lit.leaks.map(&self.solver.gpu)?,
         })
     }
 
@@ -418,9 +312,7 @@ impl<'a> LightBake<'a> {
     /// # Errors
     /// [`LightingError::Gpu`].
     pub fn save(&mut self) -> Result<LightState, LightingError> {
-        // Saved maps that this bake has not resumed yet are still the best that it has.
-        let mut maps = self.lighting.save()?;
-        maps.extend(self.maps.clone());
+        let maps = self.solver.save()?;
         let unfinished = match &self.running {
             None => self.unfinished.clone(),
             Some(running) => Some(self.part(running)?),
@@ -453,7 +345,7 @@ impl<'a> LightBake<'a> {
         if let Some(part) = &state.unfinished {
             self.check(part, false)?;
         }
-        self.maps = state.maps;
+        self.solver.saved = state.maps;
         self.done = state.done;
         for part in state.parts {
             self.keep(part)?;
@@ -483,9 +375,105 @@ impl<'a> LightBake<'a> {
     }
 }
 
-fn unfit(reason: &str) -> LightingError {
-    LightingError::Gpu(GpuError::Pass {
-        pass: "bake".into(),
-        reason: reason.into(),
-    })
+impl Bake for LightBake<'_> {
+    type Samples = TexelPart;
+
+    fn tasks(&self) -> Vec<Task> {
+        let texels = self.shares().tasks();
+        [Task::Maps].into_iter().chain(texels).collect()
+    }
+
+    fn step(&mut self) -> Result<Option<Progress>, LightingError> {
+        if self.solver.is_refining {
+            return Ok(Some(self.solver.refine()?));
+        }
+        let mut running = match (self.running.take(), self.next_task()) {
+            (Some(running), _) => running,
+            (None, Some((tile, samples))) => {
+                let first = self.unfinished.take();
+                self.begin(tile, samples, first.as_ref())?
+            }
+            (None, None) => return Ok(None),
+        };
+        self.light(&mut running)?;
+        let lit = running.next - running.samples.start;
+        if running.next < running.samples.end {
+            self.running = Some(running);
+        } else {
+            let part = self.part(&running)?;
+            // Frees the tile's memory.
+            drop(running);
+            self.keep(part)?;
+        }
+        let of_tile = u64::from(self.options.samples.max(1));
+        let tiles = self.done.iter().flatten().count() as u64 * of_tile;
+        let parts = self.parts.iter().map(|part| part.samples.len() as u64);
+        let running = self.running.iter().map(|_| u64::from(lit));
+        let samples = tiles + parts.chain(running).sum::<u64>();
+        let done = samples as f64 / (of_tile * self.tiles.len() as u64) as f64;
+        Ok(Some(Progress {
+            stage: Stage::Samples,
+            done: done as f32,
+        }))
+    }
+
+    fn run(&mut self, task: &Task) -> Result<Part<TexelPart>, LightingError> {
+        if let Task::Samples { tile, samples } = task {
+            self.shares().find(*tile, samples)?;
+        }
+        self.solver.solve()?;
+        let result = match task {
+            Task::Maps => TaskResult::Maps(self.solver.save()?),
+            Task::Samples { tile, samples } => {
+                let mut running = self.begin(*tile, samples.clone(), None)?;
+                while running.next < running.samples.end {
+                    self.light(&mut running)?;
+                    self.solver.gpu.wait()?;
+                }
+                TaskResult::Samples(self.part(&running)?)
+            }
+        };
+        let bake = self.key();
+        Ok(Part { bake, result })
+    }
+
+    fn merge(&mut self, part: Part<TexelPart>) -> Result<(), LightingError> {
+        match result_of(part, self.key())? {
+            TaskResult::Maps(maps) => {
+                if self.solver.is_refining {
+                    self.solver.saved = maps;
+                }
+                Ok(())
+            }
+            TaskResult::Samples(part) => {
+                self.check(&part, true)?;
+                self.keep(part)
+            }
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        self.done.iter().all(Option::is_some)
+    }
+}
+
+impl LightBake<'_> {
+    pub(super) fn key(&self) -> BakeKey {
+        let how = (
+            "light",
+            self.solver.techniques(),
+            &self.left_out,
+            self.options,
+        );
+        BakeKey::new(&self.solver.gpu, &self.digest, &how)
+    }
+
+    /// The samples of all tiles, and how tasks share them out.
+    fn shares(&self) -> Shares {
+        Shares {
+            tiles: self.tiles.len() as u32,
+            samples: self.options.samples,
+            samples_per_task: self.options.samples_per_task,
+        }
+    }
 }

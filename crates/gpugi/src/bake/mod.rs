@@ -1,12 +1,13 @@
 //! Light in texture space: the light that techniques add at the texels of an atlas, for files that other software shows
 //! (tutorial sections 6 and 7.3).
 //!
-//! [`LightBake`] and [`ObscuranceBake`] work in steps of bounded length. Between two steps, a bake can be saved in a
-//! [`Checkpoint`], from which another bake resumes.
+//! Every [`Bake`] works in steps of bounded length, and consists of tasks that may run anywhere. Between two steps, a
+//! [`LightBake`] or an [`ObscuranceBake`] can be saved in a [`Checkpoint`], from which another bake resumes.
 
 mod checkpoint;
 mod light;
 mod obscurances;
+mod solver;
 mod tasks;
 #[cfg(test)]
 mod tests;
@@ -14,10 +15,10 @@ mod volume;
 
 use crate::capture::atlas::LeakReport;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
-pub use light::{LightBake, LightOptions, LitAtlas, Progress, Quantity, Stage};
-pub use obscurances::ObscuranceBake;
-pub use tasks::{LightPart, LightState, LightTask, TexelPart};
-pub use volume::{HarmonicVolume, IrradianceVolume, VolumeLight};
+pub use light::{LightBake, LightOptions, LightState, LitAtlas, Quantity, TexelPart};
+pub use obscurances::{ObscuranceBake, ObscurancePart, ObscuranceState};
+pub use tasks::{Bake, Part, Progress, Stage, Task};
+pub use volume::{HarmonicVolume, IrradianceVolume, Volume, VolumeBake, VolumeLight, VoxelPart};
 
 /// Texels of an atlas that lie inside other objects, where no light arrives.
 #[derive(Debug, Clone, PartialEq)]

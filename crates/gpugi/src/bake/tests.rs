@@ -61,7 +61,7 @@ fn bake_by_tasks<'a>(
 /// Takes `steps` steps, or as many as there are; returns how many it took.
 fn take(bake: &mut LightBake<'_>, steps: usize) -> usize {
     (0..steps)
-        .take_while(|_| bake.step(|_| true).unwrap().is_some())
+        .take_while(|_| bake.step().unwrap().is_some())
         .count()
 }
 
@@ -110,109 +110,7 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
     }
 }
 
-/// The value after a way through bytes, as between processes.
-fn sent<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) -> T {
-    let bytes = postcard::to_allocvec(value).unwrap();
-    postcard::from_bytes(&bytes).unwrap()
-}
-
-/// Tasks that run anywhere and in any order merge to the same bits as a bake of one piece.
-#[test]
-fn tasks_merge_to_the_same_bits() {
-    let Some(gpu) = test_gpu() else { return };
-    let (scene, atlas) = room();
-    // The sum of three depends on the order.
-    let new = || bake_by_tasks(&gpu, &scene, &atlas, u64::from(SIZE), 1);
-    let mut plain = new();
-    take(&mut plain, usize::MAX);
-    let plain = plain.finish();
-
-    let mut merged = new();
-    let tasks = merged.tasks();
-    assert_eq!(tasks.len(), 1 + 3 * merged.tiles());
-    let mut workers = [0, 1].map(|_| new());
-    let maps = workers[0].run(&LightTask::Maps, |_| true).unwrap();
-    workers[1].merge(sent(&maps)).unwrap();
-    let mut parts: Vec<LightPart> = Vec::new();
-    for (number, task) in tasks.iter().enumerate().skip(1).rev() {
-        let worker = &mut workers[number % 2];
-        parts.push(worker.run(&sent(task), |_| true).unwrap());
-    }
-    // Odd ones first.
-    let (odd, even) = (parts.iter().skip(1).step_by(2), parts.iter().step_by(2));
-    for part in odd.chain(even) {
-        assert!(!merged.is_complete());
-        merged.merge(sent(part)).unwrap();
-        // Again, as if a task had been given to two workers.
-        merged.merge(sent(part)).unwrap();
-    }
-    assert!(merged.is_complete());
-    assert!(merged.finish() == plain);
-
-    // The plain bake goes on where merged results leave gaps.
-    let mut half = new();
-    for part in parts.iter().step_by(3) {
-        half.merge(sent(part)).unwrap();
-    }
-    take(&mut half, usize::MAX);
-    assert!(half.finish() == plain);
-}
-
-#[test]
-fn results_of_other_bakes_are_refused() {
-    let Some(gpu) = test_gpu() else { return };
-    let (scene, atlas) = room();
-    let mut bake = bake(&gpu, &scene, &atlas, u64::from(SIZE));
-    let texels = (SIZE * SIZE) as usize;
-    let sound = TexelPart {
-        tile: 1,
-        samples: 2..3,
-        sums: vec![[1.0; 4]; texels],
-        leak_map: vec![[0; 4]; texels],
-    };
-    let tiles = bake.tiles() as u32;
-    let unsound: [fn(&mut TexelPart, u32); 9] = [
-        |part, tiles| part.tile = tiles,
-        |part, _| part.tile = u32::MAX,
-        |part, _| part.samples = 1..3,
-        |part, _| part.samples = 2..2,
-        |part, _| part.sums.truncate(7),
-        |part, _| part.leak_map.clear(),
-        |part, _| part.sums[3][1] = f32::NAN,
-        |part, _| part.sums[3][3] = -1.0,
-        |part, _| part.sums[3][3] = 2.0,
-    ];
-    for (number, spoil) in unsound.into_iter().enumerate() {
-        let mut part = sound.clone();
-        spoil(&mut part, tiles);
-        let refused = bake.merge(LightPart::Texels(part.clone()));
-        assert!(refused.is_err(), "{number}");
-        let state = LightState {
-            done: vec![None; tiles as usize],
-            parts: vec![part],
-            ..LightState::default()
-        };
-        assert!(bake.resume(state).is_err(), "{number}");
-    }
-    assert!(bake.resume(LightState::default()).is_err());
-    let (tile, samples) = (tiles, 0..2);
-    let foreign = LightTask::Texels { tile, samples };
-    // The sum of two finite parts.
-    let other = TexelPart {
-        tile: 0,
-        samples: 0..2,
-        sums: vec![[f32::MAX, 0.0, 0.0, 1.0]; texels],
-        ..sound.clone()
-    };
-    let more = TexelPart {
-        samples: 2..3,
-        ..other.clone()
-    };
-    bake.merge(LightPart::Texels(other)).unwrap();
-    assert!(bake.merge(LightPart::Texels(more)).is_err());
-    bake.merge(LightPart::Texels(sound)).unwrap();
-    assert!(bake.run(&foreign, |_| true).is_err());
-}
+mod merging;
 
 /// Less memory means more tiles but the same light, also beside charts that a tile boundary cuts.
 #[test]
@@ -291,7 +189,7 @@ fn memory_of_tiles_is_bounded() {
     let mut bake = LightBake::new(&gpu, &scene, &atlas, &names, &options).unwrap();
     assert!(bake.tiles() >= 8);
     let mut most = Vec::new();
-    while bake.step(|_| true).unwrap().is_some() {
+    while bake.step().unwrap().is_some() {
         // Some adapters do not report allocations.
         let Some(bytes) = allocated() else { return };
         most.push(bytes);
@@ -312,11 +210,10 @@ fn obscurances_go_on_as_if_they_had_not_been_stopped() {
             ..Settings::default()
         };
         settings.set("mode", mode).unwrap();
-        let new = || ObscuranceBake::new(&gpu, &scene, &atlas, &settings).unwrap();
+        let new = || ObscuranceBake::new(&gpu, &scene, &atlas, &settings, 3).unwrap();
         let mut whole = new();
         let mut steps = 0;
-        while !whole.is_done() {
-            whole.step().unwrap();
+        while whole.step().unwrap().is_some() {
             steps += 1;
         }
         let pages = whole.pages().unwrap();
@@ -329,21 +226,20 @@ fn obscurances_go_on_as_if_they_had_not_been_stopped() {
             let mut other = new();
             other.resume(&state).unwrap();
             let mut left = 0;
-            while !other.is_done() {
-                other.step().unwrap();
+            while other.step().unwrap().is_some() {
                 left += 1;
             }
-            assert!(left <= steps - stop, "{mode}: {left}");
+            assert_eq!(left, steps - stop, "{mode}");
             assert!(other.pages().unwrap() == pages, "{mode}");
         }
-        // The checkpoint of a bake that takes fewer steps.
+        // The checkpoint of a bake with other settings.
         let fewer = Settings {
-            directions: 1,
+            directions: 7,
             ..settings.clone()
         };
         let state = whole.save().unwrap();
-        let mut other = ObscuranceBake::new(&gpu, &scene, &atlas, &fewer).unwrap();
-        assert_eq!(other.resume(&state).is_err(), steps > 1, "{mode}");
+        let mut other = ObscuranceBake::new(&gpu, &scene, &atlas, &fewer, 3).unwrap();
+        assert!(other.resume(&state).is_err(), "{mode}");
     }
 }
 
@@ -435,7 +331,7 @@ fn maps_are_final_with_caustics() {
     let mut steps = 0;
     let mut done = 0.0;
     while whole.stage() == Stage::Maps {
-        done = whole.step(|_| true).unwrap().unwrap().done;
+        done = whole.step().unwrap().unwrap().done;
         steps += 1;
     }
     // Radiosity begins a second time with the last frame of caustics, and no more often.
@@ -461,7 +357,13 @@ fn maps_are_final_with_caustics() {
         light[at] = 0xff;
     }
     let mut other = new();
-    other.merge(LightPart::Maps(spoilt)).unwrap();
-    let refused = (0..steps).any(|_| other.step(|_| true).is_err());
+    let part = new().run(&Task::Maps).unwrap();
+    other
+        .merge(Part {
+            result: super::tasks::TaskResult::Maps(spoilt),
+            ..part
+        })
+        .unwrap();
+    let refused = (0..steps).any(|_| other.step().is_err());
     assert!(refused);
 }

@@ -2,6 +2,7 @@
 //! look up for what moves.
 
 use std::f32::consts::{FRAC_1_PI, PI};
+use std::marker::PhantomData;
 
 use glam::{UVec3, Vec3};
 use gpugi_scene::image::HalfTexture;
@@ -9,9 +10,13 @@ use gpugi_scene::{Bounds, Camera, Scene};
 use half::f16;
 use serde::{Deserialize, Serialize};
 
+use super::solver::Solver;
+use super::tasks::{
+    Bake, BakeKey, Part, Progress, Shares, Stage, Task, TaskResult, digest, result_of, unfit,
+};
 use crate::capture::{Output, Probe, Receiver, Slots, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::lighting::{Budget, Lighting, LightingError, Readiness};
+use crate::lighting::{Lighting, LightingError};
 use crate::techniques::Registry;
 use crate::techniques::environment_map::export::{BASIS, COSINE_FACTORS, IRRADIANCE};
 
@@ -19,7 +24,7 @@ use crate::techniques::environment_map::export::{BASIS, COSINE_FACTORS, IRRADIAN
 const MOST_VOXELS: u64 = 1 << 18;
 const MOST_ALONG: [u32; 3] = [2048, 682, 682];
 /// Most points that are lit together.
-const MOST_POINTS: usize = 1 << 20;
+const MOST_POINTS: u32 = 1 << 20;
 
 /// Normals of an ambient cube's sides.
 const SIDES: [Vec3; 6] = [
@@ -42,6 +47,31 @@ pub struct VolumeLight<'a> {
     pub adds: &'a str,
 }
 
+/// Light in a grid of voxels, baked by a [`VolumeBake`].
+pub trait Volume: Sized {
+    /// The normals of surfaces whose irradiance each voxel needs (unit vectors).
+    fn normals() -> Vec<Vec3>;
+
+    /// The volume of `counts` voxels along each axis, which fill `bounds` (m) together. `irradiance` (W/m^2): per
+    /// voxel, x first, then y, then z, that of surfaces in its middle with those normals.
+    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self;
+
+    /// The light at the middles of voxels that fill the scene's bounds, `density` per metre.
+    ///
+    /// # Errors
+    /// Those of [`VolumeBake::new`].
+    fn bake(
+        gpu: &Gpu,
+        scene: &Scene,
+        light: &VolumeLight<'_>,
+        density: f32,
+    ) -> Result<Self, LightingError> {
+        let mut bake = VolumeBake::new(gpu, scene, light, density, MOST_POINTS)?;
+        while bake.step()?.is_some() {}
+        Ok(bake.finish())
+    }
+}
+
 /// Ambient cubes in a grid of voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IrradianceVolume {
@@ -54,29 +84,24 @@ pub struct IrradianceVolume {
     pub cubes: Vec<[Vec3; 6]>,
 }
 
-impl IrradianceVolume {
-    /// The light at the middles of voxels that fill the scene's bounds, `density` per metre.
-    ///
-    /// # Errors
-    /// [`LightingError`]; [`GpuError::Input`] for an empty scene and a density that is not positive,
-    /// [`GpuError::TooLarge`] for too many voxels.
-    pub fn bake(
-        gpu: &Gpu,
-        scene: &Scene,
-        light: &VolumeLight<'_>,
-        density: f32,
-    ) -> Result<Self, LightingError> {
-        let (counts, bounds, irradiance) = irradiance(gpu, scene, light, density, &SIDES)?;
+impl Volume for IrradianceVolume {
+    fn normals() -> Vec<Vec3> {
+        SIDES.to_vec()
+    }
+
+    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self {
         let cubes = irradiance.chunks_exact(6);
-        Ok(Self {
+        Self {
             counts,
             bounds,
             cubes: cubes
                 .map(|cube| std::array::from_fn(|side| cube[side] * FRAC_1_PI))
                 .collect(),
-        })
+        }
     }
+}
 
+impl IrradianceVolume {
     /// A 3D texture of Rx x 2 Ry x 3 Rz texels, as Bevy reads irradiance volumes: the slices of x, of y and of z above
     /// each other along the third axis; in each, sides that face along the axis in the first half of the second axis,
     /// and those that face against it in the other.
@@ -105,23 +130,16 @@ pub struct HarmonicVolume {
     pub radiance_coefficients: Vec<[Vec3; 9]>,
 }
 
-impl HarmonicVolume {
-    /// The light at the middles of voxels that fill the scene's bounds, `density` per metre. Irradiance toward 26
-    /// directions is projected: that holds all that a diffuse surface can tell of the light.
-    ///
-    /// # Errors
-    /// Those of [`IrradianceVolume::bake`].
-    pub fn bake(
-        gpu: &Gpu,
-        scene: &Scene,
-        light: &VolumeLight<'_>,
-        density: f32,
-    ) -> Result<Self, LightingError> {
+impl Volume for HarmonicVolume {
+    /// 26 directions, whose irradiance holds all that a diffuse surface can tell of the light.
+    fn normals() -> Vec<Vec3> {
+        lebedev().map(|(direction, _)| direction).to_vec()
+    }
+
+    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self {
         let nodes = lebedev();
-        let directions = nodes.map(|(direction, _)| direction);
-        let (counts, bounds, irradiance) = irradiance(gpu, scene, light, density, &directions)?;
         let voxels = irradiance.chunks_exact(nodes.len());
-        Ok(Self {
+        Self {
             counts,
             bounds: [bounds.min, bounds.max],
             basis: BASIS.map(str::to_owned),
@@ -138,9 +156,11 @@ impl HarmonicVolume {
                     std::array::from_fn(|i| sums[i] / COSINE_FACTORS[i])
                 })
                 .collect(),
-        })
+        }
     }
+}
 
+impl HarmonicVolume {
     /// Irradiance of a surface in a voxel that faces `normal` (W/m^2).
     pub fn irradiance_at(&self, voxel: usize, normal: Vec3) -> Vec3 {
         let terms = basis(normal).into_iter().zip(self.cosine_factors);
@@ -209,66 +229,206 @@ fn lebedev() -> [(Vec3, f32); 26] {
     std::array::from_fn(|_| nodes.next().expect("27 less the middle"))
 }
 
-/// Voxels along each axis, their bounds, and the irradiance of surfaces in their middles that face the directions
-/// (W/m^2).
-fn irradiance(
-    gpu: &Gpu,
-    scene: &Scene,
-    light: &VolumeLight<'_>,
-    density: f32,
-    directions: &[Vec3],
-) -> Result<(UVec3, Bounds, Vec<Vec3>), LightingError> {
-    if !(density.is_finite() && density > 0.0) {
-        return Err(input(format!(
-            "an irradiance volume needs a positive density, not {density} per metre"
-        ))
-        .into());
-    }
-    let registry = Registry::default();
-    let mut on_gpu = Lighting::upload(gpu, scene, light.names, &registry)?;
-    let bounds = on_gpu.bounds;
-    let counts = counts(gpu, &bounds, density)?;
-    let mut lighting = Lighting::new(gpu, &mut on_gpu, light.names, &registry)?;
-    for [technique, name, value] in light.settings {
-        lighting.set(&mut on_gpu, technique, name, value)?;
-    }
-    lighting.light_elsewhere();
-    let diagonal = on_gpu.diagonal();
-    let camera = Camera::look_at("", bounds.center(), bounds.center() + Vec3::NEG_Z, 1.0);
-    let index = View::NO_SAMPLE;
-    let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
-    loop {
-        let mut frame = Frame::new(gpu, false);
-        let readiness = lighting.prepare(&mut frame, &mut on_gpu, &view, Budget::UNLIMITED)?;
-        frame.submit()?;
-        if readiness == Readiness::Ready {
-            break;
+/// Bakes the light of a volume, one tile of voxels per task. A tile has one sample.
+#[derive(Debug)]
+pub struct VolumeBake<V> {
+    solver: Solver,
+    /// The technique whose light the volume holds.
+    adds: String,
+    key: BakeKey,
+    counts: UVec3,
+    bounds: Bounds,
+    normals: Vec<Vec3>,
+    voxels_per_task: usize,
+    /// Irradiance in the finished tiles.
+    done: Vec<Option<Vec<Vec3>>>,
+    volume: PhantomData<V>,
+}
+
+/// Irradiance in the voxels of one tile.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VoxelPart {
+    /// Index of the tile.
+    pub(super) tile: u32,
+    /// (W/m^2)
+    pub(super) irradiance: Vec<Vec3>,
+}
+
+impl<V: Volume> VolumeBake<V> {
+    /// A bake at the middles of voxels that fill the scene's bounds, `density` per metre, in tasks of up to
+    /// `voxels_per_task`.
+    ///
+    /// # Errors
+    /// [`LightingError`]; [`GpuError::Input`] for an empty scene and a density that is not positive,
+    /// [`GpuError::TooLarge`] for too many voxels.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        light: &VolumeLight<'_>,
+        density: f32,
+        voxels_per_task: u32,
+    ) -> Result<Self, LightingError> {
+        if !(density.is_finite() && density > 0.0) {
+            return Err(input(format!(
+                "an irradiance volume needs a positive density, not {density} per metre"
+            ))
+            .into());
         }
-        gpu.wait()?;
-        on_gpu.wait_for_atlas();
+        let registry = Registry::default();
+        let mut on_gpu = Lighting::upload(gpu, scene, light.names, &registry)?;
+        let bounds = on_gpu.bounds;
+        let counts = counts(gpu, &bounds, density)?;
+        let lighting = Lighting::new(gpu, &mut on_gpu, light.names, &registry)?;
+        let camera = Camera::look_at("", bounds.center(), bounds.center() + Vec3::NEG_Z, 1.0);
+        let (index, diagonal) = (View::NO_SAMPLE, on_gpu.diagonal());
+        let view = View::new(&camera, [1, 1], glam::Vec2::ZERO, index, 0, diagonal);
+        let mut solver = Solver::new(gpu, on_gpu, lighting, view);
+        for [technique, name, value] in light.settings {
+            solver.set(technique, name, value)?;
+        }
+        let normals = V::normals();
+        let most = MOST_POINTS / normals.len() as u32;
+        let voxels_per_task = voxels_per_task.clamp(1, most) as usize;
+        let how = (
+            ("volume", &normals, counts, voxels_per_task),
+            (solver.techniques(), light.adds),
+        );
+        let tiles = (counts.element_product() as usize).div_ceil(voxels_per_task);
+        Ok(Self {
+            key: BakeKey::new(gpu, &digest(scene, &()), &how),
+            solver,
+            adds: light.adds.to_owned(),
+            counts,
+            bounds,
+            normals,
+            voxels_per_task,
+            done: vec![None; tiles],
+            volume: PhantomData,
+        })
     }
-    let probes: Vec<Probe> = middles(&bounds, counts)
-        .flat_map(|position| {
-            directions.iter().map(move |&direction| Probe {
+
+    fn shares(&self) -> Shares {
+        Shares {
+            tiles: self.done.len() as u32,
+            samples: 1,
+            samples_per_task: 1,
+        }
+    }
+
+    /// The points of a tile.
+    fn probes(&self, tile: u32) -> Vec<Probe> {
+        let middles = middles(&self.bounds, self.counts);
+        let of_tile = middles.skip(tile as usize * self.voxels_per_task);
+        let of_tile = of_tile.take(self.voxels_per_task);
+        let probes = of_tile.flat_map(|position| {
+            let normals = self.normals.iter();
+            normals.map(move |&direction| Probe {
                 position,
                 direction,
             })
-        })
-        .collect();
-    let mut found = Vec::with_capacity(probes.len());
-    for probes in probes.chunks(MOST_POINTS) {
+        });
+        probes.collect()
+    }
+
+    /// Irradiance at the points of a tile. Waits for the GPU.
+    fn light(&mut self, tile: u32) -> Result<VoxelPart, LightingError> {
+        let probes = self.probes(tile);
+        let Solver {
+            gpu,
+            on_gpu,
+            lighting,
+            ..
+        } = &mut self.solver;
         let count = probes.len() as u32;
         let target = Target::new(gpu, count)?;
         let slots = Slots::default();
-        let receiver = Receiver::of_probes(gpu, probes, Output::Irradiance, &target, slots)?;
+        let receiver = Receiver::of_probes(gpu, &probes, Output::Irradiance, &target, slots)?;
         let mut frame = Frame::new(gpu, false);
-        let is_wanted = |name: &str| name == light.adds;
-        lighting.gather_some(&mut frame, &on_gpu, &receiver, is_wanted)?;
+        let adds = |name: &str| name == self.adds;
+        lighting.gather_some(&mut frame, on_gpu, &receiver, adds)?;
         frame.submit()?;
         let light: Vec<[f32; 4]> = read_buffer(gpu, &target.radiance, u64::from(count) * 16)?;
-        found.extend(light.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)));
+        let irradiance = light.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b));
+        Ok(VoxelPart {
+            tile,
+            irradiance: irradiance.collect(),
+        })
     }
-    Ok((counts, bounds, found))
+
+    /// The volume; tiles that were never lit are black.
+    pub fn finish(self) -> V {
+        let per_tile = self.voxels_per_task * self.normals.len();
+        let mut irradiance = Vec::new();
+        for tile in self.done {
+            irradiance.extend(tile.unwrap_or_else(|| vec![Vec3::ZERO; per_tile]));
+        }
+        irradiance.truncate(self.counts.element_product() as usize * self.normals.len());
+        V::new(self.counts, self.bounds, &irradiance)
+    }
+}
+
+impl<V: Volume> Bake for VolumeBake<V> {
+    type Samples = VoxelPart;
+
+    fn tasks(&self) -> Vec<Task> {
+        let tiles = self.shares().tasks();
+        [Task::Maps].into_iter().chain(tiles).collect()
+    }
+
+    fn step(&mut self) -> Result<Option<Progress>, LightingError> {
+        if self.solver.is_refining {
+            let progress = self.solver.refine()?;
+            return Ok(Some(progress));
+        }
+        let Some(tile) = self.done.iter().position(Option::is_none) else {
+            return Ok(None);
+        };
+        let part = self.light(tile as u32)?;
+        self.done[tile] = Some(part.irradiance);
+        let done = self.done.iter().flatten().count();
+        Ok(Some(Progress {
+            stage: Stage::Samples,
+            done: done as f32 / self.done.len() as f32,
+        }))
+    }
+
+    fn run(&mut self, task: &Task) -> Result<Part<VoxelPart>, LightingError> {
+        if let Task::Samples { tile, samples } = task {
+            self.shares().find(*tile, samples)?;
+        }
+        self.solver.solve()?;
+        let result = match task {
+            Task::Maps => TaskResult::Maps(self.solver.save()?),
+            Task::Samples { tile, .. } => TaskResult::Samples(self.light(*tile)?),
+        };
+        Ok(Part {
+            bake: self.key,
+            result,
+        })
+    }
+
+    fn merge(&mut self, part: Part<VoxelPart>) -> Result<(), LightingError> {
+        match result_of(part, self.key)? {
+            TaskResult::Maps(maps) => {
+                if self.solver.is_refining {
+                    self.solver.saved = maps;
+                }
+            }
+            TaskResult::Samples(VoxelPart { tile, irradiance }) => {
+                self.shares().find(tile, &(0..1))?;
+                let is_finite = irradiance.iter().all(|one| one.is_finite());
+                if irradiance.len() != self.probes(tile).len() || !is_finite {
+                    return Err(unfit("the result of a task of another bake"));
+                }
+                self.done[tile as usize].get_or_insert(irradiance);
+            }
+        }
+        Ok(())
+    }
+
+    fn is_complete(&self) -> bool {
+        self.done.iter().all(Option::is_some)
+    }
 }
 
 fn input(what: String) -> GpuError {

@@ -33,7 +33,9 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel, RasterState, Shader};
+use crate::gpu::{
+    DepthTest, Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel, RasterState, Shader,
+};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -135,7 +137,7 @@ impl HitKernels {
                     cull,
                     slope_bias: 0.0,
                     has_fragment: true,
-                    has_depth: true,
+                    depth: DepthTest::Nearest,
                     has_vertices: true,
                 },
             )

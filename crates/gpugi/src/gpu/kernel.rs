@@ -389,9 +389,19 @@ pub struct RasterState<'a> {
     pub has_vertices: bool,
     /// Whether a fragment shader runs.
     pub has_fragment: bool,
-    /// Whether there is a depth test that keeps the nearest fragment and writes its depth; otherwise every fragment is
-    /// drawn.
-    pub has_depth: bool,
+    /// Which fragments are drawn.
+    pub depth: DepthTest,
+}
+
+/// Which fragments a [`RasterKernel`] draws, and whether it writes their depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DepthTest {
+    /// All; depth stays as it is.
+    Off,
+    /// The nearest ones, whose depth is written.
+    Nearest,
+    /// All, and their depth is written.
+    Overwrite,
 }
 
 /// A render pipeline for triangles, usually the merged world-space ones. Depth is 32-bit float; nearer is greater
@@ -430,7 +440,7 @@ impl RasterKernel {
                 slope_bias,
                 has_vertices,
                 has_fragment,
-                has_depth,
+                depth,
                 ..
             } = state;
             move || {
@@ -458,11 +468,12 @@ impl RasterKernel {
                         },
                         depth_stencil: Some(wgpu::DepthStencilState {
                             format: wgpu::TextureFormat::Depth32Float,
-                            depth_write_enabled: Some(has_depth),
-                            depth_compare: Some(if has_depth {
-                                wgpu::CompareFunction::Greater
-                            } else {
-                                wgpu::CompareFunction::Always
+                            depth_write_enabled: Some(depth != DepthTest::Off),
+                            depth_compare: Some(match depth {
+                                DepthTest::Nearest => wgpu::CompareFunction::Greater,
+                                DepthTest::Off | DepthTest::Overwrite => {
+                                    wgpu::CompareFunction::Always
+                                }
                             }),
                             stencil: Default::default(),
                             bias: wgpu::DepthBiasState {

@@ -20,7 +20,7 @@ pub use frame::{Frame, Keeps, Timing, Timings};
 #[cfg(test)]
 pub(crate) use kernel::WORKGROUPS;
 pub(crate) use kernel::scene_layout;
-pub use kernel::{Kernel, KernelOptions, RasterKernel, RasterState};
+pub use kernel::{DepthTest, Kernel, KernelOptions, RasterKernel, RasterState};
 pub(crate) use quad::Quad;
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};

@@ -9,9 +9,12 @@ mod renewal;
 mod shape;
 #[cfg(test)]
 mod tests;
+mod textures;
 
 pub use renewal::{Renew, Renewal};
+pub use textures::{cube_texture, cubes, layers_of_cube, layers_of_level};
 
+use std::mem;
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
@@ -24,6 +27,7 @@ use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 use renewal::{Begun, Due, RenewalKey};
 use shape::{ShapePasses, Shaped};
+use textures::{cube, layers};
 
 /// Near distance of cubes, as a fraction of the scene's diagonal.
 const NEAR: f32 = 1e-4;
@@ -81,8 +85,14 @@ pub struct Maps {
     pub points: SurfacePoints,
     /// The same points by turn: each entry has the faces that are renewed together.
     pub turns: Vec<SurfacePoints>,
-    /// The points to relight in this frame: all faces, those of one turn, or none.
+    /// The points that this frame captured or leaves to be relit: all faces, those of one turn, or none.
     pub renewed: Option<SurfacePoints>,
+    /// Counts renewals, so that users notice those of frames in which they did not follow.
+    pub renewals: u64,
+    /// The points that are to be renewed, by [`Impostors::renew`]. Until then they show what they were captured of.
+    pub due: Option<SurfacePoints>,
+    /// Pixels that [`Impostors::renew`] would draw.
+    pub due_pixels: u64,
     /// The second layer behind `points`; where nothing lies behind them, it repeats them.
     pub peeled: Option<Arc<PeeledLayer>>,
     /// Distances of the points (m), layer after layer.
@@ -144,81 +154,6 @@ impl Maps {
     }
 }
 
-/// A texture of `cubes` cube maps, with six layers per cube map.
-///
-/// # Errors
-/// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-pub fn cube_texture(
-    gpu: &Gpu,
-    label: &str,
-    format: wgpu::TextureFormat,
-    side: u32,
-    levels: u32,
-    cubes: u32,
-) -> Result<wgpu::Texture, GpuError> {
-    gpu.texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width: side,
-            height: side,
-            depth_or_array_layers: 6 * cubes,
-        },
-        mip_level_count: levels,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::STORAGE_BINDING
-            | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
-}
-
-/// All levels of a texture's layers.
-fn layers(texture: &wgpu::Texture) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    })
-}
-
-/// The layers of one level.
-pub fn layers_of_level(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        base_mip_level: level,
-        mip_level_count: Some(1),
-        ..Default::default()
-    })
-}
-
-/// The six layers of cube map `cube`, at the finest level.
-pub fn layers_of_cube(texture: &wgpu::Texture, cube: u32) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        mip_level_count: Some(1),
-        base_array_layer: 6 * cube,
-        array_layer_count: Some(6),
-        ..Default::default()
-    })
-}
-
-/// The layers as one cube map.
-fn cube(texture: &wgpu::Texture) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::Cube),
-        ..Default::default()
-    })
-}
-
-/// The layers as cube maps.
-pub fn cubes(texture: &wgpu::Texture) -> wgpu::TextureView {
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::CubeArray),
-        ..Default::default()
-    })
-}
-
 /// The maps of all objects for which techniques request them.
 #[derive(Debug)]
 pub struct Impostors {
@@ -243,10 +178,21 @@ struct ObjectMaps {
     /// Bind group 3 of the shape's pass.
     stored_shape: Option<wgpu::BindGroup>,
     begun: Option<Begun>,
+    /// The renewal that is due.
+    planned: Option<Planned>,
     turns: Vec<Turn>,
     shaped: Option<Shaped>,
+    is_shape_due: bool,
     /// The frame of the latest request.
     asked: Option<u64>,
+}
+
+/// A renewal that is due, and the state of the scene that it would show.
+#[derive(Debug, Clone, Copy)]
+struct Planned {
+    due: Due,
+    begun: Begun,
+    of: RenewalKey,
 }
 
 /// Faces that are renewed together.
@@ -291,14 +237,14 @@ impl Impostors {
         self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
     }
 
-    /// The maps `wanted`, updated as [`Wanted::renewal`] says, at most once per frame. `settings_version` as in
-    /// [`crate::techniques::Earlier`]; `seed` seeds everything stochastic in cubes.
+    /// The maps `wanted`, which follow the object as far as that needs no capture, with what [`Wanted::renewal`] finds
+    /// due. `settings_version` as in [`crate::techniques::Earlier`]; `seed` seeds everything stochastic in cubes.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn of(
+    pub fn follow(
         &mut self,
-        frame: &mut Frame<'_>,
+        gpu: &Gpu,
         scene: &GpuScene,
         wanted: &Wanted,
         settings_version: u64,
@@ -307,7 +253,7 @@ impl Impostors {
         let index = match self.kept.iter().position(|one| one.wanted == *wanted) {
             Some(index) => index,
             None => {
-                self.kept.push(self.make(frame.gpu, scene, wanted.clone())?);
+                self.kept.push(self.make(gpu, scene, wanted.clone())?);
                 self.kept.len() - 1
             }
         };
@@ -322,16 +268,36 @@ impl Impostors {
             settings: settings_version,
             seed,
         };
-        if !wanted.renewal.is_settled(kept.begun.as_ref(), &now)
-            && let Some(center) = wanted.center(scene).or(wanted.reference)
-        {
-            kept.maps.center = center;
-            if wanted.shape_side.is_some() {
-                kept.follow_shape(frame, scene, &mut self.shapes)?;
-            }
-            kept.renew(frame, scene, &self.store_surroundings, now, self.frame)?;
-        }
+        kept.plan(scene, now, self.frame);
         Ok(&kept.maps)
+    }
+
+    /// The maps `wanted`, renewed as far as [`Impostors::follow`] finds them due, at most once per frame; and the number
+    /// of pixels that were drawn.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn renew(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        wanted: &Wanted,
+        settings_version: u64,
+        seed: u32,
+    ) -> Result<(&Maps, u64), GpuError> {
+        self.follow(frame.gpu, scene, wanted, settings_version, seed)?;
+        let mut kept = self.kept.iter_mut();
+        let kept = kept.find(|one| one.wanted == *wanted);
+        let kept = kept.expect("maps that were just requested");
+        if mem::take(&mut kept.is_shape_due) {
+            kept.capture_shape(frame, scene, &mut self.shapes)?;
+        }
+        if let Some(planned) = kept.planned.take() {
+            kept.renew(frame, scene, &self.store_surroundings, planned)?;
+        }
+        kept.maps.due = None;
+        let pixels = mem::take(&mut kept.maps.due_pixels);
+        Ok((&kept.maps, pixels))
     }
 
     fn make(&self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<ObjectMaps, GpuError> {
@@ -391,6 +357,9 @@ impl Impostors {
                 peeled,
                 turns: turns.iter().map(|turn| turn.faces.points.clone()).collect(),
                 renewed: None,
+                renewals: 0,
+                due: None,
+                due_pixels: 0,
                 distances: surroundings.clone(),
                 normals: wanted.shape_side.is_some().then(|| shape_normals.clone()),
                 surroundings: DistanceCube {
@@ -408,63 +377,100 @@ impl Impostors {
             pyramid,
             shape_pyramid,
             begun: None,
+            planned: None,
             turns,
             shaped: None,
+            is_shape_due: false,
             asked: None,
         })
     }
 }
 
 impl ObjectMaps {
-    /// Captures the surroundings again, as far as that is due.
+    /// Follows the object, and finds what is due in frame `number`.
+    fn plan(&mut self, scene: &GpuScene, now: RenewalKey, number: u64) {
+        (self.planned, self.is_shape_due) = (None, false);
+        let wanted = &self.wanted;
+        if !wanted.renewal.is_settled(self.begun.as_ref(), &now)
+            && let Some(center) = wanted.center(scene).or(wanted.reference)
+        {
+            self.maps.center = center;
+            let due = wanted.renewal.due(
+                self.begun.as_ref(),
+                now,
+                number,
+                (&wanted.instances, center),
+                &scene.placements,
+                wanted.reference.is_some(),
+            );
+            self.planned = due.map(|(due, begun)| Planned {
+                due,
+                begun,
+                of: now,
+            });
+            if wanted.shape_side.is_some() {
+                self.follow_shape(scene);
+            }
+        }
+        let of_face = |side: u32| u64::from(side) * u64::from(side);
+        let (due, faces) = match self.planned.map(|planned| planned.due) {
+            None => (None, 0),
+            Some(Due::All) => (Some(self.maps.points.clone()), 6),
+            Some(Due::Turn(index)) => {
+                let points = self.maps.turns[index].clone();
+                let faces = self.wanted.renewal.faces_of(index).len() as u64;
+                (
+                    Some(points),
+                    if self.shows(index, &now, scene) {
+                        0
+                    } else {
+                        faces
+                    },
+                )
+            }
+        };
+        let shape = self.wanted.shape_side.filter(|_| self.is_shape_due);
+        let of_layer = faces * of_face(self.wanted.side);
+        self.maps.due = due;
+        self.maps.due_pixels =
+            of_layer * u64::from(self.wanted.layers) + shape.map_or(0, |side| 6 * of_face(side));
+    }
+
+    /// Whether the faces of a turn already show what a capture at `now` would.
+    fn shows(&self, turn: usize, now: &RenewalKey, scene: &GpuScene) -> bool {
+        let captured = self.turns[turn].captured;
+        captured.is_some_and(|it| it.shows(now, &self.wanted.instances, &scene.placements))
+    }
+
+    /// Captures the surroundings as planned.
     fn renew(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         store: &Kernel,
-        now: RenewalKey,
-        number: u64,
+        Planned { due, begun, of }: Planned,
     ) -> Result<(), GpuError> {
-        let Wanted {
-            ref instances,
-            reference,
-            renewal,
-            ..
-        } = self.wanted;
-        let center = self.maps.center;
-        let due = renewal.due(
-            self.begun.as_ref(),
-            now,
-            number,
-            (instances, center),
-            &scene.placements,
-            reference.is_some(),
-        );
-        let Some((due, begun)) = due else {
-            return Ok(());
-        };
         match due {
             Due::All => {
-                self.maps.reference = reference.unwrap_or(center);
+                self.maps.reference = self.wanted.reference.unwrap_or(self.maps.center);
                 let faces = self.capture.all_faces();
-                self.capture_faces(frame, scene, store, &faces, now.seed)?;
+                self.capture_faces(frame, scene, store, &faces, of.seed)?;
                 for turn in &mut self.turns {
-                    turn.captured = Some(now);
+                    turn.captured = Some(of);
                 }
                 self.maps.renewed = Some(faces.points);
             }
             Due::Turn(index) => {
-                let turn = &self.turns[index];
-                let faces = turn.faces.clone();
-                let captured = turn.captured;
-                if !captured.is_some_and(|it| it.shows(&now, instances, &scene.placements)) {
-                    self.capture_faces(frame, scene, store, &faces, now.seed)?;
-                    self.turns[index].captured = Some(now);
+                let faces = self.turns[index].faces.clone();
+                if !self.shows(index, &of, scene) {
+                    self.capture_faces(frame, scene, store, &faces, of.seed)?;
+                    self.turns[index].captured = Some(of);
                 }
                 self.maps.renewed = Some(faces.points);
             }
         }
         self.begun = Some(begun);
+        self.maps.renewals += 1;
         Ok(())
     }
 

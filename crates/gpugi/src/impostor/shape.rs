@@ -3,7 +3,8 @@
 use glam::{DMat3, DQuat, Mat4, Quat};
 use wgpu::BindingResource::TextureView;
 
-use super::{ObjectMaps, layers, near};
+use super::textures::layers;
+use super::{ObjectMaps, near};
 use crate::capture::{Capture, CaptureKernels, CubeView};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -105,25 +106,17 @@ fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
 }
 
 impl ObjectMaps {
-    /// Updates the object's shape: only by its rotation, if that is enough.
-    pub(super) fn follow_shape(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        passes: &mut ShapePasses,
-    ) -> Result<(), GpuError> {
+    /// Rotates the object's shape, if that is enough; otherwise a capture is due.
+    pub(super) fn follow_shape(&mut self, scene: &GpuScene) {
         let now = Shaped::new(scene, &self.wanted.instances);
-        if let Some(turn) = self.shaped.and_then(|shaped| shaped.turned_to(&now)) {
-            self.maps.world_from_shape = turn;
-            return Ok(());
+        match self.shaped.and_then(|shaped| shaped.turned_to(&now)) {
+            Some(turn) => self.maps.world_from_shape = turn,
+            None => self.is_shape_due = true,
         }
-        self.capture_shape(frame, scene, passes)?;
-        self.maps.world_from_shape = Quat::IDENTITY;
-        self.shaped = Some(now);
-        Ok(())
     }
 
-    fn capture_shape(
+    /// Captures the object's shape as it is now.
+    pub(super) fn capture_shape(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
@@ -158,6 +151,8 @@ impl ObjectMaps {
             passes.store.dispatch(pass, &groups, [side, side, 6]);
         });
         self.shape_pyramid.record(frame);
+        self.maps.world_from_shape = Quat::IDENTITY;
+        self.shaped = Some(Shaped::new(scene, &self.wanted.instances));
         Ok(())
     }
 }

@@ -97,8 +97,11 @@ impl<'a> Watched<'a> {
         self.on_gpu.merge(&mut frame);
         self.impostors.begin_frame();
         let (scene, wanted) = (&self.on_gpu, &self.wanted);
-        let maps = self.impostors.of(&mut frame, scene, wanted, 0, 0).unwrap();
-        let maps = maps.clone();
+        let maps = self
+            .impostors
+            .renew(&mut frame, scene, wanted, 0, 0)
+            .unwrap();
+        let maps = maps.0.clone();
         let timings = frame.submit().unwrap().wait().unwrap();
         let captures = timings.iter().filter(|one| one.pass == "capture.hits");
         let count = maps.renewed.as_ref().map_or(0, |points| points.count);
@@ -329,7 +332,7 @@ fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
                     layers: 1,
                     renewal: Renewal::default(),
                 };
-                let of = impostors.of(&mut frame, &on_gpu, &wanted, 0, 0).unwrap();
+                let (of, _) = impostors.renew(&mut frame, &on_gpu, &wanted, 0, 0).unwrap();
                 maps.push(of.shape.distances.clone());
             }
             frame.submit().unwrap();

@@ -12,6 +12,8 @@ use crate::gpu::{TextureAspect, WORKGROUPS, read_buffer, read_texture};
 use crate::techniques::Texels;
 use crate::testing::test_gpu;
 
+mod slices;
+
 /// Two mirror balls on a block, under a lamp and the sky.
 fn balls() -> Scene {
     let mut scene = Scene::new("balls");
@@ -74,33 +76,43 @@ fn converged(gpu: &Gpu, settings: &[[&str; 3]], names: &[&str], budget: Budget) 
         renderer.scene().wait_for_atlas();
     }
     renderer.render_sample(&camera(), 1, None, false).unwrap();
+    Converged {
+        maps: words_of_maps(gpu, &renderer),
+        picture: renderer.radiance().unwrap(),
+        frames,
+    }
+}
+
+/// Names and words of the maps that are buffers or hold floats.
+fn words_of_maps(gpu: &Gpu, renderer: &Renderer) -> Vec<(String, Vec<u32>)> {
     let maps = renderer.maps().into_iter().filter_map(|map| {
         let words = match &map.texels {
             Texels::Buffer { buffer, .. } => read_buffer(gpu, buffer, buffer.size()).unwrap(),
             Texels::Texture(texture) => {
                 let layers = 0..texture.depth_or_array_layers();
-                let halves = texture.format() == wgpu::TextureFormat::Rgba16Float;
-                let read = |layer| -> Vec<u32> {
-                    let all = TextureAspect::All;
-                    if halves {
-                        let texels: Vec<[u32; 2]> =
-                            read_texture(gpu, texture, all, layer, 0).unwrap();
-                        texels.into_flattened()
-                    } else {
-                        read_texture(gpu, texture, all, layer, 0).unwrap()
+                let read = |layer| -> Option<Vec<u32>> {
+                    let (all, depth) = (TextureAspect::All, TextureAspect::DepthOnly);
+                    match texture.format() {
+                        wgpu::TextureFormat::Rgba16Float => {
+                            let texels: Vec<[u32; 2]> =
+                                read_texture(gpu, texture, all, layer, 0).unwrap();
+                            Some(texels.into_flattened())
+                        }
+                        wgpu::TextureFormat::R32Float => {
+                            Some(read_texture(gpu, texture, all, layer, 0).unwrap())
+                        }
+                        wgpu::TextureFormat::Depth32Float => {
+                            Some(read_texture(gpu, texture, depth, layer, 0).unwrap())
+                        }
+                        _ => None,
                     }
                 };
-                let is_read = halves || texture.format() == wgpu::TextureFormat::R32Float;
-                is_read.then(|| layers.flat_map(read).collect())?
+                layers.map(read).collect::<Option<Vec<_>>>()?.concat()
             }
         };
         Some((map.name, words))
     });
-    Converged {
-        maps: maps.collect(),
-        picture: renderer.radiance().unwrap(),
-        frames,
-    }
+    maps.collect()
 }
 
 impl Converged {
@@ -127,6 +139,7 @@ fn budgets_bound_frames_and_change_no_map() {
         "distance-impostor",
     ];
     let settings = [
+        ["shadow-map", "resolution", "64"],
         ["environment-map", "resolution", "16"],
         ["environment-map", "samples", "8"],
         ["radiosity", "resolution", "32"],

@@ -40,7 +40,7 @@ pub struct MapSettings {
 }
 
 /// Light samples and their depth views.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct LightList {
     /// The samples that gathers sum over.
     pub samples: Vec<LightSample>,

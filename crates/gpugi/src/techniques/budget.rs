@@ -1,13 +1,20 @@
 //! How much work on maps a frame may do.
 
 /// A limit on the work that a frame may do on maps, so that a live view stays fluent while they are made. Its unit
-/// does not depend on the machine: one ray traced, or one light, map or depth comparison looked up at one point. A
-/// caller that wants to keep a frame time measures milliseconds per unit ([`crate::lighting::Lighting::work`]) and sets
-/// its budget by that; gpugi itself never reads a clock. The final maps are the same, whatever the budget.
+/// does not depend on the machine: one ray traced; one light, map or depth comparison looked up at one point; or one
+/// pixel drawn of a cube or a depth map. A caller that wants to keep a frame time measures milliseconds per unit
+/// ([`crate::lighting::Lighting::work`]) and sets its budget by that; gpugi itself never reads a clock. The final maps
+/// are the same, whatever the budget.
 ///
 /// Techniques work in steps and begin no further step once the frame's steps have used up the budget. But each
 /// technique that has something to do takes at least one step per frame, so a frame exceeds its budget by at most one
-/// step of each technique.
+/// step of each technique. A step is all depth maps of one light sample, the capture of one object's cube with its
+/// light, or less. The depth maps and the domains of image-based lighting are not cut into steps.
+///
+/// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
+/// cubes; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such
+/// as radiosity. Whatever waits keeps its earlier maps, whole: the light of a sample with its own shadows, distances of
+/// a cube with their light. While everything changes, maps take turns by age.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Budget(u64);
 
@@ -22,7 +29,16 @@ impl Budget {
 
     /// What is left after `work`.
     pub(crate) fn after(self, work: u64) -> Self {
-        Self(self.0.saturating_sub(work))
+        if self.is_limited() {
+            Self(self.0.saturating_sub(work))
+        } else {
+            self
+        }
+    }
+
+    /// Whether there is a limit.
+    pub(crate) fn is_limited(self) -> bool {
+        self != Self::UNLIMITED
     }
 
     /// Whether a technique that has done `work` may begin another step.

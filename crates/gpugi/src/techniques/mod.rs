@@ -23,7 +23,7 @@ use gpugi_scene::Scene;
 
 use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::impostor::Impostors;
+use crate::impostor::{Impostors, Maps, Wanted as WantedImpostor};
 use crate::light_paths::LightPaths;
 use crate::prefiltered::{Environments, Filled, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
@@ -213,6 +213,12 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         receiver: &Receiver,
     ) -> Result<(), GpuError>;
 
+    /// Work that waited in the last frame and that shows as soon as it is done, such as cubes that mirrors show.
+    /// Techniques before this one that light points of their own leave room for it in the frame's budget.
+    fn waiting(&self) -> u64 {
+        0
+    }
+
     /// Its resources on the GPU.
     fn inspect(&self) -> Inspection {
         Inspection::default()
@@ -318,7 +324,23 @@ impl<'a> Earlier<'a> {
         self.budget.allows_step(self.work)
     }
 
-    /// Counts work of the technique's own: rays traced, or lookups at points. [`Earlier::gather`] counts by itself.
+    /// Whether the frame has a budget: work that would otherwise be done at once is cut into steps.
+    pub fn is_limited(&self) -> bool {
+        self.budget.is_limited()
+    }
+
+    /// As [`Earlier::may_step`], after further work that the technique is going to do in this frame.
+    pub(crate) fn may_step_after(&self, work: u64) -> bool {
+        self.budget.allows_step(self.work.saturating_add(work))
+    }
+
+    /// Work of a gather at the points.
+    pub(crate) fn gather_work(&self, points: u64) -> u64 {
+        points * self.lookups
+    }
+
+    /// Counts work of the technique's own: rays traced, lookups at points, or pixels drawn. [`Earlier::gather`] counts by
+    /// itself.
     pub fn count(&mut self, work: u64) {
         self.work = self.work.saturating_add(work.max(1));
     }
@@ -326,6 +348,27 @@ impl<'a> Earlier<'a> {
     /// Work that the technique has done so far in this frame.
     pub(crate) fn work(&self) -> u64 {
         self.work
+    }
+
+    /// The maps `wanted` around objects, renewed as far as that is due; counts the pixels drawn. Afterwards
+    /// [`Maps::renewed`] tells which points to relight. `seed` as in [`Impostors::follow`].
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub(crate) fn renew(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        wanted: &WantedImpostor,
+        seed: u32,
+    ) -> Result<Maps, GpuError> {
+        let settings = self.settings_version;
+        let (maps, pixels) = self.impostors.renew(frame, scene, wanted, settings, seed)?;
+        let maps = maps.clone();
+        if pixels > 0 {
+            self.count(pixels);
+        }
+        Ok(maps)
     }
 
     /// The maps `wanted` of the scene's environment, and their state. `is_read`: they are filled, as far as this
@@ -367,7 +410,7 @@ impl<'a> Earlier<'a> {
         receiver: &Receiver,
         with_emission: bool,
     ) -> Result<(), GpuError> {
-        self.count(u64::from(receiver.points.count) * self.lookups);
+        self.count(self.gather_work(receiver.points.count.into()));
         let gathered = self.emission.attenuation.begin(frame, receiver)?;
         if with_emission {
             self.emission.record(frame, scene, &gathered)?;

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 
 use glam::{UVec3, Vec3, vec3};
-use gpugi::bake::{HarmonicVolume, IrradianceVolume, VolumeLight};
+use gpugi::bake::{HarmonicVolume, IrradianceVolume, Volume, VolumeLight};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Material, Scene};
 

@@ -1,10 +1,10 @@
-//! The tasks of a light bake, and how their results become texels.
+//! How the results of a light bake's tasks become texels.
 
 use std::ops::Range;
 
 use glam::Vec3;
 
-use super::super::tasks::{LightPart, LightTask, LitRows, TexelPart, are_sums};
+use super::state::{LitRows, TexelPart, are_sums};
 use super::{LightBake, Quantity, unfit};
 use crate::capture::Target;
 use crate::capture::atlas::{self, Dilation};
@@ -12,56 +12,6 @@ use crate::gpu::{Frame, read_buffer};
 use crate::lighting::LightingError;
 
 impl LightBake<'_> {
-    /// All tasks, in the order in which [`LightBake::step`] takes them. They depend on the atlas, the options and the
-    /// adapter's limits.
-    pub fn tasks(&self) -> Vec<LightTask> {
-        let tiles = 0..self.tiles.len() as u32;
-        let texels = tiles.flat_map(|tile| {
-            let samples = self.parts_of_tile();
-            samples.map(move |samples| LightTask::Texels { tile, samples })
-        });
-        [LightTask::Maps].into_iter().chain(texels).collect()
-    }
-
-    /// The samples of each task of a tile.
-    pub(super) fn parts_of_tile(&self) -> impl Iterator<Item = Range<u32>> + use<> {
-        let all = self.options.samples.max(1);
-        let of_task = self.options.samples_per_task.max(1);
-        let firsts = (0..all).step_by(of_task as usize);
-        firsts.map(move |first| first..first.saturating_add(of_task).min(all))
-    }
-
-    /// Takes over the result of a task that ran elsewhere, for the same scene, atlas, techniques, settings and options;
-    /// maps before the first step. Results that this bake already has are dropped.
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`] when the result does not fit such a bake.
-    pub fn merge(&mut self, part: LightPart) -> Result<(), LightingError> {
-        match part {
-            LightPart::Maps(maps) => {
-                if self.refining {
-                    self.maps = maps;
-                }
-                Ok(())
-            }
-            LightPart::Texels(part) => {
-                self.check(&part, true)?;
-                self.keep(part)
-            }
-        }
-    }
-
-    /// Whether all texels are lit.
-    pub fn is_complete(&self) -> bool {
-        self.done.iter().all(Option::is_some)
-    }
-
-    /// Whether a task of the bake lights these samples of a tile.
-    pub(super) fn has_task(&self, tile: u32, samples: &Range<u32>) -> bool {
-        let mut tasks = self.parts_of_tile();
-        (tile as usize) < self.tiles.len() && tasks.any(|one| one == *samples)
-    }
-
     /// Whether a part fits a task of this bake; with `whole`, all samples of the task.
     pub(super) fn check(&self, part: &TexelPart, whole: bool) -> Result<(), LightingError> {
         let TexelPart { tile, samples, .. } = part;
@@ -75,7 +25,7 @@ impl LightBake<'_> {
             task.start == samples.start && has_end
         };
         let fits = place.is_some_and(|place| {
-            self.parts_of_tile().any(is_of) && part.is_sound(place.captured.len() * self.side())
+            self.shares().of_tile().any(is_of) && part.is_sound(place.captured.len() * self.side())
         });
         fits.then_some(())
             .ok_or_else(|| unfit("the result of a task of another bake"))
@@ -93,7 +43,7 @@ impl LightBake<'_> {
             let mut parts = self.parts.iter();
             parts.any(|part| part.tile == tile && part.samples == *samples)
         };
-        let mut tasks = self.parts_of_tile();
+        let mut tasks = self.shares().of_tile();
         Some((tile, tasks.find(|samples| !is_known(samples))?))
     }
 
@@ -106,7 +56,7 @@ impl LightBake<'_> {
         }
         self.parts.push(part);
         let of_tile = self.parts.iter().filter(|part| part.tile == number);
-        if of_tile.count() < self.parts_of_tile().count() {
+        if of_tile.count() < self.shares().of_tile().count() {
             return Ok(());
         }
         let (mut parts, others): (Vec<_>, Vec<_>) = std::mem::take(&mut self.parts)
@@ -142,7 +92,7 @@ impl LightBake<'_> {
 
     /// Means of the samples in a tile's captured texels; empty texels are filled from their neighbours.
     fn means(&self, tile: u32, sums: &[[f32; 4]]) -> Result<Vec<Vec3>, LightingError> {
-        let (gpu, size) = (&self.gpu, self.atlas.size);
+        let (gpu, size) = (&self.solver.gpu, self.atlas.size);
         let rows = self.tiles[tile as usize].captured.clone();
         let unit = match self.options.quantity {
             Quantity::Irradiance => std::f32::consts::FRAC_1_PI,

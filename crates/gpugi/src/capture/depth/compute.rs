@@ -10,7 +10,9 @@ use glam::Vec4;
 use gpugi_scene::Bounds;
 
 use super::{DepthAtlas, DepthDraw, DepthKernels, DepthViewSpec};
-use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::gpu::{
+    DepthTest, Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState,
+};
 use crate::scene::{Casters, Draw, DrawClass};
 use crate::shader;
 
@@ -119,7 +121,7 @@ impl DepthCompute {
             slope_bias: 0.0,
             has_vertices: false,
             has_fragment,
-            has_depth: true,
+            depth: DepthTest::Nearest,
         };
         let storage = wgpu::BufferUsages::STORAGE;
         Ok(Self {
@@ -223,7 +225,7 @@ impl DepthCompute {
                         pass.draw(0..3, 0..1);
                     }
                     if ends_atlas {
-                        atlas.draw(pass, kernels, casters, &[DepthDraw::Alpha]);
+                        atlas.draw(pass, kernels, casters, &[DepthDraw::Alpha], |_| true);
                     }
                 });
                 keeps = Keeps::Everything;

@@ -14,7 +14,9 @@ pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, RasterKernel, RasterState, Shader};
+use crate::gpu::{
+    DepthTest, Frame, Gpu, GpuError, HostBuffer, Keeps, RasterKernel, RasterState, Shader,
+};
 use crate::scene::{Casters, DrawClass, GpuScene};
 use crate::shader;
 
@@ -58,6 +60,22 @@ pub struct DepthKernels {
     alpha: RasterKernel,
 }
 
+/// The pipeline with which [`DepthAtlas::record_some`] clears tiles.
+///
+/// # Errors
+/// [`GpuError::Pass`].
+pub fn clear_tiles(gpu: &Gpu) -> Result<RasterKernel, GpuError> {
+    let state = RasterState {
+        colors: &[],
+        cull: None,
+        slope_bias: 0.0,
+        has_vertices: false,
+        has_fragment: false,
+        depth: DepthTest::Overwrite,
+    };
+    RasterKernel::new(gpu, &shader!("capture.depth.clear"), None, &state)
+}
+
 impl DepthKernels {
     /// Compiles the three pipelines for maps of lamps: back faces only, all faces, alpha. The last two move surfaces
     /// away by their change of depth over a texel. Objects with caustics cast whole shadows.
@@ -84,7 +102,7 @@ impl DepthKernels {
             slope_bias,
             has_vertices: true,
             has_fragment,
-            has_depth: true,
+            depth: DepthTest::Nearest,
         };
         let depth = shader!("capture.depth");
         Ok(Self {
@@ -202,14 +220,20 @@ impl DepthAtlas {
         })
     }
 
+    /// The views.
+    pub fn specs(&self) -> &[DepthViewSpec] {
+        &self.specs
+    }
+
+    /// Whether `specs` needs the same tiles.
+    pub fn has_tiles_of(&self, specs: &[DepthViewSpec]) -> bool {
+        let mut pairs = self.specs.iter().zip(specs);
+        self.specs.len() == specs.len() && pairs.all(|(old, new)| old.size == new.size)
+    }
+
     /// Gives the same tiles new views. Returns false, and changes nothing, if `specs` needs different tiles.
     pub fn update(&mut self, gpu: &Gpu, specs: &[DepthViewSpec]) -> bool {
-        let same = self.specs.len() == specs.len()
-            && self
-                .specs
-                .iter()
-                .zip(specs)
-                .all(|(old, new)| old.size == new.size);
+        let same = self.has_tiles_of(specs);
         if same {
             self.specs = specs.to_vec();
             self.views.write(gpu, &self.uniforms());
@@ -245,17 +269,45 @@ impl DepthAtlas {
         casters: Casters<'_>,
     ) {
         frame.render(name, &[], &self.view, |pass| {
-            self.draw(pass, kernels, casters, &DepthDraw::ALL);
+            self.draw(pass, kernels, casters, &DepthDraw::ALL, |_| true);
         });
     }
 
-    /// Draws into every view, but only what is drawn as one of `draws`.
+    /// Draws those views whose indices `is_drawn` accepts; the others keep their depth.
+    pub fn record_some(
+        &self,
+        frame: &mut Frame<'_>,
+        name: &str,
+        (clear, kernels): (&RasterKernel, &DepthKernels),
+        casters: Casters<'_>,
+        is_drawn: impl Fn(usize) -> bool,
+    ) {
+        frame.render_onto(name, Keeps::Everything, &[], &self.view, |pass| {
+            clear.set(pass);
+            for index in (0..self.specs.len()).filter(|&index| is_drawn(index)) {
+                self.place(pass, index);
+                pass.draw(0..3, 0..1);
+            }
+            self.draw(pass, kernels, casters, &DepthDraw::ALL, is_drawn);
+        });
+    }
+
+    /// Restricts a pass to a view's tile.
+    fn place(&self, pass: &mut wgpu::RenderPass<'_>, index: usize) {
+        let ([x, y], [width, height]) = (self.corners[index], self.specs[index].size);
+        let [left, top, wide, high] = [x, y, width, height].map(|texels| texels as f32);
+        pass.set_viewport(left, top, wide, high, 0.0, 1.0);
+        pass.set_scissor_rect(x, y, width, height);
+    }
+
+    /// Draws into the views that `is_drawn` accepts, but only what is drawn as one of `draws`.
     fn draw(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
         kernels: &DepthKernels,
         casters: Casters<'_>,
         draws: &[DepthDraw],
+        is_drawn: impl Fn(usize) -> bool,
     ) {
         let kind = |class, second_depth| match class {
             DrawClass::Closed if second_depth => DepthDraw::SecondDepth,
@@ -265,7 +317,11 @@ impl DepthAtlas {
         let visible: Vec<_> = self
             .specs
             .iter()
-            .map(|spec| {
+            .enumerate()
+            .map(|(index, spec)| {
+                if !is_drawn(index) {
+                    return Vec::new();
+                }
                 let planes = frustum_planes(&spec.clip_from_world);
                 visible_ranges(casters.draws, &planes, |draw| {
                     kind(draw.class, spec.second_depth)
@@ -290,20 +346,10 @@ impl DepthAtlas {
             }
             pass.set_bind_group(1, group, &[]);
             for (index, ranges) in visible.iter().enumerate() {
-                let [x, y] = self.corners[index];
-                let [width, height] = self.specs[index].size;
                 let mut placed = false;
                 for (_, range) in ranges.iter().filter(|(one, _)| *one == draw) {
                     if !placed {
-                        pass.set_viewport(
-                            x as f32,
-                            y as f32,
-                            width as f32,
-                            height as f32,
-                            0.0,
-                            1.0,
-                        );
-                        pass.set_scissor_rect(x, y, width, height);
+                        self.place(pass, index);
                         placed = true;
                     }
                     let view = index as u32;

@@ -166,7 +166,7 @@ impl Caustic {
         self.frames = 0;
     }
 
-    /// Traces and counts the photons of one more frame; returns how many there are.
+    /// Traces and counts the photons of one more frame; returns how many there are, and how many pixels were drawn.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -183,9 +183,9 @@ impl Caustic {
             ..
         } = making;
         let gpu = frame.gpu;
-        let maps = impostors
-            .of(frame, scene, &self.wanted, making.settings_version, 0)?
-            .clone();
+        let (maps, captured) =
+            impostors.renew(frame, scene, &self.wanted, making.settings_version, 0)?;
+        let maps = maps.clone();
         self.bind(gpu, kernels, &maps)?;
         if self.frames == 0 {
             frame.clear(&self.counters);
@@ -224,7 +224,7 @@ impl Caustic {
             .write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
-            return Ok(0);
+            return Ok(captured);
         };
         let lit: Vec<_> = views
             .iter()
@@ -272,7 +272,7 @@ impl Caustic {
             kernels.irradiance.dispatch(pass, &groups, [side, side, 6]);
         });
         let pixels = views.iter().map(|seen| u64::from(seen.side).pow(2));
-        Ok(pixels.sum::<u64>() * u64::from(self.photons))
+        Ok(captured + pixels.sum::<u64>() * (1 + u64::from(self.photons)))
     }
 
     /// The lights of frame `number`, each with the side of its map (pixels) and its view's framing, `None` if it does not

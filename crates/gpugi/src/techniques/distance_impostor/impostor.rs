@@ -109,8 +109,16 @@ pub struct Impostor {
     seen: PerReceiver<wgpu::BindGroup>,
     /// Whether the whole cube holds light.
     pub is_lit: bool,
-    /// The faces to light in this frame.
+    /// The faces to light.
     pub due: Option<SurfacePoints>,
+    /// Pixels to draw before.
+    pub due_pixels: u64,
+    /// Whether another technique has captured the surroundings: their light has to follow at once.
+    pub is_captured: bool,
+    /// [`Maps::renewals`] when the faces were lit.
+    renewals: u64,
+    /// The reference point that the cube moves to when it is captured next (m).
+    next_reference: Option<Vec3>,
     /// The next turn of faces to light a second time, after the other objects that these faces show.
     pub next_turn: usize,
 }
@@ -184,46 +192,103 @@ impl Impostor {
             seen: PerReceiver::default(),
             is_lit: false,
             due: None,
+            due_pixels: 0,
+            is_captured: false,
+            renewals: 0,
+            next_reference: None,
             next_turn: usize::MAX,
         })
     }
 
-    /// Follows the objects' motion, and captures those of their surroundings that are due.
+    /// Finds which faces are due.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn follow(
         &mut self,
+        gpu: &Gpu,
+        making: Making<'_>,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let Making {
+            scene, seed, eye, ..
+        } = making;
+        let settings = earlier.settings_version;
+        if self.kind == Kind::Surroundings && making.settings.reference.0.is_none() {
+            // A cube elsewhere needs new maps, so that it follows the eye in steps.
+            let step = EYE_STEP * scene.diagonal();
+            let is_far = |before: Vec3| before.distance(eye) > step;
+            match self.wanted.reference {
+                None => self.wanted.reference = Some(eye),
+                Some(before) => self.next_reference = is_far(before).then_some(eye),
+            }
+        }
+        let impostors = &mut *earlier.impostors;
+        let maps = impostors.follow(gpu, scene, &self.wanted, settings, seed)?;
+        // Maps that were not requested for some frames are gone.
+        self.is_lit &= maps.renewals > 0;
+        self.is_captured = self.is_lit && maps.renewals != self.renewals;
+        let is_whole = !self.is_lit
+            || making.is_refined
+            || self.next_reference.is_some()
+            || self.is_captured && maps.renewed.is_none();
+        (self.due, self.due_pixels) = if is_whole {
+            (Some(maps.points.clone()), maps.due_pixels)
+        } else {
+            let due = maps.due.as_ref().or(maps.renewed.as_ref());
+            (due.cloned(), maps.due_pixels)
+        };
+        if self.next_reference.is_some() {
+            self.due_pixels = u64::from(maps.points.count) * u64::from(self.wanted.layers);
+        }
+        Ok(())
+    }
+
+    /// Work of capturing and lighting the faces that are due, in units of a budget.
+    pub fn work(&self, earlier: &Earlier<'_>) -> u64 {
+        let points = self.due.as_ref().map_or(0, |points| points.count);
+        let layers = u64::from(self.wanted.layers);
+        self.due_pixels + earlier.gather_work(u64::from(points) * layers)
+    }
+
+    /// Sets what gathers read: with `renews`, surroundings as they are now, whose faces then have to be lit; otherwise
+    /// those that were captured before.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn show(
+        &mut self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
         earlier: &mut Earlier<'_>,
+        renews: bool,
     ) -> Result<(), GpuError> {
         let Making {
             scene,
             kernels,
             settings,
             seed,
-            eye,
-            is_refined,
+            ..
         } = making;
         let gpu = frame.gpu;
-        if self.kind == Kind::Surroundings && settings.reference.0.is_none() {
-            // A cube elsewhere needs new maps, so that it follows the eye in steps.
-            let step = EYE_STEP * scene.diagonal();
-            let reference = &mut self.wanted.reference;
-            if reference.is_none_or(|before| before.distance(eye) > step) {
-                *reference = Some(eye);
+        let maps = if renews {
+            let moved = self.next_reference.take();
+            if moved.is_some() {
+                self.wanted.reference = moved;
                 self.is_lit = false;
             }
-        }
-        let maps = earlier
-            .impostors
-            .of(frame, scene, &self.wanted, earlier.settings_version, seed)?
-            .clone();
-        self.due = if self.is_lit && !is_refined {
-            maps.renewed.clone()
+            self.due_pixels = 0;
+            let maps = earlier.renew(frame, scene, &self.wanted, seed)?;
+            if moved.is_some() {
+                self.due = Some(maps.points.clone());
+            }
+            self.renewals = maps.renewals;
+            maps
         } else {
-            Some(maps.points.clone())
+            let version = earlier.settings_version;
+            let impostors = &mut *earlier.impostors;
+            let maps = impostors.follow(gpu, scene, &self.wanted, version, seed)?;
+            maps.clone()
         };
         let bound = match self.maps.take() {
             Some(bound) if bound.maps.is_same(&maps) => BoundMaps { maps, ..bound },
@@ -250,6 +315,11 @@ impl Impostor {
         }
         self.maps = Some(bound);
         Ok(())
+    }
+
+    /// Whether faces are to be captured or lit.
+    pub fn is_due(&self) -> bool {
+        self.due.is_some() || self.due_pixels > 0
     }
 
     /// Whether this frame lights only one of several turns of faces.

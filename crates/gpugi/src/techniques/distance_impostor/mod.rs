@@ -257,6 +257,8 @@ struct ImpostorSet {
     next: usize,
     /// Counts the queues that were finished in a later frame.
     finished: u64,
+    /// Work of the queue.
+    waiting: u64,
 }
 
 impl DistanceImpostor {
@@ -391,6 +393,7 @@ impl Technique for DistanceImpostor {
                 queued: 0,
                 next: 0,
                 finished: 0,
+                waiting: 0,
             });
         }
         let Some(made) = &mut self.made else {
@@ -424,13 +427,18 @@ impl Technique for DistanceImpostor {
             queued,
             next,
             finished,
+            waiting,
             ..
         } = made;
         for impostor in &mut *impostors {
-            impostor.follow(frame, making, earlier)?;
+            impostor.follow(frame.gpu, making, earlier)?;
         }
         let is_left = !queue.is_empty();
-        let is_new = impostors.iter().any(|one| one.due.is_some());
+        let is_new = impostors.iter().enumerate().any(|(index, one)| {
+            // What waits already need not begin again unless something has changed since.
+            let is_other = is_changed || is_refined || is_every_frame || !queue.contains(&index);
+            one.is_due() && is_other
+        });
         for &index in &*queue {
             impostors[index].light_whole();
         }
@@ -460,16 +468,37 @@ impl Technique for DistanceImpostor {
                 let in_turn = (0..count).map(|offset| (*next + offset) % count);
                 queue.extend(in_turn.filter(|&index| {
                     let one = &impostors[index];
-                    one.due.is_some() && (round == 0 || !one.is_in_turn())
+                    match round {
+                        0 => one.is_due(),
+                        _ => one.due.is_some() && !one.is_in_turn(),
+                    }
                 }));
             }
             *queued = queue.len();
         }
+        // A cube is captured and lit in one frame, so that distances and light are of the same time. Cubes that wait keep
+        // the earlier ones of both.
+        let (mut taken, mut work) = (Vec::new(), 0_u64);
         while let Some(&index) = queue.front()
-            && earlier.may_step()
+            && earlier.may_step_after(work)
         {
             queue.pop_front();
+            work = work.saturating_add(impostors[index].work(earlier));
             *next = (index + 1) % count;
+            taken.push(index);
+        }
+        for (index, one) in impostors.iter().enumerate() {
+            if one.is_captured && !taken.contains(&index) {
+                taken.push(index);
+                if let Some(place) = queue.iter().position(|&waiting| waiting == index) {
+                    queue.remove(place);
+                }
+            }
+        }
+        for (index, one) in impostors.iter_mut().enumerate() {
+            one.show(frame, making, earlier, taken.contains(&index))?;
+        }
+        for index in taken {
             let (before, rest) = impostors.split_at_mut(index);
             let Some((this, after)) = rest.split_first_mut() else {
                 break;
@@ -486,6 +515,8 @@ impl Technique for DistanceImpostor {
             *next = 0;
             *finished += u64::from(is_left);
         }
+        let of_queue = queue.iter().map(|&index| impostors[index].work(earlier));
+        *waiting = of_queue.sum();
         let is_lit = impostors.iter().all(|one| one.is_lit);
         Ok(Generated {
             revision: *finished,
@@ -513,6 +544,10 @@ impl Technique for DistanceImpostor {
             receiver,
             impostors,
         )
+    }
+
+    fn waiting(&self) -> u64 {
+        self.made.as_ref().map_or(0, |made| made.waiting)
     }
 
     fn inspect(&self) -> Inspection {

@@ -17,6 +17,8 @@ pub struct ObjectPoint {
     /// View of the cube's points, with what is asked for there.
     view: wgpu::Buffer,
     is_stale: bool,
+    /// [`crate::impostor::Maps::renewals`] when it was lit.
+    renewals: u64,
     /// Whether its surroundings were lit once.
     pub is_lit: bool,
 }
@@ -52,6 +54,7 @@ impl ObjectPoint {
             bench: Bench::new(gpu, kernels, maps, side)?,
             view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
             is_stale: true,
+            renewals: 0,
             is_lit: false,
         })
     }
@@ -70,23 +73,23 @@ impl ObjectPoint {
     ) -> Result<bool, GpuError> {
         let Making { scene, output, .. } = making;
         let settings = earlier.settings_version;
-        let maps = earlier
-            .impostors
-            .of(frame, scene, &self.wanted, settings, 0)?;
-        self.is_stale |= maps.renewed.is_some();
-        let (reference, captured) = (maps.reference, maps.points.clone());
+        let impostors = &mut *earlier.impostors;
+        let maps = impostors.follow(frame.gpu, scene, &self.wanted, settings, 0)?;
+        self.is_stale |= maps.due.is_some() || maps.renewals != self.renewals;
         if !self.is_stale || !earlier.may_step() {
             return Ok(false);
         }
         (self.is_stale, self.is_lit) = (false, true);
-        let mut view = CubeView::new(reference, self.wanted.side, 0.0, 0, 0);
+        let maps = earlier.renew(frame, scene, &self.wanted, 0)?;
+        self.renewals = maps.renewals;
+        let mut view = CubeView::new(maps.reference, self.wanted.side, 0.0, 0, 0);
         output.write(&mut view.uniform);
         let uniform = std::slice::from_ref(&view.uniform);
         frame.gpu.write(&self.view, 0, uniform);
         let points = SurfacePoints {
             view: self.view.clone(),
             output,
-            ..captured
+            ..maps.points
         };
         let work = Work {
             point,

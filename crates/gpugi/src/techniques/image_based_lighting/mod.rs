@@ -111,6 +111,10 @@ pub struct ImageBasedLighting {
     ratio: Option<RatioPass>,
     /// What the maps were generated for, with the sample of the picture if each has its own.
     made: Option<(Versions, Settings, Option<u32>)>,
+    /// Counts how often maps of a changed scene were made in a later frame.
+    revision: u64,
+    /// Whether the maps wait for something since an earlier frame.
+    is_late: bool,
 }
 
 /// The version of the environment's texels and the settings for which sources were computed.
@@ -170,6 +174,8 @@ impl ImageBasedLighting {
             ratio: None,
             settings,
             made: None,
+            revision: 0,
+            is_late: false,
         })
     }
 
@@ -301,15 +307,12 @@ impl Technique for ImageBasedLighting {
                 self.ratio = Some(RatioPass::new(frame.gpu, scene, found.0)?);
             }
         }
-        let pending = |what| Generated {
-            revision: 0,
-            progress: 0.0,
-            pending: Some(what),
-        };
+        of_maps.revision += self.revision;
         if of_maps.pending.is_some() {
             return Ok(of_maps);
         }
         if self.made.as_ref() == Some(&made) {
+            self.is_late = false;
             return Ok(of_maps);
         }
         if self.batches.reflectivity != reflectivity {
@@ -323,11 +326,26 @@ impl Technique for ImageBasedLighting {
                 caster_detail: self.settings.caster_detail,
             },
         };
+        // Live views keep the earlier maps; but ratios are of prefiltered light, which has changed already.
+        let has_maps = earlier.is_limited()
+            && reflectivity != Reflectivity::Ratio
+            && self.batches.atlas().is_some();
+        let waiting = |what| Generated {
+            progress: 0.0,
+            pending: (!has_maps).then_some(what),
+            ..of_maps
+        };
+        let was_late = std::mem::replace(&mut self.is_late, has_maps);
         let Some((directions, views)) = self.directions(frame, scene, turn)? else {
-            return Ok(pending("the domains of the environment"));
+            return Ok(waiting("the domains of the environment"));
         };
         if !self.batches.prepare(frame, scene, &maps.drawing)? {
-            return Ok(pending("simplified casters"));
+            return Ok(waiting("simplified casters"));
+        }
+        self.is_late = false;
+        if was_late {
+            self.revision += 1;
+            of_maps.revision += 1;
         }
         self.batches
             .generate(frame, scene, &directions, &views, &maps)?;

@@ -17,4 +17,4 @@ mod tests;
 pub use ambient::{INFO, Obscurances};
 pub(crate) use attenuation::Attenuation;
 pub use settings::{Ambient, Falloff, Mode, Settings};
-pub use solution::{ObscurancePage, ObscuranceState, Solution};
+pub use solution::{ObscurancePage, Solution};

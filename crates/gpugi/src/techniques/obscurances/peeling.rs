@@ -10,7 +10,9 @@ use super::Settings;
 use super::gpu::{Bundle, PeelView, SettingsUniform};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
-use crate::gpu::{Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState};
+use crate::gpu::{
+    DepthTest, Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState,
+};
 use crate::scene::{DrawClass, GpuScene};
 use crate::sequences::{GOLDEN_RATIO, R2, low_discrepancy};
 use crate::shader;
@@ -56,7 +58,7 @@ impl Peeling {
                 slope_bias: 0.0,
                 has_fragment: true,
                 has_vertices: true,
-                has_depth: false,
+                depth: DepthTest::Off,
             };
             RasterKernel::new(gpu, &shader, Some(&scene.layout), &state)
         };
@@ -110,9 +112,9 @@ impl Peeling {
         })
     }
 
-    /// Number of steps until every texel has all its samples: one per bundle.
-    pub fn steps(&self) -> u64 {
-        u64::from(self.directions)
+    /// Whether there are texels to sample.
+    pub fn has_texels(&self) -> bool {
+        self.directions > 0
     }
 
     /// Samples that a texel needs to do without its neighbours' samples: a quarter of those of a texel of mean size,
@@ -152,13 +154,13 @@ impl Peeling {
         u64::from(self.side).pow(2)
     }
 
-    /// Takes one step: one bundle. `region`: box around all texels that are computed; `None` if all texels are.
-    pub fn step(
+    /// Samples by bundle `number`. `region`: box around all texels that are computed; `None` if all texels are.
+    pub fn take(
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         texels: &wgpu::Buffer,
-        number: u64,
+        number: u32,
         region: Option<Bounds>,
         settings: SettingsUniform,
     ) -> Result<(), GpuError> {
@@ -166,7 +168,7 @@ impl Peeling {
             return Ok(());
         };
         let gpu = frame.gpu;
-        let lines = Lines::new(number as u32, self.seed, &scene.bounds, self.side);
+        let lines = Lines::new(number, self.seed, &scene.bounds, self.side);
         let [x, y, width, height] = match region {
             Some(region) => lines.pixels_of(&region),
             None => [0, 0, self.side, self.side],
@@ -201,7 +203,7 @@ impl Peeling {
             "bundle of lines",
             &PeelView {
                 clip_from_world: lines.clip_from_world.to_cols_array_2d(),
-                seed: [self.seed.wrapping_add(number as u32), self.side, *room, 0],
+                seed: [self.seed.wrapping_add(number), self.side, *room, 0],
             },
         )?;
         let bundle = gpu.uniform(

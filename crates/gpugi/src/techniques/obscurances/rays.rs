@@ -20,11 +20,10 @@ pub(super) struct Rays {
     kernel: Kernel,
     /// Bind group of the atlas lookup, for the texels that are hit.
     corners: wgpu::BindGroup,
-    /// The points that each step handles: number of a piece and range of its points.
-    chunks: Vec<(usize, Range<u32>)>,
+    /// Number of a piece and range of its points, per tile.
+    tiles: Vec<(usize, Range<u32>)>,
     /// Rays per point and step.
     at_once: u32,
-    directions: u32,
 }
 
 impl Rays {
@@ -39,57 +38,65 @@ impl Rays {
         let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
         let constants = [transmits, super::solution::colored(settings)];
         let kernel = scene.ray_kernel(gpu, &shader!("techniques.obscurances.rays"), &constants)?;
-        let chunks_of = |(number, piece): (usize, &AtlasPiece)| {
+        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
             let count = piece.points.count;
             let firsts = (0..count).step_by(RAYS_OF_STEP as usize);
             firsts.map(move |first| (number, first..count.min(first + RAYS_OF_STEP)))
         };
-        let chunks: Vec<_> = capture
+        let tiles: Vec<_> = capture
             .pieces()
             .iter()
             .enumerate()
-            .flat_map(chunks_of)
+            .flat_map(tiles_of)
             .collect();
-        let most = chunks.iter().map(|(_, points)| points.len() as u32).max();
+        let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
         Ok(Self {
             corners: kernel.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?,
             kernel,
-            chunks,
+            tiles,
             at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1))
                 .clamp(1, settings.directions.min(MOST_RAYS)),
-            directions: settings.directions,
         })
     }
 
-    /// Number of steps until every texel has all its samples.
-    pub fn steps(&self) -> u64 {
-        self.chunks.len() as u64 * u64::from(self.directions.div_ceil(self.at_once))
+    /// Number of tiles, whose texels are sampled together.
+    pub fn tiles(&self) -> u32 {
+        self.tiles.len() as u32
     }
 
-    /// Takes one step; returns the number of its rays.
-    pub fn step(
+    /// Most rays per texel and step.
+    pub fn at_once(&self) -> u32 {
+        self.at_once
+    }
+
+    /// The texels of a tile.
+    pub fn texels_of(&self, capture: &AtlasCapture, tile: u32) -> Range<usize> {
+        let (piece, points) = &self.tiles[tile as usize];
+        let first = capture.pieces()[*piece].rows.start as usize * capture.size as usize;
+        first + points.start as usize..first + points.end as usize
+    }
+
+    /// Takes some samples of a tile; returns the number of their rays.
+    pub fn take(
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         capture: &AtlasCapture,
         texels: &wgpu::Buffer,
-        number: u64,
+        (tile, samples): (u32, &Range<u32>),
         base: SettingsUniform,
     ) -> Result<u64, GpuError> {
         let gpu = frame.gpu;
-        let chunks = self.chunks.len() as u64;
-        let (piece, points) = &self.chunks[(number % chunks) as usize];
+        let (piece, points) = &self.tiles[tile as usize];
         let piece = &capture.pieces()[*piece];
-        let first_sample = (number / chunks) as u32 * self.at_once;
         let settings = SettingsUniform {
             first_texel: piece.rows.start * capture.size,
             first_point: points.start,
             end_point: points.end,
-            first_sample,
-            end_sample: (first_sample + self.at_once).min(self.directions),
+            first_sample: samples.start,
+            end_sample: samples.end,
             ..base
         };
-        let rays = settings.end_sample - settings.first_sample;
         let settings = gpu.uniform("obscurances", &settings)?;
         let resources = [
             ("settings", settings.as_entire_binding()),
@@ -102,6 +109,6 @@ impl Rays {
             self.kernel
                 .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
         });
-        Ok(points.len() as u64 * u64::from(rays))
+        Ok(points.len() as u64 * samples.len() as u64)
     }
 }

@@ -1,9 +1,10 @@
 //! The obscurances of an atlas's texels, computed in steps.
 
+use std::ops::Range;
+
 use bytemuck::Zeroable;
 use glam::{Mat4, Vec3};
 use gpugi_scene::{Atlas, Bounds, Scene};
-use serde::{Deserialize, Serialize};
 
 use super::gpu::{BoxRow, PageUniform, Renewal, SettingsUniform, TEXEL_BYTES};
 use super::peeling::Peeling;
@@ -32,15 +33,6 @@ pub struct ObscurancePage {
     /// W with the albedo of the obscuring surfaces, or the scene's mean albedo where nothing obscures; `None` if
     /// colours are not wanted.
     pub colored: Option<Vec<Vec3>>,
-}
-
-/// Saved progress of the obscurances of an atlas, from which [`Solution::resume`] continues.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct ObscuranceState {
-    /// Steps taken.
-    steps: u64,
-    /// `Texel` of obscurance.wesl, page after page.
-    texels: Vec<u32>,
 }
 
 /// Computes the obscurances of an atlas's texels.
@@ -72,11 +64,19 @@ enum Sampler {
 }
 
 impl Sampler {
-    /// Number of steps until every texel has all its samples.
-    fn steps(&self) -> u64 {
+    /// Number of tiles, whose texels are sampled together.
+    fn tiles(&self) -> u32 {
         match self {
-            Self::Rays(rays) => rays.steps(),
-            Self::Peeling(peeling) => peeling.steps(),
+            Self::Rays(rays) => rays.tiles(),
+            Self::Peeling(peeling) => u32::from(peeling.has_texels()),
+        }
+    }
+
+    /// Most samples per step.
+    fn at_once(&self) -> u32 {
+        match self {
+            Self::Rays(rays) => rays.at_once(),
+            Self::Peeling(_) => 1,
         }
     }
 }
@@ -181,7 +181,7 @@ impl Solution {
     }
 
     /// Sums that shaders look up: `Texel` of obscurance.wesl, and the sums over all surfaces.
-    pub(super) fn buffers(&self) -> [&wgpu::Buffer; 2] {
+    pub(crate) fn buffers(&self) -> [&wgpu::Buffer; 2] {
         [&self.texels, &self.mean]
     }
 
@@ -195,9 +195,28 @@ impl Solution {
         ("LEAST_SAMPLES", f64::from(least))
     }
 
+    /// Number of tiles, whose texels are sampled together.
+    pub(crate) fn tiles(&self) -> u32 {
+        self.sampler.tiles()
+    }
+
+    /// The texels of a tile.
+    pub(crate) fn texels_of(&self, capture: &AtlasCapture, tile: u32) -> Range<usize> {
+        match &self.sampler {
+            Sampler::Rays(rays) => rays.texels_of(capture, tile),
+            Sampler::Peeling(_) => 0..(self.texels.size() / TEXEL_BYTES) as usize,
+        }
+    }
+
+    /// Number of steps until every texel has all its samples.
+    fn steps(&self) -> u64 {
+        let of_tile = self.settings.directions.div_ceil(self.sampler.at_once());
+        u64::from(self.sampler.tiles()) * u64::from(of_tile)
+    }
+
     /// Share of the work done (0 to 1).
     pub fn progress(&self) -> f32 {
-        let all = self.sampler.steps();
+        let all = self.steps();
         match self.state.made {
             None => 0.0,
             Some(_) if all == 0 => 1.0,
@@ -207,7 +226,7 @@ impl Solution {
 
     /// Whether every texel has all its samples, for the scene as it was last recorded.
     pub fn is_done(&self) -> bool {
-        self.state.made.is_some() && self.state.steps >= self.sampler.steps()
+        self.state.made.is_some() && self.state.steps >= self.steps()
     }
 
     /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has
@@ -225,59 +244,65 @@ impl Solution {
         scene: &GpuScene,
         capture: &AtlasCapture,
     ) -> Result<u64, GpuError> {
-        let now = [scene.versions.geometry, scene.versions.materials];
-        if self.state.made != Some(now) {
-            self.begin(frame, scene, capture)?;
-        }
+        self.prepare(frame, scene, capture)?;
         if self.is_done() {
             return Ok(0);
         }
-        let (base, texels, number) = (self.uniform(), &self.texels, self.state.steps);
-        let work = match &self.sampler {
-            Sampler::Rays(rays) => rays.step(frame, scene, capture, texels, number, base)?,
-            Sampler::Peeling(peeling) => {
-                peeling.step(frame, scene, texels, number, self.state.region, base)?;
-                peeling.lines()
-            }
-        };
+        // All tiles in turn, so that they improve together.
+        let tiles = u64::from(self.sampler.tiles());
+        let (tile, turn) = (self.state.steps % tiles, self.state.steps / tiles);
+        let first = turn as u32 * self.sampler.at_once();
+        let samples = first..self.settings.directions;
+        let (_, work) = self.take(frame, scene, capture, tile as u32, samples)?;
         self.state.steps += 1;
         Ok(work)
     }
 
-    /// Saves the progress so far. Waits for the GPU.
+    /// Finds the texels to sample, and clears their sums, if the scene has changed: pass `obscurances.prepare`.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn save(&self, gpu: &Gpu) -> Result<ObscuranceState, GpuError> {
-        if self.state.steps == 0 {
-            return Ok(ObscuranceState::default());
+    pub(crate) fn prepare(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+    ) -> Result<(), GpuError> {
+        let now = [scene.versions.geometry, scene.versions.materials];
+        if self.state.made != Some(now) {
+            self.begin(frame, scene, capture)?;
         }
-        Ok(ObscuranceState {
-            steps: self.state.steps,
-            texels: read_buffer(gpu, &self.texels, self.texels.size())?,
-        })
+        Ok(())
     }
 
-    /// Continues from progress saved for the same scene, atlas and settings. Call it after the first
-    /// [`Solution::record`], which finds the texels that have a surface.
+    /// Takes the first of `samples` of a tile, as many as a step may; returns the first that is left and the number of
+    /// rays or lines. The sums do not depend on the order in which samples are taken.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when it was saved for others.
-    pub fn resume(&mut self, gpu: &Gpu, saved: &ObscuranceState) -> Result<(), GpuError> {
-        if *saved == ObscuranceState::default() {
-            return Ok(());
-        }
-        let fits = saved.texels.len() as u64 * 4 == self.texels.size()
-            && saved.steps <= self.sampler.steps();
-        if !fits || self.state.made.is_none() {
-            return Err(GpuError::Pass {
-                pass: INFO.name.into(),
-                reason: "what was saved is of another scene or other settings".into(),
-            });
-        }
-        gpu.write(&self.texels, 0, &saved.texels);
-        self.state.steps = saved.steps;
-        Ok(())
+    /// [`GpuError`].
+    pub(crate) fn take(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        tile: u32,
+        samples: Range<u32>,
+    ) -> Result<(u32, u64), GpuError> {
+        let end = samples.end.min(samples.start + self.sampler.at_once());
+        let (base, texels, samples) = (self.uniform(), &self.texels, samples.start..end);
+        let work = match &self.sampler {
+            Sampler::Rays(rays) => {
+                rays.take(frame, scene, capture, texels, (tile, &samples), base)?
+            }
+            Sampler::Peeling(peeling) => {
+                let region = self.state.region;
+                for number in samples {
+                    peeling.take(frame, scene, texels, number, region, base)?;
+                }
+                peeling.lines()
+            }
+        };
+        Ok((end, work))
     }
 
     /// Box around the texels that are computed; `None` if all may be.
@@ -370,7 +395,7 @@ impl Solution {
             made: Some([geometry, materials]),
             bounds,
             region: changed.map(|boxes| boxes.into_iter().fold(Bounds::EMPTY, Bounds::union)),
-            steps: if is_same { self.sampler.steps() } else { 0 },
+            steps: if is_same { self.steps() } else { 0 },
         };
         Ok(())
     }

@@ -145,8 +145,10 @@ pub struct ShadowMap {
     pub settings: Settings,
     shadows: Shadows,
     gather: ShadowGather,
-    /// The inputs that the maps were generated from.
+    /// The inputs that the maps were generated from, or are being generated from.
     generated_for: Option<MapsKey>,
+    /// State of the maps.
+    generated: Generated,
     /// The settings that the gather was bound with.
     bound_with: Option<GatherSettings>,
     /// Warnings about the maps.
@@ -164,6 +166,7 @@ impl ShadowMap {
             shadows: Shadows::new(gpu, scene)?,
             gather: ShadowGather::new(gpu, scene)?,
             generated_for: None,
+            generated: Generated::FINAL,
             bound_with: None,
             warnings: Vec::new(),
         })
@@ -219,12 +222,44 @@ impl Technique for ShadowMap {
                 .maps(earlier.lights_elsewhere, view.uniform.sample_index),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
-        if self.generated_for.as_ref() != Some(&key) {
+        let is_fresh = self.generated_for.as_ref() != Some(&key);
+        if is_fresh || self.generated.progress < 1.0 {
             let mut list = LightList::new(scene, view, &key.maps);
             self.warnings = std::mem::take(&mut list.notes);
             let pass = "shadow-map.generate";
-            if self.shadows.generate(frame, scene, pass, list)? {
-                self.bound_with = None;
+            // Lights do not decide what a map shows of the others.
+            let of = Versions {
+                lights: 0,
+                ..key.versions
+            };
+            // Maps of a picture's sample serve that sample alone.
+            if earlier.is_limited() && key.maps.turn.is_none() {
+                let takes = |texels| {
+                    let may_step = earlier.may_step();
+                    if may_step {
+                        earlier.count(texels);
+                    }
+                    may_step
+                };
+                let updated = self.shadows.update(frame, scene, pass, (list, of), takes)?;
+                if updated.is_rebound {
+                    self.bound_with = None;
+                }
+                let is_late = updated.progress >= 1.0 && !is_fresh;
+                self.generated = Generated {
+                    revision: self.generated.revision + u64::from(is_late),
+                    progress: updated.progress,
+                    pending: (!updated.is_whole).then_some("the depth maps of lights"),
+                };
+            } else {
+                if self.shadows.generate(frame, scene, pass, list, of)? {
+                    self.bound_with = None;
+                }
+                earlier.count(self.shadows.texels());
+                self.generated = Generated {
+                    revision: self.generated.revision + u64::from(!is_fresh),
+                    ..Generated::FINAL
+                };
             }
             self.generated_for = Some(key);
         }
@@ -233,7 +268,7 @@ impl Technique for ShadowMap {
             self.gather.look_up(frame.gpu, &self.shadows, settings)?;
             self.bound_with = Some(settings);
         }
-        Ok(Generated::FINAL)
+        Ok(self.generated)
     }
 
     fn gather(
