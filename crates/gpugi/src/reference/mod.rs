@@ -2,7 +2,8 @@
 //! technique, and can be restricted to the same light paths, so that each technique is compared with exactly the light
 //! that it claims to compute.
 //!
-//! Unidirectional path tracing with next-event estimation and multiple importance sampling.
+//! Unidirectional path tracing with next-event estimation and multiple importance sampling; light tracing adds the
+//! caustics that paths from the eye do not find.
 //! `docs/techniques/path-tracer.md` describes what is sampled and how.
 
 mod alias;
@@ -10,6 +11,7 @@ mod check;
 #[cfg(test)]
 mod light_tests;
 mod lights;
+mod photons;
 mod settings;
 mod sky;
 mod surroundings;
@@ -27,7 +29,7 @@ use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
 use crate::scene::GpuScene;
@@ -35,12 +37,13 @@ use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
 use lights::LightTable;
+use photons::{PhotonFilm, Photons};
 use wavefront::Wavefront;
 
 /// The path tracer's description.
 pub const INFO: Info = Info {
     name: "path-tracer",
-    summary: "the reference: every light path, by unidirectional path tracing",
+    summary: "the reference: every light path, by path tracing, and by light tracing where light meets mirrors and glass first",
     source: "Kajiya 1986; Veach 1997; pbrt 4th edition, chapter 13",
     paths: &[
         LightPaths::new(LightClass::Punctual, "L.*E"),
@@ -93,6 +96,7 @@ struct Tile {
     film_group: wgpu::BindGroup,
     sums: wgpu::Buffer,
     sums_group: wgpu::BindGroup,
+    photons: Option<PhotonFilm>,
 }
 
 impl Tile {
@@ -113,6 +117,8 @@ struct Pass {
     /// The next tile, and the next block within it.
     tile: usize,
     block: u32,
+    /// Photons traced for the tile.
+    photons: u64,
 }
 
 /// Progress of an image.
@@ -136,6 +142,7 @@ pub struct PathTracer {
     settings: Settings,
     size: [u32; 2],
     wavefront: Wavefront,
+    photons: Option<Photons>,
     noise_kernel: Kernel,
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
@@ -167,16 +174,18 @@ impl PathTracer {
         size: [u32; 2],
         settings: &Settings,
     ) -> Result<Self, LightingError> {
-        Self::with_tiles(gpu, scene, size, settings, TILE_SIDE)
+        Self::with_tiles(gpu, scene, size, settings, TILE_SIDE, true)
     }
 
-    /// [`PathTracer::new`] with a different tile side (pixels).
+    /// [`PathTracer::new`] with a different tile side (pixels). Without photons, paths from the eye alone make up the
+    /// picture.
     fn with_tiles(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         settings: &Settings,
         tile_side: u32,
+        has_photons: bool,
     ) -> Result<Self, LightingError> {
         let refused = |source: SettingError| LightingError::Setting {
             technique: INFO.name.to_owned(),
@@ -211,7 +220,6 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
-        let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let view = uniform(
             "path-tracer.view",
@@ -220,6 +228,33 @@ impl PathTracer {
         let parameters = uniform(
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
+        )?;
+        let solids = surroundings::solids(scene);
+        let mut photons = None;
+        if has_photons {
+            photons::words_from_light(settings)
+                .map_err(|error| value("paths", &settings.paths, error.to_string()))?;
+            photons = Photons::new(
+                gpu,
+                (scene, &on_gpu),
+                size,
+                (settings, &classes),
+                (&table.rows, &solids),
+                &constants,
+                &view,
+            )?;
+        }
+        let has_lamps = photons.as_ref().is_some_and(|photons| photons.has_lamps);
+        constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
+        let noise_kernel = Kernel::with_options(
+            gpu,
+            &shader!("reference.noise"),
+            "main",
+            None,
+            &KernelOptions {
+                constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
+                ..Default::default()
+            },
         )?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
         // A binding must hold at least one element, even if it is unused.
@@ -241,18 +276,26 @@ impl PathTracer {
                 ("seen", &view),
                 ("settings", &parameters),
                 ("automaton", &automaton),
-                ("light_table", &rows),
+                ("lights", &rows),
                 ("emitter_rows", &emitter_rows),
                 ("sky_grid", &sky),
             ],
         )?;
-        let tiles = tiles(gpu, size, tile_side, &wavefront, &parameters, &noise_kernel)?;
+        let tiles = tiles(
+            gpu,
+            size,
+            tile_side,
+            (&wavefront, photons.as_ref()),
+            &parameters,
+            &noise_kernel,
+        )?;
         Ok(Self {
             gpu: gpu.clone(),
             scene: on_gpu,
             settings: settings.clone(),
             size,
             wavefront,
+            photons,
             noise_kernel,
             view,
             parameters,
@@ -262,7 +305,7 @@ impl PathTracer {
             emission_classes: u32::from(classes.contains(&LightClass::Area))
                 | u32::from(classes.contains(&LightClass::Environment)) << 1,
             around_eye: surroundings::around(&[], Vec3::ZERO),
-            solids: surroundings::solids(scene),
+            solids,
             samples: 0,
             pass: Pass::default(),
             seed: 0,
@@ -291,6 +334,9 @@ impl PathTracer {
         let mut frame = Frame::new(&self.gpu, false);
         for tile in &self.tiles {
             frame.clear(&tile.film);
+            if let Some(photons) = &tile.photons {
+                photons.clear(&mut frame);
+            }
         }
         frame.submit()?;
         Ok(())
@@ -345,9 +391,7 @@ impl PathTracer {
             }
             while self.pass.tile < self.tiles.len() {
                 self.batch()?;
-                let whole = self.tiles[..self.pass.tile].iter();
-                let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
-                let done = (whole + f64::from(self.pass.block * BLOCK_PIXELS)) / pixels;
+                let done = self.done() / pixels;
                 let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
                 // Noise falls at least as fast as 1 / samples.
                 let enough = progress.noise.map_or(f64::INFINITY, |noise| {
@@ -375,12 +419,54 @@ impl PathTracer {
         Ok(progress)
     }
 
-    /// Continues the pass by as many blocks as should take [`BATCH_SECONDS`].
+    /// Pixels of the pass that are done. Half of a tile's work is that of its photons.
+    fn done(&self) -> f64 {
+        let whole = self.tiles[..self.pass.tile].iter();
+        let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
+        let of_blocks = f64::from(self.pass.block * BLOCK_PIXELS);
+        let Some(photons) = &self.photons else {
+            return whole + of_blocks;
+        };
+        let Some(tile) = self.tiles.get(self.pass.tile) else {
+            return whole;
+        };
+        let of_photons = self.pass.photons as f64 / photons.of_pass(self.pass.samples) as f64;
+        let pixels = f64::from(tile.pixels());
+        whole + (of_blocks.min(pixels) + of_photons * pixels) / 2.0
+    }
+
+    /// Continues the pass by as many blocks or photons as should take [`BATCH_SECONDS`].
     fn batch(&mut self) -> Result<(), GpuError> {
+        let tile = &self.tiles[self.pass.tile];
+        if self.pass.block < tile.blocks() {
+            self.batch_of_paths()?;
+        } else if let (Some(photons), Some(film)) = (&mut self.photons, &tile.photons) {
+            let first = photons.of_pass(1) * u64::from(self.samples);
+            let place = (first, self.pass.photons, self.pass.samples);
+            self.pass.photons +=
+                photons.batch(&self.gpu, &self.scene, (tile, film), &self.settings, place)?;
+        }
+        let tile = &self.tiles[self.pass.tile];
+        let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
+        let photons = self.photons.as_ref().map_or(0, of_pass);
+        if self.pass.block == tile.blocks() && self.pass.photons == photons {
+            self.pass = Pass {
+                samples: self.pass.samples,
+                tile: self.pass.tile + 1,
+                block: 0,
+                photons: 0,
+            };
+        }
+        Ok(())
+    }
+
+    /// Continues the tile's paths.
+    fn batch_of_paths(&mut self) -> Result<(), GpuError> {
         let Pass {
             samples,
             tile,
             block,
+            ..
         } = self.pass;
         let tile = &self.tiles[tile];
         let affordable = self.rate * BATCH_SECONDS / f64::from(samples * BLOCK_PIXELS);
@@ -413,10 +499,6 @@ impl PathTracer {
         // Small batches do not fill the GPU, so approach its rate from below.
         self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
         self.pass.block += blocks;
-        if self.pass.block == tile.blocks() {
-            self.pass.tile += 1;
-            self.pass.block = 0;
-        }
         Ok(())
     }
 
@@ -470,11 +552,20 @@ impl PathTracer {
         for tile in &self.tiles {
             let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
             let film: Vec<[f32; 8]> = read_buffer(&self.gpu, &tile.film, bytes)?;
+            let photons = match &tile.photons {
+                Some(photons) => photons.radiance(&self.gpu)?,
+                None => vec![[0.0; 3]; film.len()],
+            };
+            let film: Vec<[f32; 3]> = film
+                .iter()
+                .zip(photons)
+                .map(|(pixel, photons)| [0, 1, 2].map(|channel| pixel[channel] + photons[channel]))
+                .collect();
             for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
                 let first =
                     (tile.origin[1] as usize + y) * self.size[0] as usize + tile.origin[0] as usize;
                 for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(row) {
-                    target.copy_from_slice(&pixel[..3]);
+                    target.copy_from_slice(pixel);
                 }
             }
         }
@@ -491,7 +582,7 @@ fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
     tile_side: u32,
-    wavefront: &Wavefront,
+    (wavefront, photons): (&Wavefront, Option<&Photons>),
     parameters: &wgpu::Buffer,
     noise_kernel: &Kernel,
 ) -> Result<Vec<Tile>, GpuError> {
@@ -527,6 +618,10 @@ fn tiles(
                     other => other,
                 })?;
             let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
+            let photons = photons
+                .map(|photons| photons.film(gpu, pixels))
+                .transpose()?;
+            let photon_pixels = photons.as_ref().map_or(&film, |film| &film.pixels);
             tiles.push(Tile {
                 origin: [x, y],
                 size: extent,
@@ -537,8 +632,10 @@ fn tiles(
                     &[
                         ("pixels", film.as_entire_binding()),
                         ("sums", sums.as_entire_binding()),
+                        ("photon_pixels", photon_pixels.as_entire_binding()),
                     ],
                 )?,
+                photons,
                 film,
                 sums,
             });
