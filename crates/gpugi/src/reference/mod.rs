@@ -17,6 +17,7 @@ mod sky;
 mod surroundings;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod wavefront;
 
 pub use settings::Settings;
@@ -37,7 +38,8 @@ use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
 use lights::LightTable;
-use photons::{PhotonFilm, Photons};
+use photons::Photons;
+use tile::{BLOCK_PIXELS, NOISE_PIXELS, Tile, sums_bytes, tiles};
 use wavefront::Wavefront;
 
 /// The path tracer's description.
@@ -58,16 +60,9 @@ pub const INFO: Info = Info {
 /// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU
 /// guarantees.
 const TILE_SIDE: u32 = 2048;
-/// Size of `Pixel` in reference/film.wesl (bytes).
-const PIXEL_BYTES: u64 = 32;
 /// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
 /// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
-/// Pixels per workgroup, and pixels that one workgroup of reference/noise.wesl sums.
-const BLOCK_SIDE: u32 = 8;
-const BLOCK_PIXELS: u32 = BLOCK_SIDE * BLOCK_SIDE;
-const NOISE_PIXELS: u32 = 1024;
-
 /// `Settings` of reference/path_state.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -85,28 +80,6 @@ struct Parameters {
     sky_probability: f32,
     emission_classes: u32,
     solids: [u32; 4],
-}
-
-/// A rectangle of the image with its own film.
-#[derive(Debug)]
-struct Tile {
-    origin: [u32; 2],
-    size: [u32; 2],
-    film: wgpu::Buffer,
-    film_group: wgpu::BindGroup,
-    sums: wgpu::Buffer,
-    sums_group: wgpu::BindGroup,
-    photons: Option<PhotonFilm>,
-}
-
-impl Tile {
-    fn blocks(&self) -> u32 {
-        self.size[0].div_ceil(BLOCK_SIDE) * self.size[1].div_ceil(BLOCK_SIDE)
-    }
-
-    fn pixels(&self) -> u32 {
-        self.size[0] * self.size[1]
-    }
 }
 
 /// A pass over the image, and its progress.
@@ -550,17 +523,7 @@ impl PathTracer {
     pub fn radiance(&self) -> Result<Vec<f32>, LightingError> {
         let mut picture = vec![0.0; self.size[0] as usize * self.size[1] as usize * 3];
         for tile in &self.tiles {
-            let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
-            let film: Vec<[f32; 8]> = read_buffer(&self.gpu, &tile.film, bytes)?;
-            let photons = match &tile.photons {
-                Some(photons) => photons.radiance(&self.gpu)?,
-                None => vec![[0.0; 3]; film.len()],
-            };
-            let film: Vec<[f32; 3]> = film
-                .iter()
-                .zip(photons)
-                .map(|(pixel, photons)| [0, 1, 2].map(|channel| pixel[channel] + photons[channel]))
-                .collect();
+            let film = tile.radiance(&self.gpu)?;
             for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
                 let first =
                     (tile.origin[1] as usize + y) * self.size[0] as usize + tile.origin[0] as usize;
@@ -571,75 +534,4 @@ impl PathTracer {
         }
         Ok(picture)
     }
-}
-
-fn sums_bytes(pixels: u32) -> u64 {
-    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 12
-}
-
-/// Creates the films that cover the whole image.
-fn tiles(
-    gpu: &Gpu,
-    size: [u32; 2],
-    tile_side: u32,
-    (wavefront, photons): (&Wavefront, Option<&Photons>),
-    parameters: &wgpu::Buffer,
-    noise_kernel: &Kernel,
-) -> Result<Vec<Tile>, GpuError> {
-    let pixels = u64::from(size[0]) * u64::from(size[1]);
-    let needed = pixels.saturating_mul(PIXEL_BYTES);
-    let no_memory = || GpuError::OutOfMemory {
-        pass: format!(
-            "the film of {} x {} pixels, which takes {needed} bytes",
-            size[0], size[1]
-        ),
-    };
-    // A software adapter uses the host's memory, and the host may promise memory that it does not have. Check first
-    // that the memory can be reserved, including that for the image on the host.
-    let on_host = match gpu.adapter.device_type {
-        wgpu::DeviceType::Cpu => needed,
-        _ => pixels.saturating_mul(12),
-    };
-    let mut probe: Vec<u8> = Vec::new();
-    probe
-        .try_reserve_exact(usize::try_from(on_host).unwrap_or(usize::MAX))
-        .map_err(|_| no_memory())?;
-    drop(probe);
-    let mut tiles = Vec::new();
-    for y in (0..size[1]).step_by(tile_side as usize) {
-        for x in (0..size[0]).step_by(tile_side as usize) {
-            let extent = [(size[0] - x).min(tile_side), (size[1] - y).min(tile_side)];
-            let pixels = extent[0] * extent[1];
-            let storage =
-                |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
-            let film = storage("path-tracer.film [bytes]", u64::from(pixels) * PIXEL_BYTES)
-                .map_err(|error| match error {
-                    GpuError::OutOfMemory { .. } => no_memory(),
-                    other => other,
-                })?;
-            let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
-            let photons = photons
-                .map(|photons| photons.film(gpu, pixels))
-                .transpose()?;
-            let photon_pixels = photons.as_ref().map_or(&film, |film| &film.pixels);
-            tiles.push(Tile {
-                origin: [x, y],
-                size: extent,
-                film_group: wavefront.film_group(gpu, parameters, &film)?,
-                sums_group: noise_kernel.bind(
-                    gpu,
-                    1,
-                    &[
-                        ("pixels", film.as_entire_binding()),
-                        ("sums", sums.as_entire_binding()),
-                        ("photon_pixels", photon_pixels.as_entire_binding()),
-                    ],
-                )?,
-                photons,
-                film,
-                sums,
-            });
-        }
-    }
-    Ok(tiles)
 }

@@ -4,9 +4,9 @@ use glam::Vec3;
 use gpugi_scene::{Bounds, Image, Material, MaterialModel, Pixels, Scene};
 
 use crate::light_paths::LightClass;
+use crate::reference::alias;
 use crate::reference::lights::{DIRECTIONAL, Light, SKY, TRIANGLE, luminance};
 use crate::reference::surroundings::{Solid, around};
-use crate::reference::alias;
 use crate::scene::{DELTA_ROUGHNESS, GpuScene};
 
 /// Most spheres; objects that lie close together share one. Each photon visits all of them.
@@ -105,10 +105,7 @@ fn power_toward(row: &Light, spheres: &[Sphere], on_gpu: &GpuScene) -> f64 {
         return emitted * std::f64::consts::PI * radii.map(|radius| radius * radius).sum::<f64>();
     }
     // Power over the solid angles of the spheres. An emissive triangle sends pi L A, most of it in one direction.
-    let solid_angle: f64 = spheres
-        .iter()
-        .map(|one| one.solid_angle(middle(row)))
-        .sum();
+    let solid_angle: f64 = spheres.iter().map(|one| one.solid_angle(middle(row))).sum();
     let intensity = match row.kind {
         TRIANGLE => {
             let [a, b] = [row.direction, row.edge].map(Vec3::from_array);
@@ -184,7 +181,11 @@ fn share(mut objects: Vec<Vec<Vec3>>, most: usize, groups: &mut Vec<Vec<Vec3>>) 
 /// Bits of a finite float in the order of the floats.
 fn ordered(value: f32) -> i32 {
     let bits = value.to_bits() as i32;
-    if bits < 0 { i32::MIN.wrapping_sub(bits) } else { bits }
+    if bits < 0 {
+        i32::MIN.wrapping_sub(bits)
+    } else {
+        bits
+    }
 }
 
 /// Whether a material may reflect or refract ideally anywhere. The path tracer leaves light of lamps by way of ideal

@@ -14,8 +14,9 @@ use web_time::Instant;
 
 use super::lights::Light;
 use super::surroundings::Solid;
+use super::tile::Tile;
 use super::wavefront::Named;
-use super::{BATCH_SECONDS, Settings, Tile};
+use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths, PathAutomaton, PatternError, overlap};
 use crate::scene::GpuScene;
@@ -191,7 +192,7 @@ impl Photons {
         let sums = storage("photons.sums [bytes]", SUMS_BYTES)?;
         let film = storage("photons.film [bytes]", PIXEL_BYTES)?;
         let sums_group = bind(gpu, &self.trace, 3, &[("sums", &sums)])?;
-        let both: &Named<'_> = &[("sums", &sums), ("photon_pixels", &film)];
+        let both: &Named<'_> = &[("sums", &sums), ("light_film", &film)];
         Ok(PhotonFilm {
             sums_group,
             resolve_group: bind(gpu, &self.resolve, 3, both)?,
@@ -257,8 +258,7 @@ impl Photons {
             let mut frame = Frame::new(gpu, false);
             frame.compute("photons.resolve", |pass| {
                 let groups = [(1, &self.resolve_own), (3, &film.resolve_group)];
-                self.resolve
-                    .dispatch(pass, &groups, [tile.pixels(), 1, 1]);
+                self.resolve.dispatch(pass, &groups, [tile.pixels(), 1, 1]);
             });
             frame.submit()?;
         }

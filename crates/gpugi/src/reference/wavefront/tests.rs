@@ -33,8 +33,7 @@ fn glass() -> Scene {
 
 /// A tracer whose pool is refilled many times per batch.
 fn tracer(gpu: &Gpu, scene: &Scene, settings: &Settings) -> PathTracer {
-    let mut tracer =
-        PathTracer::with_tiles(gpu, scene, SIZE, settings, TILE_SIDE, false).unwrap();
+    let mut tracer = PathTracer::with_tiles(gpu, scene, SIZE, settings, TILE_SIDE, false).unwrap();
     tracer.restart(SEED).unwrap();
     // The following passes take one sample each.
     tracer.pass.samples = 2;
