@@ -157,10 +157,11 @@ impl Photons {
         ];
         let of_lights: &Named<'_> = &[("lights", &rows), ("aims", &spheres)];
         let of_resolve: &Named<'_> = &[("settings", &resolution)];
-        // Of a photon that lights the whole scene, a pixel would get about this radiance.
+        // Photons that spread over the whole scene would make it about this bright. There is room for a million samples
+        // of pixels that are a million times as bright, and those a millionth as bright lose nothing.
         let diagonal = f64::from(on_gpu.diagonal());
         let mean = aims.power / (std::f64::consts::PI * diagonal * diagonal);
-        let exponent = mean.log2().round();
+        let exponent = mean.log2().round() + 8.0;
         Ok(Some(Self {
             own: bind(gpu, &trace, 1, own)?,
             lights: bind(gpu, &trace, 2, of_lights)?,
