@@ -45,7 +45,7 @@ use wavefront::Wavefront;
 /// The path tracer's description.
 pub const INFO: Info = Info {
     name: "path-tracer",
-    summary: "the reference: every light path, by path tracing, and by light tracing where light meets mirrors and glass first",
+    summary: "the reference: every light path, by path tracing and light tracing",
     source: "Kajiya 1986; Veach 1997; pbrt 4th edition, chapter 13",
     paths: &[
         LightPaths::new(LightClass::Punctual, "L.*E"),
@@ -205,8 +205,6 @@ impl PathTracer {
         let solids = surroundings::solids(scene);
         let mut photons = None;
         if has_photons {
-            photons::words_from_light(settings)
-                .map_err(|error| value("paths", &settings.paths, error.to_string()))?;
             photons = Photons::new(
                 gpu,
                 (scene, &on_gpu),

@@ -1,6 +1,6 @@
 //! Tiles of an image: each has a film of its own, small enough for a binding.
 
-use super::photons::{PhotonFilm, Photons};
+use super::photons::{self, PhotonFilm, Photons};
 use super::wavefront::Wavefront;
 use crate::gpu::{Gpu, GpuError, Kernel, read_buffer};
 
@@ -59,12 +59,13 @@ pub(super) fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
     tile_side: u32,
-    (wavefront, photons): (&Wavefront, Option<&Photons>),
+    (wavefront, light_tracer): (&Wavefront, Option<&Photons>),
     parameters: &wgpu::Buffer,
     noise_kernel: &Kernel,
 ) -> Result<Vec<Tile>, GpuError> {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
-    let needed = pixels.saturating_mul(PIXEL_BYTES);
+    let bytes = PIXEL_BYTES + light_tracer.map_or(0, |_| photons::BYTES);
+    let needed = pixels.saturating_mul(bytes);
     let no_memory = || GpuError::OutOfMemory {
         pass: format!(
             "the film of {} x {} pixels, which takes {needed} bytes",
@@ -95,7 +96,7 @@ pub(super) fn tiles(
                     other => other,
                 })?;
             let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
-            let photons = photons
+            let photons = light_tracer
                 .map(|photons| photons.film(gpu, pixels))
                 .transpose()?;
             let photon_pixels = photons.as_ref().map_or(&film, |film| &film.pixels);

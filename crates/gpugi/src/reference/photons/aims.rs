@@ -7,7 +7,7 @@ use crate::light_paths::LightClass;
 use crate::reference::alias;
 use crate::reference::lights::{DIRECTIONAL, Light, SKY, TRIANGLE, luminance};
 use crate::reference::surroundings::{Solid, around};
-use crate::scene::{DELTA_ROUGHNESS, GpuScene};
+use crate::scene::DELTA_ROUGHNESS;
 
 /// Most spheres; objects that lie close together share one. Each photon visits all of them.
 const MOST_SPHERES: usize = 64;
@@ -42,7 +42,6 @@ impl Aims {
     /// the path tracer.
     pub fn new(
         scene: &Scene,
-        on_gpu: &GpuScene,
         table: &[Light],
         classes: &[LightClass],
         solids: &[Solid],
@@ -57,10 +56,7 @@ impl Aims {
         if rows.is_empty() || spheres.is_empty() {
             return None;
         }
-        let powers: Vec<f64> = rows
-            .iter()
-            .map(|row| power_toward(row, &spheres, on_gpu))
-            .collect();
+        let powers: Vec<f64> = rows.iter().map(|row| power_toward(row, &spheres)).collect();
         let entries = alias::table(&powers);
         if entries.is_empty() {
             return None;
@@ -98,7 +94,7 @@ fn middle(row: &Light) -> Vec3 {
 }
 
 /// Power that a light sends into the spheres, about (luminance; W).
-fn power_toward(row: &Light, spheres: &[Sphere], on_gpu: &GpuScene) -> f64 {
+fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
     let emitted = luminance(Vec3::from_array(row.emission));
     if row.kind == DIRECTIONAL {
         let radii = spheres.iter().map(|one| f64::from(one.radius));
@@ -114,12 +110,7 @@ fn power_toward(row: &Light, spheres: &[Sphere], on_gpu: &GpuScene) -> f64 {
         _ => emitted,
     };
     let least = LEAST_SHARE * 4.0 * std::f64::consts::PI;
-    // Lights without extent have no power in a scene without one, and no photon either.
-    if on_gpu.diagonal() > 0.0 {
-        intensity * solid_angle.max(least)
-    } else {
-        0.0
-    }
+    intensity * solid_angle.max(least)
 }
 
 impl Sphere {

@@ -18,7 +18,7 @@ use super::tile::Tile;
 use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
-use crate::light_paths::{LightClass, LightPaths, PathAutomaton, PatternError, overlap};
+use crate::light_paths::{LightClass, LightPaths, PathAutomaton, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
 use aims::Aims;
@@ -29,6 +29,8 @@ pub(super) const FOUND: [LightPaths; 2] = [
     LightPaths::new(LightClass::Area, "LS.*DE"),
 ];
 
+/// Bytes per pixel of an image.
+pub(super) const BYTES: u64 = SUMS_BYTES + PIXEL_BYTES;
 /// Bytes of a pixel's sums: `WORDS` of photons/splats.wesl.
 const SUMS_BYTES: u64 = 32;
 /// Size of `PhotonPixel` in photons/film.wesl (bytes).
@@ -128,11 +130,12 @@ impl Photons {
         seen: &wgpu::Buffer,
     ) -> Result<Option<Self>, GpuError> {
         let classes = kept_classes(settings, classes);
-        let Some(aims) = Aims::new(scene, on_gpu, table, &classes, solids) else {
+        let Some(aims) = Aims::new(scene, table, &classes, solids) else {
             return Ok(None);
         };
-        let words = words_from_light(settings).map_err(|error| GpuError::Input {
-            what: error.to_string(),
+        let words = PathAutomaton::words_from_light(&settings.paths);
+        let words = words.map_err(|error| GpuError::Input {
+            what: format!("light paths {}: {error}", settings.paths),
         })?;
         let options = KernelOptions {
             constants,
@@ -207,7 +210,8 @@ impl Photons {
         self.per_sample * u64::from(samples)
     }
 
-    /// Continues a tile's pass after `done` photons, by as many as should take [`BATCH_SECONDS`]; returns their number.
+    /// Continues a tile's pass after `done` photons, by as many as should take half of
+    /// [`BATCH_SECONDS`], because they are one dispatch; returns their number.
     /// `first` is the number of the pass's first photon, `samples` the pass's number of samples per pixel. The last
     /// batch adds the pass to the tile's film.
     pub fn batch(
@@ -218,7 +222,7 @@ impl Photons {
         settings: &Settings,
         (first, done, samples): (u64, u64, u32),
     ) -> Result<u64, GpuError> {
-        let affordable = (self.rate * BATCH_SECONDS) as u64;
+        let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
         let left = self.of_pass(samples) - done;
         let photons = affordable.clamp(FIRST_BATCH, LARGEST_BATCH).min(left);
         let emission = Emission {
@@ -284,11 +288,6 @@ impl PhotonFilm {
         let pixels: Vec<[f32; 8]> = read_buffer(gpu, &self.pixels, self.pixels.size())?;
         Ok(pixels.iter().map(|one| [one[0], one[1], one[2]]).collect())
     }
-}
-
-/// The automaton of the settings' light paths, read from the light.
-pub(super) fn words_from_light(settings: &Settings) -> Result<Vec<u32>, PatternError> {
-    PathAutomaton::words_from_light(&settings.paths)
 }
 
 fn bind(
