@@ -179,7 +179,7 @@ impl PathTracer {
             .map_err(|reason| value("lights", &settings.lights, reason))?;
         check::check(scene, size)?;
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
-        let table = LightTable::new(scene, &on_gpu, &classes);
+        let mut table = LightTable::new(scene, &on_gpu, &classes);
         let flag = |set: bool| f64::from(u8::from(set));
         let has_transmission = scene
             .instances
@@ -203,6 +203,7 @@ impl PathTracer {
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let solids = surroundings::solids(scene);
+        let has_lamps = has_photons && photons::mark_lamps(scene, &mut table.rows);
         let mut photons = None;
         if has_photons {
             photons = Photons::new(
@@ -215,7 +216,6 @@ impl PathTracer {
                 &view,
             )?;
         }
-        let has_lamps = photons.as_ref().is_some_and(|photons| photons.has_lamps);
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
         let noise_kernel = Kernel::with_options(
             gpu,

@@ -5,7 +5,7 @@ use gpugi_scene::{Bounds, Image, Material, MaterialModel, Pixels, Scene};
 
 use crate::light_paths::LightClass;
 use crate::reference::alias;
-use crate::reference::lights::{DIRECTIONAL, Light, SKY, TRIANGLE, luminance};
+use crate::reference::lights::{DIRECTIONAL, LIGHT_TRACED, Light, SKY, TRIANGLE, luminance};
 use crate::reference::surroundings::{Solid, around};
 use crate::scene::DELTA_ROUGHNESS;
 
@@ -14,6 +14,10 @@ const MOST_SPHERES: usize = 64;
 /// Part of a light's power by which it is chosen even if no object looks large from it, because a lamp or a soft light
 /// is wider than its centre.
 const LEAST_SHARE: f64 = 1e-3;
+
+/// The light tracer finds the light of a lamp only if the spheres look smaller than this from it (sr). Photons of lamps
+/// close to large mirrors spread over the whole scene, most of them out of view, while paths from the eye find such lamps.
+const LARGEST_AIM: f64 = std::f64::consts::PI;
 
 /// A sphere around an object, in world space [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,13 +37,25 @@ pub struct Aims {
     pub spheres: u32,
     /// Power that the lights send into the spheres (luminance; W).
     pub power: f64,
-    /// Whether emissive triangles are among the lights.
-    pub has_lamps: bool,
+}
+
+/// Marks the emissive triangles whose light by way of ideal surfaces the path tracer leaves to the light tracer. Returns
+/// whether there are any. This depends on the scene alone, so that parts of its light add up path by path.
+pub fn mark_lamps(scene: &Scene, table: &mut [Light]) -> bool {
+    let spheres = spheres(scene);
+    let mut has_lamps = false;
+    for row in table.iter_mut().filter(|row| row.kind == TRIANGLE) {
+        if !spheres.is_empty() && solid_angle(&spheres, middle(row)) < LARGEST_AIM {
+            row.flags |= LIGHT_TRACED;
+            has_lamps = true;
+        }
+    }
+    has_lamps
 }
 
 impl Aims {
     /// The aims of the lights of some classes; `None` if no light may meet an ideal lobe first. `table` are the rows of
-    /// the path tracer.
+    /// the path tracer, after [`mark_lamps`].
     pub fn new(
         scene: &Scene,
         table: &[Light],
@@ -48,7 +64,7 @@ impl Aims {
     ) -> Option<Self> {
         let is_wanted = |row: &&Light| match row.kind {
             SKY => false,
-            TRIANGLE => classes.contains(&LightClass::Area),
+            TRIANGLE => classes.contains(&LightClass::Area) && row.flags & LIGHT_TRACED != 0,
             _ => classes.contains(&LightClass::Punctual),
         };
         let mut rows: Vec<Light> = table.iter().filter(is_wanted).copied().collect();
@@ -78,7 +94,6 @@ impl Aims {
             words: of_spheres.chain(of_lights).collect(),
             spheres: spheres.len() as u32,
             power: powers.iter().sum(),
-            has_lamps: rows.iter().any(|row| row.kind == TRIANGLE),
             rows,
         })
     }
@@ -101,7 +116,7 @@ fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
         return emitted * std::f64::consts::PI * radii.map(|radius| radius * radius).sum::<f64>();
     }
     // Power over the solid angles of the spheres. An emissive triangle sends pi L A, most of it in one direction.
-    let solid_angle: f64 = spheres.iter().map(|one| one.solid_angle(middle(row))).sum();
+    let solid_angle = solid_angle(spheres, middle(row));
     let intensity = match row.kind {
         TRIANGLE => {
             let [a, b] = [row.direction, row.edge].map(Vec3::from_array);
@@ -111,6 +126,11 @@ fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
     };
     let least = LEAST_SHARE * 4.0 * std::f64::consts::PI;
     intensity * solid_angle.max(least)
+}
+
+/// Solid angle of all spheres seen from a point (sr); overlaps count several times.
+fn solid_angle(spheres: &[Sphere], from: Vec3) -> f64 {
+    spheres.iter().map(|one| one.solid_angle(from)).sum()
 }
 
 impl Sphere {

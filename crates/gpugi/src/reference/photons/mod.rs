@@ -1,5 +1,5 @@
 //! The light tracer, which adds to the path tracer's picture the caustics that no path from the eye finds, or finds by
-//! chance only: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of lamps. Photons leave the lights
+//! chance only: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of lamps at some distance. Photons leave the lights
 //! toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy lobe that they meet.
 //!
 //! The path tracer leaves exactly these paths out, so each path is found once.
@@ -22,6 +22,7 @@ use crate::light_paths::{LightClass, LightPaths, PathAutomaton, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
 use aims::Aims;
+pub(super) use aims::mark_lamps;
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
 pub(super) const FOUND: [LightPaths; 2] = [
@@ -87,8 +88,6 @@ pub(super) struct Photons {
     per_sample: u64,
     /// Radiance of one step of a sum [W/sr/m^2].
     step: f32,
-    /// Whether lamps emit photons.
-    pub has_lamps: bool,
     /// Photons per second that the latest batches reached; 0 before the first batch.
     rate: f64,
 }
@@ -186,7 +185,6 @@ impl Photons {
             } else {
                 1.0
             },
-            has_lamps: aims.has_lamps,
             rate: 0.0,
         }))
     }

@@ -255,7 +255,7 @@ fn both_tracers_find_the_same_light_of_lamps() {
         ..Material::matt("coat", Vec3::splat(0.6))
     };
     let ball = || sphere(0.4, 32);
-    let around = cuboid(vec3(-3.0, -0.5, -3.0), vec3(3.0, 1.9, 3.0), 1);
+    let around = cuboid(vec3(-1.5, -0.5, -1.5), vec3(1.5, 1.5, 1.4), 1);
     let hangs = quad(vec3(-0.5, 0.6, 0.5), Vec3::X, Vec3::NEG_Z, 1);
     for (name, mesh, material, at) in [
         ("mirror", sphere(0.4, 12), mirror(0.9), vec3(0.0, 0.45, 0.0)),
@@ -279,7 +279,19 @@ fn both_tracers_find_the_same_light_of_lamps() {
             specular: 1.0,
             ..scene.materials[0].clone()
         };
-        let lamp = quad(vec3(-1.0, 2.0, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0, 1);
+        // The lamp must look upon the object from some distance.
+        let (height, half) = if name == "inside" {
+            (6.0, 4.0)
+        } else {
+            (2.0, 1.0)
+        };
+        let side = 2.0 * half;
+        let lamp = quad(
+            vec3(-half, height, -half),
+            Vec3::X * side,
+            Vec3::Z * side,
+            1,
+        );
         place(
             &mut scene,
             lamp,
@@ -297,7 +309,9 @@ fn both_tracers_find_the_same_light_of_lamps() {
                 Vec3::ZERO,
             );
         }
-        let camera = Camera::look_at("", vec3(0.6, 1.3, 2.4), vec3(0.0, 0.2, 0.0), 0.7);
+        let from = if name == "inside" { 0.5 } else { 1.0 };
+        let eye = vec3(0.6, 1.3, 2.4) * from;
+        let camera = Camera::look_at("", eye, vec3(0.0, 0.2, 0.0), 0.7);
         let patterns: &[(&str, f64)] = match name {
             "mirror" => &[("LS.*[DG]E", 0.015), ("LS+[DG][DGS]*DE", 0.04)],
             "coat" => &[("LS.*[DG]E", 0.04)],
