@@ -199,7 +199,7 @@ fn a_ball_sends_on_the_flux_of_fresnels_equations() {
         .lights
         .push(Light::new("", LightKind::Point, Vec3::ONE).aimed(vec3(0.3, 1.5, 2.0), Vec3::ZERO));
     let distance = vec3(0.3, 1.5, 2.0).length().into();
-    for (paths, by_passing, samples) in [("LSDE", false, 160), ("LSSDE", true, 16)] {
+    for (paths, by_passing, samples) in [("LSDE", false, 320), ("LSSDE", true, 32)] {
         let mut flux = 0.0;
         let mut variance = 0.0;
         for direction in [Vec3::X, Vec3::Y, Vec3::Z]
@@ -319,7 +319,7 @@ fn both_tracers_find_the_same_light_of_lamps() {
         };
         for &(paths, most) in patterns {
             let of = |has_photons| {
-                let samples = if has_photons { 64 } else { 256 };
+                let samples = if has_photons { 128 } else { 256 };
                 mean(&gpu, &scene, &camera, &keeping(paths), samples, has_photons)
             };
             let [(alone, noise), (both, error)] = [false, true].map(of);
@@ -401,7 +401,7 @@ fn photons_do_not_depend_on_tiles() {
         let settings = keeping("LS.*[DG]E");
         let tracer = PathTracer::with_tiles(&gpu, &scene, [37, 22], &settings, side, true);
         let mut tracer = tracer.unwrap();
-        let picture = picture(&mut tracer, &camera, 9, 4);
+        let picture = picture(&mut tracer, &camera, 18, 4);
         (picture, tracer.noise().unwrap())
     };
     let (whole, noise) = of(TILE_SIDE);
