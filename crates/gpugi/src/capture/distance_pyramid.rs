@@ -10,6 +10,8 @@ use crate::shader;
 pub const LEAST_SIDE: u32 = 8;
 /// Side of the pyramid's last level (cells).
 const LAST_SIDE: u32 = 4;
+/// Levels that one dispatch makes.
+const LEVELS_AT_ONCE: usize = 3;
 
 /// The pyramid of one distance cube.
 #[derive(Debug)]
@@ -59,14 +61,25 @@ impl DistancePyramid {
         let first = Kernel::new(gpu, &shader, "first", None)?;
         let next = Kernel::new(gpu, &shader, "next", None)?;
         let steps = (0..levels)
+            .step_by(LEVELS_AT_ONCE)
             .map(|level| {
                 let (kernel, finer) = match level {
                     0 => (&first, faces(distances, 0)),
                     _ => (&next, faces(&texture, level - 1)),
                 };
+                let coarser = (level..).take(LEVELS_AT_ONCE).map(|level| {
+                    if level < levels {
+                        Ok(faces(&texture, level))
+                    } else {
+                        Ok(faces(&missing_level(gpu)?, 0))
+                    }
+                });
+                let coarser = coarser.collect::<Result<Vec<_>, GpuError>>()?;
                 let resources = [
                     ("finer_unfilterable", TextureView(&finer)),
-                    ("coarser", TextureView(&faces(&texture, level))),
+                    ("coarser", TextureView(&coarser[0])),
+                    ("coarser_by_4", TextureView(&coarser[1])),
+                    ("coarser_by_8", TextureView(&coarser[2])),
                 ];
                 let group = kernel.bind(gpu, 3, &resources)?;
                 Ok((kernel.clone(), group, side >> (level + 1)))
@@ -84,6 +97,20 @@ impl DistancePyramid {
             }
         });
     }
+}
+
+/// Stands for a level that the pyramid does not have: a shader needs all of its textures bound.
+fn missing_level(gpu: &Gpu) -> Result<wgpu::Texture, GpuError> {
+    gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("missing level"),
+        size: wgpu::Extent3d::default(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rg32Float,
+        usage: wgpu::TextureUsages::STORAGE_BINDING,
+        view_formats: &[],
+    })
 }
 
 /// The faces of one level, as an array of layers.

@@ -7,6 +7,7 @@ pub mod depth;
 pub mod distance_pyramid;
 mod emission;
 mod gather;
+mod images;
 mod peeled_layer;
 mod per_receiver;
 mod receiver;
@@ -19,6 +20,7 @@ mod tests;
 pub(crate) use attenuation::Attenuation;
 pub use emission::Emission;
 pub use gather::Gather;
+pub use images::HitImages;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
 pub use receiver::{Output, Probe, Receiver, ReceiverKernel, Slots};
@@ -31,7 +33,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, RasterKernel, RasterState, Shader};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel, RasterState, Shader};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -102,6 +104,18 @@ impl Target {
     }
 }
 
+/// One view's part of a visibility buffer.
+#[derive(Debug, Clone, Copy)]
+struct Image<'a> {
+    /// Top left pixel.
+    corner: [u32; 2],
+    /// Width and height (pixels).
+    size: [u32; 2],
+    clip_from_world: &'a Mat4,
+    /// Bind group 1, opaque and alpha.
+    groups: &'a [wgpu::BindGroup; 2],
+}
+
 /// The pipelines that draw hit records, single-sided and double-sided.
 #[derive(Debug, Clone)]
 struct HitKernels {
@@ -133,29 +147,24 @@ impl HitKernels {
         })
     }
 
-    /// Draws what the faces `drawn` see. `matrices` and `groups` (bind group 1, opaque and alpha) have one entry per
-    /// face of the capture.
+    /// Draws some images of one visibility buffer.
     fn draw<'a>(
         &self,
         pass: &mut wgpu::RenderPass<'_>,
         scene: &GpuScene,
-        drawn: &Faces,
-        matrices: &[Mat4],
-        groups: impl Iterator<Item = &'a [wgpu::BindGroup; 2]>,
+        images: impl Iterator<Item = Image<'a>>,
         class_of: impl Fn(&Draw) -> Option<DrawClass>,
     ) {
         pass.set_bind_group(0, &scene.bind_group, &[]);
         pass.set_vertex_buffer(0, scene.vertices.slice(..));
         pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-        let [width, height] = drawn.size;
-        for (number, (matrix, [opaque, alpha])) in (0..).zip(matrices.iter().zip(groups)) {
-            if !drawn.range.contains(&number) {
-                continue;
-            }
-            let top = number * height;
-            pass.set_viewport(0.0, top as f32, width as f32, height as f32, 0.0, 1.0);
-            pass.set_scissor_rect(0, top, width, height);
-            let planes = frustum_planes(matrix);
+        for image in images {
+            let ([left, top], [width, height]) = (image.corner, image.size);
+            let [x, y, columns, rows] = [left, top, width, height].map(|pixels| pixels as f32);
+            pass.set_viewport(x, y, columns, rows, 0.0, 1.0);
+            pass.set_scissor_rect(left, top, width, height);
+            let [opaque, alpha] = image.groups;
+            let planes = frustum_planes(image.clip_from_world);
             let mut current = None;
             for (class, range) in visible_ranges(&scene.draws, &planes, &class_of) {
                 let Some(class) = class else {
@@ -231,6 +240,7 @@ pub struct Faces {
     range: Range<u32>,
     /// Width and height of each face (pixels).
     size: [u32; 2],
+    view: HostBuffer,
     resolve_seen: wgpu::BindGroup,
 }
 
@@ -244,9 +254,10 @@ impl Faces {
         size: [u32; 2],
     ) -> Result<Self, GpuError> {
         let uniform = std::mem::size_of::<ViewUniform>() as u64;
+        let view = HostBuffer::new(gpu, "view", uniform, wgpu::BufferUsages::UNIFORM)?;
         let points = SurfacePoints {
             points,
-            view: gpu.buffer("view", uniform, wgpu::BufferUsages::UNIFORM)?,
+            view: wgpu::Buffer::clone(&view),
             count: range.len() as u32 * size[0] * size[1],
             hits,
             output: Output::RadianceToEye,
@@ -255,6 +266,7 @@ impl Faces {
         Ok(Self {
             resolve_seen: points.bind(gpu, &kernels.resolve)?,
             points,
+            view,
             range,
             size,
         })
@@ -265,6 +277,21 @@ impl Faces {
         self.range.len() as u32
     }
 
+    /// The faces as images of the visibility buffer; `matrices` and `groups` have one entry per face of the capture.
+    fn images<'a>(
+        &self,
+        matrices: &'a [Mat4],
+        groups: &'a [[wgpu::BindGroup; 2]],
+    ) -> impl Iterator<Item = Image<'a>> {
+        let size = self.size;
+        self.range.clone().map(move |face| Image {
+            corner: [0, face * size[1]],
+            size,
+            clip_from_world: &matrices[face as usize],
+            groups: &groups[face as usize],
+        })
+    }
+
     /// Writes the view of the faces' points.
     pub(crate) fn look(&self, gpu: &Gpu, view: &ViewUniform) {
         let view = ViewUniform {
@@ -272,63 +299,71 @@ impl Faces {
             height: self.range.end * self.size[1],
             ..*view
         };
-        gpu.write(&self.points.view, 0, std::slice::from_ref(&view));
+        self.view.write(gpu, std::slice::from_ref(&view));
     }
 }
 
-/// The matrices of an image's only face or of a cube's six, each as the shaders' `clip_from_world`.
+/// One matrix per image of a visibility buffer, each as the shaders' `clip_from_world`.
 #[derive(Debug)]
 struct Matrices {
-    buffer: wgpu::Buffer,
-    faces: u32,
-    /// Bind group 1 of each face, opaque and alpha.
+    buffer: HostBuffer,
+    images: u32,
+    /// Bind group 1 of each image, opaque and alpha.
     groups: Vec<[wgpu::BindGroup; 2]>,
 }
 
 impl Matrices {
-    /// Floats of a face's uniform.
+    /// Floats of an image's uniform.
     const WORDS: usize = 20;
-    /// Floats between faces: uniforms begin at multiples of 256 bytes.
+    /// Floats between images: uniforms begin at multiples of 256 bytes.
     const STRIDE: usize = 64;
 
-    fn new(gpu: &Gpu, kernels: &CaptureKernels, faces: u32) -> Result<Self, GpuError> {
-        let bytes = u64::from(faces) * Self::STRIDE as u64 * 4;
-        let buffer = gpu.buffer("clip_from_world", bytes, wgpu::BufferUsages::UNIFORM)?;
+    fn new(gpu: &Gpu, kernels: &HitKernels, images: u32) -> Result<Self, GpuError> {
+        let bytes = u64::from(images) * Self::STRIDE as u64 * 4;
+        let buffer = HostBuffer::new(
+            gpu,
+            "clip_from_world",
+            bytes,
+            wgpu::BufferUsages::UNIFORM,
+        )?;
         let mut matrices = Self {
             buffer,
-            faces,
+            images,
             groups: Vec::new(),
         };
-        let groups = matrices.bindings().map(|of_face| {
-            let hits = &kernels.hits;
+        let groups = matrices.bindings().map(|of_image| {
             Ok([
-                hits.opaque[0].bind(gpu, 1, &[("clip_from_world", of_face.clone())])?,
-                hits.alpha[0].bind(gpu, 1, &[("alpha_view", of_face)])?,
+                kernels.opaque[0].bind(gpu, 1, &[("clip_from_world", of_image.clone())])?,
+                kernels.alpha[0].bind(gpu, 1, &[("alpha_view", of_image)])?,
             ])
         });
         matrices.groups = groups.collect::<Result<_, GpuError>>()?;
         Ok(matrices)
     }
 
-    /// The uniform of each face.
+    /// The uniform of each image.
     fn bindings(&self) -> impl Iterator<Item = wgpu::BindingResource<'_>> {
-        (0..u64::from(self.faces)).map(|face| {
+        (0..u64::from(self.images)).map(|image| {
             wgpu::BindingResource::Buffer(wgpu::BufferBinding {
                 buffer: &self.buffer,
-                offset: face * Self::STRIDE as u64 * 4,
+                offset: image * Self::STRIDE as u64 * 4,
                 size: wgpu::BufferSize::new(Self::WORDS as u64 * 4),
             })
         })
     }
 
-    fn write(&self, gpu: &Gpu, matrices: &[Mat4], seed: u32, top: u32) {
-        let mut words = vec![0.0_f32; matrices.len() * Self::STRIDE];
-        for (face, matrix) in words.chunks_exact_mut(Self::STRIDE).zip(matrices) {
-            face[..16].copy_from_slice(&matrix.to_cols_array());
-            face[16] = f32::from_bits(seed);
-            face[17] = f32::from_bits(top);
+    /// Writes each image's matrix, and what its hashed thresholds depend on: the view's seed and top row.
+    fn write<'a>(&self, gpu: &Gpu, images: impl Iterator<Item = (&'a Mat4, &'a ViewUniform)>) {
+        let mut words = Vec::with_capacity(self.images as usize * Self::STRIDE);
+        for (matrix, view) in images {
+            let seed = view
+                .seed
+                .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
+            words.extend(matrix.to_cols_array());
+            words.extend([seed, view.top].map(f32::from_bits));
+            words.resize(words.len().next_multiple_of(Self::STRIDE), 0.0);
         }
-        gpu.write(&self.buffer, 0, &words);
+        self.buffer.write(gpu, &words);
     }
 }
 
@@ -403,7 +438,7 @@ impl Capture {
             depth_view: depth.create_view(&Default::default()),
             depth,
             kernels: kernels.clone(),
-            matrices: Matrices::new(gpu, kernels, faces)?,
+            matrices: Matrices::new(gpu, &kernels.hits, faces)?,
             all,
             resolve_hits: None,
         })
@@ -508,15 +543,12 @@ impl Capture {
     ) -> Result<(), GpuError> {
         let hits = self.hits_of(frame.gpu, scene)?;
         drawn.look(frame.gpu, view);
-        let seed = view
-            .seed
-            .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
-        self.matrices.write(frame.gpu, matrices, seed, view.top);
+        let written = matrices.iter().map(|matrix| (matrix, view));
+        self.matrices.write(frame.gpu, written);
         let targets = [&self.hits_view];
         frame.render("capture.hits", &targets, &self.depth_view, |pass| {
-            let groups = self.matrices.groups.iter();
-            let kernels = &self.kernels.hits;
-            kernels.draw(pass, scene, drawn, matrices, groups, class_of);
+            let images = drawn.images(matrices, &self.matrices.groups);
+            self.kernels.hits.draw(pass, scene, images, class_of);
         });
         self.resolve(frame, scene, drawn, &drawn.resolve_seen, &hits);
         Ok(())

@@ -115,10 +115,8 @@ impl PeeledLayer {
         let drawn = [&self.hits_view];
         let name = "capture.peeled-hits";
         frame.render_onto(name, Keeps::Colors, &drawn, &self.depth, |pass| {
-            let matrices = &view.clip_from_world;
-            let groups = self.groups.iter();
-            self.kernels
-                .draw(pass, scene, faces, matrices, groups, class_of);
+            let images = faces.images(&view.clip_from_world, &self.groups);
+            self.kernels.draw(pass, scene, images, class_of);
         });
         let points = self.points(&faces.points);
         let seen = points.bind(frame.gpu, resolve)?;

@@ -15,7 +15,7 @@ mod twin;
 pub use present::Present;
 pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack, begin_read_buffer, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, ReadBack, begin_read_buffer, read_buffer};
 use crate::shader;
 use std::sync::{Mutex, PoisonError};
 
@@ -71,7 +71,7 @@ pub struct Display {
 #[derive(Debug, Clone)]
 struct BoundPart {
     radiance: wgpu::Buffer,
-    parameters: wgpu::Buffer,
+    parameters: HostBuffer,
     exposure_groups: [wgpu::BindGroup; 2],
     encode_groups: [wgpu::BindGroup; 2],
 }
@@ -296,7 +296,8 @@ impl Display {
             )));
         }
         let bytes = size_of::<Parameters>() as u64;
-        let parameters = gpu.buffer("display.parameters", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let usage = wgpu::BufferUsages::UNIFORM;
+        let parameters = HostBuffer::new(gpu, "display.parameters", bytes, usage)?;
         let radiance = [("radiance", part.radiance.as_entire_binding())];
         let of_exposure = [
             ("parameters", parameters.as_entire_binding()),
@@ -346,7 +347,7 @@ impl BoundPart {
             dither: settings.dither.into(),
             first_pixel,
         };
-        gpu.write(&self.parameters, 0, std::slice::from_ref(&parameters));
+        self.parameters.write(gpu, std::slice::from_ref(&parameters));
     }
 }
 

@@ -25,6 +25,7 @@ pub(crate) use quad::Quad;
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
 pub use shader::{BindingKind, Shader, all_shaders};
+pub(crate) use upload::HostBuffer;
 use upload::Uploads;
 pub use wgpu::TextureAspect;
 

@@ -4,11 +4,11 @@
 //! is left. Here, small writes go to staging memory that is reused.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use wgpu::util::StagingBelt;
 
-use super::Gpu;
+use super::{Gpu, GpuError};
 
 /// Size of one chunk of staging memory (bytes).
 const CHUNK: u64 = 1 << 16;
@@ -16,6 +16,51 @@ const CHUNK: u64 = 1 << 16;
 const LARGE: u64 = CHUNK / 2;
 /// Alignment of writes in staging memory (bytes).
 const ALIGNMENT: wgpu::BufferSize = wgpu::BufferSize::new(wgpu::COPY_BUFFER_ALIGNMENT).unwrap();
+
+/// A buffer that only the host writes, always from its beginning. Writes that would change nothing are skipped.
+#[derive(Debug, Clone)]
+pub(crate) struct HostBuffer {
+    buffer: wgpu::Buffer,
+    /// What it holds; clones share it.
+    written: Arc<Mutex<Vec<u8>>>,
+}
+
+impl HostBuffer {
+    /// A zero-filled buffer, as [`Gpu::buffer`].
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn new(
+        gpu: &Gpu,
+        label: &str,
+        size: u64,
+        usage: wgpu::BufferUsages,
+    ) -> Result<Self, GpuError> {
+        Ok(Self {
+            buffer: gpu.buffer(label, size, usage)?,
+            written: Arc::default(),
+        })
+    }
+
+    /// Writes `data`, before all commands that are submitted from now on.
+    pub fn write<T: bytemuck::NoUninit>(&self, gpu: &Gpu, data: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        if !written.starts_with(bytes) {
+            gpu.write(&self.buffer, 0, bytes);
+            let rest = written.len().min(bytes.len());
+            written.splice(..rest, bytes.iter().copied());
+        }
+    }
+}
+
+impl std::ops::Deref for HostBuffer {
+    type Target = wgpu::Buffer;
+
+    fn deref(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+}
 
 /// Writes that wait for the next submission, and the number of bytes uploaded so far.
 #[derive(Debug)]

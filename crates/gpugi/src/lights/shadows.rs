@@ -3,7 +3,7 @@
 use super::LightList;
 use super::gpu::table;
 use crate::capture::depth::{DepthAtlas, DepthKernels};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::scene::GpuScene;
 
 /// Light samples and their depth maps, for passes that import table.wesl.
@@ -18,7 +18,7 @@ pub struct Shadows {
 #[derive(Debug)]
 struct DepthMaps {
     atlas: DepthAtlas,
-    table: wgpu::Buffer,
+    table: HostBuffer,
     light_count: u32,
 }
 
@@ -67,14 +67,18 @@ impl Shadows {
         let made = match reused {
             Some(made) => {
                 let rows = table(&list.samples, &made.atlas.uniforms());
-                gpu.write(&made.table, 0, &rows);
+                made.table.write(gpu, &rows);
                 made
             }
             None => {
                 let atlas = DepthAtlas::new(gpu, &self.kernels, list.views)?;
                 let rows = table(&list.samples, &atlas.uniforms());
+                let size = std::mem::size_of_val(rows.as_slice()) as u64;
+                let usage = wgpu::BufferUsages::STORAGE;
+                let table = HostBuffer::new(gpu, "light table [bytes]", size, usage)?;
+                table.write(gpu, &rows);
                 DepthMaps {
-                    table: gpu.storage("light table [bytes]", &rows)?,
+                    table,
                     atlas,
                     light_count,
                 }

@@ -330,11 +330,17 @@ impl GpuScene {
             self.emitters = emitters(&self.host);
             self.versions.lights += 1;
         }
-        if Object::of(&before) != Object::of(material) {
+        let nameless = Object::of(material);
+        if Object::of(&before) != nameless {
             self.versions.objects += 1;
             for (object, instance) in self.objects.iter_mut().zip(&self.host.instances) {
                 if instance.material == index {
-                    *object = Object::new(instance, material);
+                    // Its name is kept, not copied: many instances may share the material.
+                    *object = Object {
+                        name: std::mem::take(&mut object.name),
+                        part_of: object.part_of,
+                        ..nameless
+                    };
                 }
             }
         }

@@ -14,7 +14,7 @@ pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{Frame, Gpu, GpuError, RasterKernel, RasterState, Shader};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, RasterKernel, RasterState, Shader};
 use crate::scene::{Casters, DrawClass, GpuScene};
 use crate::shader;
 
@@ -42,7 +42,7 @@ pub struct DepthAtlas {
     /// View of the texture.
     pub view: wgpu::TextureView,
     /// `array<DepthView>`, which lookups read.
-    pub views: wgpu::Buffer,
+    pub(crate) views: HostBuffer,
     specs: Vec<DepthViewSpec>,
     corners: Vec<[u32; 2]>,
     group: wgpu::BindGroup,
@@ -180,7 +180,10 @@ impl DepthAtlas {
         let (corners, _) = pack(&specs);
         let side = texture.width();
         let uniforms = uniforms(&specs, &corners, side);
-        let views = gpu.storage("shadow views [bytes]", &uniforms)?;
+        let size = std::mem::size_of_val(uniforms.as_slice()) as u64;
+        let usage = wgpu::BufferUsages::STORAGE;
+        let views = HostBuffer::new(gpu, "shadow views [bytes]", size, usage)?;
+        views.write(gpu, &uniforms);
         let group = kernels
             .whole
             .bind(gpu, 1, &[("views", views.as_entire_binding())])?;
@@ -209,7 +212,7 @@ impl DepthAtlas {
                 .all(|(old, new)| old.size == new.size);
         if same {
             self.specs = specs.to_vec();
-            gpu.write(&self.views, 0, &self.uniforms());
+            self.views.write(gpu, &self.uniforms());
         }
         same
     }

@@ -2,23 +2,34 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::capture::ViewUniform;
 use crate::lights::gpu::LightSample;
 
 /// `CausticMap` of photon.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct CausticMap {
+    pub view: ViewUniform,
     pub light: LightSample,
-    pub reference: [f32; 3],
-    pub cube_side: u32,
-    pub side: u32,
-    pub first: u32,
-    pub end: u32,
+    pub corner: [u32; 2],
     pub is_perspective: u32,
     pub pixel_area: f32,
     pub unit: f32,
     pub counts: f32,
     pub seed: u32,
+    pub padding: u32,
+}
+
+/// `Batch` of photon.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Batch {
+    pub reference: [f32; 3],
+    pub cube_side: u32,
+    pub first_map: u32,
+    pub side: u32,
+    pub first: u32,
+    pub end: u32,
     pub lanes: u32,
     pub padding: [u32; 3],
 }

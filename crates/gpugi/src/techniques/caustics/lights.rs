@@ -15,22 +15,56 @@ const LARGEST_TANGENT: f32 = 3.7;
 pub struct LightView {
     /// Camera of the capture.
     pub view: View,
-    /// Uniform for the photon passes. The caller sets the fields about the cube (`reference`, `cube_side`) and about
-    /// splatting (`first`, `end`, `counts`, `lanes`).
+    /// What the photon passes read. The caller sets `corner` and `counts`.
     pub map: CausticMap,
 }
 
 impl LightView {
-    /// View of the box `bounds` from a light, `side` x `side` pixels; `None` if the light does not reach it. `jitter`
-    /// in pixels; `diagonal` of the scene (m).
+    /// The light's view in `framing`, `side` x `side` pixels. `jitter` in pixels; `diagonal` of the scene (m).
     pub fn new(
         light: &LightSample,
-        bounds: &Bounds,
+        framing: &Framing,
         side: u32,
         jitter: Vec2,
         seed: u32,
         diagonal: f32,
-    ) -> Option<Self> {
+    ) -> Self {
+        let view = View::new(&framing.camera, [side, side], jitter, 0, seed, diagonal);
+        let pixel = 2.0 * framing.half / side as f32;
+        Self {
+            view,
+            map: CausticMap {
+                view: view.uniform,
+                light: *light,
+                corner: [0; 2],
+                is_perspective: u32::from(framing.is_perspective),
+                pixel_area: pixel * pixel,
+                // Flux of a pixel at the map's centre, straight in front of the light: no other pixel receives more.
+                unit: framing.intensity * pixel * pixel,
+                counts: 0.0,
+                seed,
+                padding: 0,
+            },
+        }
+    }
+}
+
+/// How a light's view frames an object.
+#[derive(Debug, Clone)]
+pub struct Framing {
+    camera: Camera,
+    is_perspective: bool,
+    /// Half the width of the view: on the plane at distance 1 in front of the light, or, of a directional light, on one
+    /// perpendicular to its direction (m).
+    half: f32,
+    /// The light's greatest intensity (W/sr), or irradiance (W/m^2).
+    intensity: f32,
+}
+
+impl Framing {
+    /// The view of the box `bounds` from a light, for a map of `side` x `side` pixels; `None` if the light does not
+    /// reach the box. `diagonal` of the scene (m).
+    pub fn new(light: &LightSample, bounds: &Bounds, side: u32, diagonal: f32) -> Option<Self> {
         let center = bounds.center();
         let position = Vec3::from_array(light.position);
         let direction = Vec3::from_array(light.direction);
@@ -69,31 +103,17 @@ impl LightView {
         } else {
             Projection::Orthographic { height: 2.0 * half }
         };
-        let pixel = 2.0 * half / side as f32;
         Some(Self {
-            view: View::new(&camera, [side, side], jitter, 0, seed, diagonal),
-            map: CausticMap {
-                light: *light,
-                reference: [0.0; 3],
-                cube_side: 0,
-                side,
-                first: 0,
-                end: 0,
-                is_perspective: u32::from(is_perspective),
-                pixel_area: pixel * pixel,
-                // Flux of a pixel at the map's centre, straight in front of the light: no other pixel receives more.
-                unit: intensity * pixel * pixel,
-                counts: 0.0,
-                seed,
-                lanes: 0,
-                padding: [0; 3],
-            },
+            camera,
+            is_perspective,
+            half,
+            intensity,
         })
     }
 
     /// Upper bound on the flux that all pixels together receive (W).
     pub fn flux(&self) -> f64 {
-        f64::from(self.map.unit) * f64::from(self.map.side).powi(2)
+        f64::from(self.intensity) * (2.0 * f64::from(self.half)).powi(2)
     }
 }
 

@@ -64,7 +64,7 @@ const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
 /// Most caustic maps: lights times objects.
 const MOST_MAPS: usize = 4096;
-/// Most pixels of all caustic maps, 56 bytes per pixel: with more lights and objects, maps are smaller.
+/// Most pixels of all caustic maps: with more lights and objects, maps are smaller.
 const MOST_PIXELS: f32 = 16.0 * 1024.0 * 1024.0;
 /// Least side of a caustic map (pixels).
 const LEAST_RESOLUTION: u32 = 8;

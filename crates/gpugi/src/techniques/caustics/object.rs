@@ -5,11 +5,11 @@ use std::ops::Range;
 
 use glam::Vec2;
 
-use super::gpu::{COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
-use super::lights::LightView;
+use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
+use super::lights::{Framing, LightView};
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
-use crate::capture::{Capture, CaptureKernels, SurfacePoints};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
 use crate::lights::gpu::LightSample;
 use crate::scene::{Claims, GpuScene, Object};
@@ -18,7 +18,7 @@ use crate::techniques::{Map, Texels};
 
 /// Most bytes of photon buffers at a time: more photons are traced in several batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-/// Invocations that splat the photons of one bounce of a map. Each photon's texels are shared among enough invocations
+/// Invocations that splat the photons of one number of a batch's maps. Each photon's texels are shared among enough invocations
 /// that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
@@ -32,16 +32,13 @@ pub struct Caustic {
     photons: u32,
     counters: wgpu::Buffer,
     lit_texels: wgpu::Buffer,
-    of_object: wgpu::Buffer,
-    lit_cube: wgpu::Buffer,
-    count_flux: wgpu::Buffer,
+    of_object: HostBuffer,
+    lit_cube: HostBuffer,
+    count_flux: HostBuffer,
     /// Bind group 2 of the gather.
     group: wgpu::BindGroup,
     bound: Option<PhotonGroups>,
-    maps: Vec<CausticMapOf>,
-    batches: Vec<Vec<Dispatch>>,
-    /// Bytes of the photon buffers, which all batches share.
-    photon_bytes: u64,
+    caustic_maps: Option<CausticMaps>,
     /// Frames whose photons the counters hold.
     frames: u32,
     /// Flux per count of one frame's sums (W); 0: no light shines on the object.
@@ -57,11 +54,16 @@ struct PhotonGroups {
     counted: wgpu::BindGroup,
 }
 
-/// The caustic map of one light.
+/// The caustic maps of all lights.
 #[derive(Debug)]
-struct CausticMapOf {
-    capture: Capture,
-    seen: wgpu::BindGroup,
+struct CausticMaps {
+    images: HitImages,
+    /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
+    seen: Option<(wgpu::Buffer, wgpu::BindGroup)>,
+    uniforms: HostBuffer,
+    batches: Vec<BatchOf>,
+    /// Bytes of the photon buffer, which all batches share.
+    photon_bytes: u64,
 }
 
 /// A light's view of the object, in a map of `side` x `side` pixels; `None` if it does not shine on the object.
@@ -71,13 +73,13 @@ struct Seen {
     view: Option<LightView>,
 }
 
-/// Tracing and splatting of some of the bounces of one caustic map's pixels.
+/// Tracing and splatting of some photons of consecutive maps of the same size.
 #[derive(Debug)]
-struct Dispatch {
-    /// Index of the caustic map.
-    of: usize,
-    bounces: Range<u32>,
-    map: wgpu::Buffer,
+struct BatchOf {
+    maps: Range<usize>,
+    /// Numbers of the photons.
+    numbers: Range<u32>,
+    uniform: HostBuffer,
     trace: wgpu::BindGroup,
     splat: wgpu::BindGroup,
 }
@@ -114,7 +116,7 @@ impl Caustic {
         let texels = 6 * u64::from(side) * u64::from(side);
         let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
         let lit_texels = gpu.buffer("caustics [bytes]", texels * LIT_TEXEL_BYTES, storage)?;
-        let lit_cube = gpu.buffer("lit cube", size_of::<LitCube>() as u64, uniform)?;
+        let lit_cube = HostBuffer::new(gpu, "lit cube", size_of::<LitCube>() as u64, uniform)?;
         let group = kernels.gather.to_bind().bind(
             gpu,
             2,
@@ -143,18 +145,17 @@ impl Caustic {
             photons,
             counters: gpu.buffer("caustic counters [bytes]", texels * COUNTER_BYTES, storage)?,
             lit_texels,
-            of_object: gpu.buffer(
+            of_object: HostBuffer::new(
+                gpu,
                 "impostor",
                 size_of::<impostor_gpu::Impostor>() as u64,
                 uniform,
             )?,
             lit_cube,
-            count_flux: gpu.buffer("flux of a count [W]", size_of::<f32>() as u64, uniform)?,
+            count_flux: HostBuffer::new(gpu, "flux of a count [W]", 4, uniform)?,
             group,
             bound: None,
-            maps: Vec::new(),
-            batches: Vec::new(),
-            photon_bytes: 0,
+            caustic_maps: None,
             frames: 0,
             step: 0.0,
         })
@@ -190,8 +191,8 @@ impl Caustic {
             frame.clear(&self.counters);
             // The finest step at which the sums of all frames still fit 31 bits and a sign.
             let flux: f64 = (0..settings.frames)
-                .flat_map(|number| self.views(making, number))
-                .filter_map(|seen| Some(seen.view?.flux()))
+                .flat_map(|number| self.framings(making, number))
+                .filter_map(|(_, _, framing)| Some(framing?.flux()))
                 .sum();
             self.step = flux / f64::from(1_u32 << 30);
         }
@@ -210,74 +211,56 @@ impl Caustic {
             world_from_shape: maps.world_from_shape.to_array(),
             ..bytemuck::Zeroable::zeroed()
         };
-        gpu.write(&self.of_object, 0, std::slice::from_ref(&of_object));
+        self.of_object.write(gpu, std::slice::from_ref(&of_object));
         let lit_cube = LitCube {
             reference: maps.reference.to_array(),
             side: self.wanted.side,
             instance: self.instance,
             padding: [0; 3],
         };
-        gpu.write(&self.lit_cube, 0, std::slice::from_ref(&lit_cube));
+        self.lit_cube.write(gpu, std::slice::from_ref(&lit_cube));
         let count_flux = (step / f64::from(self.frames)) as f32;
-        gpu.write(&self.count_flux, 0, std::slice::from_ref(&count_flux));
+        self.count_flux.write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
-        let Some(bound) = &self.bound else {
+        let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
             return Ok(0);
         };
-        for (caustic_map, seen) in self.maps.iter_mut().zip(&views) {
-            let Some(light) = &seen.view else { continue };
-            let capture = &mut caustic_map.capture;
-            capture.record(frame, scene, &light.view, |draw| {
-                if draw.instance == self.instance {
-                    scene.whole_class(draw)
-                } else if scene
-                    .claims(draw.instance as usize)
-                    .contains(Claims::SHADOW)
-                {
-                    // Light that passes through another such object belongs to that object's caustic.
-                    scene.whole_class(draw).from_both_sides()
-                } else {
-                    // Occluders block light with both of their sides.
-                    draw.seen.from_both_sides()
-                }
-            })?;
-        }
-        for batch in &self.batches {
-            let lit = batch.iter().filter_map(|dispatch| {
-                let view = views[dispatch.of].view.as_ref()?;
-                Some((dispatch, &view.map))
-            });
-            for (dispatch, &map) in lit.clone() {
-                let map = CausticMap {
-                    reference: maps.reference.to_array(),
-                    cube_side: self.wanted.side,
-                    counts: (f64::from(map.unit) / step) as f32,
-                    first: dispatch.bounces.start,
-                    end: dispatch.bounces.end,
-                    lanes: lanes(map.side),
-                    ..map
-                };
-                gpu.write(&dispatch.map, 0, std::slice::from_ref(&map));
+        let lit: Vec<_> = views
+            .iter()
+            .map(|seen| seen.view.as_ref().map(|light| &light.view))
+            .collect();
+        caustic_maps.images.record(frame, scene, &lit, |draw| {
+            if draw.instance == self.instance {
+                scene.whole_class(draw)
+            } else if scene
+                .claims(draw.instance as usize)
+                .contains(Claims::SHADOW)
+            {
+                // Light that passes through another such object belongs to that object's caustic.
+                scene.whole_class(draw).from_both_sides()
+            } else {
+                // Occluders block light with both of their sides.
+                draw.seen.from_both_sides()
             }
+        });
+        let seen = caustic_maps.seen(gpu, kernels, scene)?;
+        caustic_maps.write(gpu, &views, step, &lit_cube);
+        for batch in &caustic_maps.batches {
+            let side = caustic_maps.images.sides[batch.maps.start];
+            let maps = batch.maps.len() as u32;
             frame.compute("caustics.trace", |pass| {
-                for (dispatch, map) in lit.clone() {
-                    let side = map.side;
-                    let groups = [
-                        (0, &scene.bind_group),
-                        (1, &self.maps[dispatch.of].seen),
-                        (2, &bound.trace),
-                        (3, &dispatch.trace),
-                    ];
-                    kernels.trace.dispatch(pass, &groups, [side, side, 1]);
-                }
+                let groups = [
+                    (0, &scene.bind_group),
+                    (1, &seen),
+                    (2, &bound.trace),
+                    (3, &batch.trace),
+                ];
+                kernels.trace.dispatch(pass, &groups, [side, side, maps]);
             });
             frame.compute("caustics.splat", |pass| {
-                for (dispatch, map) in lit {
-                    let side = map.side;
-                    let invocations = side * side * dispatch.bounces.len() as u32 * lanes(side);
-                    let groups = [(3, &dispatch.splat)];
-                    kernels.splat.dispatch(pass, &groups, [invocations, 1, 1]);
-                }
+                let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
+                let groups = [(3, &batch.splat)];
+                kernels.splat.dispatch(pass, &groups, [invocations, 1, maps]);
             });
         }
         frame.compute("caustics.irradiance", |pass| {
@@ -289,9 +272,13 @@ impl Caustic {
         Ok(pixels.sum::<u64>() * u64::from(self.photons))
     }
 
-    /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
-    /// on an emitter, even if it does not shine on the object, because their number must not change.
-    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+    /// The lights of frame `number`, each with the side of its map (pixels) and its view's framing, `None` if it does not
+    /// shine on the object; empty if the object is not drawn.
+    fn framings<'a>(
+        &self,
+        making: Making<'a>,
+        number: u32,
+    ) -> impl Iterator<Item = (&'a LightSample, u32, Option<Framing>)> {
         let Making {
             scene,
             settings,
@@ -300,35 +287,43 @@ impl Caustic {
             ..
         } = making;
         let mut draws = scene.draws.iter();
-        let lights = making.lights.get(number as usize);
-        let (Some(draw), Some(lights)) =
-            (draws.find(|draw| draw.instance == self.instance), lights)
-        else {
-            return Vec::new();
-        };
-        let jitter = if settings.frames > 1 {
-            low_discrepancy(number) - 0.5
-        } else {
-            Vec2::ZERO
-        };
+        let draw = draws.find(|draw| draw.instance == self.instance);
+        let lights = making.lights.get(number as usize).filter(|_| draw.is_some());
+        let lights = lights.map_or(&[][..], Vec::as_slice);
         // All sample points on emitters together get as many pixels as one other light.
-        let emitters = lights.len() - first_area;
+        let emitters = lights.len().saturating_sub(first_area);
         let whole_maps = objects * (first_area + emitters.min(1));
         let affordable = (MOST_PIXELS / whole_maps.max(1) as f32).sqrt();
         let side = (settings.resolution as f32).min(affordable);
         let area_side = (side / (emitters.max(1) as f32).sqrt()).ceil();
-        let lights = lights.iter().enumerate();
-        lights
-            .filter_map(|(index, light)| {
-                let is_area = index >= first_area;
-                let side = if is_area { area_side } else { side };
-                let side = (side as u32).max(LEAST_RESOLUTION);
-                let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
-                let diagonal = scene.diagonal();
-                let view = LightView::new(light, &draw.bounds, side, jitter, seed, diagonal);
-                (is_area || view.is_some()).then_some(Seen { side, view })
-            })
-            .collect()
+        lights.iter().enumerate().map(move |(index, light)| {
+            let is_area = index >= first_area;
+            let side = if is_area { area_side } else { side };
+            let side = (side as u32).max(LEAST_RESOLUTION);
+            let framing =
+                draw.and_then(|draw| Framing::new(light, &draw.bounds, side, scene.diagonal()));
+            (light, side, framing)
+        })
+    }
+
+    /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
+    /// on an emitter, even if it does not shine on the object, because their number must not change.
+    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+        let jitter = if making.settings.frames > 1 {
+            low_discrepancy(number) - 0.5
+        } else {
+            Vec2::ZERO
+        };
+        let diagonal = making.scene.diagonal();
+        let framings = self.framings(making, number).enumerate();
+        let views = framings.filter_map(|(index, (light, side, framing))| {
+            let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
+            let view = framing
+                .map(|framing| LightView::new(light, &framing, side, jitter, seed, diagonal));
+            let is_area = index >= making.first_area;
+            (is_area || view.is_some()).then_some(Seen { side, view })
+        });
+        views.collect()
     }
 
     fn bind(&mut self, gpu: &Gpu, kernels: &Kernels, maps: &Maps) -> Result<(), GpuError> {
@@ -338,8 +333,7 @@ impl Caustic {
             bound.maps = maps.clone();
             return Ok(());
         }
-        self.maps.clear();
-        self.batches.clear();
+        self.caustic_maps = None;
         let counted = [
             ("count_flux", self.count_flux.as_entire_binding()),
             ("counters", self.counters.as_entire_binding()),
@@ -354,7 +348,7 @@ impl Caustic {
         Ok(())
     }
 
-    /// Allocates the views' caustic maps and photon buffers, unless those that exist have the right sizes.
+    /// Allocates the views' caustic maps and photon buffer, unless those that exist have the right sizes.
     fn resize(
         &mut self,
         gpu: &Gpu,
@@ -363,83 +357,57 @@ impl Caustic {
         maps: &Maps,
         views: &[Seen],
     ) -> Result<(), GpuError> {
-        let sides = views.iter().map(|seen| seen.side);
-        if self
-            .maps
-            .iter()
-            .map(|map| map.capture.size()[0])
-            .eq(sides.clone())
-        {
+        let sides: Vec<u32> = views.iter().map(|seen| seen.side).collect();
+        let is_right = |made: &CausticMaps| made.images.sides == sides;
+        if self.caustic_maps.as_ref().is_some_and(is_right) {
             return Ok(());
         }
-        self.maps.clear();
-        self.batches.clear();
+        self.caustic_maps = None;
+        if sides.is_empty() {
+            return Ok(());
+        }
         let limits = gpu.limits();
         let limit = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size)
             .min(PHOTONS_AT_ONCE);
-        // Each dispatch of a batch has its own photon buffer, so that none waits for another; the next batch reuses the
-        // buffers.
-        let mut sizes: Vec<u64> = Vec::new();
-        let mut batches: Vec<Vec<(usize, Range<u32>)>> = Vec::new();
-        let mut left = 0;
-        for (index, side) in sides.clone().enumerate() {
-            let of_bounce = u64::from(side) * u64::from(side) * PHOTON_BYTES;
-            let at_once = (limit / of_bounce).clamp(1, u64::from(self.photons)) as u32;
-            for first in (0..self.photons).step_by(at_once as usize) {
-                let bounces = first..(first + at_once).min(self.photons);
-                let size = of_bounce * bounces.len() as u64;
-                if left < size {
-                    batches.push(Vec::new());
-                    left = PHOTONS_AT_ONCE;
-                }
-                left = left.saturating_sub(size);
-                if let Some(batch) = batches.last_mut() {
-                    if batch.len() == sizes.len() {
-                        sizes.push(0);
-                    }
-                    let room = &mut sizes[batch.len()];
-                    *room = size.max(*room);
-                    batch.push((index, bounces));
-                }
-            }
-        }
-        self.photon_bytes = sizes.iter().sum();
-        let photons = sizes.iter().map(|&size| {
-            let usage = wgpu::BufferUsages::STORAGE;
-            gpu.buffer("photons [bytes]", size, usage)
+        let parts = parts(&sides, self.photons, limit);
+        let bytes = parts.iter().map(|(maps, numbers)| {
+            let side = u64::from(sides[maps.start]);
+            side * side * PHOTON_BYTES * (maps.len() * numbers.len()) as u64
         });
-        let photons: Vec<_> = photons.collect::<Result<_, _>>()?;
-        for side in sides {
-            let capture = Capture::of_camera(gpu, capture_kernels, [side, side])?;
-            self.maps.push(CausticMapOf {
-                seen: capture.points.bind(gpu, &kernels.trace)?,
-                capture,
-            });
-        }
-        let dispatch = |((of, bounces), photons): ((usize, Range<u32>), &wgpu::Buffer)| {
-            let size = size_of::<CausticMap>() as u64;
-            let map = gpu.buffer("caustic map", size, wgpu::BufferUsages::STORAGE)?;
+        let photon_bytes = bytes.max().unwrap_or(0);
+        let usage = wgpu::BufferUsages::STORAGE;
+        let photons = gpu.buffer("photons [bytes]", photon_bytes, usage)?;
+        let size = (sides.len() * size_of::<CausticMap>()) as u64;
+        let uniforms = HostBuffer::new(gpu, "caustic maps", size, usage)?;
+        let batches = parts.into_iter().map(|(of, numbers)| {
+            let size = size_of::<Batch>() as u64;
+            let uniform =
+                HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
             let mut resources = vec![
-                ("caustic_map", map.as_entire_binding()),
+                ("batch", uniform.as_entire_binding()),
+                ("caustic_maps", uniforms.as_entire_binding()),
                 ("photons", photons.as_entire_binding()),
                 ("receivers", maps.points.points.as_entire_binding()),
             ];
             let trace = kernels.trace.bind(gpu, 3, &resources)?;
             resources.push(("counters", self.counters.as_entire_binding()));
-            Ok(Dispatch {
-                of,
-                bounces,
+            Ok(BatchOf {
+                maps: of,
+                numbers,
                 trace,
                 splat: kernels.splat.bind(gpu, 3, &resources)?,
-                map,
+                uniform,
             })
-        };
-        self.batches = batches
-            .into_iter()
-            .map(|batch| batch.into_iter().zip(&photons).map(dispatch).collect())
-            .collect::<Result<_, GpuError>>()?;
+        });
+        self.caustic_maps = Some(CausticMaps {
+            batches: batches.collect::<Result<_, GpuError>>()?,
+            images: HitImages::new(gpu, capture_kernels, sides)?,
+            seen: None,
+            uniforms,
+            photon_bytes,
+        });
         Ok(())
     }
 
@@ -457,13 +425,13 @@ impl Caustic {
         }
     }
 
-    /// Bytes that are not in maps: counters, photons, and caustic maps with their visibility buffers and depth.
+    /// Bytes that are not in maps: counters, photons, and caustic maps with their depth.
     pub fn work_bytes(&self) -> u64 {
-        let maps = self.maps.iter().map(|map| {
-            let points = &map.capture.points;
-            points.points.size() + u64::from(points.count) * (4 + 4)
+        let maps = self.caustic_maps.iter().map(|made| {
+            let pixels = made.images.pixels * (4 + 4);
+            pixels + made.uniforms.size() + made.photon_bytes
         });
-        self.counters.size() + self.photon_bytes + maps.sum::<u64>()
+        self.counters.size() + maps.sum::<u64>()
     }
 
     /// Adds the caustics at `points`; `groups`: points and target.
@@ -486,9 +454,86 @@ impl Caustic {
     }
 }
 
-/// Invocations that share the texels of one photon of a map: a power of two, at most 64, the size of a workgroup.
-fn lanes(side: u32) -> u32 {
-    let lanes = SPLAT_INVOCATIONS / (side * side);
+impl CausticMaps {
+    /// Bind group 1 of the trace: hit records, and the merged vertices that they refer to.
+    fn seen(
+        &mut self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        scene: &GpuScene,
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        if let Some((vertices, group)) = &self.seen
+            && *vertices == scene.vertices
+        {
+            return Ok(group.clone());
+        }
+        let hits = wgpu::BindingResource::TextureView(&self.images.hits);
+        let merged = scene.vertices.as_entire_binding();
+        let group = kernels
+            .trace
+            .bind(gpu, 1, &[("hits", hits), ("merged", merged)])?;
+        self.seen = Some((scene.vertices.clone(), group.clone()));
+        Ok(group)
+    }
+
+    /// Writes what the photon passes read. `step`: flux per count (W).
+    fn write(&self, gpu: &Gpu, views: &[Seen], step: f64, cube: &LitCube) {
+        let uniforms = views.iter().zip(&self.images.corners);
+        let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
+            Some(LightView { map, .. }) => CausticMap {
+                corner,
+                counts: (f64::from(map.unit) / step) as f32,
+                ..map
+            },
+            None => bytemuck::Zeroable::zeroed(),
+        });
+        self.uniforms.write(gpu, &uniforms.collect::<Vec<_>>());
+        for batch in &self.batches {
+            let side = self.images.sides[batch.maps.start];
+            let uniform = Batch {
+                reference: cube.reference,
+                cube_side: cube.side,
+                first_map: batch.maps.start as u32,
+                side,
+                first: batch.numbers.start,
+                end: batch.numbers.end,
+                lanes: lanes(side, batch.maps.len() as u32),
+                padding: [0; 3],
+            };
+            batch.uniform.write(gpu, std::slice::from_ref(&uniform));
+        }
+    }
+}
+
+/// The maps, by their `sides`, and the numbers of their `photons` per pixel that are traced together, so that at most
+/// `limit` bytes hold them; one number of one map may take more.
+fn parts(sides: &[u32], photons: u32, limit: u64) -> Vec<(Range<usize>, Range<u32>)> {
+    let mut parts = Vec::new();
+    let mut first = 0;
+    for run in sides.chunk_by(|a, b| a == b) {
+        let maps = first..first + run.len();
+        first = maps.end;
+        let of_number = u64::from(run[0]).pow(2) * PHOTON_BYTES;
+        let at_once = (limit / of_number).max(1);
+        let whole = (at_once / u64::from(photons)) as usize;
+        if whole > 0 {
+            let starts = maps.clone().step_by(whole);
+            parts.extend(starts.map(|start| (start..(start + whole).min(maps.end), 0..photons)));
+            continue;
+        }
+        for map in maps {
+            let numbers = (0..photons).step_by(at_once as usize);
+            let end = |number: u32| (number + at_once as u32).min(photons);
+            parts.extend(numbers.map(|number| (map..map + 1, number..end(number))));
+        }
+    }
+    parts
+}
+
+/// Invocations that share the texels of one photon of each of `maps` maps: a power of two, at most 64, the size of a
+/// workgroup.
+fn lanes(side: u32, maps: u32) -> u32 {
+    let lanes = SPLAT_INVOCATIONS / (side * side * maps);
     (1 << lanes.max(1).ilog2()).clamp(4, 64)
 }
 

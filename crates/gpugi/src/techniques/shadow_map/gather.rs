@@ -8,7 +8,12 @@ use crate::scene::GpuScene;
 use crate::shader;
 
 /// Light x point x comparison products that one dispatch may hold: about 100 ms on a slow GPU.
-const DISPATCH_WORK: u64 = 1 << 27;
+fn dispatch_work(gpu: &Gpu) -> u64 {
+    match gpu.adapter.device_type {
+        wgpu::DeviceType::DiscreteGpu => 1 << 30,
+        _ => 1 << 27,
+    }
+}
 
 /// The pass, and what it is bound to.
 #[derive(Debug)]
@@ -116,10 +121,10 @@ fn bind(
     } else {
         settings.taps.max(settings.area_taps)
     };
+    let work = dispatch_work(gpu);
     let per_light = u64::from(points.count) * u64::from(taps);
-    let lights_at_once =
-        (DISPATCH_WORK / per_light.max(1)).clamp(1, u64::from(lights.count)) as u32;
-    let points_at_once = (DISPATCH_WORK / u64::from(taps))
+    let lights_at_once = (work / per_light.max(1)).clamp(1, u64::from(lights.count)) as u32;
+    let points_at_once = (work / u64::from(taps))
         .min(u64::from(points.count))
         .max(1) as u32;
     let mut chunks = Vec::new();
