@@ -14,12 +14,10 @@ use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::Metric;
 
-/// HDR-FLIP of the default set for `purpose`. It lacks the caustics of point lights, which the path tracer cannot find.
+/// HDR-FLIP of the default set for `purpose`.
 fn flip(gpu: &Gpu, scene: &Scene, purpose: Purpose, cache: &Cache) -> f64 {
     let registry = Registry::default();
-    let mut set = default_set(scene, &gpu.adapter, purpose, &registry);
-    set.choices
-        .retain(|one| one.technique != "caustics" || scene.lights.is_empty());
+    let set = default_set(scene, &gpu.adapter, purpose, &registry);
     let renderer = Renderer::with_set(gpu, scene, [48, 36], &set, &registry);
     let mut renderer = renderer.expect("a renderer");
     let options = Options {

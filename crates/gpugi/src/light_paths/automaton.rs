@@ -37,11 +37,25 @@ impl PathAutomaton {
     /// # Errors
     /// [`PatternError`]. Time and memory are bounded, whatever the pattern.
     pub fn compile(pattern: &str) -> Result<Self, PatternError> {
+        Self::read(pattern, Order::FromEye)
+    }
+
+    /// The automaton of a pattern whose paths are read from the light to the eye, which is the order in which photons
+    /// visit them, as words for a shader: see [`words`](Self::words).
+    ///
+    /// # Errors
+    /// See [`compile`](Self::compile).
+    pub fn words_from_light(pattern: &str) -> Result<Vec<u32>, PatternError> {
+        Ok(Self::read(pattern, Order::FromLight)?.words())
+    }
+
+    fn read(pattern: &str, order: Order) -> Result<Self, PatternError> {
         let mut choices = Choices {
             states: vec![Choice::End],
             steps: 0,
+            order,
         };
-        let start = choices.reversed(&parse(pattern)?, 0)?;
+        let start = choices.build(&parse(pattern)?, 0)?;
         Ok(minimized(&determinized(&choices.states, start)?))
     }
 
@@ -90,7 +104,7 @@ impl PathAutomaton {
     }
 
     /// The automaton for a shader, with [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words per state: the next state
-    /// after L, D, G, S and E, then flags. Flag bit 0 means accepting, which matters after the light's symbol. Bit 1
+    /// after L, D, G, S and E, then flags. Flag bit 0 means accepting, which matters after the last symbol. Bit 1
     /// means dead: no continuation is accepted. State 0 is the start.
     pub fn words(&self) -> Vec<u32> {
         let mut words = Vec::with_capacity(self.transitions.len() * Self::WORDS_PER_STATE);
@@ -153,9 +167,17 @@ enum Choice {
     End,
 }
 
+/// The order in which an automaton reads the symbols of a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    FromEye,
+    FromLight,
+}
+
 struct Choices {
     states: Vec<Choice>,
     steps: usize,
+    order: Order,
 }
 
 impl Choices {
@@ -164,8 +186,8 @@ impl Choices {
         self.states.len() - 1
     }
 
-    /// The state that reads `node` backward and then continues in `after`.
-    fn reversed(&mut self, node: &Node, mut after: usize) -> Result<usize, PatternError> {
+    /// The state that reads `node` and then continues in `after`.
+    fn build(&mut self, node: &Node, mut after: usize) -> Result<usize, PatternError> {
         // Count each visit, because nested repetitions of nothing create no states.
         self.steps += 1;
         if self.steps > MAX_STEPS {
@@ -174,17 +196,19 @@ impl Choices {
         match node {
             Node::Symbols(set) => Ok(self.add(Choice::Read(*set, after))),
             Node::Sequence(nodes) => {
-                // The first node is read last.
-                for node in nodes {
-                    after = self.reversed(node, after)?;
+                // The node that is read last comes first.
+                let from_eye = self.order == Order::FromEye;
+                for index in 0..nodes.len() {
+                    let last = nodes.len() - 1 - index;
+                    after = self.build(&nodes[if from_eye { index } else { last }], after)?;
                 }
                 Ok(after)
             }
             Node::Choice(branches) => {
                 let (first, others) = branches.split_first().expect("a choice has a branch");
-                let mut start = self.reversed(first, after)?;
+                let mut start = self.build(first, after)?;
                 for branch in others {
-                    let other = self.reversed(branch, after)?;
+                    let other = self.build(branch, after)?;
                     start = self.add(Choice::Either(start, other));
                 }
                 Ok(start)
@@ -194,18 +218,18 @@ impl Choices {
                 match most {
                     None => {
                         start = self.add(Choice::End);
-                        let again = self.reversed(node, start)?;
+                        let again = self.build(node, start)?;
                         self.states[start] = Choice::Either(again, after);
                     }
                     Some(most) => {
                         for _ in *least..*most {
-                            let once_more = self.reversed(node, start)?;
+                            let once_more = self.build(node, start)?;
                             start = self.add(Choice::Either(once_more, after));
                         }
                     }
                 }
                 for _ in 0..*least {
-                    start = self.reversed(node, start)?;
+                    start = self.build(node, start)?;
                 }
                 Ok(start)
             }

@@ -165,13 +165,14 @@ pub fn caustic_depth(covered: &[LightPaths], class: LightClass) -> u32 {
         .unwrap_or(0)
 }
 
-/// The shortest path in a set that a path tracer cannot find from the eye. On such a path, light from a source without
-/// extent meets a mirror or glass first; a ray from the eye leaves the mirror or glass past the light.
+/// The shortest path in a set that neither path tracing nor light tracing finds. On such a path, light from a source
+/// without extent meets a mirror or glass first, so that no ray from the eye ends at the light, and a mirror or glass
+/// last, so that no photon reaches the eye.
 ///
 /// # Panics
 /// See [`overlap`].
 pub fn never_found(covered: &[LightPaths]) -> Option<String> {
-    let punctual = LightPaths::new(LightClass::Punctual, "LS[DGS]*E");
+    let punctual = LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE");
     overlap(covered, &[punctual]).map(|(_, path)| path)
 }
 

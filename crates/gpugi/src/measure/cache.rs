@@ -20,7 +20,7 @@ const MOST_HEADER: u64 = 1 << 16;
 
 /// Increase this number when a change to the path tracer's host code changes its output: which lights there are, how
 /// they emit, what the geometry is. Changes to its shaders are detected automatically.
-const ALGORITHM: u32 = 1;
+const ALGORITHM: u32 = 2;
 
 /// Everything that determines an image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,6 +44,8 @@ impl Key {
             shader!("reference.wavefront.trace"),
             shader!("reference.wavefront.shade"),
             shader!("reference.wavefront.resolve"),
+            shader!("reference.photons.trace"),
+            shader!("reference.photons.resolve"),
             shader!("reference.noise"),
         ];
         let shaders: Vec<String> = shaders

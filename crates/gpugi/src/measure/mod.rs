@@ -184,8 +184,8 @@ pub fn measure(
         && let Some(path) = never_found(&covered)
     {
         notes.push(format!(
-            "the path tracer never finds light of points, spots and directions that meets a mirror or glass first ({path}): \
-             it counts as error; measure with area lights"
+            "the path tracer never finds light of points, spots and directions that meets a mirror or glass both first and \
+             last ({path}): it counts as error; measure with area lights"
         ));
     }
     let picture = |of: &'static str, radiance: &[f32]| {

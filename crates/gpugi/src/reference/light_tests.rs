@@ -67,7 +67,7 @@ fn ask(
         ("output", output.as_entire_binding()),
     ];
     let lights = [
-        ("light_table", rows.as_entire_binding()),
+        ("lights", rows.as_entire_binding()),
         ("emitter_rows", emitter_rows.as_entire_binding()),
         ("sky_grid", sky.as_entire_binding()),
     ];

@@ -9,7 +9,7 @@ use super::sky::Sky;
 use crate::light_paths::LightClass;
 use crate::scene::{Emitter, GpuScene};
 
-/// `Light` of reference/lights.wesl.
+/// `Light` of reference/light_table.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Light {
@@ -33,13 +33,15 @@ pub struct Light {
 
 const POINT: u32 = 0;
 const SPOT: u32 = 1;
-const DIRECTIONAL: u32 = 2;
-const TRIANGLE: u32 = 3;
-const SKY: u32 = 4;
+pub const DIRECTIONAL: u32 = 2;
+pub const TRIANGLE: u32 = 3;
+pub const SKY: u32 = 4;
 const NONE: u32 = u32::MAX;
 
 const TWO_SIDED: u32 = 1;
 const TEXTURED: u32 = 2;
+/// The light tracer finds what reaches diffuse surfaces from this triangle by way of ideal ones.
+pub const LIGHT_TRACED: u32 = 4;
 
 /// The lights of a scene, ready for upload.
 #[derive(Debug)]
@@ -144,7 +146,8 @@ impl LightTable {
     }
 }
 
-fn luminance(color: Vec3) -> f64 {
+/// Luminance, at least 0.
+pub fn luminance(color: Vec3) -> f64 {
     f64::from(color.dot(Vec3::new(0.2126, 0.7152, 0.0722))).max(0.0)
 }
 

@@ -2,7 +2,8 @@
 //! technique, and can be restricted to the same light paths, so that each technique is compared with exactly the light
 //! that it claims to compute.
 //!
-//! Unidirectional path tracing with next-event estimation and multiple importance sampling.
+//! Unidirectional path tracing with next-event estimation and multiple importance sampling; light tracing adds the
+//! caustics that paths from the eye do not find.
 //! `docs/techniques/path-tracer.md` describes what is sampled and how.
 
 mod alias;
@@ -10,11 +11,13 @@ mod check;
 #[cfg(test)]
 mod light_tests;
 mod lights;
+mod photons;
 mod settings;
 mod sky;
 mod surroundings;
 #[cfg(test)]
 mod tests;
+mod tile;
 mod wavefront;
 
 pub use settings::Settings;
@@ -27,7 +30,7 @@ use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
 use crate::scene::GpuScene;
@@ -35,12 +38,14 @@ use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
 use lights::LightTable;
+use photons::Photons;
+use tile::{BLOCK_PIXELS, NOISE_PIXELS, Tile, sums_bytes, tiles};
 use wavefront::Wavefront;
 
 /// The path tracer's description.
 pub const INFO: Info = Info {
     name: "path-tracer",
-    summary: "the reference: every light path, by unidirectional path tracing",
+    summary: "the reference: every light path, by path tracing and light tracing",
     source: "Kajiya 1986; Veach 1997; pbrt 4th edition, chapter 13",
     paths: &[
         LightPaths::new(LightClass::Punctual, "L.*E"),
@@ -55,16 +60,9 @@ pub const INFO: Info = Info {
 /// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU
 /// guarantees.
 const TILE_SIDE: u32 = 2048;
-/// Size of `Pixel` in reference/film.wesl (bytes).
-const PIXEL_BYTES: u64 = 32;
 /// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
 /// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
-/// Pixels per workgroup, and pixels that one workgroup of reference/noise.wesl sums.
-const BLOCK_SIDE: u32 = 8;
-const BLOCK_PIXELS: u32 = BLOCK_SIDE * BLOCK_SIDE;
-const NOISE_PIXELS: u32 = 1024;
-
 /// `Settings` of reference/path_state.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -84,27 +82,6 @@ struct Parameters {
     solids: [u32; 4],
 }
 
-/// A rectangle of the image with its own film.
-#[derive(Debug)]
-struct Tile {
-    origin: [u32; 2],
-    size: [u32; 2],
-    film: wgpu::Buffer,
-    film_group: wgpu::BindGroup,
-    sums: wgpu::Buffer,
-    sums_group: wgpu::BindGroup,
-}
-
-impl Tile {
-    fn blocks(&self) -> u32 {
-        self.size[0].div_ceil(BLOCK_SIDE) * self.size[1].div_ceil(BLOCK_SIDE)
-    }
-
-    fn pixels(&self) -> u32 {
-        self.size[0] * self.size[1]
-    }
-}
-
 /// A pass over the image, and its progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pass {
@@ -113,6 +90,8 @@ struct Pass {
     /// The next tile, and the next block within it.
     tile: usize,
     block: u32,
+    /// Photons traced for the tile.
+    photons: u64,
 }
 
 /// Progress of an image.
@@ -136,6 +115,7 @@ pub struct PathTracer {
     settings: Settings,
     size: [u32; 2],
     wavefront: Wavefront,
+    photons: Option<Photons>,
     noise_kernel: Kernel,
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
@@ -167,16 +147,18 @@ impl PathTracer {
         size: [u32; 2],
         settings: &Settings,
     ) -> Result<Self, LightingError> {
-        Self::with_tiles(gpu, scene, size, settings, TILE_SIDE)
+        Self::with_tiles(gpu, scene, size, settings, TILE_SIDE, true)
     }
 
-    /// [`PathTracer::new`] with a different tile side (pixels).
+    /// [`PathTracer::new`] with a different tile side (pixels). Without photons, paths from the eye alone make up the
+    /// picture.
     fn with_tiles(
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
         settings: &Settings,
         tile_side: u32,
+        has_photons: bool,
     ) -> Result<Self, LightingError> {
         let refused = |source: SettingError| LightingError::Setting {
             technique: INFO.name.to_owned(),
@@ -197,7 +179,7 @@ impl PathTracer {
             .map_err(|reason| value("lights", &settings.lights, reason))?;
         check::check(scene, size)?;
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
-        let table = LightTable::new(scene, &on_gpu, &classes);
+        let mut table = LightTable::new(scene, &on_gpu, &classes);
         let flag = |set: bool| f64::from(u8::from(set));
         let has_transmission = scene
             .instances
@@ -211,7 +193,6 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
-        let noise_kernel = Kernel::new(gpu, &shader!("reference.noise"), "main", None)?;
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let view = uniform(
             "path-tracer.view",
@@ -220,6 +201,31 @@ impl PathTracer {
         let parameters = uniform(
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
+        )?;
+        let solids = surroundings::solids(scene);
+        let has_lamps = has_photons && photons::mark_lamps(scene, &mut table.rows);
+        let mut photons = None;
+        if has_photons {
+            photons = Photons::new(
+                gpu,
+                (scene, &on_gpu),
+                size,
+                (settings, &classes),
+                (&table.rows, &solids),
+                &constants,
+                &view,
+            )?;
+        }
+        constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
+        let noise_kernel = Kernel::with_options(
+            gpu,
+            &shader!("reference.noise"),
+            "main",
+            None,
+            &KernelOptions {
+                constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
+                ..Default::default()
+            },
         )?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
         // A binding must hold at least one element, even if it is unused.
@@ -241,18 +247,26 @@ impl PathTracer {
                 ("seen", &view),
                 ("settings", &parameters),
                 ("automaton", &automaton),
-                ("light_table", &rows),
+                ("lights", &rows),
                 ("emitter_rows", &emitter_rows),
                 ("sky_grid", &sky),
             ],
         )?;
-        let tiles = tiles(gpu, size, tile_side, &wavefront, &parameters, &noise_kernel)?;
+        let tiles = tiles(
+            gpu,
+            size,
+            tile_side,
+            (&wavefront, photons.as_ref()),
+            &parameters,
+            &noise_kernel,
+        )?;
         Ok(Self {
             gpu: gpu.clone(),
             scene: on_gpu,
             settings: settings.clone(),
             size,
             wavefront,
+            photons,
             noise_kernel,
             view,
             parameters,
@@ -262,7 +276,7 @@ impl PathTracer {
             emission_classes: u32::from(classes.contains(&LightClass::Area))
                 | u32::from(classes.contains(&LightClass::Environment)) << 1,
             around_eye: surroundings::around(&[], Vec3::ZERO),
-            solids: surroundings::solids(scene),
+            solids,
             samples: 0,
             pass: Pass::default(),
             seed: 0,
@@ -291,6 +305,9 @@ impl PathTracer {
         let mut frame = Frame::new(&self.gpu, false);
         for tile in &self.tiles {
             frame.clear(&tile.film);
+            if let Some(photons) = &tile.photons {
+                photons.clear(&mut frame);
+            }
         }
         frame.submit()?;
         Ok(())
@@ -345,9 +362,7 @@ impl PathTracer {
             }
             while self.pass.tile < self.tiles.len() {
                 self.batch()?;
-                let whole = self.tiles[..self.pass.tile].iter();
-                let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
-                let done = (whole + f64::from(self.pass.block * BLOCK_PIXELS)) / pixels;
+                let done = self.done() / pixels;
                 let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
                 // Noise falls at least as fast as 1 / samples.
                 let enough = progress.noise.map_or(f64::INFINITY, |noise| {
@@ -375,12 +390,54 @@ impl PathTracer {
         Ok(progress)
     }
 
-    /// Continues the pass by as many blocks as should take [`BATCH_SECONDS`].
+    /// Pixels of the pass that are done. Half of a tile's work is that of its photons.
+    fn done(&self) -> f64 {
+        let whole = self.tiles[..self.pass.tile].iter();
+        let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
+        let of_blocks = f64::from(self.pass.block * BLOCK_PIXELS);
+        let Some(photons) = &self.photons else {
+            return whole + of_blocks;
+        };
+        let Some(tile) = self.tiles.get(self.pass.tile) else {
+            return whole;
+        };
+        let of_photons = self.pass.photons as f64 / photons.of_pass(self.pass.samples) as f64;
+        let pixels = f64::from(tile.pixels());
+        whole + (of_blocks.min(pixels) + of_photons * pixels) / 2.0
+    }
+
+    /// Continues the pass by as many blocks or photons as should take [`BATCH_SECONDS`].
     fn batch(&mut self) -> Result<(), GpuError> {
+        let tile = &self.tiles[self.pass.tile];
+        if self.pass.block < tile.blocks() {
+            self.batch_of_paths()?;
+        } else if let (Some(photons), Some(film)) = (&mut self.photons, &tile.photons) {
+            let first = photons.of_pass(1) * u64::from(self.samples);
+            let place = (first, self.pass.photons, self.pass.samples);
+            self.pass.photons +=
+                photons.batch(&self.gpu, &self.scene, (tile, film), &self.settings, place)?;
+        }
+        let tile = &self.tiles[self.pass.tile];
+        let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
+        let photons = self.photons.as_ref().map_or(0, of_pass);
+        if self.pass.block == tile.blocks() && self.pass.photons == photons {
+            self.pass = Pass {
+                samples: self.pass.samples,
+                tile: self.pass.tile + 1,
+                block: 0,
+                photons: 0,
+            };
+        }
+        Ok(())
+    }
+
+    /// Continues the tile's paths.
+    fn batch_of_paths(&mut self) -> Result<(), GpuError> {
         let Pass {
             samples,
             tile,
             block,
+            ..
         } = self.pass;
         let tile = &self.tiles[tile];
         let affordable = self.rate * BATCH_SECONDS / f64::from(samples * BLOCK_PIXELS);
@@ -413,10 +470,6 @@ impl PathTracer {
         // Small batches do not fill the GPU, so approach its rate from below.
         self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
         self.pass.block += blocks;
-        if self.pass.block == tile.blocks() {
-            self.pass.tile += 1;
-            self.pass.block = 0;
-        }
         Ok(())
     }
 
@@ -468,81 +521,15 @@ impl PathTracer {
     pub fn radiance(&self) -> Result<Vec<f32>, LightingError> {
         let mut picture = vec![0.0; self.size[0] as usize * self.size[1] as usize * 3];
         for tile in &self.tiles {
-            let bytes = u64::from(tile.pixels()) * PIXEL_BYTES;
-            let film: Vec<[f32; 8]> = read_buffer(&self.gpu, &tile.film, bytes)?;
+            let film = tile.radiance(&self.gpu)?;
             for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
                 let first =
                     (tile.origin[1] as usize + y) * self.size[0] as usize + tile.origin[0] as usize;
                 for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(row) {
-                    target.copy_from_slice(&pixel[..3]);
+                    target.copy_from_slice(pixel);
                 }
             }
         }
         Ok(picture)
     }
-}
-
-fn sums_bytes(pixels: u32) -> u64 {
-    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 12
-}
-
-/// Creates the films that cover the whole image.
-fn tiles(
-    gpu: &Gpu,
-    size: [u32; 2],
-    tile_side: u32,
-    wavefront: &Wavefront,
-    parameters: &wgpu::Buffer,
-    noise_kernel: &Kernel,
-) -> Result<Vec<Tile>, GpuError> {
-    let pixels = u64::from(size[0]) * u64::from(size[1]);
-    let needed = pixels.saturating_mul(PIXEL_BYTES);
-    let no_memory = || GpuError::OutOfMemory {
-        pass: format!(
-            "the film of {} x {} pixels, which takes {needed} bytes",
-            size[0], size[1]
-        ),
-    };
-    // A software adapter uses the host's memory, and the host may promise memory that it does not have. Check first
-    // that the memory can be reserved, including that for the image on the host.
-    let on_host = match gpu.adapter.device_type {
-        wgpu::DeviceType::Cpu => needed,
-        _ => pixels.saturating_mul(12),
-    };
-    let mut probe: Vec<u8> = Vec::new();
-    probe
-        .try_reserve_exact(usize::try_from(on_host).unwrap_or(usize::MAX))
-        .map_err(|_| no_memory())?;
-    drop(probe);
-    let mut tiles = Vec::new();
-    for y in (0..size[1]).step_by(tile_side as usize) {
-        for x in (0..size[0]).step_by(tile_side as usize) {
-            let extent = [(size[0] - x).min(tile_side), (size[1] - y).min(tile_side)];
-            let pixels = extent[0] * extent[1];
-            let storage =
-                |label: &str, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
-            let film = storage("path-tracer.film [bytes]", u64::from(pixels) * PIXEL_BYTES)
-                .map_err(|error| match error {
-                    GpuError::OutOfMemory { .. } => no_memory(),
-                    other => other,
-                })?;
-            let sums = storage("path-tracer.sums [bytes]", sums_bytes(pixels))?;
-            tiles.push(Tile {
-                origin: [x, y],
-                size: extent,
-                film_group: wavefront.film_group(gpu, parameters, &film)?,
-                sums_group: noise_kernel.bind(
-                    gpu,
-                    1,
-                    &[
-                        ("pixels", film.as_entire_binding()),
-                        ("sums", sums.as_entire_binding()),
-                    ],
-                )?,
-                film,
-                sums,
-            });
-        }
-    }
-    Ok(tiles)
 }

@@ -206,7 +206,7 @@ fn tiles_are_invisible() {
     let size = [37, 22];
     let with_tiles = |gpu: &Gpu, side: u32| {
         let settings = Settings::default();
-        let tracer = PathTracer::with_tiles(gpu, &scene, size, &settings, side);
+        let tracer = PathTracer::with_tiles(gpu, &scene, size, &settings, side, true);
         let mut tracer = tracer.unwrap();
         let count = size[0].div_ceil(side) * size[1].div_ceil(side);
         assert_eq!(tracer.tiles.len(), count as usize);

@@ -96,7 +96,7 @@ fn bind(
 
 impl Wavefront {
     /// Kernels and memory for images of `pixels` pixels. `constants` are those of path_state.wesl and bvh.wesl;
-    /// `buffers` are `seen`, `settings`, `automaton`, `light_table`, `emitter_rows` and `sky_grid`.
+    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows` and `sky_grid`.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
@@ -148,7 +148,7 @@ impl Wavefront {
         let rays: Vec<_> = constants
             .iter()
             .copied()
-            .filter(|(name, _)| *name != "HAS_PATH_FILTER")
+            .filter(|(name, _)| !["HAS_PATH_FILTER", "LIGHT_TRACER_HAS_LAMPS"].contains(name))
             .collect();
         let surfaces: Vec<_> = constants
             .iter()
@@ -162,7 +162,7 @@ impl Wavefront {
                 &shade.kernel,
                 2,
                 &all,
-                &["light_table", "emitter_rows", "sky_grid"],
+                &["lights", "emitter_rows", "sky_grid"],
             )?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,
             trace: hot(shader!("reference.wavefront.trace"), &rays)?,

@@ -6,7 +6,7 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, Scene, builtin::builtin};
 
 use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
-use crate::reference::{Parameters, PathTracer, Progress, Settings};
+use crate::reference::{Parameters, PathTracer, Progress, Settings, TILE_SIDE};
 use crate::shader;
 use crate::testing::test_gpu;
 
@@ -33,7 +33,7 @@ fn glass() -> Scene {
 
 /// A tracer whose pool is refilled many times per batch.
 fn tracer(gpu: &Gpu, scene: &Scene, settings: &Settings) -> PathTracer {
-    let mut tracer = PathTracer::new(gpu, scene, SIZE, settings).unwrap();
+    let mut tracer = PathTracer::with_tiles(gpu, scene, SIZE, settings, TILE_SIDE, false).unwrap();
     tracer.restart(SEED).unwrap();
     // The following passes take one sample each.
     tracer.pass.samples = 2;
@@ -118,7 +118,11 @@ fn it_renders_what_one_kernel_renders() {
         let mut tracer = tracer(&gpu, &scene, &settings);
         let mut on = |_: &Progress| ControlFlow::Continue(());
         tracer.render(&scene.cameras[0], SAMPLES, &mut on).unwrap();
-        let mut constants = vec![("HAS_TRANSMISSION", transmission), ("HAS_PATH_FILTER", 1.0)];
+        let mut constants = vec![
+            ("HAS_TRANSMISSION", transmission),
+            ("HAS_PATH_FILTER", 1.0),
+            ("LIGHT_TRACER_HAS_LAMPS", 0.0),
+        ];
         constants.extend(tracer.scene.ray_constants());
         let expected = expected(&gpu, &tracer, &constants);
         assert!(expected.iter().filter(|pixel| pixel[0] > 0.0).count() > 200);

@@ -1,0 +1,306 @@
+//! The light tracer, which adds to the path tracer's picture the caustics that no path from the eye finds, or finds by
+//! chance only: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of lamps at some distance. Photons leave the lights
+//! toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy lobe that they meet.
+//!
+//! The path tracer leaves exactly these paths out, so each path is found once.
+
+mod aims;
+#[cfg(test)]
+mod tests;
+
+use bytemuck::{Pod, Zeroable};
+use gpugi_scene::Scene;
+use web_time::Instant;
+
+use super::lights::Light;
+use super::surroundings::Solid;
+use super::tile::Tile;
+use super::wavefront::Named;
+use super::{BATCH_SECONDS, Settings};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::light_paths::{LightClass, LightPaths, PathAutomaton, overlap};
+use crate::scene::GpuScene;
+use crate::shader;
+use aims::Aims;
+pub(super) use aims::mark_lamps;
+
+/// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
+pub(super) const FOUND: [LightPaths; 2] = [
+    LightPaths::new(LightClass::Punctual, "LS.*[DG]E"),
+    LightPaths::new(LightClass::Area, "LS.*DE"),
+];
+
+/// Bytes per pixel of an image.
+pub(super) const BYTES: u64 = SUMS_BYTES + PIXEL_BYTES;
+/// Bytes of a pixel's sums: `WORDS` of photons/splats.wesl.
+const SUMS_BYTES: u64 = 32;
+/// Size of `PhotonPixel` in photons/film.wesl (bytes).
+const PIXEL_BYTES: u64 = 32;
+/// Photons per pixel and sample. They are much less noisy than paths: in `room` and `glass-room`, half as many keep their
+/// noise below that of the rest of the picture, or near it.
+const PHOTONS_PER_SAMPLE: f64 = 0.5;
+/// Photons of the first batch.
+const FIRST_BATCH: u64 = 1 << 12;
+/// Most photons of a batch.
+const LARGEST_BATCH: u64 = 1 << 22;
+
+/// `Settings` of reference/photons/emission.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct Emission {
+    tile_x: u32,
+    tile_y: u32,
+    tile_width: u32,
+    tile_height: u32,
+    first_photon: u32,
+    first_photon_high: u32,
+    photons: u32,
+    light_count: u32,
+    sphere_count: u32,
+    max_bounces: u32,
+    roulette_after: u32,
+    scale: f32,
+}
+
+/// `Settings` of reference/photons/resolve.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct Resolution {
+    pixels: u32,
+    samples: f32,
+    step: f32,
+    padding: u32,
+}
+
+/// The light tracer of a scene.
+#[derive(Debug)]
+pub(super) struct Photons {
+    trace: Kernel,
+    resolve: Kernel,
+    emission: wgpu::Buffer,
+    resolution: wgpu::Buffer,
+    own: wgpu::BindGroup,
+    lights: wgpu::BindGroup,
+    resolve_own: wgpu::BindGroup,
+    light_count: u32,
+    sphere_count: u32,
+    /// Photons of the image per sample of its pixels.
+    per_sample: u64,
+    /// Radiance of one step of a sum [W/sr/m^2].
+    step: f32,
+    /// Photons per second that the latest batches reached; 0 before the first batch.
+    rate: f64,
+}
+
+/// The light tracer's part of a tile.
+#[derive(Debug)]
+pub(super) struct PhotonFilm {
+    sums: wgpu::Buffer,
+    pub pixels: wgpu::Buffer,
+    sums_group: wgpu::BindGroup,
+    resolve_group: wgpu::BindGroup,
+}
+
+/// The classes of lights whose photons the settings keep.
+///
+/// # Panics
+/// If the settings' pattern is invalid.
+fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> {
+    if settings.max_bounces < 2 {
+        return Vec::new();
+    }
+    let is_kept = |class: &LightClass| {
+        let kept = LightPaths {
+            class: *class,
+            pattern: settings.paths.clone().into(),
+        };
+        overlap(&[kept], &FOUND).is_some()
+    };
+    classes.iter().copied().filter(is_kept).collect()
+}
+
+impl Photons {
+    /// The light tracer of a scene for images of `size` pixels; `None` if it has nothing to do. `table` are the lights
+    /// of the path tracer, `constants` those of path_state.wesl and bvh.wesl, `seen` the camera's view.
+    pub fn new(
+        gpu: &Gpu,
+        (scene, on_gpu): (&Scene, &GpuScene),
+        size: [u32; 2],
+        (settings, classes): (&Settings, &[LightClass]),
+        (table, solids): (&[Light], &[Solid]),
+        constants: &[(&str, f64)],
+        seen: &wgpu::Buffer,
+    ) -> Result<Option<Self>, GpuError> {
+        let classes = kept_classes(settings, classes);
+        let Some(aims) = Aims::new(scene, table, &classes, solids) else {
+            return Ok(None);
+        };
+        let words = PathAutomaton::words_from_light(&settings.paths);
+        let words = words.map_err(|error| GpuError::Input {
+            what: format!("light paths {}: {error}", settings.paths),
+        })?;
+        let options = KernelOptions {
+            constants,
+            // Indices are in range: those of tables because the host wrote them, those of sums because `splat` compares
+            // the pixel with the tile, which has as many sums.
+            unchecked: true,
+        };
+        let layout = Some(&on_gpu.ray_layout);
+        let shader = shader!("reference.photons.trace");
+        let trace = Kernel::with_options(gpu, &shader, "main", layout, &options)?;
+        let resolve = Kernel::new(gpu, &shader!("reference.photons.resolve"), "main", None)?;
+        let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
+        let emission = uniform("photons.settings", std::mem::size_of::<Emission>() as u64)?;
+        let resolution = uniform("photons.pass", std::mem::size_of::<Resolution>() as u64)?;
+        let automaton = gpu.storage("photons.automaton", &words)?;
+        let rows = gpu.storage("photons.lights [bytes]", &aims.rows)?;
+        let spheres = gpu.storage("photons.aims [bytes]", &aims.words)?;
+        let own: &Named<'_> = &[
+            ("seen", seen),
+            ("settings", &emission),
+            ("automaton", &automaton),
+        ];
+        let of_lights: &Named<'_> = &[("lights", &rows), ("aims", &spheres)];
+        let of_resolve: &Named<'_> = &[("settings", &resolution)];
+        // Photons that spread over the whole scene would make it about this bright. There is room for a million samples
+        // of pixels that are a million times as bright, and those a millionth as bright lose nothing.
+        let diagonal = f64::from(on_gpu.diagonal());
+        let mean = aims.power / (std::f64::consts::PI * diagonal * diagonal);
+        let exponent = mean.log2().round() + 8.0;
+        let pixels = f64::from(size[0]) * f64::from(size[1]);
+        Ok(Some(Self {
+            own: bind(gpu, &trace, 1, own)?,
+            lights: bind(gpu, &trace, 2, of_lights)?,
+            resolve_own: bind(gpu, &resolve, 1, of_resolve)?,
+            trace,
+            resolve,
+            emission,
+            resolution,
+            light_count: aims.rows.len() as u32,
+            sphere_count: aims.spheres,
+            per_sample: (pixels * PHOTONS_PER_SAMPLE).ceil() as u64,
+            // A power of two, so that scaling loses no digits.
+            step: if exponent.is_finite() {
+                exponent.clamp(-60.0, 60.0).exp2() as f32
+            } else {
+                1.0
+            },
+            rate: 0.0,
+        }))
+    }
+
+    /// The light tracer's film of a tile of `pixels` pixels.
+    pub fn film(&self, gpu: &Gpu, pixels: u32) -> Result<PhotonFilm, GpuError> {
+        let storage = |label: &str, bytes_per_pixel: u64| {
+            let bytes = u64::from(pixels) * bytes_per_pixel;
+            gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE)
+        };
+        let sums = storage("photons.sums [bytes]", SUMS_BYTES)?;
+        let film = storage("photons.film [bytes]", PIXEL_BYTES)?;
+        let sums_group = bind(gpu, &self.trace, 3, &[("sums", &sums)])?;
+        let both: &Named<'_> = &[("sums", &sums), ("light_film", &film)];
+        Ok(PhotonFilm {
+            sums_group,
+            resolve_group: bind(gpu, &self.resolve, 3, both)?,
+            sums,
+            pixels: film,
+        })
+    }
+
+    /// Photons of a pass of `samples` samples per pixel.
+    pub fn of_pass(&self, samples: u32) -> u64 {
+        self.per_sample * u64::from(samples)
+    }
+
+    /// Continues a tile's pass after `done` photons, by as many as should take half of
+    /// [`BATCH_SECONDS`], because they are one dispatch; returns their number.
+    /// `first` is the number of the pass's first photon, `samples` the pass's number of samples per pixel. The last
+    /// batch adds the pass to the tile's film.
+    pub fn batch(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        (tile, film): (&Tile, &PhotonFilm),
+        settings: &Settings,
+        (first, done, samples): (u64, u64, u32),
+    ) -> Result<u64, GpuError> {
+        let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
+        let left = self.of_pass(samples) - done;
+        let photons = affordable.clamp(FIRST_BATCH, LARGEST_BATCH).min(left);
+        let emission = Emission {
+            tile_x: tile.origin[0],
+            tile_y: tile.origin[1],
+            tile_width: tile.size[0],
+            tile_height: tile.size[1],
+            first_photon: (first + done) as u32,
+            first_photon_high: ((first + done) >> 32) as u32,
+            photons: photons as u32,
+            light_count: self.light_count,
+            sphere_count: self.sphere_count,
+            max_bounces: settings.max_bounces,
+            roulette_after: settings.roulette_after,
+            scale: 1.0 / (self.per_sample as f32 * self.step),
+        };
+        gpu.write(&self.emission, 0, std::slice::from_ref(&emission));
+        let started = Instant::now();
+        let mut frame = Frame::new(gpu, false);
+        frame.compute("photons.trace", |pass| {
+            let groups = [
+                (0, &scene.ray_bind_group),
+                (1, &self.own),
+                (2, &self.lights),
+                (3, &film.sums_group),
+            ];
+            self.trace.dispatch(pass, &groups, [photons as u32, 1, 1]);
+        });
+        frame.submit()?;
+        if photons == left {
+            let resolution = Resolution {
+                pixels: tile.pixels(),
+                samples: samples as f32,
+                step: self.step,
+                padding: 0,
+            };
+            gpu.write(&self.resolution, 0, std::slice::from_ref(&resolution));
+            let mut frame = Frame::new(gpu, false);
+            frame.compute("photons.resolve", |pass| {
+                let groups = [(1, &self.resolve_own), (3, &film.resolve_group)];
+                self.resolve.dispatch(pass, &groups, [tile.pixels(), 1, 1]);
+            });
+            frame.submit()?;
+        }
+        gpu.wait()?;
+        let seconds = started.elapsed().as_secs_f64().max(1e-5);
+        // Small batches do not fill the GPU, so approach its rate from below.
+        let rate = photons as f64 / seconds;
+        self.rate = rate.min((self.rate * 4.0).max(photons as f64 / seconds.max(0.01)));
+        Ok(photons)
+    }
+}
+
+impl PhotonFilm {
+    /// Forgets all photons.
+    pub fn clear(&self, frame: &mut Frame<'_>) {
+        frame.clear(&self.sums);
+        frame.clear(&self.pixels);
+    }
+
+    /// Mean radiance of each pixel.
+    pub fn radiance(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, GpuError> {
+        let pixels: Vec<[f32; 8]> = read_buffer(gpu, &self.pixels, self.pixels.size())?;
+        Ok(pixels.iter().map(|one| [one[0], one[1], one[2]]).collect())
+    }
+}
+
+fn bind(
+    gpu: &Gpu,
+    kernel: &Kernel,
+    group: u32,
+    buffers: &Named<'_>,
+) -> Result<wgpu::BindGroup, GpuError> {
+    let resources: Vec<_> = buffers
+        .iter()
+        .map(|(name, buffer)| (*name, buffer.as_entire_binding()))
+        .collect();
+    kernel.bind(gpu, group, &resources)
+}
