@@ -125,6 +125,16 @@ impl ObscuranceBake {
         Ok(next)
     }
 
+    /// The texels after the `samples` of a tile.
+    fn after(&mut self, tile: u32, samples: &Range<u32>) -> Result<Vec<u32>, LightingError> {
+        let mut next = samples.start;
+        while next < samples.end {
+            next = self.take(tile, next..samples.end)?;
+            self.gpu.wait()?;
+        }
+        Ok(self.texels()?)
+    }
+
     /// `Texel` of obscurance.wesl, page after page.
     fn texels(&self) -> Result<Vec<u32>, GpuError> {
         let [texels, _] = self.solution.buffers();
@@ -239,14 +249,10 @@ impl Bake for ObscuranceBake {
         self.shares.find(*tile, samples)?;
         self.take(*tile, 0..0)?;
         let before = self.texels()?;
-        let mut next = samples.start;
-        while next < samples.end {
-            next = self.take(*tile, next..samples.end)?;
-            self.gpu.wait()?;
-        }
-        let after = self.texels()?;
+        let after = self.after(*tile, samples);
         // What the task adds is not this bake's yet.
         self.set_texels(&before);
+        let after = after?;
         let words = self.words_of(*tile);
         let [before, after] = [&before, &after].map(|all| all[words.clone()].chunks_exact(WORDS));
         let added = |(before, after): (&[u32], &[u32])| {
@@ -269,19 +275,20 @@ impl Bake for ObscuranceBake {
             return Err(unfit("obscurances have no maps"));
         };
         let index = self.shares.find(part.tile, &part.samples)?;
-        self.take(part.tile, 0..0)?;
-        let mut texels = self.texels()?;
         let words = self.words_of(part.tile);
-        let of_tile = texels[words].chunks_exact_mut(WORDS);
-        if of_tile.len() != part.sums.len() || !part.sums.iter().all(are_sums) {
+        if words.len() != part.sums.len() * WORDS || !part.sums.iter().all(are_sums) {
             return Err(unfit("the result of a task of another bake"));
         }
         let begun = self.state.done.iter().position(|done| !done);
         if self.state.done[index] || begun == Some(index) && self.state.taken > 0 {
             return Ok(());
         }
+        self.take(part.tile, 0..0)?;
+        let mut texels = self.texels()?;
+        let of_tile = texels[words].chunks_exact_mut(WORDS);
         for (texel, sums) in of_tile.zip(&part.sums) {
-            // As in obscurance.wesl: samples beyond the most that sums have room for are dropped.
+            // Sums have no room for more samples than the most, which only peeling with far more lines than its default
+            // reaches; a bake in one piece drops single samples instead.
             if texel[FIRST_SUM].saturating_add(sums[0]) <= MOST_SAMPLES {
                 for (sum, more) in texel[FIRST_SUM..].iter_mut().zip(sums) {
                     *sum = sum.saturating_add(*more);

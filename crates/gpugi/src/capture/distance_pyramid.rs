@@ -13,6 +13,27 @@ const LAST_SIDE: u32 = 4;
 /// Levels that one dispatch makes.
 const LEVELS_AT_ONCE: usize = 3;
 
+/// The passes of pyramids.
+#[derive(Debug)]
+pub struct PyramidKernels {
+    first: Kernel,
+    next: Kernel,
+}
+
+impl PyramidKernels {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let shader = shader!("capture.distance_pyramid");
+        Ok(Self {
+            first: Kernel::new(gpu, &shader, "first", None)?,
+            next: Kernel::new(gpu, &shader, "next", None)?,
+        })
+    }
+}
+
 /// The pyramid of one distance cube.
 #[derive(Debug)]
 pub struct DistancePyramid {
@@ -29,7 +50,11 @@ impl DistancePyramid {
     /// # Errors
     /// [`GpuError::Pass`] when the faces' side is not a power of two or is less than [`LEAST_SIDE`];
     /// [`GpuError::OutOfMemory`].
-    pub fn new(gpu: &Gpu, distances: &wgpu::Texture) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        kernels: &PyramidKernels,
+        distances: &wgpu::Texture,
+    ) -> Result<Self, GpuError> {
         let side = distances.width();
         if !side.is_power_of_two() || side < LEAST_SIDE || distances.height() != side {
             return Err(GpuError::Pass {
@@ -57,15 +82,12 @@ impl DistancePyramid {
                 | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         })?;
-        let shader = shader!("capture.distance_pyramid");
-        let first = Kernel::new(gpu, &shader, "first", None)?;
-        let next = Kernel::new(gpu, &shader, "next", None)?;
         let steps = (0..levels)
             .step_by(LEVELS_AT_ONCE)
             .map(|level| {
                 let (kernel, finer) = match level {
-                    0 => (&first, faces(distances, 0)),
-                    _ => (&next, faces(&texture, level - 1)),
+                    0 => (&kernels.first, faces(distances, 0)),
+                    _ => (&kernels.next, faces(&texture, level - 1)),
                 };
                 let coarser = (level..).take(LEVELS_AT_ONCE).map(|level| {
                     if level < levels {

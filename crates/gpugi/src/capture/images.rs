@@ -58,7 +58,7 @@ impl HitImages {
         })
     }
 
-    /// Draws what each view sees into its image: pass `capture.hits`. Images without a view have no hits. `class_of` gives
+    /// Draws what each view sees into its image: pass `capture.hits`. Without any view nothing is drawn. `class_of` gives
     /// the class as which each draw is drawn.
     pub fn record(
         &self,

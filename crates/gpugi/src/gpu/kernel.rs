@@ -328,8 +328,8 @@ impl Kernel {
         self.interface.bind(gpu, group, resources)
     }
 
-    /// Runs at least `invocations` invocations along each axis. A one-dimensional kernel with more workgroups than the
-    /// limit of 65,535 along x is folded into y: such shaders compute their index with `num_workgroups`.
+    /// Runs at least `invocations` invocations along each axis. More workgroups along x
+    /// than the limit of 65,535 are folded into y if y is 1: such shaders compute their index with `num_workgroups`.
     pub fn dispatch(
         &self,
         pass: &mut wgpu::ComputePass<'_>,

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use glam::{Quat, Vec3};
 use wgpu::BindingResource::{Sampler, TextureView};
 
-use crate::capture::distance_pyramid::DistancePyramid;
+use crate::capture::distance_pyramid::{DistancePyramid, PyramidKernels};
 use crate::capture::{Capture, CaptureKernels, CubeView, Faces, PeeledLayer, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
@@ -159,6 +159,7 @@ impl Maps {
 pub struct Impostors {
     capture: CaptureKernels,
     store_surroundings: Kernel,
+    pyramids: PyramidKernels,
     shapes: ShapePasses,
     kept: Vec<ObjectMaps>,
     frame: u64,
@@ -217,6 +218,7 @@ impl Impostors {
         Ok(Self {
             capture: capture.clone(),
             store_surroundings: Kernel::new(gpu, &store, "surroundings", layout)?,
+            pyramids: PyramidKernels::new(gpu)?,
             shapes: ShapePasses::new(gpu, scene, capture)?,
             kept: Vec::new(),
             frame: 0,
@@ -316,8 +318,8 @@ impl Impostors {
             distances(wanted.side, wanted.layers)?,
             distances(shape_side, 1)?,
         ];
-        let pyramid = DistancePyramid::new(gpu, &surroundings)?;
-        let shape_pyramid = DistancePyramid::new(gpu, &shape)?;
+        let pyramid = DistancePyramid::new(gpu, &self.pyramids, &surroundings)?;
+        let shape_pyramid = DistancePyramid::new(gpu, &self.pyramids, &shape)?;
         let shape_normals = normals(shape_side)?;
         let capture = Capture::of_cube(gpu, &self.capture, wanted.side)?;
         let turns = (0..wanted.renewal.turns()).map(|turn| {

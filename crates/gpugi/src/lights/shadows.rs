@@ -130,7 +130,7 @@ impl Shadows {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         pass: &str,
-        (list, of): (LightList, Versions),
+        (list, of): (&LightList, Versions),
         mut takes: impl FnMut(u64) -> bool,
     ) -> Result<Updated, GpuError> {
         let gpu = frame.gpu;
@@ -151,13 +151,20 @@ impl Shadows {
         let clear = self.clear.insert(clear);
         let has_tiles = |maps: &Option<DepthMaps>| {
             let mut maps = maps.iter();
-            maps.any(|made| made.has_tiles_of(&list))
+            maps.any(|made| made.has_tiles_of(list))
         };
         let is_kept = has_tiles(&self.maps);
         if is_kept {
             self.next = None;
         } else if self.next.is_none() {
-            self.next = Some(DepthMaps::new(gpu, &self.kernels, list.clone())?);
+            let next = match DepthMaps::new(gpu, &self.kernels, list.clone()) {
+                // The earlier maps make room.
+                Err(GpuError::OutOfMemory { .. }) if self.maps.take().is_some() => {
+                    DepthMaps::new(gpu, &self.kernels, list.clone())?
+                }
+                made => made?,
+            };
+            self.next = Some(next);
         }
         // Begun maps are finished first, even if they have the wrong sizes by now: or else none would be finished while
         // the sizes change in every frame.
@@ -165,7 +172,7 @@ impl Shadows {
             Some(next) => next,
             None => self.maps.as_mut().expect("maps that have the list's tiles"),
         };
-        let list = made.has_tiles_of(&list).then_some(&list);
+        let list = made.has_tiles_of(list).then_some(list);
         let mut stale = made.stale(list, of, now);
         stale.sort_by_key(|(_, urgency)| std::cmp::Reverse(*urgency));
         let taken = stale.iter().map(|&(index, _)| index);

@@ -9,7 +9,7 @@ use super::impostor_cpu::{
     BOX, BOX_IN_BOX, Cube, FIRST_INNER_WALL, Found, NOTHING, OPEN, PASSED_BEHIND, POLE_IN_BOX,
     Room, SECOND, SEEN, SPHERE, UNSEEN,
 };
-use crate::capture::distance_pyramid::DistancePyramid;
+use crate::capture::distance_pyramid::{DistancePyramid, PyramidKernels};
 use crate::gpu::{Frame, Gpu};
 use crate::shader;
 use crate::testing::{Random, run_kernel_on, test_gpu};
@@ -117,7 +117,8 @@ impl<'a> Impostor<'a> {
             },
             size,
         );
-        let pyramid = DistancePyramid::new(gpu, &distances).unwrap();
+        let pyramid =
+            DistancePyramid::new(gpu, &PyramidKernels::new(gpu).unwrap(), &distances).unwrap();
         let mut frame = Frame::new(gpu, false);
         pyramid.record(&mut frame);
         frame.submit().unwrap();
@@ -534,7 +535,8 @@ fn cubes_of_odd_sizes_are_refused() {
                 view_formats: &[],
             })
             .unwrap();
-        let error = DistancePyramid::new(&gpu, &distances).unwrap_err();
+        let error = DistancePyramid::new(&gpu, &PyramidKernels::new(&gpu).unwrap(), &distances)
+            .unwrap_err();
         assert!(error.to_string().contains("power of two"), "{error}");
     }
 }

@@ -4,15 +4,16 @@
 /// does not depend on the machine: one ray traced; one light, map or depth comparison looked up at one point; or one
 /// pixel drawn of a cube or a depth map. A caller that wants to keep a frame time measures milliseconds per unit
 /// ([`crate::lighting::Lighting::work`]) and sets its budget by that; gpugi itself never reads a clock. The final maps
-/// are the same, whatever the budget.
+/// are the same, whatever the budget, but for cubes of mirrors that show each other, which depend on the order in which
+/// they were lit.
 ///
 /// Techniques work in steps and begin no further step once the frame's steps have used up the budget. But each
 /// technique that has something to do takes at least one step per frame, so a frame exceeds its budget by at most one
 /// step of each technique. A step is all depth maps of one light sample, the capture of one object's cube with its
-/// light, or less. The depth maps and the domains of image-based lighting are not cut into steps.
+/// light, one frame of photons of one object with the capture of its surroundings, or less. The depth maps and the domains of image-based lighting are not cut into steps.
 ///
 /// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
-/// cubes; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such
+/// cubes; then caustics, which cubes show; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such
 /// as radiosity. Whatever waits keeps its earlier maps, whole: the light of a sample with its own shadows, distances of
 /// a cube with their light. While everything changes, maps take turns by age.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -312,6 +312,10 @@ impl Technique for Caustics {
                 earlier.count(photons);
                 made.next += 1;
             }
+            // Maps that nobody asks for are dropped: those of objects that wait must stay.
+            for waiting in &made.caustics[made.next..] {
+                waiting.keep_maps(frame.gpu, making, earlier.impostors)?;
+            }
             if made.next == made.caustics.len() {
                 made.next = 0;
                 made.frames += 1;

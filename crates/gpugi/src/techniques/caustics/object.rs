@@ -16,9 +16,9 @@ use crate::scene::{Claims, GpuScene, Object};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Map, Texels};
 
-/// Most bytes of photon buffers at a time: more photons are traced in several batches.
+/// Most bytes of photons at a time, unless one per pixel of a single map takes more: others follow in further batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-/// Invocations that splat the photons of one number of a batch's maps. Each photon's texels are shared among enough invocations
+/// Invocations that splat one photon per pixel of all maps of a batch. Each photon's texels are shared among enough invocations
 /// that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
@@ -166,6 +166,21 @@ impl Caustic {
         self.frames = 0;
     }
 
+    /// Keeps the maps around the object, which this frame neither captures nor reads.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn keep_maps(
+        &self,
+        gpu: &Gpu,
+        making: Making<'_>,
+        impostors: &mut Impostors,
+    ) -> Result<(), GpuError> {
+        let version = making.settings_version;
+        impostors.follow(gpu, making.scene, &self.wanted, version, 0)?;
+        Ok(())
+    }
+
     /// Traces and counts the photons of one more frame; returns how many there are, and how many pixels were drawn.
     ///
     /// # Errors
@@ -223,48 +238,13 @@ impl Caustic {
         self.count_flux
             .write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
-        let (Some(bound), Some(caustic_maps)) = (&self.bound, &mut self.caustic_maps) else {
+        let Some(bound) = &self.bound else {
             return Ok(captured);
         };
-        let lit: Vec<_> = views
-            .iter()
-            .map(|seen| seen.view.as_ref().map(|light| &light.view))
-            .collect();
-        caustic_maps.images.record(frame, scene, &lit, |draw| {
-            if draw.instance == self.instance {
-                scene.whole_class(draw)
-            } else if scene
-                .claims(draw.instance as usize)
-                .contains(Claims::SHADOW)
-            {
-                // Light that passes through another such object belongs to that object's caustic.
-                scene.whole_class(draw).from_both_sides()
-            } else {
-                // Occluders block light with both of their sides.
-                draw.seen.from_both_sides()
-            }
-        });
-        let seen = caustic_maps.seen(gpu, kernels, scene)?;
-        caustic_maps.write(gpu, &views, step, &lit_cube);
-        for batch in &caustic_maps.batches {
-            let side = caustic_maps.images.sides[batch.maps.start];
-            let maps = batch.maps.len() as u32;
-            frame.compute("caustics.trace", |pass| {
-                let groups = [
-                    (0, &scene.bind_group),
-                    (1, &seen),
-                    (2, &bound.trace),
-                    (3, &batch.trace),
-                ];
-                kernels.trace.dispatch(pass, &groups, [side, side, maps]);
-            });
-            frame.compute("caustics.splat", |pass| {
-                let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
-                let groups = [(3, &batch.splat)];
-                kernels
-                    .splat
-                    .dispatch(pass, &groups, [invocations, 1, maps]);
-            });
+        // Without a light that shines on the object there are no maps, and the irradiance becomes that of no photons.
+        if let Some(caustic_maps) = &mut self.caustic_maps {
+            caustic_maps.follow_photons(frame, making, self.instance, &views, bound)?;
+            caustic_maps.write(gpu, &views, step, &lit_cube);
         }
         frame.compute("caustics.irradiance", |pass| {
             let groups = [(1, &bound.seen), (3, &bound.counted)];
@@ -460,6 +440,56 @@ impl Caustic {
 }
 
 impl CausticMaps {
+    /// Records the passes that follow the photons of all maps around `instance`.
+    fn follow_photons(
+        &mut self,
+        frame: &mut Frame<'_>,
+        making: Making<'_>,
+        instance: u32,
+        views: &[Seen],
+        bound: &PhotonGroups,
+    ) -> Result<(), GpuError> {
+        let Making { scene, kernels, .. } = making;
+        let lit = views.iter().map(|seen| Some(&seen.view.as_ref()?.view));
+        let lit: Vec<_> = lit.collect();
+        self.images.record(frame, scene, &lit, |draw| {
+            if draw.instance == instance {
+                scene.whole_class(draw)
+            } else if scene
+                .claims(draw.instance as usize)
+                .contains(Claims::SHADOW)
+            {
+                // Light that passes through another such object belongs to that object's caustic.
+                scene.whole_class(draw).from_both_sides()
+            } else {
+                // Occluders block light with both of their sides.
+                draw.seen.from_both_sides()
+            }
+        });
+        let seen = self.seen(frame.gpu, kernels, scene)?;
+        for batch in &self.batches {
+            let side = self.images.sides[batch.maps.start];
+            let maps = batch.maps.len() as u32;
+            frame.compute("caustics.trace", |pass| {
+                let groups = [
+                    (0, &scene.bind_group),
+                    (1, &seen),
+                    (2, &bound.trace),
+                    (3, &batch.trace),
+                ];
+                kernels.trace.dispatch(pass, &groups, [side, side, maps]);
+            });
+            frame.compute("caustics.splat", |pass| {
+                let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
+                let groups = [(3, &batch.splat)];
+                kernels
+                    .splat
+                    .dispatch(pass, &groups, [invocations, 1, maps]);
+            });
+        }
+        Ok(())
+    }
+
     /// Bind group 1 of the trace: hit records, and the merged vertices that they refer to.
     fn seen(
         &mut self,

@@ -147,6 +147,8 @@ pub struct ShadowMap {
     gather: ShadowGather,
     /// The inputs that the maps were generated from, or are being generated from.
     generated_for: Option<MapsKey>,
+    /// Lights whose maps are not all drawn yet.
+    list: Option<LightList>,
     /// State of the maps.
     generated: Generated,
     /// The settings that the gather was bound with.
@@ -166,6 +168,7 @@ impl ShadowMap {
             shadows: Shadows::new(gpu, scene)?,
             gather: ShadowGather::new(gpu, scene)?,
             generated_for: None,
+            list: None,
             generated: Generated::FINAL,
             bound_with: None,
             warnings: Vec::new(),
@@ -224,8 +227,15 @@ impl Technique for ShadowMap {
         };
         let is_fresh = self.generated_for.as_ref() != Some(&key);
         if is_fresh || self.generated.progress < 1.0 {
-            let mut list = LightList::new(scene, view, &key.maps);
-            self.warnings = std::mem::take(&mut list.notes);
+            // While maps wait, the list stays: a jittered view would change the maps of warped spots in every sample.
+            let list = match self.list.take().filter(|_| !is_fresh) {
+                Some(list) => list,
+                None => {
+                    let mut list = LightList::new(scene, view, &key.maps);
+                    self.warnings = std::mem::take(&mut list.notes);
+                    list
+                }
+            };
             let pass = "shadow-map.generate";
             // Lights do not decide what a map shows of the others.
             let of = Versions {
@@ -241,7 +251,10 @@ impl Technique for ShadowMap {
                     }
                     may_step
                 };
-                let updated = self.shadows.update(frame, scene, pass, (list, of), takes)?;
+                let updated = self
+                    .shadows
+                    .update(frame, scene, pass, (&list, of), takes)?;
+                self.list = Some(list);
                 if updated.is_rebound {
                     self.bound_with = None;
                 }
