@@ -58,8 +58,8 @@ impl HitImages {
         })
     }
 
-    /// Draws what each view sees into its image: pass `capture.hits`. Without any view nothing is drawn. `class_of` gives
-    /// the class as which each draw is drawn.
+    /// Draws what each view sees into its image: pass `capture.hits`. Without any view nothing is drawn. `class_of`
+    /// gives the class as which each draw is drawn.
     pub fn record(
         &self,
         frame: &mut Frame<'_>,
