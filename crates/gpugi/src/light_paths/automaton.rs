@@ -6,7 +6,7 @@ use std::collections::{HashMap, VecDeque};
 use super::pattern::{Node, PatternError, SYMBOLS, parse};
 
 /// Maximum number of states of a deterministic automaton before minimization.
-pub(super) const MAX_STATES: usize = 256;
+pub(super) const MAX_STATES: usize = 1024;
 
 /// Maximum number of steps in building the nondeterministic automaton. This also bounds its states.
 const MAX_STEPS: usize = 4096;
@@ -40,13 +40,13 @@ impl PathAutomaton {
         Self::read(pattern, Order::FromEye)
     }
 
-    /// The automaton of a pattern whose paths are read from the light to the eye, which is the order in which photons
-    /// visit them, as words for a shader: see [`words`](Self::words).
+    /// Compiles a pattern whose paths are read from the light to the eye, which is the order in which photons visit
+    /// them.
     ///
     /// # Errors
     /// See [`compile`](Self::compile).
-    pub fn words_from_light(pattern: &str) -> Result<Vec<u32>, PatternError> {
-        Ok(Self::read(pattern, Order::FromLight)?.words())
+    pub(super) fn compile_from_light(pattern: &str) -> Result<Self, PatternError> {
+        Self::read(pattern, Order::FromLight)
     }
 
     fn read(pattern: &str, order: Order) -> Result<Self, PatternError> {

@@ -91,16 +91,19 @@ impl LightPaths {
 pub struct PathFilter {
     pattern: String,
     automaton: PathAutomaton,
+    light_automaton: PathAutomaton,
 }
 
 impl PathFilter {
-    /// Compiles a pattern into a filter.
+    /// Compiles a pattern into a filter, for both orders of reading, so that a pattern that is too complex in one of
+    /// them is refused in every scene.
     ///
     /// # Errors
     /// [`PatternError`].
     pub fn new(pattern: &str) -> Result<Self, PatternError> {
         Ok(Self {
             automaton: PathAutomaton::compile(pattern)?,
+            light_automaton: PathAutomaton::compile_from_light(pattern)?,
             pattern: pattern.to_owned(),
         })
     }
@@ -113,6 +116,11 @@ impl PathFilter {
     /// The compiled pattern.
     pub fn automaton(&self) -> &PathAutomaton {
         &self.automaton
+    }
+
+    /// The compiled pattern, read from the light to the eye.
+    pub(crate) fn light_automaton(&self) -> &PathAutomaton {
+        &self.light_automaton
     }
 }
 
@@ -167,7 +175,8 @@ pub fn caustic_depth(covered: &[LightPaths], class: LightClass) -> u32 {
 
 /// The shortest path in a set that neither path tracing nor light tracing finds. On such a path, light from a source
 /// without extent meets a mirror or glass first, so that no ray from the eye ends at the light, and a mirror or glass
-/// last, so that no photon reaches the eye.
+/// last, so that no photon reaches the eye. `LS+E` is left out, although neither finds it: the image of such a source in
+/// a mirror has no extent either, so no technique shows it, and it cannot count as error.
 ///
 /// # Panics
 /// See [`overlap`].

@@ -40,7 +40,7 @@ const NONE: u32 = u32::MAX;
 
 const TWO_SIDED: u32 = 1;
 const TEXTURED: u32 = 2;
-/// The light tracer finds what reaches diffuse surfaces from this triangle by way of ideal ones.
+/// The light tracer finds this triangle's paths LS.*DE.
 pub const LIGHT_TRACED: u32 = 4;
 
 /// The lights of a scene, ready for upload.
@@ -164,6 +164,8 @@ fn punctual_row(light: &gpugi_scene::Light) -> Light {
         }
         LightKind::Directional => (DIRECTIONAL, [0.0, 1.0]),
     };
+    // Light of infinitely distant lights reaches everything.
+    let range = light.range.filter(|_| kind != DIRECTIONAL);
     Light {
         position: light.position().to_array(),
         kind,
@@ -172,7 +174,7 @@ fn punctual_row(light: &gpugi_scene::Light) -> Light {
         radius: light.radius,
         cone_scale: cone[0],
         cone_offset: cone[1],
-        inverse_range_squared: light.range.map_or(0.0, |range| 1.0 / (range * range)),
+        inverse_range_squared: range.map_or(0.0, |range| 1.0 / (range * range)),
         ..Zeroable::zeroed()
     }
 }

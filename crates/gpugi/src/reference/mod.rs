@@ -203,14 +203,16 @@ impl PathTracer {
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let solids = surroundings::solids(scene);
-        let has_lamps = has_photons && photons::mark_lamps(scene, &mut table.rows);
+        let mut has_lamps = false;
         let mut photons = None;
         if has_photons {
+            let spheres = photons::spheres(scene, &table.rows);
+            has_lamps = photons::mark_lamps(&spheres, &mut table.rows);
             photons = Photons::new(
                 gpu,
-                (scene, &on_gpu),
+                (&spheres, &on_gpu),
                 size,
-                (settings, &classes),
+                (settings, &filter, &classes),
                 (&table.rows, &solids),
                 &constants,
                 &view,

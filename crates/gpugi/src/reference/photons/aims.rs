@@ -1,7 +1,10 @@
 //! Where photons are sent: the lights that emit them, and spheres around the objects with ideal lobes.
 
-use glam::Vec3;
-use gpugi_scene::{Bounds, Image, Material, MaterialModel, Pixels, Scene};
+use std::collections::HashMap;
+use std::f64::consts::PI;
+
+use glam::{Mat3, Mat4, Vec3};
+use gpugi_scene::{Bounds, Image, Material, MaterialModel, Mesh, Pixels, Scene};
 
 use crate::light_paths::LightClass;
 use crate::reference::alias;
@@ -15,9 +18,13 @@ const MOST_SPHERES: usize = 64;
 /// is wider than its centre.
 const LEAST_SHARE: f64 = 1e-3;
 
-/// The light tracer finds the light of a lamp only if the spheres look smaller than this from it (sr). Photons of lamps
-/// close to large mirrors spread over the whole scene, most of them out of view, while paths from the eye find such lamps.
-const LARGEST_AIM: f64 = std::f64::consts::PI;
+/// Factor on radii. Rays that touch a surface from inside must not miss its sphere by rounding.
+const ROUNDING: f32 = 1.0001;
+
+/// The light tracer finds the light of a lamp only if the solid angles of the spheres seen from it sum to less than
+/// this (sr); overlaps count twice. Photons of lamps close to large mirrors spread over the whole scene, most of them out
+/// of view, while paths from the eye find such lamps.
+const LARGEST_AIM: f64 = PI;
 
 /// A sphere around an object, in world space [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,17 +42,16 @@ pub struct Aims {
     pub words: Vec<[u32; 4]>,
     /// Number of spheres.
     pub spheres: u32,
-    /// Power that the lights send into the spheres (luminance; W).
-    pub power: f64,
+    /// Irradiance of the sphere that the lights light most, across the light (luminance; W/m^2).
+    pub irradiance: f64,
 }
 
 /// Marks the emissive triangles whose light by way of ideal surfaces the path tracer leaves to the light tracer. Returns
 /// whether there are any. This depends on the scene alone, so that parts of its light add up path by path.
-pub fn mark_lamps(scene: &Scene, table: &mut [Light]) -> bool {
-    let spheres = spheres(scene);
+pub fn mark_lamps(spheres: &[Sphere], table: &mut [Light]) -> bool {
     let mut has_lamps = false;
     for row in table.iter_mut().filter(|row| row.kind == TRIANGLE) {
-        if !spheres.is_empty() && solid_angle(&spheres, middle(row)) < LARGEST_AIM {
+        if !spheres.is_empty() && solid_angle(spheres, middle(row)) < LARGEST_AIM {
             row.flags |= LIGHT_TRACED;
             has_lamps = true;
         }
@@ -57,7 +63,7 @@ impl Aims {
     /// The aims of the lights of some classes; `None` if no light may meet an ideal lobe first. `table` are the rows of
     /// the path tracer, after [`mark_lamps`].
     pub fn new(
-        scene: &Scene,
+        spheres: &[Sphere],
         table: &[Light],
         classes: &[LightClass],
         solids: &[Solid],
@@ -68,11 +74,10 @@ impl Aims {
             _ => classes.contains(&LightClass::Punctual),
         };
         let mut rows: Vec<Light> = table.iter().filter(is_wanted).copied().collect();
-        let spheres = spheres(scene);
         if rows.is_empty() || spheres.is_empty() {
             return None;
         }
-        let powers: Vec<f64> = rows.iter().map(|row| power_toward(row, &spheres)).collect();
+        let powers: Vec<f64> = rows.iter().map(|row| power_toward(row, spheres)).collect();
         let entries = alias::table(&powers);
         if entries.is_empty() {
             return None;
@@ -93,7 +98,10 @@ impl Aims {
         Some(Self {
             words: of_spheres.chain(of_lights).collect(),
             spheres: spheres.len() as u32,
-            power: powers.iter().sum(),
+            irradiance: spheres
+                .iter()
+                .map(|one| rows.iter().map(|row| irradiance(row, one)).sum())
+                .fold(0.0, f64::max),
             rows,
         })
     }
@@ -108,84 +116,156 @@ fn middle(row: &Light) -> Vec3 {
     }
 }
 
-/// Power that a light sends into the spheres, about (luminance; W).
-fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
-    let emitted = luminance(Vec3::from_array(row.emission));
-    if row.kind == DIRECTIONAL {
-        let radii = spheres.iter().map(|one| f64::from(one.radius));
-        return emitted * std::f64::consts::PI * radii.map(|radius| radius * radius).sum::<f64>();
+/// Irradiance of a sphere by a light, across the light (luminance; W/m^2), about.
+fn irradiance(row: &Light, sphere: &Sphere) -> f64 {
+    match row.kind {
+        DIRECTIONAL => strength(row),
+        _ => strength(row) * sphere.solid_angle(middle(row)) / sphere.disc(),
     }
-    // Power over the solid angles of the spheres. An emissive triangle sends pi L A, most of it in one direction.
-    let solid_angle = solid_angle(spheres, middle(row));
-    let intensity = match row.kind {
+}
+
+/// The weight by which a light is chosen: the power that it sends into the spheres, about (luminance; W).
+fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
+    let of_spheres = spheres.iter().map(|one| irradiance(row, one) * one.disc());
+    let least = match row.kind {
+        DIRECTIONAL => 0.0,
+        _ => strength(row) * LEAST_SHARE * 4.0 * PI,
+    };
+    of_spheres.sum::<f64>().max(least)
+}
+
+/// Intensity of a light at a point (luminance; W/sr), or irradiance by a directional light (luminance; W/m^2).
+fn strength(row: &Light) -> f64 {
+    let emitted = luminance(Vec3::from_array(row.emission));
+    match row.kind {
+        // An emissive triangle sends pi L A, most of it in one direction.
         TRIANGLE => {
             let [a, b] = [row.direction, row.edge].map(Vec3::from_array);
             emitted * f64::from(a.cross(b).length()) / 2.0
         }
         _ => emitted,
-    };
-    let least = LEAST_SHARE * 4.0 * std::f64::consts::PI;
-    intensity * solid_angle.max(least)
+    }
 }
 
-/// Solid angle of all spheres seen from a point (sr); overlaps count several times.
+/// Sum of the solid angles of all spheres seen from a point (sr). Where spheres overlap, each of them counts.
 fn solid_angle(spheres: &[Sphere], from: Vec3) -> f64 {
     spheres.iter().map(|one| one.solid_angle(from)).sum()
 }
 
 impl Sphere {
-    fn around(points: &[Vec3]) -> Self {
-        let center = Bounds::of(points.iter().copied()).center();
-        let radii = points.iter().map(|point| point.distance(center));
+    /// A sphere around others.
+    fn around(spheres: &[Self]) -> Self {
+        let boxes = spheres.iter().map(|one| Bounds {
+            min: one.center - one.radius,
+            max: one.center + one.radius,
+        });
+        let center = boxes.fold(Bounds::EMPTY, Bounds::union).center();
+        let radii = spheres
+            .iter()
+            .map(|one| one.center.distance(center) + one.radius);
         Self {
             center,
-            // Rays that touch the surface from inside must not miss the sphere by rounding.
-            radius: radii.fold(0.0, f32::max) * 1.0001,
+            radius: radii.fold(0.0, f32::max) * ROUNDING,
         }
+    }
+
+    /// Area of the sphere's cross section (m^2).
+    fn disc(&self) -> f64 {
+        PI * f64::from(self.radius) * f64::from(self.radius)
     }
 
     /// Solid angle seen from a point (sr).
     fn solid_angle(&self, from: Vec3) -> f64 {
         let sine = f64::from(self.radius) / f64::from(from.distance(self.center)).max(1e-30);
         if sine >= 1.0 {
-            return 4.0 * std::f64::consts::PI;
+            return 4.0 * PI;
         }
-        2.0 * std::f64::consts::PI * (1.0 - (1.0 - sine * sine).sqrt())
+        // 1 - cos; this form keeps the digits of small angles.
+        2.0 * PI * sine * sine / (1.0 + (1.0 - sine * sine).sqrt())
     }
 }
 
-/// Spheres around the objects that may have ideal lobes.
-fn spheres(scene: &Scene) -> Vec<Sphere> {
-    let objects = scene.instances.iter().filter_map(|instance| {
-        if !may_be_ideal(scene, &scene.materials[instance.material]) {
-            return None;
-        }
-        let mesh = &scene.meshes[instance.mesh];
-        let place = |at: &Vec3| instance.world_from_mesh.transform_point3(*at);
-        let points: Vec<Vec3> = mesh.positions.iter().map(place).collect();
-        let is_visible = !points.is_empty() && points.iter().all(|point| point.is_finite());
-        is_visible.then_some(points)
-    });
-    let mut groups = Vec::new();
-    share(objects.collect(), MOST_SPHERES, &mut groups);
-    let spheres = groups.iter().map(|points| Sphere::around(points));
-    spheres.filter(|one| one.radius > 0.0).collect()
+/// The extent of a mesh, in mesh space (m).
+struct Extent {
+    bounds: Bounds,
+    /// Radius of the sphere around the centre of `bounds`.
+    radius: f32,
 }
 
-/// Splits objects into at most `most` groups of neighbours.
-fn share(mut objects: Vec<Vec<Vec3>>, most: usize, groups: &mut Vec<Vec<Vec3>>) {
+impl Extent {
+    fn of(mesh: &Mesh) -> Self {
+        let points = || mesh.indices.iter().map(|&at| mesh.positions[at as usize]);
+        let bounds = Bounds::of(points());
+        let radii = points().map(|point| point.distance(bounds.center()));
+        Self {
+            bounds,
+            radius: radii.fold(0.0, f32::max),
+        }
+    }
+
+    /// A sphere around an instance of the mesh: the smaller one of those around its ellipsoid and around its box.
+    fn placed(&self, world_from_mesh: Mat4) -> Sphere {
+        let middle = self.bounds.center();
+        let corners = self.bounds.corners().map(|corner| {
+            let from_middle = world_from_mesh.transform_vector3(corner - middle);
+            from_middle.length()
+        });
+        let of_box = corners.into_iter().fold(0.0, f32::max);
+        let of_ellipsoid = self.radius * largest_stretch(Mat3::from_mat4(world_from_mesh));
+        let offset = world_from_mesh.transform_vector3(middle).length();
+        let coordinates = world_from_mesh.w_axis.truncate().length() + offset;
+        Sphere {
+            center: world_from_mesh.transform_point3(middle),
+            radius: of_box.min(of_ellipsoid) * ROUNDING + 2.0 * f32::EPSILON * coordinates,
+        }
+    }
+}
+
+/// A bound of the factor by which a linear map stretches vectors, exact if its columns are orthogonal.
+fn largest_stretch(map: Mat3) -> f32 {
+    let products = map.transpose() * map;
+    let columns = [products.x_axis, products.y_axis, products.z_axis];
+    let sums = columns.map(|column| column.abs().element_sum());
+    sums.into_iter().fold(0.0, f32::max).sqrt()
+}
+
+/// Spheres around the objects that may have ideal lobes; none if the light table has no light that photons may leave.
+pub fn spheres(scene: &Scene, table: &[Light]) -> Vec<Sphere> {
+    if table.iter().all(|row| row.kind == SKY) {
+        return Vec::new();
+    }
+    let ideal = ideal_materials(scene);
+    let mut extents = HashMap::new();
+    let objects = scene.instances.iter().filter_map(|instance| {
+        if !ideal[instance.material] {
+            return None;
+        }
+        let extent = extents
+            .entry(instance.mesh)
+            .or_insert_with(|| Extent::of(&scene.meshes[instance.mesh]));
+        let sphere = extent.placed(instance.world_from_mesh);
+        let has_extent = extent.radius > 0.0 && sphere.radius > 0.0;
+        let is_finite = sphere.center.is_finite() && sphere.radius.is_finite();
+        (has_extent && is_finite).then_some(sphere)
+    });
+    let mut spheres = Vec::new();
+    share(objects.collect(), MOST_SPHERES, &mut spheres);
+    spheres
+}
+
+/// Reduces the spheres of objects to at most `most`: neighbours share one.
+fn share(mut objects: Vec<Sphere>, most: usize, spheres: &mut Vec<Sphere>) {
     if objects.len() <= most {
-        groups.append(&mut objects);
+        spheres.append(&mut objects);
     } else if most == 1 {
-        groups.push(objects.concat());
+        spheres.push(Sphere::around(&objects));
     } else {
-        let center = |points: &[Vec3]| Bounds::of(points.iter().copied()).center();
-        let spread = Bounds::of(objects.iter().map(|points| center(points)));
+        let spread = Bounds::of(objects.iter().map(|one| one.center));
         let axis = (spread.max - spread.min).max_position();
-        objects.sort_by_cached_key(|points| ordered(center(points)[axis]));
+        objects.sort_by_cached_key(|one| ordered(one.center[axis]));
         let upper = objects.split_off(objects.len() / 2);
-        share(objects, most / 2, groups);
-        share(upper, most - most / 2, groups);
+        share(objects, most / 2, spheres);
+        share(upper, most - most / 2, spheres);
     }
 }
 
@@ -199,21 +279,37 @@ fn ordered(value: f32) -> i32 {
     }
 }
 
-/// Whether a material may reflect or refract ideally anywhere. The path tracer leaves light of lamps by way of ideal
-/// surfaces to the light tracer, so none may be forgotten.
-fn may_be_ideal(scene: &Scene, material: &Material) -> bool {
-    let reflects = match material.model {
+/// Whether each material is of an instance and may reflect or refract ideally anywhere. The path tracer leaves light of
+/// lamps by way of ideal surfaces to the light tracer, so none may be forgotten.
+fn ideal_materials(scene: &Scene) -> Vec<bool> {
+    let mut is_used = vec![false; scene.materials.len()];
+    for instance in &scene.instances {
+        is_used[instance.material] = true;
+    }
+    let mut of_images = HashMap::new();
+    let mut may_be_smooth = |material: &Material| {
+        let least = material.metallic_roughness_texture.as_ref().map(|texture| {
+            let image = scene.textures[texture.texture].image;
+            *of_images
+                .entry(image)
+                .or_insert_with(|| least_green(&scene.images[image]))
+        });
+        material.roughness * least.unwrap_or(1.0) < DELTA_ROUGHNESS
+    };
+    let used = scene.materials.iter().zip(is_used);
+    used.map(|(material, is_used)| is_used && reflects(material) && may_be_smooth(material))
+        .collect()
+}
+
+/// Whether a material has a lobe that is ideal if it is smooth.
+fn reflects(material: &Material) -> bool {
+    match material.model {
         MaterialModel::Phong { .. } => false,
         MaterialModel::Conductor { .. } => true,
         MaterialModel::MetallicRoughness => {
             material.specular > 0.0 || material.metallic > 0.0 || material.transmission > 0.0
         }
-    };
-    let least = match &material.metallic_roughness_texture {
-        Some(reference) => least_green(&scene.images[scene.textures[reference.texture].image]),
-        None => 1.0,
-    };
-    reflects && material.roughness * least < DELTA_ROUGHNESS
+    }
 }
 
 /// The smallest value of an image's green channel.

@@ -1,15 +1,17 @@
-//! The light tracer, which adds to the path tracer's picture the caustics that no path from the eye finds, or finds by
-//! chance only: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of lamps at some distance. Photons leave the lights
-//! toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy lobe that they meet.
+//! The light tracer adds to the path tracer's picture the caustics that no path from the eye finds, or finds only by
+//! chance: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of the lamps that `mark_lamps` chooses.
+//! Photons leave the lights toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy
+//! lobe that they meet.
 //!
 //! The path tracer leaves exactly these paths out, so each path is found once.
 
 mod aims;
 #[cfg(test)]
+mod aims_tests;
+#[cfg(test)]
 mod tests;
 
 use bytemuck::{Pod, Zeroable};
-use gpugi_scene::Scene;
 use web_time::Instant;
 
 use super::lights::Light;
@@ -18,11 +20,11 @@ use super::tile::Tile;
 use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
-use crate::light_paths::{LightClass, LightPaths, PathAutomaton, overlap};
+use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
-use aims::Aims;
-pub(super) use aims::mark_lamps;
+use aims::{Aims, Sphere};
+pub(super) use aims::{mark_lamps, spheres};
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
 pub(super) const FOUND: [LightPaths; 2] = [
@@ -90,6 +92,8 @@ pub(super) struct Photons {
     step: f32,
     /// Photons per second that the latest batches reached; 0 before the first batch.
     rate: f64,
+    /// Most photons of a batch.
+    largest_batch: u64,
 }
 
 /// The light tracer's part of a tile.
@@ -120,25 +124,22 @@ fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> 
 }
 
 impl Photons {
-    /// The light tracer of a scene for images of `size` pixels; `None` if it has nothing to do. `table` are the lights
-    /// of the path tracer, `constants` those of path_state.wesl and bvh.wesl, `seen` the camera's view.
+    /// The light tracer of a scene for images of `size` pixels; `None` if it has nothing to do. `spheres` are those of
+    /// [`spheres`], `table` are the lights of the path tracer, `constants` those of path_state.wesl and bvh.wesl,
+    /// `seen` the camera's view.
     pub fn new(
         gpu: &Gpu,
-        (scene, on_gpu): (&Scene, &GpuScene),
+        (spheres, on_gpu): (&[Sphere], &GpuScene),
         size: [u32; 2],
-        (settings, classes): (&Settings, &[LightClass]),
+        (settings, filter, classes): (&Settings, &PathFilter, &[LightClass]),
         (table, solids): (&[Light], &[Solid]),
         constants: &[(&str, f64)],
         seen: &wgpu::Buffer,
     ) -> Result<Option<Self>, GpuError> {
         let classes = kept_classes(settings, classes);
-        let Some(aims) = Aims::new(scene, table, &classes, solids) else {
+        let Some(aims) = Aims::new(spheres, table, &classes, solids) else {
             return Ok(None);
         };
-        let words = PathAutomaton::words_from_light(&settings.paths);
-        let words = words.map_err(|error| GpuError::Input {
-            what: format!("light paths {}: {error}", settings.paths),
-        })?;
         let options = KernelOptions {
             constants,
             // Indices are in range: those of tables because the host wrote them, those of sums because `splat` compares
@@ -152,21 +153,19 @@ impl Photons {
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let emission = uniform("photons.settings", std::mem::size_of::<Emission>() as u64)?;
         let resolution = uniform("photons.pass", std::mem::size_of::<Resolution>() as u64)?;
-        let automaton = gpu.storage("photons.automaton", &words)?;
+        let automaton = gpu.storage("photons.automaton", &filter.light_automaton().words())?;
         let rows = gpu.storage("photons.lights [bytes]", &aims.rows)?;
-        let spheres = gpu.storage("photons.aims [bytes]", &aims.words)?;
+        let words_of_aims = gpu.storage("photons.aims [bytes]", &aims.words)?;
         let own: &Named<'_> = &[
             ("seen", seen),
             ("settings", &emission),
             ("automaton", &automaton),
         ];
-        let of_lights: &Named<'_> = &[("lights", &rows), ("aims", &spheres)];
+        let of_lights: &Named<'_> = &[("lights", &rows), ("aims", &words_of_aims)];
         let of_resolve: &Named<'_> = &[("settings", &resolution)];
-        // Photons that spread over the whole scene would make it about this bright. There is room for a million samples
-        // of pixels that are a million times as bright, and those a millionth as bright lose nothing.
-        let diagonal = f64::from(on_gpu.diagonal());
-        let mean = aims.power / (std::f64::consts::PI * diagonal * diagonal);
-        let exponent = mean.log2().round() + 8.0;
+        // The sums have room for a million samples of a caustic 10,000 times as bright as the light on the object, in
+        // any hue. For blue light, with a luminance of 0.07, that takes 10^10 / (0.07 pi) < 2^36, or 2^32 steps of 2^4.
+        let exponent = aims.irradiance.log2().round() + 4.0;
         let pixels = f64::from(size[0]) * f64::from(size[1]);
         Ok(Some(Self {
             own: bind(gpu, &trace, 1, own)?,
@@ -186,6 +185,7 @@ impl Photons {
                 1.0
             },
             rate: 0.0,
+            largest_batch: LARGEST_BATCH,
         }))
     }
 
@@ -226,7 +226,8 @@ impl Photons {
     ) -> Result<u64, GpuError> {
         let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
         let left = self.of_pass(samples) - done;
-        let photons = affordable.clamp(FIRST_BATCH, LARGEST_BATCH).min(left);
+        let photons = affordable.max(FIRST_BATCH).min(self.largest_batch);
+        let photons = photons.min(left);
         let emission = Emission {
             tile_x: tile.origin[0],
             tile_y: tile.origin[1],

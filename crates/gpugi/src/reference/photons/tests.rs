@@ -7,7 +7,9 @@ use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Projection, Scene, Volume};
 
-use crate::gpu::Gpu;
+use super::LARGEST_BATCH;
+use crate::gpu::{Gpu, read_buffer};
+use crate::lighting::LightingError;
 use crate::reference::{PathTracer, Settings, TILE_SIDE};
 use crate::testing::test_gpu;
 
@@ -125,7 +127,11 @@ fn a_plane_mirror_shows_a_second_light() {
             3.0 * 0.5_f64.sqrt(),
         ),
     ] {
-        let scene = scene(kind, from);
+        let mut scene = scene(kind, from);
+        if kind == LightKind::Directional {
+            // It has no range, whatever a file says.
+            scene.lights[0].range = Some(0.5);
+        }
         for camera in [from_above(1.0, 5.0), {
             let tangent = 0.1_f32;
             Camera::look_at("", Vec3::Y * 5.0, Vec3::ZERO, 2.0 * tangent.atan())
@@ -352,6 +358,8 @@ fn photons_keep_to_the_settings() {
         tracer.photons.is_some()
     };
     assert!(has_photons(&scene, &Settings::default()));
+    // 2^9 states, read from the light.
+    assert!(has_photons(&scene, &keeping("L.*D.{8}E")));
     assert!(!has_photons(&scene, &keeping("L[DG].*E")));
     assert!(!has_photons(&scene, &keeping("L.*SE")));
     assert!(!has_photons(
@@ -371,6 +379,18 @@ fn photons_keep_to_the_settings() {
     let mut matt = scene.clone();
     matt.materials[1].roughness = 0.02;
     assert!(!has_photons(&matt, &Settings::default()));
+    // 2^11 states, read from the light: refused where there are no photons, too.
+    let pattern = "L.*D.{10}E";
+    let refused = PathTracer::new(&gpu, &matt, [16, 16], &keeping(pattern)).unwrap_err();
+    assert!(
+        matches!(refused, LightingError::Setting { .. }),
+        "{refused}"
+    );
+    let error = Settings::default().set("paths", pattern).unwrap_err();
+    assert!(
+        error.to_string().contains("more than 1024 states"),
+        "{error}"
+    );
 
     let camera = Camera::look_at("", vec3(0.6, 1.3, 2.4), vec3(0.0, 0.2, 0.0), 0.7);
     scene.materials[0] = Material {
@@ -387,9 +407,9 @@ fn photons_keep_to_the_settings() {
     assert!((sum / whole - 1.0).abs() < 0.02, "{sum}, not {whole}");
 }
 
-/// Tiles, portions and seeds do not change a bit of what photons add.
+/// Tiles and batches do not change a bit of what photons add.
 #[test]
-fn photons_do_not_depend_on_tiles() {
+fn photons_do_not_depend_on_tiles_and_batches() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = on_floor(sphere(0.4, 16), glass(1.5), vec3(0.0, 0.45, 0.0));
     let light = Light::new("", LightKind::Point, Vec3::splat(3.0));
@@ -397,24 +417,109 @@ fn photons_do_not_depend_on_tiles() {
         .lights
         .push(light.aimed(vec3(1.0, 1.5, 0.5), Vec3::ZERO));
     let camera = Camera::look_at("", vec3(0.6, 1.3, 2.4), vec3(0.0, 0.2, 0.0), 0.7);
-    let of = |side: u32| {
+    let of = |side: u32, largest_batch: u64| {
         let settings = keeping("LS.*[DG]E");
         let tracer = PathTracer::with_tiles(&gpu, &scene, [37, 22], &settings, side, true);
         let mut tracer = tracer.unwrap();
+        tracer.photons.as_mut().unwrap().largest_batch = largest_batch;
         let picture = picture(&mut tracer, &camera, 18, 4);
         (picture, tracer.noise().unwrap())
     };
-    let (whole, noise) = of(TILE_SIDE);
+    let (whole, noise) = of(TILE_SIDE, LARGEST_BATCH);
     assert!(whole.iter().filter(|value| **value > 0.0).count() > 500);
     assert!(noise > 0.0);
-    for side in [8, 30] {
-        let (tiled, of_tiles) = of(side);
+    for (side, largest_batch) in [(8, LARGEST_BATCH), (30, 100), (TILE_SIDE, 333)] {
+        let (tiled, of_tiles) = of(side, largest_batch);
         assert!(
             tiled == whole,
-            "tiles of {side} pixels give another picture"
+            "tiles of {side} pixels, batches of {largest_batch} photons give another picture"
         );
         assert!(of_tiles > 0.0);
     }
+}
+
+/// Sums of light carry from their low words to their high words, and a pixel whose sum overflows keeps its mean.
+#[test]
+fn sums_carry_and_keep_the_mean_when_they_overflow() {
+    let Some(gpu) = test_gpu() else { return };
+    let stands = quad(vec3(1.0, 0.25, -0.6), Vec3::Z * 1.2, Vec3::Y * 1.35, 1);
+    let mut scene = on_floor(stands, mirror(0.8), Vec3::ZERO);
+    let light = Light::new("", LightKind::Point, Vec3::splat(3.0));
+    scene.lights.push(light.aimed(Vec3::Y, Vec3::ZERO));
+    let camera = from_above(1.0, 5.0);
+    let mut tracer = PathTracer::new(&gpu, &scene, [16, 16], &keeping("LSDE")).unwrap();
+    let add = |tracer: &mut PathTracer, samples| {
+        let mut on = |_: &_| ControlFlow::Continue(());
+        tracer.render(&camera, samples, &mut on).unwrap();
+        let sums = &tracer.tiles[0].photons.as_ref().unwrap().sums;
+        let words: Vec<[u32; 8]> = read_buffer(&gpu, sums, sums.size()).unwrap();
+        (tracer.radiance().unwrap(), words)
+    };
+    let sum = |words: &[u32; 8], channel: usize| {
+        u64::from(words[2 * channel]) | u64::from(words[2 * channel + 1]) << 32
+    };
+    let mut with_sums = |change: &dyn Fn(&mut [u32; 8])| {
+        tracer.restart(1).unwrap();
+        let (before, mut words) = add(&mut tracer, 512);
+        words.iter_mut().for_each(change);
+        let sums = &tracer.tiles[0].photons.as_ref().unwrap().sums;
+        gpu.write(sums, 0, &words);
+        let (after, words) = add(&mut tracer, 1024);
+        (before, after, words)
+    };
+    let starting_from = |start: u64| {
+        let words = [start as u32, (start >> 32) as u32];
+        move |pixel: &mut [u32; 8]| {
+            for channel in pixel[..6].chunks_exact_mut(2) {
+                channel.copy_from_slice(&words);
+            }
+        }
+    };
+    let start = (7 << 32) + 0xffff_0000;
+    let (.., from_zero) = with_sums(&starting_from(0));
+    let (.., carried) = with_sums(&starting_from(start));
+    let (.., overflowed) = with_sums(&starting_from(u64::MAX));
+    let (before, after, _) = with_sums(&|pixel| pixel[6] = 1);
+    assert!(before == after, "pixels whose sums overflowed change");
+    let (before, after, _) = with_sums(&|_| ());
+    assert!(before != after);
+    for ((zero, carried), overflowed) in from_zero.iter().zip(&carried).zip(&overflowed) {
+        for channel in 0..3 {
+            let added = sum(zero, channel);
+            assert!(added > 0x1_0000, "no carry by {added}");
+            assert_eq!(sum(carried, channel), start + added);
+            assert_eq!(sum(overflowed, channel), added - 1);
+        }
+        assert_eq!([zero[6], carried[6], overflowed[6]], [0, 0, 7]);
+    }
+}
+
+/// A mirror of 5 cm in a scene of 10 km is as bright, after thousands of samples, as in a small scene.
+#[test]
+fn small_objects_in_large_scenes_stay_bright() {
+    let Some(gpu) = test_gpu() else { return };
+    let stands = quad(vec3(1.0, 0.25, -0.6), Vec3::Z * 1.2, Vec3::Y * 1.35, 1);
+    let mut scene = on_floor(stands, mirror(0.8), Vec3::ZERO);
+    for instance in &mut scene.instances {
+        let small = Mat4::from_scale(Vec3::splat(0.05));
+        instance.world_from_mesh = small * instance.world_from_mesh;
+    }
+    let light = Light::new("", LightKind::Point, Vec3::splat(3.0));
+    scene.lights.push(light.aimed(Vec3::Y * 0.05, Vec3::ZERO));
+    let mut large = scene.clone();
+    for x in [-5e3, 5e3] {
+        let far = cuboid(Vec3::ZERO, Vec3::ONE, 1);
+        let grey = Material::matt("far", Vec3::splat(0.5));
+        place(&mut large, far, grey, vec3(x, 0.0, 0.0));
+    }
+    let camera = from_above(0.05, 0.25);
+    let [small, large] = [&scene, &large].map(|scene| {
+        let mut tracer = PathTracer::new(&gpu, scene, [16, 16], &keeping("LSDE")).unwrap();
+        let picture = picture(&mut tracer, &camera, 4096, 1);
+        picture.iter().map(|one| f64::from(*one)).sum::<f64>()
+    });
+    // Rays start at a distance from surfaces that grows with the scene: 2 mm.
+    assert!((large / small - 1.0).abs() < 0.06, "{large}, not {small}");
 }
 
 /// The estimate of the noise includes that of the photons.
