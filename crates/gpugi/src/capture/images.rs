@@ -1,6 +1,7 @@
 //! Visibility buffers that several small views share.
 
-use super::{CaptureKernels, HitKernels, Image, Matrices, View};
+use super::hits::{HitKernels, Image, Matrices, depth_texture, hit_texture};
+use super::{CaptureKernels, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{Draw, DrawClass, GpuScene};
 
@@ -27,32 +28,18 @@ impl HitImages {
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold them.
     pub fn new(gpu: &Gpu, kernels: &CaptureKernels, sides: Vec<u32>) -> Result<Self, GpuError> {
-        let (corners, [width, height]) = place(&sides);
-        let texture = |label, format, usage| {
-            let texture = gpu.texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width,
-                    height,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-                view_formats: &[],
-            })?;
-            Ok::<_, GpuError>(texture.create_view(&Default::default()))
-        };
-        let read = wgpu::TextureUsages::TEXTURE_BINDING;
-        let unread = wgpu::TextureUsages::empty();
+        let (corners, size) = place(&sides);
+        let view = |texture: wgpu::Texture| texture.create_view(&Default::default());
+        let (read, unread) = (
+            wgpu::TextureUsages::TEXTURE_BINDING,
+            wgpu::TextureUsages::empty(),
+        );
         Ok(Self {
-            hits: texture("hit records", wgpu::TextureFormat::R32Uint, read)?,
-            depth: texture("depth", wgpu::TextureFormat::Depth32Float, unread)?,
+            hits: view(hit_texture(gpu, size, read)?),
+            depth: view(depth_texture(gpu, size, unread)?),
             matrices: Matrices::new(gpu, &kernels.hits, sides.len() as u32)?,
             kernels: kernels.hits.clone(),
-            pixels: u64::from(width) * u64::from(height),
+            pixels: u64::from(size[0]) * u64::from(size[1]),
             corners,
             sides,
         })

@@ -7,6 +7,7 @@ pub mod depth;
 pub mod distance_pyramid;
 mod emission;
 mod gather;
+mod hits;
 mod images;
 mod peeled_layer;
 mod per_receiver;
@@ -20,6 +21,7 @@ mod tests;
 pub(crate) use attenuation::Attenuation;
 pub use emission::Emission;
 pub use gather::Gather;
+use hits::{HitKernels, Image, Matrices, depth_texture, hit_texture};
 pub use images::HitImages;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
@@ -33,9 +35,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{
-    DepthTest, Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel, RasterState, Shader,
-};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -103,89 +103,6 @@ impl Target {
     /// [`GpuError::Pass`].
     pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
         kernel.bind(gpu, 3, &[("radiance", self.radiance.as_entire_binding())])
-    }
-}
-
-/// One view's part of a visibility buffer.
-#[derive(Debug, Clone, Copy)]
-struct Image<'a> {
-    /// Top left pixel.
-    corner: [u32; 2],
-    /// Width and height (pixels).
-    size: [u32; 2],
-    clip_from_world: &'a Mat4,
-    /// Bind group 1, opaque and alpha.
-    groups: &'a [wgpu::BindGroup; 2],
-}
-
-/// The pipelines that draw hit records, single-sided and double-sided.
-#[derive(Debug, Clone)]
-struct HitKernels {
-    opaque: [RasterKernel; 2],
-    alpha: [RasterKernel; 2],
-}
-
-impl HitKernels {
-    fn new(gpu: &Gpu, scene: &GpuScene, opaque: &Shader, alpha: &Shader) -> Result<Self, GpuError> {
-        let raster = |shader, cull| {
-            RasterKernel::new(
-                gpu,
-                shader,
-                Some(&scene.layout),
-                &RasterState {
-                    colors: &[wgpu::TextureFormat::R32Uint],
-                    cull,
-                    slope_bias: 0.0,
-                    has_fragment: true,
-                    depth: DepthTest::Nearest,
-                    has_vertices: true,
-                },
-            )
-        };
-        let back = Some(wgpu::Face::Back);
-        Ok(Self {
-            opaque: [raster(opaque, back)?, raster(opaque, None)?],
-            alpha: [raster(alpha, back)?, raster(alpha, None)?],
-        })
-    }
-
-    /// Draws some images of one visibility buffer.
-    fn draw<'a>(
-        &self,
-        pass: &mut wgpu::RenderPass<'_>,
-        scene: &GpuScene,
-        images: impl Iterator<Item = Image<'a>>,
-        class_of: impl Fn(&Draw) -> Option<DrawClass>,
-    ) {
-        pass.set_bind_group(0, &scene.bind_group, &[]);
-        pass.set_vertex_buffer(0, scene.vertices.slice(..));
-        pass.set_index_buffer(scene.indices.slice(..), wgpu::IndexFormat::Uint32);
-        for image in images {
-            let ([left, top], [width, height]) = (image.corner, image.size);
-            let [x, y, columns, rows] = [left, top, width, height].map(|pixels| pixels as f32);
-            pass.set_viewport(x, y, columns, rows, 0.0, 1.0);
-            pass.set_scissor_rect(left, top, width, height);
-            let [opaque, alpha] = image.groups;
-            let planes = frustum_planes(image.clip_from_world);
-            let mut current = None;
-            for (class, range) in visible_ranges(&scene.draws, &planes, &class_of) {
-                let Some(class) = class else {
-                    continue;
-                };
-                let (kernel, group) = match class {
-                    DrawClass::Closed | DrawClass::Open => (&self.opaque[0], opaque),
-                    DrawClass::DoubleSided => (&self.opaque[1], opaque),
-                    DrawClass::Alpha => (&self.alpha[0], alpha),
-                    DrawClass::AlphaDoubleSided => (&self.alpha[1], alpha),
-                };
-                if current != Some(class) {
-                    kernel.set(pass);
-                    pass.set_bind_group(1, group, &[]);
-                    current = Some(class);
-                }
-                pass.draw_indexed(range, 0, 0..1);
-            }
-        }
     }
 }
 
@@ -305,65 +222,6 @@ impl Faces {
     }
 }
 
-/// One matrix per image of a visibility buffer, each as the shaders' `clip_from_world`.
-#[derive(Debug)]
-struct Matrices {
-    buffer: HostBuffer,
-    images: u32,
-    /// Bind group 1 of each image, opaque and alpha.
-    groups: Vec<[wgpu::BindGroup; 2]>,
-}
-
-impl Matrices {
-    /// Floats of an image's uniform.
-    const WORDS: usize = 20;
-    /// Floats between images: uniforms begin at multiples of 256 bytes.
-    const STRIDE: usize = 64;
-
-    fn new(gpu: &Gpu, kernels: &HitKernels, images: u32) -> Result<Self, GpuError> {
-        let bytes = u64::from(images) * Self::STRIDE as u64 * 4;
-        let buffer = HostBuffer::new(gpu, "clip_from_world", bytes, wgpu::BufferUsages::UNIFORM)?;
-        let mut matrices = Self {
-            buffer,
-            images,
-            groups: Vec::new(),
-        };
-        let groups = matrices.bindings().map(|of_image| {
-            Ok([
-                kernels.opaque[0].bind(gpu, 1, &[("clip_from_world", of_image.clone())])?,
-                kernels.alpha[0].bind(gpu, 1, &[("alpha_view", of_image)])?,
-            ])
-        });
-        matrices.groups = groups.collect::<Result<_, GpuError>>()?;
-        Ok(matrices)
-    }
-
-    /// The uniform of each image.
-    fn bindings(&self) -> impl Iterator<Item = wgpu::BindingResource<'_>> {
-        (0..u64::from(self.images)).map(|image| {
-            wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                buffer: &self.buffer,
-                offset: image * Self::STRIDE as u64 * 4,
-                size: wgpu::BufferSize::new(Self::WORDS as u64 * 4),
-            })
-        })
-    }
-
-    /// Writes each image's matrix, and what its hashed thresholds depend on: the view's seed and top row.
-    fn write<'a>(&self, gpu: &Gpu, images: impl Iterator<Item = (&'a Mat4, &'a ViewUniform)>) {
-        let mut words = Vec::with_capacity(self.images as usize * Self::STRIDE);
-        for (matrix, view) in images {
-            let seed = view
-                .seed
-                .wrapping_add(view.sample_index.wrapping_mul(0x9e37_79b9));
-            words.extend(matrix.to_cols_array());
-            words.extend([seed, view.top].map(f32::from_bits));
-            words.resize(words.len().next_multiple_of(Self::STRIDE), 0.0);
-        }
-        self.buffer.write(gpu, &words);
-    }
-}
-
 impl Capture {
     /// Allocates a capture of what a camera sees in an image of `size` pixels.
     ///
@@ -391,34 +249,15 @@ impl Capture {
         size: [u32; 2],
         faces: u32,
     ) -> Result<Self, GpuError> {
-        let texture = |label, format, usage| {
-            gpu.texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: size[0],
-                    height: size[1],
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-                view_formats: &[],
-            })
-        };
-        let hits = texture(
-            "hit records",
-            wgpu::TextureFormat::R32Uint,
-            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC,
-        )?;
+        let read = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let hits = hit_texture(gpu, size, read)?;
         // Only a cube's second layer reads this depth.
         let is_read = if faces > 1 {
             wgpu::TextureUsages::TEXTURE_BINDING
         } else {
             wgpu::TextureUsages::empty()
         };
-        let depth = texture("depth", wgpu::TextureFormat::Depth32Float, is_read)?;
+        let depth = depth_texture(gpu, size, is_read)?;
         let points = gpu.buffer(
             "surface points [bytes]",
             u64::from(size[0] * size[1]) * SURFACE_POINT_BYTES,

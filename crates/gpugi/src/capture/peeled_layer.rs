@@ -1,7 +1,8 @@
 //! The second layer of a cube's capture: what the centre would see if the nearest surfaces were not there. Depth
 //! peeling: Everitt, "Interactive Order-Independent Transparency", NVIDIA 2001.
 
-use super::{Capture, CubeView, Faces, HitKernels, SURFACE_POINT_BYTES, SurfacePoints};
+use super::hits::HitKernels;
+use super::{Capture, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Keeps};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;

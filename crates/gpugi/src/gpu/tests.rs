@@ -3,7 +3,8 @@
 
 use super::kernel::Interface;
 use super::{
-    BindingKind, Frame, Gpu, GpuError, Kernel, Shader, all_shaders, read_buffer, read_texture,
+    BindingKind, Frame, Gpu, GpuError, HostBuffer, Kernel, Shader, all_shaders, read_buffer,
+    read_texture,
 };
 use crate::shader;
 use crate::testing::{run_kernel, test_gpu};
@@ -507,4 +508,24 @@ fn every_pass_of_a_timed_frame_has_a_time() {
             assert!(names.is_empty());
         }
     }
+}
+
+/// Writes that change nothing are skipped, those that change something arrive, and a shorter write leaves the rest.
+#[test]
+fn host_buffers_upload_what_changes() {
+    let Some(gpu) = test_gpu() else { return };
+    let buffer = HostBuffer::new(&gpu, "test", 16, wgpu::BufferUsages::STORAGE).unwrap();
+    let uploads = |data: &[u32]| {
+        let before = gpu.uploaded_bytes();
+        buffer.write(&gpu, data);
+        gpu.uploaded_bytes() - before
+    };
+    assert_eq!(uploads(&[1, 2, 3, 4]), 16);
+    assert_eq!(uploads(&[1, 2, 3, 4]), 0);
+    assert_eq!(uploads(&[1, 2]), 0);
+    assert_eq!(uploads(&[1, 5]), 8);
+    assert_eq!(uploads(&[1, 5, 3, 4]), 0);
+    assert_eq!(uploads(&[1, 5, 3, 6]), 16);
+    let held: Vec<u32> = read_buffer(&gpu, &buffer, 16).unwrap();
+    assert_eq!(held, [1, 5, 3, 6]);
 }
