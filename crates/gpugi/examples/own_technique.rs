@@ -8,7 +8,7 @@ use gpugi::capture::{Gather, Receiver, View};
 use gpugi::display::DisplaySettings;
 use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
 use gpugi::light_paths::{LightClass, LightPaths};
-use gpugi::scene::GpuScene;
+use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
 use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Registry, Technique};
 use gpugi::{Renderer, settings};
@@ -67,7 +67,7 @@ impl Technique for SkyAmbient {
         &mut self.settings
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         Plan::adding(INFO.paths, scene)
     }
 
@@ -95,6 +95,7 @@ impl Technique for SkyAmbient {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         match &mut self.gather {
             Some((_, gather)) => gather.record(frame, "sky-ambient.gather", scene, receiver, &[]),
@@ -114,7 +115,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .get_or_insert_with(gpugi_scene::Environment::default_sky);
     let mut registry = Registry::default();
     registry.insert_before(
-        "distance-impostor",
+        "ray-tracing",
         Registration {
             info: &INFO,
             fields: Settings::fields,

@@ -197,7 +197,7 @@ impl Lighting {
         let mut covered: Vec<LightPaths> = Vec::new();
         self.plans.clear();
         for technique in &mut self.techniques {
-            let plan = technique.plan(scene, &covered);
+            let plan = technique.plan(scene, &covered, &claims);
             for (all, own) in claims.iter_mut().zip(&plan.claims) {
                 *all = *all | *own;
             }
@@ -404,9 +404,19 @@ impl Lighting {
     ) -> Result<(), GpuError> {
         let gathered = self.emission.attenuation.begin(frame, receiver)?;
         self.emission.record(frame, scene, &gathered)?;
-        for technique in &mut self.techniques {
-            if adds(technique.info().name) {
-                technique.gather(frame, scene, &gathered)?;
+        for index in 0..self.techniques.len() {
+            let (techniques, rest) = self.techniques.split_at_mut(index);
+            if adds(rest[0].info().name) {
+                let mut earlier = Earlier::new(
+                    &mut self.emission,
+                    techniques,
+                    &mut self.impostors,
+                    &mut self.environments,
+                    self.settings_version,
+                    0,
+                    self.lights_elsewhere,
+                );
+                rest[0].gather(frame, scene, &gathered, &mut earlier)?;
             }
         }
         self.emission.attenuation.end(frame, receiver)

@@ -127,16 +127,19 @@ impl Claims {
     pub const ENVIRONMENT: Self = Self(1);
     /// A technique adds what passes through the object's surface, so cameras see the object whole, from both sides.
     pub const TRANSMISSION: Self = Self(2);
-    /// Only distance-impostor adds what the object mirrors.
+    /// Only distance-impostor or ray-tracing adds what the object mirrors.
     pub const SPECULAR: Self = Self(4);
-    /// Only distance-impostor adds what passes through the object's surface.
+    /// Only distance-impostor or ray-tracing adds what passes through the object's surface.
     pub const REFRACTION: Self = Self(8);
     /// caustics adds the light that passes through the object and arrives elsewhere, so the object's shadow is whole.
     pub const SHADOW: Self = Self(16);
     /// Only final-gather adds indirect light on the object.
     pub const INDIRECT: Self = Self(32);
-    /// Only distance-impostor adds what the object's glossy lobes reflect of lit surroundings.
+    /// Only distance-impostor or ray-tracing adds what the object's glossy lobes reflect of lit surroundings.
     pub const GLOSSY: Self = Self(64);
+
+    /// ray-tracing follows rays from the object's surface: only it adds what the object reflects and refracts.
+    pub const RAYS: Self = Self(128);
 
     /// Number of the first bit of [`Claims::with_impostor`].
     const IMPOSTOR_SHIFT: u32 = 8;

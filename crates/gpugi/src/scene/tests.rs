@@ -112,6 +112,12 @@ fn claims_are_the_same_bits() {
     ] {
         assert_eq!(constant(&gather, "scene_tables", name), claims.0, "{name}");
     }
+    let rays = constant(
+        &shader!("techniques.ray_tracing.begin"),
+        "scene_tables",
+        "CLAIM_RAYS",
+    );
+    assert_eq!(rays, Claims::RAYS.0);
     let depth = shader!("capture.depth_alpha");
     let shadow = constant(&depth, "scene_tables", "CLAIM_SHADOW");
     assert_eq!(shadow, Claims::SHADOW.0);

@@ -11,6 +11,7 @@ pub mod final_gather;
 pub mod image_based_lighting;
 pub mod obscurances;
 pub mod radiosity;
+pub mod ray_tracing;
 mod registry;
 pub mod shadow_map;
 
@@ -43,7 +44,7 @@ pub struct Info {
     /// Whether a scene that has such light has everything else that the technique needs, and the technique is fast
     /// enough for a live view: then it belongs to every default set of the scene ([`crate::default_set()`]).
     pub suits: fn(&Scene) -> bool,
-    /// Whether it keeps light in the texels of an atlas: it needs a [`GpuScene::with_texels`].
+    /// Whether it keeps light in the texels of an atlas or traces rays: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
     /// Whether it lights points of its own, which the camera may not see: cubes around objects, texels.
     pub lights_points: bool,
@@ -187,8 +188,8 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     fn settings_mut(&mut self) -> &mut dyn SettingSet;
 
     /// Decides what the technique does in `scene`. Called whenever settings or the scene change. `covered`: the light
-    /// that the techniques before it add.
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan;
+    /// that the techniques before it add; `claimed`: what they claim of each object.
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], claimed: &[Claims]) -> Plan;
 
     /// Updates the technique's maps for what `view` sees; does nothing if they are current. Never waits for the GPU.
     ///
@@ -202,7 +203,8 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError>;
 
-    /// Adds the technique's light at the receiver's points to its target.
+    /// Adds the technique's light at the receiver's points to its target. A technique whose rays go on from these points
+    /// has `earlier` light what they hit.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -211,6 +213,7 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError>;
 
     /// Work that waited in the last frame and that shows as soon as it is done, such as cubes that mirrors show.
@@ -417,8 +420,18 @@ impl<'a> Earlier<'a> {
         } else {
             frame.clear(&gathered.target.radiance);
         }
-        for technique in &mut *self.techniques {
-            technique.gather(frame, scene, &gathered)?;
+        for index in 0..self.techniques.len() {
+            let (techniques, rest) = self.techniques.split_at_mut(index);
+            let mut earlier = Earlier::new(
+                self.emission,
+                techniques,
+                self.impostors,
+                self.environments,
+                self.settings_version,
+                self.revision,
+                self.lights_elsewhere,
+            );
+            rest[0].gather(frame, scene, &gathered, &mut earlier)?;
         }
         self.emission.attenuation.end(frame, receiver)
     }

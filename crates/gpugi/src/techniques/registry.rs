@@ -2,7 +2,7 @@
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, obscurances, radiosity, shadow_map,
+    image_based_lighting, obscurances, radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -68,6 +68,11 @@ impl Default for Registry {
                 info: &final_gather::INFO,
                 fields: final_gather::Settings::fields,
                 make: |_, _| Ok(Box::new(final_gather::FinalGather::default())),
+            },
+            Registration {
+                info: &ray_tracing::INFO,
+                fields: ray_tracing::Settings::fields,
+                make: |_, _| Ok(Box::new(ray_tracing::RayTracing::default())),
             },
             Registration {
                 info: &distance_impostor::INFO,

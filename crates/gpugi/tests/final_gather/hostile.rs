@@ -219,7 +219,7 @@ fn many_objects_are_no_trouble() {
     let mut technique = FinalGather::default();
     let set = technique.settings_mut().set("reference-points", "objects");
     set.expect("a setting");
-    let plan = technique.plan(&on_gpu, &[]);
+    let plan = technique.plan(&on_gpu, &[], &[]);
     let claimed: Vec<usize> = (0..40)
         .filter(|&index| plan.claims[index] == Claims::INDIRECT)
         .collect();

@@ -405,8 +405,9 @@ fn lit(
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
     capture.record(&mut frame, &on_gpu).unwrap();
+    let mut unused = Emission::new(gpu, &on_gpu).unwrap();
     let mut nothing = Earlier::new(
-        &mut emission,
+        &mut unused,
         &mut [],
         &mut impostors,
         &mut environments,
@@ -422,7 +423,9 @@ fn lit(
         let target = Target::new(gpu, points.count).unwrap();
         let receiver = Receiver::new(points, &target);
         emission.record(&mut frame, &on_gpu, &receiver).unwrap();
-        technique.gather(&mut frame, &on_gpu, &receiver).unwrap();
+        technique
+            .gather(&mut frame, &on_gpu, &receiver, &mut nothing)
+            .unwrap();
         targets.push((target, points.count));
     }
     frame.submit().unwrap();

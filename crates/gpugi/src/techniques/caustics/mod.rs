@@ -213,7 +213,7 @@ impl Technique for Caustics {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
         self.claimed.clear();
         let mut most = 0;
@@ -341,6 +341,7 @@ impl Technique for Caustics {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let Some(made) = self.made.as_ref().filter(|made| !made.caustics.is_empty()) else {
             return Ok(());

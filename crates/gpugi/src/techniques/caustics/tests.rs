@@ -86,7 +86,7 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -
     {
         technique.settings_mut().set(name, value).unwrap();
     }
-    let claims = technique.plan(&scene, &[]).claims;
+    let claims = technique.plan(&scene, &[], &[]).claims;
     scene.assign(gpu, &claims);
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);

@@ -284,14 +284,18 @@ impl Technique for DistanceImpostor {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], claimed: &[Claims]) -> Plan {
         let objects = scene.objects.iter().enumerate();
         let list = self.settings.objects.as_str();
         let is_wanted = |object: &Object| match list {
             AUTO => object.is_smooth,
             list => object.is_named_by(list) && !object.is_diffuse,
         };
-        let wanted = objects.filter(|(_, object)| is_wanted(object));
+        let is_traced = |index| {
+            let claims: Option<&Claims> = claimed.get(index);
+            claims.is_some_and(|claims| claims.contains(Claims::RAYS))
+        };
+        let wanted = objects.filter(|(index, object)| is_wanted(object) && !is_traced(*index));
         self.wanted = wanted.map(|(index, _)| index as u32).collect();
         let cubes = self.settings.cubes;
         let is_grouped = |grouped: &ObjectMapsKey<u32>| grouped.serves(&cubes, &self.wanted, scene);
@@ -530,6 +534,7 @@ impl Technique for DistanceImpostor {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         // Reflections and refractions exist toward an eye only.
         if receiver.points.output != Output::RadianceToEye {

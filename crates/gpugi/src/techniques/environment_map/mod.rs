@@ -157,7 +157,7 @@ impl Technique for EnvironmentMap {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         self.is_whole = overlap(INFO.paths, covered).is_none();
         let objects = &scene.objects;
         if scene.environment.is_none() {
@@ -237,6 +237,7 @@ impl Technique for EnvironmentMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         // Mirrors alone show no irradiance.
         let is_lit = self.is_whole || receiver.points.output == Output::RadianceToEye;

@@ -139,7 +139,7 @@ impl Technique for FinalGather {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         let mut classes = LightClass::ALL.into_iter();
         let is_covered = classes.any(|class| adds(covered, class, "LDDE"));
         let places = match self.settings.reference_points {
@@ -220,6 +220,7 @@ impl Technique for FinalGather {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         match &mut self.made {
             Some(made) => made.gather(frame, scene, receiver),

@@ -25,7 +25,7 @@ use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::prefiltered::Wanted;
-use crate::scene::{GpuScene, Object, Versions};
+use crate::scene::{Claims, GpuScene, Object, Versions};
 use crate::settings::SettingSet;
 
 /// Name, summary, source and light paths of the technique.
@@ -262,7 +262,7 @@ impl Technique for ImageBasedLighting {
         &mut self.settings
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         // Straight through glass; what mirrors throw is missing.
         let passes = |object: &Object| object.is_smooth && object.is_transmissive;
         let paths = if scene.objects.iter().any(passes) {
@@ -358,6 +358,7 @@ impl Technique for ImageBasedLighting {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let Some(ratio) = &mut self.ratio else {
             return self.batches.gather(frame, scene, receiver);

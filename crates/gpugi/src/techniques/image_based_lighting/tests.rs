@@ -563,7 +563,8 @@ impl Sight {
             frame = Frame::new(gpu, false);
         }
         let receiver = Receiver::new(&self.capture.points, &target);
-        technique.gather(&mut frame, scene, &receiver).unwrap();
+        let gathered = technique.gather(&mut frame, scene, &receiver, &mut earlier);
+        gathered.unwrap();
         frame.submit().unwrap();
         read_buffer(gpu, &target.radiance, target.radiance.size()).unwrap()
     }

@@ -12,7 +12,7 @@ use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest, TexelGa
 use crate::capture::{Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
 use crate::techniques::{Earlier, Generated, Info, Inspection, Plan, Technique};
@@ -187,7 +187,7 @@ impl Technique for Obscurances {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         // The ambient term derives from the direct light of other techniques: it covers only light classes that
         // they cover.
         let is_lit = |paths: &&LightPaths| {
@@ -265,6 +265,7 @@ impl Technique for Obscurances {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());

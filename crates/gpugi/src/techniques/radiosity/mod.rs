@@ -22,7 +22,7 @@ use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
 use shooting::Batch;
@@ -251,7 +251,7 @@ impl Technique for Radiosity {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         let is_covered = |class| overlap(covered, &[LightPaths::new(class, "LDE")]).is_some();
         self.own = Own {
             emission: !is_covered(LightClass::Area),
@@ -388,6 +388,7 @@ impl Technique for Radiosity {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let Some(made) = &mut self.made else {
             return Ok(());

@@ -94,7 +94,7 @@ fn solved(
     for (name, value) in settings {
         radiosity.settings_mut().set(name, value).unwrap();
     }
-    radiosity.plan(&on_gpu, &[]);
+    radiosity.plan(&on_gpu, &[], &[]);
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
     let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();

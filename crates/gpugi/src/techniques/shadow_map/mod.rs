@@ -18,7 +18,7 @@ use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::{LightList, MapSettings, Shadows};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use gather::ShadowGather;
 use gpu::GatherSettings;
@@ -189,7 +189,7 @@ impl Technique for ShadowMap {
         &mut self.settings
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         let on_emitters = if scene.emitters.is_empty() {
             0
         } else {
@@ -289,6 +289,7 @@ impl Technique for ShadowMap {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
+        _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         self.gather
             .record(frame, scene, "shadow-map.gather", receiver)

@@ -246,8 +246,8 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     for (name, value) in [&settings[..], &SETTINGS].concat() {
         technique.settings_mut().set(name, value).unwrap();
     }
-    let covered = earlier[0].plan(&on_gpu, &[]).paths;
-    technique.plan(&on_gpu, &covered);
+    let covered = earlier[0].plan(&on_gpu, &[], &[]).paths;
+    technique.plan(&on_gpu, &covered, &[]);
     let camera = Camera::look_at("", Vec3::Z * 0.3, Vec3::X, 1.2);
     let mut capture = Capture::of_camera(gpu, &kernels, [16; 2]).unwrap();
     let view = View::new(&camera, [16; 2], Vec2::ZERO, 0, 0, on_gpu.diagonal());
@@ -291,9 +291,9 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
         let lit = points.into_iter().map(|points| {
             let target = Target::new(gpu, points.count).unwrap();
             frame.clear(&target.radiance);
-            technique
-                .gather(&mut frame, &on_gpu, &Receiver::new(&points, &target))
-                .unwrap();
+            let receiver = Receiver::new(&points, &target);
+            let gathered = technique.gather(&mut frame, &on_gpu, &receiver, &mut lit);
+            gathered.unwrap();
             (target, points.count)
         });
         lit.collect::<Vec<_>>()

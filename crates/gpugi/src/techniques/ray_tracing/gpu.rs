@@ -1,0 +1,25 @@
+//! The structs that the technique shares with its shaders.
+
+use bytemuck::{Pod, Zeroable};
+
+/// `Rays` of rays.wesl, excluding its rows. All but the capacity is zero when a chunk begins.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Header {
+    pub alive: u32,
+    pub side: u32,
+    pub generation: u32,
+    pub listed: u32,
+    pub padding: [u32; 3],
+    pub capacity: u32,
+}
+
+/// `Chunk` of rays.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Chunk {
+    pub first: u32,
+    pub count: u32,
+    pub bounces: u32,
+    pub split: u32,
+}

@@ -1,0 +1,299 @@
+//! The passes of a gather: rays from a receiver's points, generation by generation. Nothing is read back; the GPU sets
+//! the number of workgroups of each generation.
+
+use super::{Settings, gpu};
+use crate::capture::{
+    Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
+};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::Earlier;
+
+/// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
+const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
+/// Most rays in flight. A receiver with more points is handled in chunks.
+const MOST_RAYS: u64 = 1 << 20;
+/// `ROW_OF_POINTS` of plan.wesl.
+const ROW_OF_POINTS: u32 = 1024;
+/// Bytes of the header that are zero when a chunk begins.
+const COUNTERS: u64 = std::mem::offset_of!(gpu::Header, padding) as u64;
+
+/// The compiled passes, and the rays in flight.
+#[derive(Debug)]
+pub struct Passes {
+    begin: Kernel,
+    plan: Kernel,
+    trace: Kernel,
+    shade: Kernel,
+    add: Kernel,
+    in_flight: Option<InFlight>,
+    chunks: PerReceiver<Vec<Chunk>>,
+    /// With which `chunks` are bound.
+    settings: Settings,
+}
+
+/// Memory of the rays in flight, one slot per ray.
+#[derive(Debug)]
+struct InFlight {
+    capacity: u32,
+    rays: wgpu::Buffer,
+    arguments: wgpu::Buffer,
+    /// The points that rays hit, which the techniques before this one light.
+    hits: Receiver,
+    hit_records: wgpu::TextureView,
+    /// Bind groups 1 and 3 of `trace`.
+    trace: [wgpu::BindGroup; 2],
+}
+
+/// A part of a receiver's points, as large as the rays in flight allow.
+#[derive(Debug)]
+struct Chunk {
+    begin: [wgpu::BindGroup; 2],
+    plan: [wgpu::BindGroup; 2],
+    shade: [wgpu::BindGroup; 2],
+    add: [wgpu::BindGroup; 3],
+    /// Number of points.
+    count: u32,
+}
+
+impl Passes {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
+        let layout = Some(&scene.layout);
+        let trace = shader!("techniques.ray_tracing.trace");
+        let [begin, plan, shade, add] = [
+            (shader!("techniques.ray_tracing.begin"), layout),
+            (shader!("techniques.ray_tracing.plan"), None),
+            (shader!("techniques.ray_tracing.shade"), layout),
+            (shader!("techniques.ray_tracing.add"), None),
+        ]
+        .map(|(shader, layout)| Kernel::new(gpu, &shader, "main", layout));
+        Ok(Self {
+            begin: begin?,
+            plan: plan?,
+            trace: scene.ray_kernel(gpu, &trace, &[])?,
+            shade: shade?,
+            add: add?,
+            in_flight: None,
+            chunks: PerReceiver::default(),
+            settings: settings.clone(),
+        })
+    }
+
+    /// Adds what the rays from a receiver's points find.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        settings: &Settings,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        if self.settings != *settings {
+            self.settings = settings.clone();
+            self.chunks.clear();
+        }
+        let points = receiver.points.count;
+        let wanted = slots(gpu, points);
+        let in_flight = match self.in_flight.take() {
+            Some(made) if made.capacity >= wanted => made,
+            _ => {
+                self.chunks.clear();
+                InFlight::new(gpu, &self.trace, wanted)?
+            }
+        };
+        let Self {
+            begin,
+            plan,
+            trace,
+            shade,
+            add,
+            chunks,
+            ..
+        } = self;
+        let in_flight = &*self.in_flight.insert(in_flight);
+        let kernels = [&*begin, plan, shade, add];
+        let chunks = chunks.of(receiver, || {
+            let several = points.div_ceil(in_flight.capacity).max(1);
+            let count = points.div_ceil(several);
+            let all = (0..several).map(|number| gpu::Chunk {
+                first: number * count,
+                count: count.min(points - number * count),
+                bounces: settings.bounces,
+                split: 0,
+            });
+            all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk))
+                .collect()
+        })?;
+        let own = (0, &scene.bind_group);
+        for chunk in chunks {
+            frame.clear_first(&in_flight.rays, COUNTERS);
+            frame.compute("ray-tracing.begin", |pass| {
+                let [seen, rays] = &chunk.begin;
+                let slots = [in_flight.capacity, 1, 1];
+                begin.dispatch(pass, &[own, (1, seen), (3, rays)], slots);
+            });
+            for _ in 0..settings.bounces {
+                frame.compute("ray-tracing.plan", |pass| {
+                    let [seen, rays] = &chunk.plan;
+                    plan.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
+                });
+                frame.compute("ray-tracing.trace", |pass| {
+                    let [seen, rays] = &in_flight.trace;
+                    let groups = [(0, &scene.ray_bind_group), (1, seen), (3, rays)];
+                    trace.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
+                });
+                frame.compute("ray-tracing.shade", |pass| {
+                    let [seen, rays] = &chunk.shade;
+                    let groups = [own, (1, seen), (3, rays)];
+                    shade.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
+                });
+                earlier.gather(frame, scene, &in_flight.hits, false)?;
+                frame.compute("ray-tracing.add", |pass| {
+                    let [seen, light, rays] = &chunk.add;
+                    let groups = [(1, seen), (2, light), (3, rays)];
+                    add.dispatch(pass, &groups, [chunk.count, 1, 1]);
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Memory of the rays in flight (bytes).
+    pub fn bytes(&self) -> u64 {
+        self.in_flight.as_ref().map_or(0, InFlight::bytes)
+    }
+}
+
+/// Slots for a receiver of so many points.
+fn slots(gpu: &Gpu, points: u32) -> u32 {
+    let limits = gpu.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size)
+        - size_of::<gpu::Header>() as u64;
+    let row = u64::from(ROW_OF_POINTS);
+    let most = (bytes / RAY_BYTES).min(MOST_RAYS) / row * row;
+    u64::from(points).next_multiple_of(row).clamp(row, most) as u32
+}
+
+impl InFlight {
+    fn new(gpu: &Gpu, trace: &Kernel, capacity: u32) -> Result<Self, GpuError> {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let bytes = size_of::<gpu::Header>() as u64 + u64::from(capacity) * RAY_BYTES;
+        let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
+        let header = gpu::Header {
+            capacity,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        gpu.write(&rays, 0, &[header]);
+        let view = gpu.buffer(
+            "ray-tracing.view",
+            size_of::<ViewUniform>() as u64,
+            storage | wgpu::BufferUsages::UNIFORM,
+        )?;
+        let points = u64::from(capacity) * SURFACE_POINT_BYTES;
+        let points = gpu.buffer("ray-tracing.points [bytes]", points, storage)?;
+        let hit_records = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("ray-tracing.hits"),
+            size: wgpu::Extent3d {
+                width: ROW_OF_POINTS,
+                height: capacity / ROW_OF_POINTS,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+            view_formats: &[],
+        })?;
+        let hit_records = hit_records.create_view(&Default::default());
+        let hits = SurfacePoints {
+            points,
+            view,
+            count: capacity,
+            hits: hit_records.clone(),
+            output: Output::RadianceToEye,
+            slots: Slots::default(),
+        };
+        let seen = [("hits_seen", hits.view.as_entire_binding())];
+        Ok(Self {
+            capacity,
+            trace: [
+                trace.bind(gpu, 1, &seen)?,
+                trace.bind(gpu, 3, &[("rays", rays.as_entire_binding())])?,
+            ],
+            arguments: gpu.buffer(
+                "ray-tracing.arguments",
+                12,
+                storage | wgpu::BufferUsages::INDIRECT,
+            )?,
+            hits: Receiver::new(&hits, &Target::new(gpu, capacity)?),
+            rays,
+            hit_records,
+        })
+    }
+
+    /// Binds a chunk of a receiver's points to `begin`, `plan`, `shade` and `add`.
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        [begin, plan, shade, add]: [&Kernel; 4],
+        receiver: &Receiver,
+        chunk: gpu::Chunk,
+    ) -> Result<Chunk, GpuError> {
+        let count = chunk.count;
+        let chunk = gpu.uniform("ray-tracing.chunk", &chunk)?;
+        let chunk = ("chunk", chunk.as_entire_binding());
+        let seen = ("seen", receiver.points.view.as_entire_binding());
+        let points = ("points", receiver.points.points.as_entire_binding());
+        let hits_seen = ("hits_seen", self.hits.points.view.as_entire_binding());
+        let rays = ("rays", self.rays.as_entire_binding());
+        let hit_points = ("hit_points", self.hits.points.points.as_entire_binding());
+        let arguments = ("arguments", self.arguments.as_entire_binding());
+        let hits = (
+            "hits",
+            wgpu::BindingResource::TextureView(&self.hit_records),
+        );
+        let light = [
+            ("gathered", self.hits.target.radiance.as_entire_binding()),
+            ("radiance", receiver.target.radiance.as_entire_binding()),
+        ];
+        Ok(Chunk {
+            begin: [
+                begin.bind(gpu, 1, &[seen.clone(), chunk.clone(), points])?,
+                begin.bind(gpu, 3, &[rays.clone(), hit_points.clone()])?,
+            ],
+            plan: [
+                plan.bind(gpu, 1, &[seen.clone(), chunk.clone()])?,
+                plan.bind(gpu, 3, &[rays.clone(), arguments, hits_seen.clone()])?,
+            ],
+            shade: [
+                shade.bind(gpu, 1, &[hits_seen, chunk.clone()])?,
+                shade.bind(gpu, 3, &[rays.clone(), hit_points.clone(), hits])?,
+            ],
+            add: [
+                add.bind(gpu, 1, &[seen, chunk])?,
+                add.bind(gpu, 2, &light)?,
+                add.bind(gpu, 3, &[rays, hit_points])?,
+            ],
+            count,
+        })
+    }
+
+    fn bytes(&self) -> u64 {
+        let points = &self.hits.points;
+        let texels = u64::from(self.capacity) * 4;
+        let buffers = [&self.rays, &points.points, &self.hits.target.radiance];
+        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + texels
+    }
+}
