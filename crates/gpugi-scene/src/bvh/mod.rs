@@ -80,6 +80,9 @@ pub enum BvhError {
 struct MeshTree {
     root: u32,
     bounds: Bounds,
+    /// Row of the first triangle, and the number of triangles.
+    first_triangle: u32,
+    triangles: u32,
     /// Power of two that scales the mesh's largest coordinate to about one. Without it, products of tiny or huge
     /// coordinates would leave the range of 32-bit floats.
     units_from_mesh: f64,
@@ -128,6 +131,36 @@ impl BottomLevel {
         Ok((bottom, rows))
     }
 
+    /// The triangles of all instances in `top`, for tests of every triangle without the hierarchy. `mesh_of` gives the
+    /// mesh of an instance. One entry per instance: its row, the row of its first triangle, and the number of triangles
+    /// before; then one that holds the number of all triangles.
+    ///
+    /// # Errors
+    /// [`BvhError::TooLarge`].
+    pub fn runs(
+        &self,
+        top: &TopLevel,
+        mesh_of: impl Fn(usize) -> usize,
+    ) -> Result<Vec<Row>, BvhError> {
+        let first_item = self.rows + top.nodes() * NODE_ROWS;
+        let mut runs = Vec::new();
+        let mut before = 0_usize;
+        for (instance, item) in top.items() {
+            let mesh = &self.meshes[mesh_of(instance)];
+            let row = first_item + item * INSTANCE_ROWS;
+            runs.push([
+                row,
+                mesh.first_triangle,
+                at_most("triangles", before, u32::MAX)?,
+                0,
+            ]);
+            before += mesh.triangles as usize;
+        }
+        let all = at_most("triangles", before, u32::MAX)?;
+        runs.push([0, 0, all, 0]);
+        Ok(runs)
+    }
+
     /// The first row of the top level, which is the total number of rows of all meshes.
     pub fn end(&self) -> u32 {
         self.rows
@@ -171,6 +204,7 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     let tree = Tree::new(&boxes, MESH_LEVELS, 3);
     at_most("levels", tree.depth as usize, MESH_LEVELS)?;
     rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS).0);
+    let first_triangle = row_number(rows.len())?;
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
         for (corner, last) in corners.into_iter().zip([number, 0, 0]) {
@@ -182,6 +216,8 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     Ok(MeshTree {
         root,
         bounds,
+        first_triangle,
+        triangles: triangles.len() as u32,
         units_from_mesh,
     })
 }

@@ -126,6 +126,12 @@ impl BottomLevel {
 }
 
 impl TopLevel {
+    /// Numbers of the instances that are not left out, each with its leaf item.
+    pub(super) fn items(&self) -> impl Iterator<Item = (usize, u32)> {
+        let items = self.items.iter().enumerate();
+        items.filter_map(|(instance, item)| item.map(|item| (instance, item)))
+    }
+
     /// Number of nodes.
     pub fn nodes(&self) -> u32 {
         self.tree.nodes.len() as u32

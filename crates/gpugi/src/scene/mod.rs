@@ -222,6 +222,16 @@ impl GpuScene {
         self.rays.is_some()
     }
 
+    /// Where the ray hierarchy holds the triangles of all instances ([`gpugi_scene::bvh::BottomLevel::runs`]); `None`
+    /// without rays. Changes with [`Versions::geometry`] and [`Versions::instances`].
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub(crate) fn triangle_runs(&self, gpu: &Gpu) -> Result<Option<Vec<[u32; 4]>>, GpuError> {
+        let rays = self.rays.as_ref();
+        rays.map(|rays| rays.runs(gpu, &self.host)).transpose()
+    }
+
     /// Whether captures can draw the scene.
     pub fn has_captures(&self) -> bool {
         self.use_of != Use::Rays

@@ -88,6 +88,14 @@ impl Rays {
         self.top.start
     }
 
+    /// The triangles of all instances: [`BottomLevel::runs`].
+    pub fn runs(&self, gpu: &Gpu, scene: &Scene) -> Result<Vec<Row>, GpuError> {
+        let runs = self
+            .bottom
+            .runs(&self.top, |instance| scene.instances[instance].mesh);
+        runs.map_err(|error| refused(gpu, error))
+    }
+
     /// Whether the move keeps the instance in the hierarchy or keeps it out: no ray hits an instance whose transform
     /// has no inverse.
     pub fn can_refit(&self, number: usize, mesh: usize, world_from_mesh: &Mat4) -> bool {

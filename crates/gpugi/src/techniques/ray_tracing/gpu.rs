@@ -10,7 +10,9 @@ pub struct Header {
     pub side: u32,
     pub generation: u32,
     pub listed: u32,
-    pub padding: [u32; 3],
+    pub triangle: u32,
+    pub pairs: u32,
+    pub pairs_left: u32,
     pub capacity: u32,
 }
 
@@ -22,4 +24,6 @@ pub struct Chunk {
     pub count: u32,
     pub bounces: u32,
     pub split: u32,
+    pub step: u32,
+    pub padding: [u32; 3],
 }

@@ -6,6 +6,8 @@
 
 mod gpu;
 mod passes;
+#[cfg(test)]
+mod tests;
 
 use super::{Earlier, Generated, Info, Inspection, Plan, Technique, distance_impostor};
 use crate::capture::{Output, Receiver, View};
@@ -13,7 +15,7 @@ use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
-use passes::Passes;
+use passes::{MOST_RAYS, Passes};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -26,11 +28,29 @@ pub const INFO: Info = Info {
     lights_points: true,
 };
 
+crate::choices! {
+    /// How rays find their closest hits. All tracers find the same.
+    pub enum Tracer {
+        /// In the scene's hierarchy of bounding volumes.
+        Bvh = "bvh",
+        /// By a test against every triangle: the tutorial's ray engine.
+        Engine = "engine",
+        /// By a test against every triangle that cones around tiles of rays do not exclude.
+        Cones = "cones",
+    }
+}
+
 crate::settings! {
     /// Settings of ray-tracing.
     pub struct Settings {
+        /// How rays find their closest hits: bvh, in a hierarchy; engine, among all triangles; cones, among those that
+        /// cones around tiles of rays do not exclude.
+        pub tracer: Tracer = Tracer::Bvh => any(),
         /// Most reflections and refractions on a path.
         pub bounces: u32 = 8 => in_range(1.0, 16.0),
+        /// Surfaces from the eye on at which both the reflected and the refracted ray are followed; at others, one is
+        /// drawn for each sample. Each doubles the memory of the rays.
+        pub split: u32 = 0 => in_range(0.0, 4.0),
         /// Objects whose rays are traced: names separated by commas, * for any characters; auto: those with ideal
         /// surfaces. They take the place of objects of distance-impostor.
         pub objects: String = AUTO.to_owned() => any(),
@@ -40,6 +60,9 @@ crate::settings! {
 /// The value of [`Settings::objects`] that leaves the choice to gpugi.
 const AUTO: &str = "auto";
 
+/// Beyond this many triangles, testing every one deserves a warning.
+const MOST_TRIANGLES: u32 = 100_000;
+
 /// Ray tracing.
 #[derive(Debug, Default)]
 pub struct RayTracing {
@@ -47,8 +70,12 @@ pub struct RayTracing {
     /// Whether any object is traced.
     has_objects: bool,
     passes: Option<Passes>,
-    /// With which constants the passes are compiled.
-    compiled_for: Option<[(&'static str, f64); 1]>,
+    /// With which constants, and for which tracer, the passes are compiled.
+    compiled_for: Option<([(&'static str, f64); 1], Tracer)>,
+    /// Whether `cones` counts the pairs of tiles and triangles that it tests.
+    counts_pairs: bool,
+    /// Most rays in flight, if not [`MOST_RAYS`].
+    most_rays: Option<u64>,
 }
 
 impl Technique for RayTracing {
@@ -125,10 +152,14 @@ impl Technique for RayTracing {
                 reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
             });
         }
-        let constants = Some(scene.ray_constants());
-        if self.has_objects && self.compiled_for != constants {
-            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings)?);
-            self.compiled_for = constants;
+        let wanted = Some((scene.ray_constants(), self.settings.tracer));
+        if self.has_objects && self.compiled_for != wanted {
+            let counts = self.counts_pairs;
+            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings, counts)?);
+            self.compiled_for = wanted;
+        }
+        if let Some(passes) = &mut self.passes {
+            passes.follow(frame.gpu, scene)?;
         }
         Ok(Generated::FINAL)
     }
@@ -145,14 +176,23 @@ impl Technique for RayTracing {
             return Ok(());
         }
         match &mut self.passes {
-            Some(passes) => passes.record(frame, scene, receiver, &self.settings, earlier),
+            Some(passes) => {
+                let most = self.most_rays.unwrap_or(MOST_RAYS);
+                passes.record(frame, scene, receiver, &self.settings, most, earlier)
+            }
             None => Ok(()),
         }
     }
 
     fn inspect(&self) -> Inspection {
+        let triangles = self.passes.as_ref().map_or(0, Passes::triangles);
+        let warning = format!(
+            "ray-tracing tests its rays against all {triangles} triangles, which is slow: ray-tracing.tracer=bvh needs a \
+             few tests per ray"
+        );
         Inspection {
             work_bytes: self.passes.as_ref().map_or(0, Passes::bytes),
+            warnings: Vec::from_iter((triangles > MOST_TRIANGLES).then_some(warning)),
             ..Inspection::default()
         }
     }

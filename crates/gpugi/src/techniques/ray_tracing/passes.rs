@@ -1,7 +1,7 @@
 //! The passes of a gather: rays from a receiver's points, generation by generation. Nothing is read back; the GPU sets
 //! the number of workgroups of each generation.
 
-use super::{Settings, gpu};
+use super::{Settings, Tracer, gpu};
 use crate::capture::{
     Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
 };
@@ -13,37 +13,52 @@ use crate::techniques::Earlier;
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
 const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
 /// Most rays in flight. A receiver with more points is handled in chunks.
-const MOST_RAYS: u64 = 1 << 20;
+pub const MOST_RAYS: u64 = 1 << 20;
+/// Tests of a ray against a triangle in a dispatch of `engine`: some 10 ms on a large GPU, 100 ms on a small one, and
+/// likewise on a processor.
+const MOST_TESTS: u64 = 1 << 30;
+const MOST_TESTS_IN_SOFTWARE: u64 = 1 << 25;
 /// `ROW_OF_POINTS` of plan.wesl.
 const ROW_OF_POINTS: u32 = 1024;
 /// Bytes of the header that are zero when a chunk begins.
-const COUNTERS: u64 = std::mem::offset_of!(gpu::Header, padding) as u64;
+const COUNTERS: u64 = std::mem::offset_of!(gpu::Header, pairs) as u64;
 
 /// The compiled passes, and the rays in flight.
 #[derive(Debug)]
 pub struct Passes {
     begin: Kernel,
     plan: Kernel,
+    advance: Kernel,
     trace: Kernel,
     shade: Kernel,
     add: Kernel,
-    in_flight: Option<InFlight>,
+    pub(super) in_flight: Option<InFlight>,
     chunks: PerReceiver<Vec<Chunk>>,
+    /// All triangles, if the tracer tests every one.
+    triangles: Option<Triangles>,
     /// With which `chunks` are bound.
     settings: Settings,
 }
 
 /// Memory of the rays in flight, one slot per ray.
 #[derive(Debug)]
-struct InFlight {
-    capacity: u32,
-    rays: wgpu::Buffer,
+pub(super) struct InFlight {
+    pub capacity: u32,
+    pub rays: wgpu::Buffer,
     arguments: wgpu::Buffer,
     /// The points that rays hit, which the techniques before this one light.
     hits: Receiver,
     hit_records: wgpu::TextureView,
-    /// Bind groups 1 and 3 of `trace`.
-    trace: [wgpu::BindGroup; 2],
+}
+
+/// The triangles of all instances.
+#[derive(Debug)]
+struct Triangles {
+    /// Bind group 2 of `trace`.
+    group: wgpu::BindGroup,
+    count: u32,
+    /// For which geometry and instances.
+    versions: [u64; 2],
 }
 
 /// A part of a receiver's points, as large as the rays in flight allow.
@@ -51,40 +66,83 @@ struct InFlight {
 struct Chunk {
     begin: [wgpu::BindGroup; 2],
     plan: [wgpu::BindGroup; 2],
+    trace: [wgpu::BindGroup; 2],
     shade: [wgpu::BindGroup; 2],
     add: [wgpu::BindGroup; 3],
-    /// Number of points.
-    count: u32,
+    values: gpu::Chunk,
 }
 
 impl Passes {
-    /// Compiles the passes.
+    /// Compiles the passes. `counts`: `cones` counts the pairs that it tests.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        counts: bool,
+    ) -> Result<Self, GpuError> {
         let layout = Some(&scene.layout);
-        let trace = shader!("techniques.ray_tracing.trace");
-        let [begin, plan, shade, add] = [
+        let mut constants = vec![("LOWEST_WINS", 1.0)];
+        let trace = match settings.tracer {
+            Tracer::Bvh => shader!("techniques.ray_tracing.bvh"),
+            Tracer::Engine => shader!("techniques.ray_tracing.engine"),
+            Tracer::Cones => {
+                constants.push(("COUNT_PAIRS", f64::from(u8::from(counts))));
+                shader!("techniques.ray_tracing.cones")
+            }
+        };
+        let plan = shader!("techniques.ray_tracing.plan");
+        let [begin, shade, add] = [
             (shader!("techniques.ray_tracing.begin"), layout),
-            (shader!("techniques.ray_tracing.plan"), None),
             (shader!("techniques.ray_tracing.shade"), layout),
             (shader!("techniques.ray_tracing.add"), None),
         ]
         .map(|(shader, layout)| Kernel::new(gpu, &shader, "main", layout));
         Ok(Self {
             begin: begin?,
-            plan: plan?,
-            trace: scene.ray_kernel(gpu, &trace, &[])?,
+            plan: Kernel::new(gpu, &plan, "main", None)?,
+            advance: Kernel::new(gpu, &plan, "advance", None)?,
+            trace: scene.ray_kernel(gpu, &trace, &constants)?,
             shade: shade?,
             add: add?,
             in_flight: None,
             chunks: PerReceiver::default(),
+            triangles: None,
             settings: settings.clone(),
         })
     }
 
-    /// Adds what the rays from a receiver's points find.
+    /// Follows the scene's triangles, if the tracer tests every one.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
+        let versions = [scene.versions.geometry, scene.versions.instances];
+        let is_current = |triangles: &Triangles| triangles.versions == versions;
+        if self.settings.tracer == Tracer::Bvh || self.triangles.as_ref().is_some_and(is_current) {
+            return Ok(());
+        }
+        let Some(runs) = scene.triangle_runs(gpu)? else {
+            return Ok(());
+        };
+        let buffer = gpu.storage("ray-tracing.triangles [bytes]", &runs)?;
+        let resources = [("runs", buffer.as_entire_binding())];
+        self.triangles = Some(Triangles {
+            group: self.trace.bind(gpu, 2, &resources)?,
+            count: runs.last().map_or(0, |all| all[2]),
+            versions,
+        });
+        Ok(())
+    }
+
+    /// Number of triangles against which every ray is tested.
+    pub fn triangles(&self) -> u32 {
+        self.triangles.as_ref().map_or(0, |all| all.count)
+    }
+
+    /// Adds what the rays from a receiver's points find, with at most `most_rays` in flight.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -94,6 +152,7 @@ impl Passes {
         scene: &GpuScene,
         receiver: &Receiver,
         settings: &Settings,
+        most_rays: u64,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
@@ -102,35 +161,39 @@ impl Passes {
             self.chunks.clear();
         }
         let points = receiver.points.count;
-        let wanted = slots(gpu, points);
+        let wanted = slots(gpu, points, settings.split, most_rays);
         let in_flight = match self.in_flight.take() {
             Some(made) if made.capacity >= wanted => made,
             _ => {
                 self.chunks.clear();
-                InFlight::new(gpu, &self.trace, wanted)?
+                InFlight::new(gpu, wanted)?
             }
         };
         let Self {
             begin,
             plan,
+            advance,
             trace,
             shade,
             add,
             chunks,
+            triangles,
             ..
         } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
-        let kernels = [&*begin, plan, shade, add];
+        let kernels = [&*begin, plan, trace, shade, add];
         let chunks = chunks.of(receiver, || {
-            let several = points.div_ceil(in_flight.capacity).max(1);
+            let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
             let count = points.div_ceil(several);
             let all = (0..several).map(|number| gpu::Chunk {
                 first: number * count,
                 count: count.min(points - number * count),
                 bounces: settings.bounces,
-                split: 0,
+                split: settings.split,
+                step: triangles_per_pass(gpu, count << settings.split),
+                padding: [0; 3],
             });
-            all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk))
+            all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk, settings.tracer))
                 .collect()
         })?;
         let own = (0, &scene.bind_group);
@@ -147,9 +210,21 @@ impl Passes {
                     plan.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
                 });
                 frame.compute("ray-tracing.trace", |pass| {
-                    let [seen, rays] = &in_flight.trace;
-                    let groups = [(0, &scene.ray_bind_group), (1, seen), (3, rays)];
-                    trace.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
+                    let [seen, rays] = &chunk.trace;
+                    let mut groups = vec![(0, &scene.ray_bind_group), (1, seen), (3, rays)];
+                    let mut times = 1;
+                    if let Some(all) = triangles {
+                        groups.push((2, &all.group));
+                        times = all.count.div_ceil(chunk.values.step).max(1);
+                    }
+                    let offset = settings.tracer.arguments();
+                    for time in 0..times {
+                        if time > 0 {
+                            let [seen, rays] = &chunk.plan;
+                            advance.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
+                        }
+                        trace.dispatch_indirect(pass, &groups, &in_flight.arguments, offset);
+                    }
                 });
                 frame.compute("ray-tracing.shade", |pass| {
                     let [seen, rays] = &chunk.shade;
@@ -160,7 +235,7 @@ impl Passes {
                 frame.compute("ray-tracing.add", |pass| {
                     let [seen, light, rays] = &chunk.add;
                     let groups = [(1, seen), (2, light), (3, rays)];
-                    add.dispatch(pass, &groups, [chunk.count, 1, 1]);
+                    add.dispatch(pass, &groups, [chunk.values.count, 1, 1]);
                 });
             }
         }
@@ -173,20 +248,40 @@ impl Passes {
     }
 }
 
+/// Triangles that a dispatch tests against so many rays: a multiple of those of a workgroup of `cones`.
+fn triangles_per_pass(gpu: &Gpu, rays: u32) -> u32 {
+    let tests = match gpu.adapter.device_type {
+        wgpu::DeviceType::Cpu => MOST_TESTS_IN_SOFTWARE,
+        _ => MOST_TESTS,
+    };
+    (tests / u64::from(rays.max(1))).next_multiple_of(256) as u32
+}
+
+impl Tracer {
+    /// Where its workgroup counts begin in the arguments of plan.wesl (bytes).
+    fn arguments(self) -> u64 {
+        match self {
+            Self::Bvh | Self::Engine => 0,
+            Self::Cones => 12,
+        }
+    }
+}
+
 /// Slots for a receiver of so many points.
-fn slots(gpu: &Gpu, points: u32) -> u32 {
+fn slots(gpu: &Gpu, points: u32, split: u32, most_rays: u64) -> u32 {
     let limits = gpu.limits();
     let bytes = limits
         .max_buffer_size
         .min(limits.max_storage_buffer_binding_size)
         - size_of::<gpu::Header>() as u64;
     let row = u64::from(ROW_OF_POINTS);
-    let most = (bytes / RAY_BYTES).min(MOST_RAYS) / row * row;
-    u64::from(points).next_multiple_of(row).clamp(row, most) as u32
+    let most = (bytes / RAY_BYTES).min(most_rays) / row * row;
+    let wanted = (u64::from(points) << split).next_multiple_of(row);
+    wanted.clamp(row, most) as u32
 }
 
 impl InFlight {
-    fn new(gpu: &Gpu, trace: &Kernel, capacity: u32) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, capacity: u32) -> Result<Self, GpuError> {
         let storage = wgpu::BufferUsages::STORAGE;
         let bytes = size_of::<gpu::Header>() as u64 + u64::from(capacity) * RAY_BYTES;
         let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
@@ -225,16 +320,11 @@ impl InFlight {
             output: Output::RadianceToEye,
             slots: Slots::default(),
         };
-        let seen = [("hits_seen", hits.view.as_entire_binding())];
         Ok(Self {
             capacity,
-            trace: [
-                trace.bind(gpu, 1, &seen)?,
-                trace.bind(gpu, 3, &[("rays", rays.as_entire_binding())])?,
-            ],
             arguments: gpu.buffer(
                 "ray-tracing.arguments",
-                12,
+                24,
                 storage | wgpu::BufferUsages::INDIRECT,
             )?,
             hits: Receiver::new(&hits, &Target::new(gpu, capacity)?),
@@ -243,16 +333,16 @@ impl InFlight {
         })
     }
 
-    /// Binds a chunk of a receiver's points to `begin`, `plan`, `shade` and `add`.
+    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `shade` and `add`.
     fn bind(
         &self,
         gpu: &Gpu,
-        [begin, plan, shade, add]: [&Kernel; 4],
+        [begin, plan, trace, shade, add]: [&Kernel; 5],
         receiver: &Receiver,
-        chunk: gpu::Chunk,
+        values: gpu::Chunk,
+        tracer: Tracer,
     ) -> Result<Chunk, GpuError> {
-        let count = chunk.count;
-        let chunk = gpu.uniform("ray-tracing.chunk", &chunk)?;
+        let chunk = gpu.uniform("ray-tracing.chunk", &values)?;
         let chunk = ("chunk", chunk.as_entire_binding());
         let seen = ("seen", receiver.points.view.as_entire_binding());
         let points = ("points", receiver.points.points.as_entire_binding());
@@ -268,6 +358,11 @@ impl InFlight {
             ("gathered", self.hits.target.radiance.as_entire_binding()),
             ("radiance", receiver.target.radiance.as_entire_binding()),
         ];
+        let of_trace = [hits_seen.clone(), chunk.clone()];
+        let of_trace = match tracer {
+            Tracer::Bvh => &of_trace[..1],
+            Tracer::Engine | Tracer::Cones => &of_trace,
+        };
         Ok(Chunk {
             begin: [
                 begin.bind(gpu, 1, &[seen.clone(), chunk.clone(), points])?,
@@ -276,6 +371,10 @@ impl InFlight {
             plan: [
                 plan.bind(gpu, 1, &[seen.clone(), chunk.clone()])?,
                 plan.bind(gpu, 3, &[rays.clone(), arguments, hits_seen.clone()])?,
+            ],
+            trace: [
+                trace.bind(gpu, 1, of_trace)?,
+                trace.bind(gpu, 3, std::slice::from_ref(&rays))?,
             ],
             shade: [
                 shade.bind(gpu, 1, &[hits_seen, chunk.clone()])?,
@@ -286,7 +385,7 @@ impl InFlight {
                 add.bind(gpu, 2, &light)?,
                 add.bind(gpu, 3, &[rays, hit_points])?,
             ],
-            count,
+            values,
         })
     }
 

@@ -1,0 +1,209 @@
+//! ray-tracing compared with the path tracer on the same light paths, and with distance-impostor.
+
+mod common;
+#[path = "distance_impostor/scenes.rs"]
+#[allow(dead_code)] // Each test program uses only a part.
+mod scenes;
+
+use std::sync::Arc;
+
+use common::{gpu, measured, rel_mse, renderer_of};
+use glam::{Mat4, Vec3, vec3};
+use gpugi::Renderer;
+use gpugi::gpu::Gpu;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::builtin::shapes::{sphere, torus};
+use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene, Volume};
+use scenes::{SIZE, add, glass, mirror, room, shining_room, toward, with_ball};
+
+/// Away from the room's centre.
+const ASIDE: Vec3 = vec3(0.9, -0.4, -0.6);
+
+/// A picture of `samples` samples per pixel.
+fn picture(renderer: &mut Renderer, camera: &Camera, samples: u32) -> Vec<f32> {
+    renderer.restart();
+    for _ in 0..samples {
+        let sample = renderer.render_sample(camera, samples, None, false);
+        sample.expect("a picture");
+    }
+    renderer.radiance().expect("radiance")
+}
+
+/// The error of `techniques` with settings of ray-tracing.
+fn error(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    techniques: &[&str],
+    settings: &[&str],
+    samples: u32,
+) -> f64 {
+    let mut renderer = renderer_of(gpu, scene, techniques, SIZE, "ray-tracing", settings);
+    rel_mse(&measured(
+        gpu,
+        scene,
+        camera,
+        &mut renderer,
+        [samples, 1024],
+    ))
+}
+
+/// Coloured glass with a ball of denser glass inside, and a mirror around both.
+#[test]
+fn nested_glass_and_a_mirror_are_exact() {
+    let Some(gpu) = gpu() else { return };
+    let mut green = glass(1.33);
+    green.volume = Some(Volume {
+        attenuation_distance: 0.4,
+        attenuation_color: vec3(0.2, 0.8, 0.3),
+    });
+    let mut scene = with_ball(shining_room(), green, ASIDE);
+    add(&mut scene, "core", sphere(0.25, 48), glass(1.6), ASIDE);
+    add(&mut scene, "ring", torus(0.7, 0.1, 32), mirror(), ASIDE);
+    let camera = toward(ASIDE);
+    for (settings, samples) in [
+        (["bounces=8", "split=0"], 256),
+        (["bounces=8", "split=3"], 64),
+    ] {
+        let found = error(&gpu, &scene, &camera, &["ray-tracing"], &settings, samples);
+        println!("nested glass, {settings:?}: rel-mse {found:.1e}");
+        assert!(found < 0.002, "{settings:?}: {found}");
+    }
+    // As many bounces as are declared.
+    let found = error(&gpu, &scene, &camera, &["ray-tracing"], &["bounces=2"], 128);
+    println!("nested glass, two bounces: rel-mse {found:.1e}");
+    assert!(found < 0.002, "two bounces: {found}");
+}
+
+/// What rays hit is lit, with shadows, by the techniques before.
+#[test]
+fn mirrors_and_rough_metal_show_lit_surroundings() {
+    let Some(gpu) = gpu() else { return };
+    let rough = Material {
+        roughness: 0.3,
+        ..mirror()
+    };
+    for (name, material, samples) in [("mirror", mirror(), 64), ("rough metal", rough, 256)] {
+        let mut scene = with_ball(room(), material, ASIDE);
+        let post = sphere(0.2, 24);
+        let grey = Material::matt("grey", Vec3::splat(0.5));
+        add(&mut scene, "post", post, grey, vec3(0.1, -0.4, 0.2));
+        let (camera, techniques) = (toward(ASIDE), ["shadow-map", "ray-tracing"]);
+        let settings = ["objects=ball"];
+        let found = error(&gpu, &scene, &camera, &techniques, &settings, samples);
+        println!("{name}: rel-mse {found:.1e}");
+        assert!(found < 0.002, "{name}: {found}");
+    }
+}
+
+/// The gold and the glass of `ornaments`, which show each other.
+#[test]
+fn ornaments_are_exact() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = builtin("ornaments", 1).expect("a built-in scene");
+    scene.instances.truncate(4);
+    let camera = Camera::look_at("", vec3(-1.6, 0.4, 4.5), vec3(-1.65, 0.0, 0.0), 0.7);
+    // The sun is small: few samples find it in the curved glass.
+    let settings = ["bounces=8", "split=2"];
+    let found = error(&gpu, &scene, &camera, &["ray-tracing"], &settings, 1024);
+    println!("gold and glass: rel-mse {found:.1e}");
+    assert!(found < 0.002, "{found}");
+}
+
+/// Mirrors and glass that absorb nothing are invisible where the same light comes from everywhere.
+#[test]
+fn a_white_furnace_stays_white() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("furnace");
+    let white = Material::metal("mirror", Vec3::ONE, 0.0);
+    for (at, material) in [(-0.4, white), (0.4, glass(1.5))] {
+        add(&mut scene, "ball", sphere(0.35, 64), material, Vec3::X * at);
+    }
+    scene.environment = Some(Environment {
+        image: Arc::new(Image {
+            name: "white".into(),
+            width: 2,
+            height: 1,
+            pixels: Pixels::Rgba32Float(vec![1.0; 8]),
+        }),
+        rotation: 0.0,
+        intensity: 1.0,
+    });
+    let camera = Camera::look_at("", Vec3::Z * 2.0, Vec3::ZERO, 0.8);
+    for settings in [["bounces=16", "split=0"], ["bounces=16", "split=2"]] {
+        let mut renderer = renderer_of(
+            &gpu,
+            &scene,
+            &["ray-tracing"],
+            SIZE,
+            "ray-tracing",
+            &settings,
+        );
+        let found = picture(&mut renderer, &camera, 16);
+        let mean = found.iter().sum::<f32>() / found.len() as f32;
+        let most = found.iter().copied().fold(0.0, f32::max);
+        // A ray that the interpolated normal sends below the surface ends there.
+        println!("{settings:?}: mean {mean}, most {most}");
+        assert!(mean > 0.998 && most < 1.001, "{settings:?}: {mean}, {most}");
+    }
+}
+
+/// distance-impostor leaves alone what ray-tracing claims, and serves the rest.
+#[test]
+fn objects_are_handed_over() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = room();
+    for (name, at) in [("left", -0.6), ("right", 0.6)] {
+        add(&mut scene, name, sphere(0.4, 32), mirror(), Vec3::X * at);
+    }
+    let camera = Camera::look_at("", Vec3::Z * 1.8, Vec3::ZERO, 1.2);
+    let [rays, both] = [
+        &["shadow-map", "ray-tracing"][..],
+        &["shadow-map", "ray-tracing", "distance-impostor"],
+    ]
+    .map(|techniques| {
+        let mut renderer = renderer_of(&gpu, &scene, techniques, SIZE, "ray-tracing", &[]);
+        picture(&mut renderer, &camera, 1)
+    });
+    assert_eq!(rays, both);
+    let techniques = ["shadow-map", "ray-tracing", "distance-impostor"];
+    let settings = ["objects=left"];
+    let mut shared = renderer_of(&gpu, &scene, &techniques, SIZE, "ray-tracing", &settings);
+    let found = picture(&mut shared, &camera, 1);
+    let cubes = shared.maps().into_iter().map(|map| map.name);
+    let cubes: Vec<String> = cubes.filter(|name| name.ends_with("radiance")).collect();
+    assert_eq!(cubes, ["distance-impostor.13.radiance"]);
+    // Both mirrors are lit.
+    let points = shared.surface_points().expect("points");
+    for instance in [12, 13] {
+        let of_ball = points.iter().zip(found.chunks_exact(3));
+        let of_ball = of_ball.filter(|(point, _)| {
+            point
+                .as_ref()
+                .is_some_and(|point| point.instance == instance)
+        });
+        let lit: Vec<bool> = of_ball.map(|(_, color)| color[0] > 0.0).collect();
+        let share = lit.iter().filter(|is_lit| **is_lit).count() as f32 / lit.len() as f32;
+        assert!(share > 0.6, "instance {instance}: {share} of {}", lit.len());
+    }
+}
+
+#[test]
+fn odd_scenes_and_settings_are_handled() {
+    let Some(gpu) = gpu() else { return };
+    let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
+    let mut nothing = Scene::new("nothing");
+    let mut flat = with_ball(room(), mirror(), Vec3::ZERO);
+    flat.instances[12].world_from_mesh = Mat4::from_scale(vec3(1.0, 0.0, 1.0));
+    let names = ["ray-tracing".to_owned()];
+    for scene in [&mut nothing, &mut flat] {
+        let mut renderer = Renderer::new(&gpu, scene, [8, 8], &names).expect("a renderer");
+        let found = picture(&mut renderer, &camera, 2);
+        assert!(found.iter().all(|value| value.is_finite()));
+    }
+    let mut renderer = Renderer::new(&gpu, &flat, [8, 8], &names).expect("a renderer");
+    for (name, value) in [("bounces", "0"), ("bounces", "17"), ("objects", "nobody")] {
+        let refused = renderer.set("ray-tracing", name, value).unwrap_err();
+        assert!(refused.to_string().contains(value), "{refused}");
+    }
+}
