@@ -36,7 +36,7 @@ fn error(
     camera: &Camera,
     techniques: &[&str],
     settings: &[&str],
-    samples: u32,
+    [samples, reference]: [u32; 2],
 ) -> f64 {
     let mut renderer = renderer_of(gpu, scene, techniques, SIZE, "ray-tracing", settings);
     rel_mse(&measured(
@@ -44,7 +44,7 @@ fn error(
         scene,
         camera,
         &mut renderer,
-        [samples, 1024],
+        [samples, reference],
     ))
 }
 
@@ -65,12 +65,26 @@ fn nested_glass_and_a_mirror_are_exact() {
         (["bounces=8", "split=0"], 256),
         (["bounces=8", "split=3"], 64),
     ] {
-        let found = error(&gpu, &scene, &camera, &["ray-tracing"], &settings, samples);
+        let found = error(
+            &gpu,
+            &scene,
+            &camera,
+            &["ray-tracing"],
+            &settings,
+            [samples, 1024],
+        );
         println!("nested glass, {settings:?}: rel-mse {found:.1e}");
         assert!(found < 0.002, "{settings:?}: {found}");
     }
     // As many bounces as are declared.
-    let found = error(&gpu, &scene, &camera, &["ray-tracing"], &["bounces=2"], 128);
+    let found = error(
+        &gpu,
+        &scene,
+        &camera,
+        &["ray-tracing"],
+        &["bounces=2"],
+        [128, 1024],
+    );
     println!("nested glass, two bounces: rel-mse {found:.1e}");
     assert!(found < 0.002, "two bounces: {found}");
 }
@@ -90,7 +104,14 @@ fn mirrors_and_rough_metal_show_lit_surroundings() {
         add(&mut scene, "post", post, grey, vec3(0.1, -0.4, 0.2));
         let (camera, techniques) = (toward(ASIDE), ["shadow-map", "ray-tracing"]);
         let settings = ["objects=ball"];
-        let found = error(&gpu, &scene, &camera, &techniques, &settings, samples);
+        let found = error(
+            &gpu,
+            &scene,
+            &camera,
+            &techniques,
+            &settings,
+            [samples, 1024],
+        );
         println!("{name}: rel-mse {found:.1e}");
         assert!(found < 0.002, "{name}: {found}");
     }
@@ -105,7 +126,14 @@ fn ornaments_are_exact() {
     let camera = Camera::look_at("", vec3(-1.6, 0.4, 4.5), vec3(-1.65, 0.0, 0.0), 0.7);
     // The sun is small: few samples find it in the curved glass.
     let settings = ["bounces=8", "split=2"];
-    let found = error(&gpu, &scene, &camera, &["ray-tracing"], &settings, 1024);
+    let found = error(
+        &gpu,
+        &scene,
+        &camera,
+        &["ray-tracing"],
+        &settings,
+        [512, 4096],
+    );
     println!("gold and glass: rel-mse {found:.1e}");
     assert!(found < 0.002, "{found}");
 }

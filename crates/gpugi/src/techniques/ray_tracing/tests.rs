@@ -21,20 +21,24 @@ fn renderer(gpu: &Gpu, scene: &Scene, size: [u32; 2], settings: &[(&str, &str)])
     renderer
 }
 
-/// The mean of four samples of a glass ball before a sky, with at most `most_rays` rays in flight.
-fn ball(gpu: &Gpu, most_rays: Option<u64>, split: &str) -> Vec<f32> {
-    let mut scene = Scene::new("ball");
-    let glass = Material {
+/// Glass that lets this much light through per metre.
+fn glass(attenuation_color: Vec3) -> Material {
+    Material {
         transmission: 1.0,
         roughness: 0.0,
         volume: Some(Volume {
             attenuation_distance: 1.0,
-            attenuation_color: Vec3::new(0.5, 0.9, 0.7),
+            attenuation_color,
         }),
         ..Material::default()
-    };
+    }
+}
+
+/// The mean of four samples of a glass ball before a sky, with at most `most_rays` rays in flight.
+fn ball(gpu: &Gpu, most_rays: Option<u64>, split: &str) -> Vec<f32> {
+    let mut scene = Scene::new("ball");
     let mesh = scene.add_mesh(sphere(0.5, 32));
-    let material = scene.add_material(glass);
+    let material = scene.add_material(glass(vec3(0.5, 0.9, 0.7)));
     scene.add_instance("ball", mesh, material, Mat4::IDENTITY);
     scene.environment = Some(Environment::default_sky());
     // No multiple of a tile's side.
@@ -95,21 +99,26 @@ fn soup(triangles: u32) -> Mesh {
     }
 }
 
-/// What a mirror reflects of a soup.
+/// What shows a soup.
 #[derive(Clone, Copy)]
-enum Mirror {
-    Ball,
-    Flat,
+enum Shown {
+    FlatMirror,
+    MirrorBall,
+    GlassBall,
 }
 
-/// A mirror in a soup, of which `copies` lie at the same place.
-fn scene(mirror: Mirror, triangles: u32, copies: u32) -> Scene {
+/// A mirror or glass in a soup, of which `copies` lie at the same place; the first of several is a mirror itself.
+fn scene(shown: Shown, triangles: u32, copies: u32) -> Scene {
     let mut scene = Scene::new("soup");
-    let mesh = scene.add_mesh(match mirror {
-        Mirror::Ball => sphere(0.5, 48),
-        Mirror::Flat => quad(vec3(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y, 1),
+    let mesh = scene.add_mesh(match shown {
+        Shown::FlatMirror => quad(vec3(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y, 1),
+        Shown::MirrorBall | Shown::GlassBall => sphere(0.5, 48),
     });
-    let material = scene.add_material(Material::metal("mirror", Vec3::splat(0.9), 0.0));
+    let material = match shown {
+        Shown::GlassBall => glass(Vec3::ONE),
+        _ => Material::metal("mirror", Vec3::splat(0.9), 0.0),
+    };
+    let material = scene.add_material(material);
     scene.add_instance("mirror", mesh, material, Mat4::IDENTITY);
     let mesh = scene.add_mesh(soup(triangles));
     let lit = scene.add_material(Material {
@@ -122,7 +131,11 @@ fn scene(mirror: Mirror, triangles: u32, copies: u32) -> Scene {
     });
     let turned = Mat4::from_rotation_y(0.4) * Mat4::from_scale(vec3(1.0, 1.3, 0.9));
     for copy in 0..copies {
-        let material = if copy == 0 { shining } else { lit };
+        let material = if copy == 0 && copies > 1 {
+            shining
+        } else {
+            lit
+        };
         scene.add_instance("soup", mesh, material, turned);
     }
     scene.environment = Some(Environment::default_sky());
@@ -134,7 +147,7 @@ fn hits(gpu: &Gpu, scene: &Scene, tracer: &str) -> Vec<[u32; 4]> {
     let mut renderer = renderer(
         gpu,
         scene,
-        [64, 48],
+        [48, 48],
         &[("tracer", tracer), ("bounces", "2")],
     );
     let camera = Camera::look_at("", Vec3::Z * 1.2, Vec3::ZERO, 0.9);
@@ -161,8 +174,8 @@ fn hits(gpu: &Gpu, scene: &Scene, tracer: &str) -> Vec<[u32; 4]> {
 #[test]
 fn all_tracers_find_the_same_hits() {
     let Some(gpu) = test_gpu() else { return };
-    for mirror in [Mirror::Ball, Mirror::Flat] {
-        let scene = scene(mirror, 6_000, 3);
+    for shown in [Shown::MirrorBall, Shown::FlatMirror] {
+        let scene = scene(shown, 6_000, 3);
         let expected = hits(&gpu, &scene, "bvh");
         let hit = |found: &&[u32; 4]| found[1] != u32::MAX && found[0] != 0;
         let some = expected[..expected.len() / 2].iter().filter(hit);
@@ -277,8 +290,8 @@ fn cones_enclose_their_rays() {
 }
 
 /// The share of pairs of a tile and a triangle that cones exclude.
-fn culled(gpu: &Gpu, mirror: Mirror, triangles: u32, bounces: &str) -> f64 {
-    let scene = scene(mirror, triangles, 1);
+fn culled(gpu: &Gpu, shown: Shown, triangles: u32, bounces: &str) -> f64 {
+    let scene = scene(shown, triangles, 1);
     let settings = [("tracer", "cones"), ("bounces", bounces)];
     let mut renderer = renderer(gpu, &scene, [128, 128], &settings);
     let counts = renderer.change(|technique: &mut RayTracing| technique.counts_pairs = true);
@@ -307,11 +320,16 @@ fn culled(gpu: &Gpu, mirror: Mirror, triangles: u32, bounces: &str) -> f64 {
 #[ignore = "prints a table"]
 fn culling_rates() {
     let Some(gpu) = test_gpu() else { return };
-    println!("| mirror | triangles | 1 generation | 4 generations |\n|---|---|---|---|");
-    for (name, mirror) in [("flat", Mirror::Flat), ("ball", Mirror::Ball)] {
+    println!("| rays from | triangles | 1 generation | 4 generations |\n|---|---|---|---|");
+    let all = [
+        ("a flat mirror", Shown::FlatMirror),
+        ("a mirror ball", Shown::MirrorBall),
+        ("a glass ball", Shown::GlassBall),
+    ];
+    for (name, shown) in all {
         for triangles in [100, 1_000, 10_000] {
             let [one, four] =
-                ["1", "4"].map(|bounces| 100.0 * culled(&gpu, mirror, triangles, bounces));
+                ["1", "4"].map(|bounces| 100.0 * culled(&gpu, shown, triangles, bounces));
             println!("| {name} | {triangles} | {one:.1} % | {four:.1} % |");
         }
     }
