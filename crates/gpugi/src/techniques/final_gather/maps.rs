@@ -41,6 +41,7 @@ impl Kernels {
         let flag = |is_on: bool| f64::from(u8::from(is_on));
         let solid_angle = ("SOLID_ANGLE", f64::from(settings.solid_angle as u8));
         let visibility = ("VISIBILITY", f64::from(settings.visibility as u8));
+        let glossy = ("GLOSSY", flag(settings.glossy));
         let has_own = ("OWN", flag(has_own));
         let kernel = |shader, entry, constants| {
             let options = KernelOptions {
@@ -56,7 +57,7 @@ impl Kernels {
             solid_angle,
             visibility,
             has_own,
-            ("GLOSSY", flag(settings.glossy)),
+            glossy,
             ("DRAWN", f64::from(settings.blend as u8)),
             ("NORMALIZE", flag(settings.normalize)),
             ("LOCALIZE", flag(settings.localize)),
@@ -66,7 +67,7 @@ impl Kernels {
         Ok(Self {
             downsample: kernel(&downsample, "main", &[solid_angle])?,
             state: kernel(&downsample, "state", &[solid_angle])?,
-            own: kernel(&shader!("techniques.final_gather.own"), "main", &[])?,
+            own: kernel(&shader!("techniques.final_gather.own"), "main", &[glossy])?,
             bounce: kernel(&bounce, "main", &[solid_angle, visibility, has_own])?,
             light_points: kernel(&light_points, "main", &[])?,
             // Every index in range: that of a point ends at the view's last; those of reference points, lights and

@@ -2,7 +2,7 @@
 
 use super::gpu::Work;
 use super::maps::{Kernels, Making, Maps};
-use crate::capture::{Capture, CaptureKernels, CubeView, PerReceiver, Receiver, SurfacePoints, Target};
+use crate::capture::{Capture, CaptureKernels, CubeView, Output, PerReceiver, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::techniques::Earlier;
 
@@ -61,12 +61,8 @@ impl OwnSurface {
         earlier: &mut Earlier<'_>,
         work: &Work,
     ) -> Result<(), GpuError> {
-        let Making {
-            scene,
-            kernels,
-            output,
-            ..
-        } = making;
+        let Making { scene, kernels, .. } = making;
+        let output = Output::Irradiance;
         let is_own = |instance: u32| instance == work.instance;
         let draws = scene.draws.iter().filter(|draw| is_own(draw.instance));
         let Some(bounds) = draws.map(|draw| draw.bounds).reduce(|a, b| a.union(b)) else {
