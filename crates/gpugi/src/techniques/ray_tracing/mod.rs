@@ -187,8 +187,8 @@ impl Technique for RayTracing {
     fn inspect(&self) -> Inspection {
         let triangles = self.passes.as_ref().map_or(0, Passes::triangles);
         let warning = format!(
-            "ray-tracing tests its rays against all {triangles} triangles, which is slow: ray-tracing.tracer=bvh needs a \
-             few tests per ray"
+            "ray-tracing tests its rays against all {triangles} triangles, which is slow: ray-tracing.tracer=bvh \
+             needs a few tests per ray"
         );
         Inspection {
             work_bytes: self.passes.as_ref().map_or(0, Passes::bytes),
