@@ -1,4 +1,107 @@
-//! Lists of object names in options: comma-separated, with `*` as a wildcard for any characters.
+//! Names of objects, and lists of them in options: comma-separated, with `*` as a wildcard for any characters.
+
+use std::fmt::{Debug, Display, Formatter};
+use std::ops::Deref;
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A name. Copies share its text, because a file may give one long name to very many objects.
+#[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Name(Arc<str>);
+
+impl Name {
+    /// The text.
+    pub fn as_str(&self) -> &str {
+        self
+    }
+
+    /// The longest name that [`Name::with`] makes (bytes).
+    pub(crate) const LONGEST: usize = 256;
+
+    /// The name of a part of what has this name. Long names are shared by all parts, without the suffix.
+    pub(crate) fn with(&self, suffix: &str) -> Self {
+        if self.len() + suffix.len() > Self::LONGEST {
+            self.clone()
+        } else {
+            format!("{self}{suffix}").into()
+        }
+    }
+}
+
+impl Default for Name {
+    fn default() -> Self {
+        Self("".into())
+    }
+}
+
+impl Deref for Name {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        &self.0
+    }
+}
+
+impl From<&str> for Name {
+    fn from(name: &str) -> Self {
+        Self(name.into())
+    }
+}
+
+impl From<&Name> for Name {
+    fn from(name: &Name) -> Self {
+        name.clone()
+    }
+}
+
+impl From<&String> for Name {
+    fn from(name: &String) -> Self {
+        name.as_str().into()
+    }
+}
+
+impl From<String> for Name {
+    fn from(name: String) -> Self {
+        Self(name.into())
+    }
+}
+
+impl PartialEq<str> for Name {
+    fn eq(&self, other: &str) -> bool {
+        **self == *other
+    }
+}
+
+impl PartialEq<&str> for Name {
+    fn eq(&self, other: &&str) -> bool {
+        **self == **other
+    }
+}
+
+impl Debug for Name {
+    fn fmt(&self, formatter: &mut Formatter) -> std::fmt::Result {
+        Debug::fmt(&**self, formatter)
+    }
+}
+
+impl Display for Name {
+    fn fmt(&self, formatter: &mut Formatter) -> std::fmt::Result {
+        Display::fmt(&**self, formatter)
+    }
+}
+
+impl Serialize for Name {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Name {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer).map(Self::from)
+    }
+}
 
 /// A list contains a name that does not exist.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -5,14 +5,14 @@ use std::sync::Arc;
 use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
-use crate::names::{UnknownObject, check_names, is_named_by};
+use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
 
 /// A placed mesh. Several instances may share a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
     /// Name for reports.
-    pub name: String,
+    pub name: Name,
     /// Index into [`Scene::meshes`].
     pub mesh: usize,
     /// Index into [`Scene::materials`].
@@ -259,13 +259,13 @@ impl Scene {
     /// Places a mesh; returns the instance's index.
     pub fn add_instance(
         &mut self,
-        name: &str,
+        name: impl Into<Name>,
         mesh: usize,
         material: usize,
         world_from_mesh: Mat4,
     ) -> usize {
         self.instances.push(Instance {
-            name: name.to_owned(),
+            name: name.into(),
             mesh,
             material,
             world_from_mesh,

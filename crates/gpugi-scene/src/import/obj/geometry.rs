@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
-use std::rc::Rc;
 
 use glam::{Vec2, Vec3};
 
@@ -10,14 +9,14 @@ use super::numbers;
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::tangents::unit_or;
-use crate::{ImportError, Instance, Mesh, polygon};
+use crate::{ImportError, Instance, Mesh, Name, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
     /// Named after the group; has no normals if any corner lacks one.
     pub mesh: Mesh,
     /// The material's name, if any.
-    pub material: Option<Rc<str>>,
+    pub material: Option<Name>,
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
@@ -31,8 +30,9 @@ const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
 const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
-/// Memory of a part (bytes), without names: as parsed, as a mesh, and as an instance.
-const PART_BYTES: usize = 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
+/// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
+const PART_BYTES: usize =
+    Name::LONGEST + 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
 
 /// Indices of a position, a texture coordinate and a normal.
 type Corner = (u32, Option<u32>, Option<u32>);
@@ -106,11 +106,11 @@ struct Parser<'a> {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     parts: Vec<Part>,
-    part_by_key: HashMap<(Rc<str>, Option<Rc<str>>), usize>,
+    part_by_key: HashMap<(Name, Option<Name>), usize>,
     /// The part that receives faces; `None` after a change of group or material.
     current: Option<usize>,
-    group: Rc<str>,
-    material: Option<Rc<str>>,
+    group: Name,
+    material: Option<Name>,
     libraries: Vec<String>,
     ignored: BTreeSet<String>,
     corners: Vec<Corner>,
@@ -126,7 +126,7 @@ impl<'a> Parser<'a> {
             parts: Vec::new(),
             part_by_key: HashMap::new(),
             current: None,
-            group: "".into(),
+            group: Name::default(),
             material: None,
             libraries: Vec::new(),
             ignored: BTreeSet::new(),
@@ -160,10 +160,12 @@ impl<'a> Parser<'a> {
             }
             "f" => self.face(values)?,
             "o" | "g" => {
+                self.budget.charge(1, rest.len())?;
                 self.group = rest.into();
                 self.current = None;
             }
             "usemtl" => {
+                self.budget.charge(1, rest.len())?;
                 self.material = Some(rest.into());
                 self.current = None;
             }
@@ -244,17 +246,16 @@ impl<'a> Parser<'a> {
         if let Some(current) = self.current {
             return Ok(current);
         }
-        let key = (Rc::clone(&self.group), self.material.clone());
+        let key = (self.group.clone(), self.material.clone());
         let current = if let Some(&known) = self.part_by_key.get(&key) {
             known
         } else {
-            let material = self.material.as_deref().unwrap_or("default");
-            // The mesh and the instance are called by it.
-            let length = self.group.len() + material.len() + 3;
-            self.budget.charge(1, PART_BYTES + 2 * length)?;
-            let name = match &*self.group {
-                "" => material.to_owned(),
-                group => format!("{group} ({material})"),
+            self.budget.charge(1, PART_BYTES)?;
+            let material = self.material.clone().unwrap_or_else(|| "default".into());
+            let name = if self.group.is_empty() {
+                material
+            } else {
+                self.group.with(&format!(" ({material})"))
             };
             self.part_by_key.insert(key, self.parts.len());
             self.parts.push(Part {
