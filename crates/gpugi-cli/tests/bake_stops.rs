@@ -94,7 +94,7 @@ fn stop_at_random_times(name: &str, times: u32) {
     let path = output.display().to_string();
     let bake = ["bake", "cornell", "-o", &path, "--atlas-size", "64"];
     let light = ["--include", "direct", "--set", "shadow-map.area-samples=4"];
-    let arguments = [&bake[..], &light, &["--samples", "512", "--resume"]].concat();
+    let arguments = [&bake[..], &light, &["--samples", "256", "--resume"]].concat();
     let began = Instant::now();
     assert!(gpugi(&arguments).status.success());
     let took = began.elapsed();
