@@ -1,4 +1,4 @@
-//! GPU memory that runs out at any allocation: an error that says so, and never a panic or a hang.
+//! GPU memory that runs out, after few allocations or many: an error that says so, and never a panic or a hang.
 
 mod common;
 

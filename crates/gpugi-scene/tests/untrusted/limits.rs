@@ -151,7 +151,8 @@ fn long_names_of_many_things_are_shared() {
     let carriers = triangle(|document| {
         let node = json!({ "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } });
         document["nodes"] = json!(vec![node; 3000]);
-        document["cameras"] = json!([{ "name": long, "type": "perspective", "perspective": { "yfov": 1, "znear": 1 } }]);
+        let lens = json!({ "yfov": 1, "znear": 1 });
+        document["cameras"] = json!([{ "name": long, "type": "perspective", "perspective": lens }]);
         document["extensions"] =
             json!({ "KHR_lights_punctual": { "lights": [{ "name": long, "type": "point" }] } });
     });

@@ -246,7 +246,7 @@ impl Part<'_> {
         Ok(texels)
     }
 
-    /// Copies the samples of a block to their texels. `samples`: line by line, in each the channels one after the other.
+    /// Copies the samples of a block to their texels. `samples`: line by line, the channels of each one after the other.
     fn place(&self, block: &Block, samples: &[u8], texels: &mut [f32]) {
         let (width, height) = self.display.size();
         let first = |axis: usize| {
