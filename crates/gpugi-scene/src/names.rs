@@ -49,18 +49,6 @@ impl From<&str> for Name {
     }
 }
 
-impl From<&Name> for Name {
-    fn from(name: &Name) -> Self {
-        name.clone()
-    }
-}
-
-impl From<&String> for Name {
-    fn from(name: &String) -> Self {
-        name.as_str().into()
-    }
-}
-
 impl From<String> for Name {
     fn from(name: String) -> Self {
         Self(name.into())

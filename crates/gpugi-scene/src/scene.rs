@@ -259,7 +259,7 @@ impl Scene {
     /// Places a mesh; returns the instance's index.
     pub fn add_instance(
         &mut self,
-        name: impl Into<Name>,
+        name: &str,
         mesh: usize,
         material: usize,
         world_from_mesh: Mat4,

@@ -61,7 +61,8 @@ pub fn import(
         completed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         let name = mesh.name.clone();
         let mesh = scene.add_mesh(mesh);
-        scene.add_instance(name, mesh, material, Mat4::IDENTITY);
+        let instance = scene.add_instance("", mesh, material, Mat4::IDENTITY);
+        scene.instances[instance].name = name;
     }
     Ok(scene)
 }
