@@ -1,10 +1,11 @@
 //! Names of objects, and lists of them in options: comma-separated, with `*` as a wildcard for any characters.
 
+use std::borrow::Borrow;
 use std::fmt::{Debug, Display, Formatter};
 use std::ops::Deref;
 use std::sync::Arc;
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer};
 
 /// A name. Copies share its text, because a file may give one long name to very many objects.
 #[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -16,8 +17,13 @@ impl Name {
         self
     }
 
-    /// The longest name that [`Name::with`] makes (bytes).
+    /// The longest name of which copies are made (bytes).
     pub(crate) const LONGEST: usize = 256;
+
+    /// Its beginning, for files in which each object has a copy.
+    pub(crate) fn beginning(&self) -> &str {
+        &self[..self.floor_char_boundary(Self::LONGEST)]
+    }
 
     /// The name of a part of what has this name. Long names are shared by all parts, without the suffix.
     pub(crate) fn with(&self, suffix: &str) -> Self {
@@ -40,6 +46,12 @@ impl Deref for Name {
 
     fn deref(&self) -> &str {
         &self.0
+    }
+}
+
+impl Borrow<str> for Name {
+    fn borrow(&self) -> &str {
+        self
     }
 }
 
@@ -76,12 +88,6 @@ impl Debug for Name {
 impl Display for Name {
     fn fmt(&self, formatter: &mut Formatter) -> std::fmt::Result {
         Display::fmt(&**self, formatter)
-    }
-}
-
-impl Serialize for Name {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self)
     }
 }
 
