@@ -570,3 +570,26 @@ fn an_irradiance_volume_is_a_3d_texture() {
         assert_eq!(bake(wrong).status.code(), Some(2), "{wrong:?}");
     }
 }
+
+/// A square, and two triangles that are next to lines.
+#[test]
+fn triangles_too_thin_for_texels_are_counted() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-thin");
+    let scene = folder.join("x.obj");
+    let square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n";
+    let lines = "v 0 0 1\nv 1 0 1\nv 0.5 1e-9 1\no line\nf 5 6 7\no other\nf 6 7 5\n";
+    std::fs::write(&scene, [square, lines].concat()).expect("a scene");
+    let output = folder.join("x.glb").display().to_string();
+    let scene = scene.display().to_string();
+    let options = ["--atlas-size", "32", "--technique", "obscurances"];
+    let done = gpugi(&[&["bake", &scene, "-o", &output], &options[..]].concat());
+    let notes = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{notes}");
+    assert!(
+        notes.contains("note: 2 triangles are too thin for texels of their own"),
+        "{notes}"
+    );
+}

@@ -3,6 +3,9 @@
 
 mod common;
 
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
 use common::{command, folder, gpugi, skip_gpu};
 
 /// What Ctrl-C stops goes on where it was, or says why it cannot.
@@ -43,7 +46,7 @@ fn a_bake_that_was_stopped_goes_on() {
         std::fs::remove_file(&output).ok();
         let mut child = command(&arguments).spawn().expect("a process");
         std::thread::sleep(std::time::Duration::from_secs(seconds));
-        let mut kill = std::process::Command::new("kill");
+        let mut kill = Command::new("kill");
         let number = child.id().to_string();
         kill.args(["-INT", &number]).status().expect("a signal");
         let status = child.wait().expect("an end");
@@ -81,57 +84,86 @@ fn a_bake_that_was_stopped_goes_on() {
 }
 
 /// Interrupted and killed at random times, and called with the same line until it succeeds, a bake gives the bits of a
-/// bake that ran through; meanwhile nothing has its name.
-#[test]
-fn a_bake_that_is_interrupted_and_killed_gives_the_same_bits() {
+/// bake that ran through; nothing else ever has its name. `times`: how often it is stopped.
+fn stop_at_random_times(name: &str, times: u32) {
     if skip_gpu() {
         return;
     }
-    let folder = folder("bake-killed");
+    let folder = folder(name);
     let output = folder.join("x.glb");
-    let name = output.display().to_string();
-    let arguments = [
-        "bake",
-        "cornell",
-        "-o",
-        &name,
-        "--atlas-size",
-        "64",
-        "--include",
-        "direct",
-        "--set",
-        "shadow-map.area-samples=4",
-        "--samples",
-        "512",
-        "--resume",
-    ];
+    let path = output.display().to_string();
+    let bake = ["bake", "cornell", "-o", &path, "--atlas-size", "64"];
+    let light = ["--include", "direct", "--set", "shadow-map.area-samples=4"];
+    let arguments = [&bake[..], &light, &["--samples", "256", "--resume"]].concat();
+    let began = Instant::now();
+    assert!(gpugi(&arguments).status.success());
+    let took = began.elapsed();
+    let expected = std::fs::read(&output).expect("a bake");
+    std::fs::remove_file(&output).expect("a bake");
+    let assert_whole = |attempt: u32| {
+        let found = std::fs::read(&output).expect("a bake");
+        assert!(found == expected, "attempt {attempt} gave other bits");
+        std::fs::remove_file(&output).expect("a bake");
+    };
     let mut state = 7_u64;
-    let mut stopped = 0;
-    // Longer and longer, so that it ends on any machine.
-    for attempt in 1_u64.. {
+    let (mut stopped, mut attempt) = (0, 0);
+    while stopped < times {
+        attempt += 1;
         let mut child = command(&arguments).spawn().expect("a process");
         state = state
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1);
-        let most = 300 + 300 * attempt;
-        std::thread::sleep(std::time::Duration::from_millis((state >> 33) % most));
-        let signal = if attempt % 3 == 0 { "-KILL" } else { "-INT" };
-        let mut kill = std::process::Command::new("kill");
+        // Mostly before its end, which comes sooner the more is done.
+        std::thread::sleep(took.mul_f64((state >> 33) as f64 / f64::from(1_u32 << 31)));
+        let signal = if attempt % 2 == 0 { "-KILL" } else { "-INT" };
+        let mut kill = Command::new("kill");
         kill.args([signal, &child.id().to_string()]);
-        kill.stderr(std::process::Stdio::null())
-            .status()
-            .expect("a signal");
-        if child.wait().expect("an end").success() {
-            break;
+        kill.stderr(Stdio::null()).status().expect("a signal");
+        let is_done = child.wait().expect("an end").success();
+        stopped += u32::from(!is_done);
+        // It may also be stopped after it has written its file.
+        if is_done || output.exists() {
+            assert_whole(attempt);
         }
-        stopped += 1;
-        assert!(!output.exists(), "attempt {attempt} left a file");
     }
-    assert!(stopped > 0);
-    let resumed = std::fs::read(&output).expect("a bake");
-    std::fs::remove_file(&output).expect("a bake");
     assert!(gpugi(&arguments).status.success());
-    assert!(resumed == std::fs::read(&output).expect("a bake"));
+    assert_whole(attempt + 1);
+}
+
+#[test]
+fn a_bake_that_is_interrupted_and_killed_gives_the_same_bits() {
+    stop_at_random_times("bake-killed", 6);
+}
+
+#[test]
+#[ignore = "minutes: cargo test --test bake_stops -- --ignored"]
+fn a_bake_that_is_stopped_a_hundred_times_gives_the_same_bits() {
+    stop_at_random_times("bake-killed-often", 100);
+}
+
+/// The folder of the result is removed while the bake runs: an error that names the file.
+#[test]
+fn a_folder_that_vanishes_is_an_error() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-vanished");
+    let below = folder.join("below");
+    std::fs::create_dir(&below).expect("a folder");
+    let path = below.join("x.glb").display().to_string();
+    let arguments = ["bake", "cornell", "-o", &path, "--atlas-size", "64"];
+    let more = ["--include", "direct", "--samples", "1"];
+    let mut command = command(&[&arguments[..], &more].concat());
+    let child = command.stderr(Stdio::piped()).spawn().expect("a process");
+    std::fs::remove_dir(&below).expect("an empty folder");
+    let done = child.wait_with_output().expect("an end");
+    let errors = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(1), "{errors}");
+    assert!(
+        errors.contains("x.glb") && errors.contains("cannot be written"),
+        "{errors}"
+    );
+    assert_eq!(std::fs::read_dir(&folder).expect("a folder").count(), 0);
 }
 
 /// A limit on the size of files stands for a full disk: an error that names the file, and none broken.
@@ -157,7 +189,7 @@ fn a_full_disk_is_an_error_and_leaves_no_file() {
             "trap '' XFSZ; ulimit -f 8; exec '{program}' {arguments} -o '{}'",
             output.display()
         );
-        let mut shell = std::process::Command::new("sh");
+        let mut shell = Command::new("sh");
         shell
             .args(["-c", &script])
             .env("XDG_RUNTIME_DIR", std::env::temp_dir());

@@ -1,13 +1,20 @@
 //! Counts what is allocated, and refuses what no limit of the fuzzer allows.
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Most memory of the whole process (bytes). Beyond it the process ends, and the file that did it is kept.
 const MOST: usize = 2 << 30;
 
 static LIVE: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+thread_local! {
+    /// Memory that this thread allocated and has not freed (bytes): less than 0 if it frees that of others.
+    static OWN: Cell<isize> = const { Cell::new(0) };
+    /// The most of it so far.
+    static PEAK: Cell<isize> = const { Cell::new(0) };
+}
 
 /// The system's allocator, counted.
 pub struct Counting;
@@ -20,8 +27,15 @@ impl Counting {
             LIVE.fetch_sub(size, Ordering::Relaxed);
             return false;
         }
-        PEAK.fetch_max(live, Ordering::Relaxed);
+        let own = OWN.get() + size as isize;
+        OWN.set(own);
+        PEAK.set(PEAK.get().max(own));
         true
+    }
+
+    fn remove(size: usize) {
+        LIVE.fetch_sub(size, Ordering::Relaxed);
+        OWN.set(OWN.get() - size as isize);
     }
 }
 
@@ -45,16 +59,17 @@ unsafe impl GlobalAlloc for Counting {
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        LIVE.fetch_sub(layout.size(), Ordering::Relaxed);
+        Self::remove(layout.size());
         // SAFETY: as the caller promises.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
 
-/// Runs `work`; returns its result and the most memory that was allocated meanwhile, on top of what was before (bytes).
+/// Runs `work`; returns its result and the most memory that this thread allocated meanwhile, on top of what it had
+/// before (bytes).
 pub fn measured<T>(work: impl FnOnce() -> T) -> (T, usize) {
-    let before = LIVE.load(Ordering::Relaxed);
-    PEAK.store(before, Ordering::Relaxed);
+    let before = OWN.get();
+    PEAK.set(before);
     let result = work();
-    (result, PEAK.load(Ordering::Relaxed).saturating_sub(before))
+    (result, (PEAK.get() - before).max(0) as usize)
 }

@@ -2,6 +2,7 @@
 
 use glam::{Mat4, Vec3};
 
+use crate::names::Name;
 use crate::scene::Bounds;
 
 /// How a camera projects the scene onto its image.
@@ -23,7 +24,7 @@ pub enum Projection {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Name, for `--camera NAME`.
-    pub name: String,
+    pub name: Name,
     /// Rigid transform: columns are right, up, backward and the eye position in world space (m).
     pub world_from_view: Mat4,
     /// Perspective or orthographic.
@@ -45,7 +46,7 @@ impl Camera {
         let right = forward.cross(up).normalize();
         let true_up = right.cross(forward);
         Self {
-            name: name.to_owned(),
+            name: name.into(),
             world_from_view: Mat4::from_cols(
                 right.extend(0.0),
                 true_up.extend(0.0),

@@ -35,5 +35,6 @@ pub use import::{
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
 pub use mesh::Mesh;
+pub use names::Name;
 pub use provoking::{ProvokingMesh, provoking_order};
 pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};

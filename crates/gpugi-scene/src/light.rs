@@ -2,6 +2,8 @@
 
 use glam::{Mat4, Vec3};
 
+use crate::names::Name;
+
 /// The shape of a punctual light's emission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LightKind {
@@ -22,7 +24,7 @@ pub enum LightKind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Light {
     /// Name for reports.
-    pub name: String,
+    pub name: Name,
     /// Point, spot or directional.
     pub kind: LightKind,
     /// Linear Rec. 709 intensity [W/sr] (point, spot) or irradiance [W/m^2] (directional), including colour.
@@ -42,7 +44,7 @@ impl Light {
     /// A light of the given kind at the origin, with its intensity in linear RGB (units: see [`Light::intensity`]).
     pub fn new(name: &str, kind: LightKind, intensity: Vec3) -> Self {
         Self {
-            name: name.to_owned(),
+            name: name.into(),
             kind,
             intensity,
             range: None,

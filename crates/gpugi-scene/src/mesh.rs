@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use glam::{Vec2, Vec3, Vec4};
 
+use crate::names::Name;
 use crate::scene::Bounds;
 
 /// An indexed triangle mesh. Counter-clockwise triangles face the viewer.
@@ -14,7 +15,7 @@ use crate::scene::Bounds;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// Name for reports.
-    pub name: String,
+    pub name: Name,
     /// Positions in mesh space (m).
     pub positions: Vec<Vec3>,
     /// Unit normals in mesh space.

@@ -1,4 +1,101 @@
-//! Lists of object names in options: comma-separated, with `*` as a wildcard for any characters.
+//! Names of objects, and lists of them in options: comma-separated, with `*` as a wildcard for any characters.
+
+use std::borrow::Borrow;
+use std::fmt::{Debug, Display, Formatter};
+use std::ops::Deref;
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer};
+
+/// A name. Copies share its text, because a file may give one long name to very many objects.
+#[derive(Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Name(Arc<str>);
+
+impl Name {
+    /// The text.
+    pub fn as_str(&self) -> &str {
+        self
+    }
+
+    /// The longest name of which copies are made (bytes).
+    pub(crate) const LONGEST: usize = 256;
+
+    /// Its beginning, for files in which each object has a copy.
+    pub(crate) fn beginning(&self) -> &str {
+        &self[..self.floor_char_boundary(Self::LONGEST)]
+    }
+
+    /// The name of a part of what has this name. Long names are shared by all parts, without the suffix.
+    pub(crate) fn with(&self, suffix: &str) -> Self {
+        if self.len() + suffix.len() > Self::LONGEST {
+            self.clone()
+        } else {
+            format!("{self}{suffix}").into()
+        }
+    }
+}
+
+impl Default for Name {
+    fn default() -> Self {
+        Self("".into())
+    }
+}
+
+impl Deref for Name {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        &self.0
+    }
+}
+
+impl Borrow<str> for Name {
+    fn borrow(&self) -> &str {
+        self
+    }
+}
+
+impl From<&str> for Name {
+    fn from(name: &str) -> Self {
+        Self(name.into())
+    }
+}
+
+impl From<String> for Name {
+    fn from(name: String) -> Self {
+        Self(name.into())
+    }
+}
+
+impl PartialEq<str> for Name {
+    fn eq(&self, other: &str) -> bool {
+        **self == *other
+    }
+}
+
+impl PartialEq<&str> for Name {
+    fn eq(&self, other: &&str) -> bool {
+        **self == **other
+    }
+}
+
+impl Debug for Name {
+    fn fmt(&self, formatter: &mut Formatter) -> std::fmt::Result {
+        Debug::fmt(&**self, formatter)
+    }
+}
+
+impl Display for Name {
+    fn fmt(&self, formatter: &mut Formatter) -> std::fmt::Result {
+        Display::fmt(&**self, formatter)
+    }
+}
+
+impl<'de> Deserialize<'de> for Name {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer).map(Self::from)
+    }
+}
 
 /// A list contains a name that does not exist.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

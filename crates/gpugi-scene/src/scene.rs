@@ -5,14 +5,14 @@ use std::sync::Arc;
 use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
-use crate::names::{UnknownObject, check_names, is_named_by};
+use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
 
 /// A placed mesh. Several instances may share a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instance {
     /// Name for reports.
-    pub name: String,
+    pub name: Name,
     /// Index into [`Scene::meshes`].
     pub mesh: usize,
     /// Index into [`Scene::materials`].
@@ -265,7 +265,7 @@ impl Scene {
         world_from_mesh: Mat4,
     ) -> usize {
         self.instances.push(Instance {
-            name: name.to_owned(),
+            name: name.into(),
             mesh,
             material,
             world_from_mesh,

@@ -298,6 +298,7 @@ fn hostile_meshes_get_an_atlas_or_an_error() {
     let atlas = Atlas::new(&scene, &small()).unwrap();
     assert_sound("twins", &scene, &atlas, 2);
     assert_eq!(atlas.instances[0].as_ref().unwrap().charts[0], NO_CHART);
+    assert_eq!(atlas.slivers(&scene), 1);
     // Slivers, and a triangle that is a million times as large as the others.
     let mut corners = vec![a, b * 1e3, c * 1e3];
     for step in 0..50 {

@@ -197,6 +197,7 @@ pub fn run(
     }
     work.timed("unwrapping");
     let mut atlas = work.done.atlas.clone();
+    notes.extend(too_thin(atlas.slivers(&scene)));
     let lights = Lights::new(&gpu, &scene, techniques, &options.include);
     if !lights.names.is_empty() {
         leave_out(&scene, &mut atlas, options.bake_mode, options.lobes);
@@ -357,6 +358,15 @@ fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
             .with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     Ok(())
+}
+
+/// A note on triangles without texels of their own.
+fn too_thin(slivers: usize) -> Option<String> {
+    (slivers > 0).then(|| {
+        format!(
+            "{slivers} triangles are too thin for texels of their own: they show their neighbours' light, or none"
+        )
+    })
 }
 
 /// A note on what happened to texels inside geometry.

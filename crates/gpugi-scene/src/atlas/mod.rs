@@ -194,6 +194,17 @@ impl Atlas {
         })
     }
 
+    /// Triangles of the scene, in all instances, that are too thin for texels of their own: those without a chart, and
+    /// those of instances that are not in the atlas.
+    pub fn slivers(&self, scene: &Scene) -> usize {
+        let places = self.instances.iter().zip(&scene.instances);
+        let slivers = places.map(|(uvs, instance)| match uvs {
+            Some(uvs) => uvs.charts.iter().filter(|&&one| one == NO_CHART).count(),
+            None => scene.meshes[instance.mesh].indices.len() / 3,
+        });
+        slivers.sum()
+    }
+
     /// Checks that the atlas belongs to this scene.
     ///
     /// # Errors
@@ -278,14 +289,14 @@ fn shapes(scene: &Scene) -> Result<Shapes, AtlasError> {
         if !checked[instance.mesh] {
             mesh.check().map_err(|reason| AtlasError::Mesh {
                 mesh: instance.mesh,
-                name: mesh.name.clone(),
+                name: mesh.name.to_string(),
                 reason,
             })?;
             checked[instance.mesh] = true;
         }
         let refused = |reason| AtlasError::Instance {
             instance: index,
-            name: instance.name.clone(),
+            name: instance.name.to_string(),
             reason,
         };
         let Some((key, shape)) = Shape::new(instance, mesh).map_err(refused)? else {

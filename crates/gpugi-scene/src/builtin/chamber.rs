@@ -42,7 +42,7 @@ pub(super) fn build(detail: u32) -> Scene {
 
     let mut place = |name: &str, mesh: Mesh, material: usize, at: &[Mat4]| {
         let mesh = scene.add_mesh(Mesh {
-            name: name.to_owned(),
+            name: name.into(),
             ..mesh
         });
         for &at in at {

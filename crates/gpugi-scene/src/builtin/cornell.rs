@@ -39,7 +39,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let mut place = |name: &str, mesh: Mesh, material: usize| {
         let name_of_mesh = name.to_owned();
         let mesh = scene.add_mesh(Mesh {
-            name: name_of_mesh,
+            name: name_of_mesh.into(),
             ..mesh
         });
         scene.add_instance(name, mesh, material, Mat4::IDENTITY);

@@ -43,7 +43,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let up = right.cross(front);
     let (right, up) = (-right * LAMP, up * LAMP);
     let mut lamp = quad(at - (right + up) / 2.0, right, up, detail);
-    lamp.name = "lamp".to_owned();
+    lamp.name = "lamp".into();
     let mesh = scene.add_mesh(lamp);
     let material = scene.add_material(Material::emitter("lamp", vec3(500.0, 430.0, 330.0)));
     scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);

@@ -78,7 +78,7 @@ pub(super) fn walls(scene: &mut Scene, detail: u32) {
     ];
     for (name, albedo, corner, right, up) in walls {
         let mut mesh = quad(corner, right, up, 4 * detail);
-        mesh.name = name.to_owned();
+        mesh.name = name.into();
         let mesh = scene.add_mesh(mesh);
         let material = scene.add_material(Material::matt(name, albedo));
         scene.add_instance(name, mesh, material, Mat4::IDENTITY);
@@ -89,7 +89,7 @@ pub(super) fn walls(scene: &mut Scene, detail: u32) {
 pub(super) fn matt_box(scene: &mut Scene, size: Vec3, world_from_mesh: Mat4, detail: u32) {
     let [low, high] = [vec3(-size.x, 0.0, -size.z), size];
     let mut mesh = cuboid(low, high, 2 * detail);
-    mesh.name = "box".to_owned();
+    mesh.name = "box".into();
     let mesh = scene.add_mesh(mesh);
     let material = scene.add_material(Material::matt("box", vec3(0.15, 0.6, 0.25)));
     scene.add_instance("box", mesh, material, world_from_mesh);

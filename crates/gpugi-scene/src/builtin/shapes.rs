@@ -58,7 +58,7 @@ pub fn grid(columns: u32, rows: u32, vertex: impl Fn(u32, u32) -> Vertex) -> Mes
 /// indices.
 pub fn join(name: &str, parts: impl IntoIterator<Item = Mesh>) -> Mesh {
     let mut joined = Mesh {
-        name: name.to_owned(),
+        name: name.into(),
         ..Mesh::default()
     };
     for part in parts {
@@ -258,6 +258,6 @@ pub fn torus(ring: f32, tube: f32, segments: u32) -> Mesh {
 }
 
 fn named(name: &str, mut mesh: Mesh) -> Mesh {
-    mesh.name = name.to_owned();
+    mesh.name = name.into();
     mesh
 }

@@ -35,7 +35,7 @@ pub(super) fn build(detail: u32) -> Scene {
         (mesh, material)
     };
     let named = |name: &str, mesh: Mesh| Mesh {
-        name: name.to_owned(),
+        name: name.into(),
         ..mesh
     };
     let at = |x: f32, y: f32, z: f32| Mat4::from_translation(vec3(x, y, z));

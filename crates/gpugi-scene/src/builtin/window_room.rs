@@ -26,7 +26,7 @@ pub(super) fn build(detail: u32) -> Scene {
     let mut place = |material: Material, mesh: Mesh| {
         let name = material.name.clone();
         let mesh = scene.add_mesh(Mesh {
-            name: name.clone(),
+            name: name.clone().into(),
             ..mesh
         });
         let material = scene.add_material(material);

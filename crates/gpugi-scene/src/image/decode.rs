@@ -12,7 +12,7 @@ use crate::{Image, ImportError, Limits, Pixels};
 /// Bytes per texel of [`Pixels::Rgba8`].
 const COLOR_TEXEL: u64 = 4;
 /// Bytes per texel of [`Pixels::Rgba32Float`].
-const RADIANCE_TEXEL: u64 = 16;
+pub(super) const RADIANCE_TEXEL: u64 = 16;
 
 /// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16-bit channels are rounded to 8.
 ///
@@ -30,7 +30,7 @@ pub(crate) fn decode_color_within(
     let format = recognise(name, bytes)?;
     let decoded = match format {
         Format::Ktx2 => return ktx2::decode_color(name, bytes, limits),
-        Format::Other(ImageFormat::Hdr | ImageFormat::OpenExr) => {
+        Format::OpenExr | Format::Other(ImageFormat::Hdr) => {
             return Err(ImportError::new(
                 name,
                 "header",
@@ -66,6 +66,7 @@ pub(super) fn decode_linear(
     let limits = &ImageLimits::alone(limits);
     let (image, encoded_as_srgb) = match recognise(name, bytes)? {
         Format::Ktx2 => (ktx2::decode_radiance(name, bytes, limits)?, false),
+        Format::OpenExr => (exr::decode(name, bytes, limits)?, false),
         Format::Other(format) => {
             let decoded = decode(name, bytes, format, limits, RADIANCE_TEXEL)?;
             let encoded_as_srgb = matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
@@ -100,6 +101,7 @@ pub fn load_radiance(path: &Path, limits: &Limits) -> Result<Image, ImportError>
 /// A file format that gpugi reads.
 enum Format {
     Ktx2,
+    OpenExr,
     Other(ImageFormat),
 }
 
@@ -112,12 +114,10 @@ fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
         return Ok(Format::Ktx2);
     }
     match image::guess_format(bytes) {
-        Ok(
-            format @ (ImageFormat::Png
-            | ImageFormat::Jpeg
-            | ImageFormat::Hdr
-            | ImageFormat::OpenExr),
-        ) => Ok(Format::Other(format)),
+        Ok(ImageFormat::OpenExr) => Ok(Format::OpenExr),
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Hdr)) => {
+            Ok(Format::Other(format))
+        }
         Ok(format) => Err(ImportError::new(
             name,
             "header",
@@ -242,7 +242,8 @@ fn decode(
             )?;
             finish(name, decoder, limits, texel)
         }
-        ImageFormat::Hdr => {
+        // HDR: no other is recognised.
+        _ => {
             let decoder = codecs::hdr::HdrDecoder::new(reader);
             let decoder = decoder.map_err(header)?;
             check_expansion(
@@ -255,7 +256,6 @@ fn decode(
             )?;
             finish(name, decoder, limits, texel)
         }
-        _ => exr::decode(name, bytes, limits, texel),
     }
 }
 
@@ -267,7 +267,7 @@ fn decoder_limits(limits: &ImageLimits) -> image::Limits {
 }
 
 /// Decodes, once the size is within the limits.
-pub(super) fn finish(
+fn finish(
     name: &str,
     mut decoder: impl ImageDecoder,
     limits: &ImageLimits,

@@ -8,7 +8,6 @@ mod material;
 mod texture;
 
 use std::collections::HashSet;
-use std::rc::Rc;
 
 use glam::{Mat4, vec4};
 
@@ -42,7 +41,7 @@ pub fn import(
         let found = part.material.as_deref().and_then(|name| library.find(name));
         let material = found.unwrap_or_else(|| {
             if let Some(name) = &part.material
-                && missing.insert(Rc::clone(name))
+                && missing.insert(name.clone())
             {
                 let name = quoted(name);
                 let warning = format!("material \"{name}\" is in no library: it becomes grey");
@@ -62,7 +61,8 @@ pub fn import(
         completed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         let name = mesh.name.clone();
         let mesh = scene.add_mesh(mesh);
-        scene.add_instance(&name, mesh, material, Mat4::IDENTITY);
+        let instance = scene.add_instance("", mesh, material, Mat4::IDENTITY);
+        scene.instances[instance].name = name;
     }
     Ok(scene)
 }

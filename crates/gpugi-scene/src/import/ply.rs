@@ -38,7 +38,7 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
         ..Material::default()
     });
     let mesh = scene.add_mesh(Mesh {
-        name: stem.clone(),
+        name: stem.clone().into(),
         ..mesh
     });
     scene.add_instance(&stem, mesh, material, Mat4::IDENTITY);

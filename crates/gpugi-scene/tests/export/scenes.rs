@@ -40,7 +40,7 @@ fn cornell_can_be_baked() {
         scene
             .instances
             .iter()
-            .map(|instance| instance.name.clone())
+            .map(|instance| instance.name.to_string())
             .collect()
     };
     assert_eq!(names(&baked.scene), names(&scene));
@@ -139,7 +139,7 @@ fn everything() -> Scene {
         ..Material::default()
     });
     let mesh = Mesh {
-        name: "triangle".to_owned(),
+        name: "triangle".into(),
         positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
         normals: vec![Vec3::Z; 3],
         tangents: vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 3],

@@ -30,7 +30,7 @@ use upload::Uploads;
 pub use wgpu::TextureAspect;
 
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Mesa's software adapter compiles a copy of a shader for each set of values of uniform buffers that decide branches,
@@ -54,6 +54,8 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     /// Pipelines that are being compiled.
     compiling: Arc<AtomicUsize>,
+    /// How many more allocations may succeed.
+    allocations_left: Arc<AtomicU64>,
     uploads: Arc<Uploads>,
 }
 
@@ -168,6 +170,7 @@ impl Gpu {
             uniforms_are_storage,
             faults,
             compiling: Arc::default(),
+            allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
         }
     }
 
@@ -192,6 +195,15 @@ impl Gpu {
         create: impl FnOnce() -> T,
     ) -> Result<T, GpuError> {
         self.check_lost()?;
+        let left =
+            (self.allocations_left).fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| {
+                left.checked_sub(1)
+            });
+        if left.is_err() {
+            return Err(GpuError::OutOfMemory {
+                pass: what.to_owned(),
+            });
+        }
         if cfg!(target_arch = "wasm32") {
             return Ok(create());
         }
@@ -209,6 +221,11 @@ impl Gpu {
             }
             None => self.check_lost().map(|()| created),
         }
+    }
+
+    /// From now on only `count` allocations of GPU memory succeed; the others fail as if there were no more. For tests.
+    pub fn limit_allocations(&self, count: u64) {
+        self.allocations_left.store(count, Ordering::Relaxed);
     }
 
     /// Reports, once, the first error since the last check that no call could return: invalid pipelines, bind groups

@@ -203,7 +203,7 @@ fn write_image(
         write(texture, layer);
         return Ok(());
     }
-    let original = gpu.device.create_texture(&wgpu::TextureDescriptor {
+    let original = gpu.texture(&wgpu::TextureDescriptor {
         label: Some("image before scaling"),
         size: wgpu::Extent3d {
             width: image.width,
@@ -216,7 +216,7 @@ fn write_image(
         format: texture.format(),
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
-    });
+    })?;
     write(&original, 0);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     blit.copy(

@@ -6,7 +6,7 @@
 use std::ops::BitOr;
 
 use glam::Vec3;
-use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, names};
+use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Name, Scene, names};
 
 use super::DrawClass;
 
@@ -14,7 +14,7 @@ use super::DrawClass;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
     /// The instance's name.
-    pub name: String,
+    pub name: Name,
     /// The node of a file, and its copy, that the instance is a part of: a node has one instance per material.
     pub part_of: Option<(usize, Option<usize>)>,
     /// Whether light passes through its surface.
@@ -43,7 +43,7 @@ impl Object {
     /// A nameless object.
     pub(super) fn of(material: &Material) -> Self {
         Self {
-            name: String::new(),
+            name: Name::default(),
             part_of: None,
             is_transmissive: material.transmission > 0.0,
             is_solid: material.volume.is_some(),

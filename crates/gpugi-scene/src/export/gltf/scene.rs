@@ -11,8 +11,8 @@ use super::output::Output;
 use super::textures::png;
 use crate::export::ExportError;
 use crate::{
-    AlphaMode, Bounds, Camera, Image, Light, LightKind, Material, MaterialModel, Mesh, Origin,
-    Pixels, Projection, Scene, TextureRef, Wrap,
+    AlphaMode, Bounds, Camera, Image, Light, LightKind, Material, MaterialModel, Mesh, Name,
+    Origin, Pixels, Projection, Scene, TextureRef, Wrap,
 };
 
 const LIGHTS: &str = "KHR_lights_punctual";
@@ -101,12 +101,12 @@ struct Writer<'a> {
 impl Writer<'_> {
     fn node(
         &mut self,
-        name: &str,
+        name: &Name,
         world_from_node: Mat4,
         kind: &str,
         index: Value,
     ) -> Result<usize, ExportError> {
-        let mut node = json!({ "name": name });
+        let mut node = json!({ "name": name.beginning() });
         if world_from_node != Mat4::IDENTITY {
             node["matrix"] = json!(world_from_node.to_cols_array());
         }
@@ -131,7 +131,7 @@ impl Writer<'_> {
         };
         let primitive =
             json!({ "attributes": attributes, "indices": indices, "material": material });
-        let json = json!({ "name": source.name, "primitives": [primitive] });
+        let json = json!({ "name": source.name.beginning(), "primitives": [primitive] });
         let written = self.output.json.push("meshes", json)?;
         self.meshes.insert((mesh, material), written);
         Ok(written)

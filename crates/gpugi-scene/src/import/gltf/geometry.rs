@@ -8,7 +8,7 @@ use super::document::Document;
 use super::schema::Primitive;
 use crate::animation::{Influences, JOINT_BYTES, MorphTarget};
 use crate::tangents::{self, unit_or};
-use crate::{ImportError, Mesh};
+use crate::{ImportError, Mesh, Name};
 
 /// Memory of an index (bytes).
 const INDEX_BYTES: usize = size_of::<u32>();
@@ -27,7 +27,7 @@ pub struct Geometry {
 pub fn read(
     document: &Document,
     primitive: &Primitive,
-    name: String,
+    name: Name,
     place: &str,
     uv_sets: [u32; 2],
     normal_slot: Option<usize>,
@@ -223,7 +223,7 @@ impl Reader<'_> {
     fn vertices(
         &self,
         primitive: &Primitive,
-        name: String,
+        name: Name,
         indices: Vec<u32>,
         uv_sets: [u32; 2],
     ) -> Result<Geometry, ImportError> {

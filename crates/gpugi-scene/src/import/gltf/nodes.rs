@@ -13,9 +13,11 @@ use crate::animation::{
     Deformer, JOINT_BYTES, MorphTarget, Node, Rig, Transform, rigid, unit_rotation,
 };
 use crate::import::quoted;
-use crate::{Camera, ImportError, Instance, Light, LightKind, Mesh, Origin, Projection, Scene};
+use crate::{
+    Camera, ImportError, Instance, Light, LightKind, Mesh, Name, Origin, Projection, Scene,
+};
 
-/// Memory of an instance (bytes), without its name. Two short lists in a file can multiply to a huge number of
+/// Memory of an instance (bytes); names are shared. Two short lists in a file can multiply to a huge number of
 /// instances.
 pub const INSTANCE_BYTES: usize = size_of::<Instance>();
 
@@ -247,7 +249,7 @@ impl Placer<'_> {
             let source = document.get(&root.cameras, "camera", camera, &place)?;
             let name = node.name.clone().or_else(|| source.name.clone());
             scene.cameras.push(Camera {
-                name: name.unwrap_or_else(|| format!("camera {}", scene.cameras.len())),
+                name: name.unwrap_or_else(|| format!("camera {}", scene.cameras.len()).into()),
                 world_from_view: rigid(world_from_node),
                 projection: projection(document, source, camera)?,
                 node: Some(index),
@@ -260,7 +262,7 @@ impl Placer<'_> {
             let light = light(document, source, reference.light)?;
             let name = node.name.clone().or_else(|| source.name.clone());
             scene.lights.push(Light {
-                name: name.unwrap_or_else(|| format!("light {}", scene.lights.len())),
+                name: name.unwrap_or_else(|| format!("light {}", scene.lights.len()).into()),
                 world_from_light: rigid(world_from_node),
                 node: Some(index),
                 ..light
@@ -289,10 +291,9 @@ impl Placer<'_> {
         };
         let name = match (&source.name, &document.root.meshes[mesh].name) {
             (Some(name), _) | (None, Some(name)) => name.clone(),
-            (None, None) => format!("node {node}"),
+            (None, None) => format!("node {node}").into(),
         };
-        let bytes = INSTANCE_BYTES + name.len();
-        document.charge(loaded.len() as u64, bytes, place)?;
+        document.charge(loaded.len() as u64, INSTANCE_BYTES, place)?;
         for primitive in loaded {
             let geometry = &mut primitive.geometry;
             let skin = match (source.skin, &geometry.influences) {
@@ -323,8 +324,7 @@ impl Placer<'_> {
                 Some(shared) if !bends => shared,
                 _ => {
                     let copies = if bends { 2 } else { 1 };
-                    let mesh_bytes = size_of::<Mesh>() + geometry.mesh.name.len();
-                    let bytes = copies * (mesh_bytes + geometry.mesh.byte_size());
+                    let bytes = copies * (size_of::<Mesh>() + geometry.mesh.byte_size());
                     document.charge(1, bytes, place)?;
                     scene.add_mesh(geometry.mesh.clone())
                 }
@@ -368,19 +368,15 @@ impl Placer<'_> {
         }
         let document = self.document;
         let source = document.get(&document.root.meshes, "mesh", index, "nodes")?;
-        let name_bytes = source.name.as_ref().map_or(0, String::len);
         let primitives = source.primitives.len() as u64;
-        let bytes = size_of::<Loaded>() + name_bytes;
+        let bytes = size_of::<Loaded>() + Name::LONGEST;
         document.charge(primitives, bytes, &format!("meshes[{index}]"))?;
-        let mesh_name = source
-            .name
-            .clone()
-            .unwrap_or_else(|| format!("mesh {index}"));
+        let mesh_name = (source.name.clone()).unwrap_or_else(|| format!("mesh {index}").into());
         let mut loaded = Vec::with_capacity(source.primitives.len());
         for (at, primitive) in source.primitives.iter().enumerate() {
             let place = format!("meshes[{index}].primitives[{at}]");
             let name = if source.primitives.len() > 1 {
-                format!("{mesh_name} {at}")
+                mesh_name.with(&format!(" {at}"))
             } else {
                 mesh_name.clone()
             };

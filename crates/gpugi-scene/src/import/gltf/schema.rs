@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Deserializer, de};
 use serde_json::{Map, Value};
 
+use crate::names::Name;
 pub use material::{Material, SpecularGlossiness, TextureInfo};
 
 /// Extensions and extras for which gpugi has no types.
@@ -61,7 +62,7 @@ pub struct Lights {
 
 #[derive(Debug, Deserialize)]
 pub struct Light {
-    pub name: Option<String>,
+    pub name: Option<Name>,
     #[serde(rename = "type")]
     pub kind: String,
     #[serde(default = "ones", deserialize_with = "finite")]
@@ -103,7 +104,7 @@ pub struct SceneNodes {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Node {
-    pub name: Option<String>,
+    pub name: Option<Name>,
     pub children: Vec<usize>,
     pub mesh: Option<usize>,
     pub camera: Option<usize>,
@@ -143,7 +144,7 @@ pub struct NodeLight {
 
 #[derive(Debug, Deserialize)]
 pub struct Mesh {
-    pub name: Option<String>,
+    pub name: Option<Name>,
     pub primitives: Vec<Primitive>,
     #[serde(default, deserialize_with = "finite")]
     pub weights: Option<Vec<f32>>,
@@ -289,7 +290,7 @@ pub struct Sampler {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct Camera {
-    pub name: Option<String>,
+    pub name: Option<Name>,
     pub perspective: Option<Perspective>,
     pub orthographic: Option<Orthographic>,
 }

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
-use std::rc::Rc;
 
 use glam::{Vec2, Vec3};
 
@@ -10,14 +9,14 @@ use super::numbers;
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::tangents::unit_or;
-use crate::{ImportError, Instance, Mesh, polygon};
+use crate::{ImportError, Instance, Mesh, Name, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
     /// Named after the group; has no normals if any corner lacks one.
     pub mesh: Mesh,
     /// The material's name, if any.
-    pub material: Option<Rc<str>>,
+    pub material: Option<Name>,
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
@@ -31,8 +30,11 @@ const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
 const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
-/// Memory of a part (bytes), without names: as parsed, as a mesh, and as an instance.
-const PART_BYTES: usize = 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
+/// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
+const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
+/// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
+const PART_BYTES: usize =
+    Name::LONGEST + 2 * (size_of::<Part>() + size_of::<Mesh>() + size_of::<Instance>());
 
 /// Indices of a position, a texture coordinate and a normal.
 type Corner = (u32, Option<u32>, Option<u32>);
@@ -106,11 +108,15 @@ struct Parser<'a> {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     parts: Vec<Part>,
-    part_by_key: HashMap<(Rc<str>, Option<Rc<str>>), usize>,
+    /// Names of groups and materials, each once.
+    names: Vec<Name>,
+    number_of_name: HashMap<Name, usize>,
+    /// By the numbers of the names of its group and its material.
+    part_by_key: HashMap<(usize, Option<usize>), usize>,
     /// The part that receives faces; `None` after a change of group or material.
     current: Option<usize>,
-    group: Rc<str>,
-    material: Option<Rc<str>>,
+    group: usize,
+    material: Option<usize>,
     libraries: Vec<String>,
     ignored: BTreeSet<String>,
     corners: Vec<Corner>,
@@ -124,9 +130,11 @@ impl<'a> Parser<'a> {
             normals: Vec::new(),
             uvs: Vec::new(),
             parts: Vec::new(),
+            names: vec![Name::default()],
+            number_of_name: HashMap::from([(Name::default(), 0)]),
             part_by_key: HashMap::new(),
             current: None,
-            group: "".into(),
+            group: 0,
             material: None,
             libraries: Vec::new(),
             ignored: BTreeSet::new(),
@@ -160,11 +168,11 @@ impl<'a> Parser<'a> {
             }
             "f" => self.face(values)?,
             "o" | "g" => {
-                self.group = rest.into();
+                self.group = self.name(rest)?;
                 self.current = None;
             }
             "usemtl" => {
-                self.material = Some(rest.into());
+                self.material = Some(self.name(rest)?);
                 self.current = None;
             }
             "mtllib" => self.libraries.push(rest.to_owned()),
@@ -240,21 +248,34 @@ impl<'a> Parser<'a> {
         Ok((position, uv, normal))
     }
 
+    /// The number of a name. Long names are compared once for each line that has them, not for each part.
+    fn name(&mut self, name: &str) -> Result<usize, String> {
+        if let Some(&number) = self.number_of_name.get(name) {
+            return Ok(number);
+        }
+        self.budget.charge(1, NAME_BYTES + name.len())?;
+        let name = Name::from(name);
+        self.number_of_name.insert(name.clone(), self.names.len());
+        self.names.push(name);
+        Ok(self.names.len() - 1)
+    }
+
     fn current_part(&mut self) -> Result<usize, String> {
         if let Some(current) = self.current {
             return Ok(current);
         }
-        let key = (Rc::clone(&self.group), self.material.clone());
+        let key = (self.group, self.material);
         let current = if let Some(&known) = self.part_by_key.get(&key) {
             known
         } else {
-            let material = self.material.as_deref().unwrap_or("default");
-            // The mesh and the instance are called by it.
-            let length = self.group.len() + material.len() + 3;
-            self.budget.charge(1, PART_BYTES + 2 * length)?;
-            let name = match &*self.group {
-                "" => material.to_owned(),
-                group => format!("{group} ({material})"),
+            self.budget.charge(1, PART_BYTES)?;
+            let material = self.material.map(|number| self.names[number].clone());
+            let group = &self.names[self.group];
+            let of_material = material.clone().unwrap_or_else(|| "default".into());
+            let name = if group.is_empty() {
+                of_material
+            } else {
+                group.with(&format!(" ({of_material})"))
             };
             self.part_by_key.insert(key, self.parts.len());
             self.parts.push(Part {
@@ -262,7 +283,7 @@ impl<'a> Parser<'a> {
                     name,
                     ..Mesh::default()
                 },
-                material: self.material.clone(),
+                material,
                 vertices: HashMap::new(),
                 lacks_normals: false,
                 has_uvs: false,
