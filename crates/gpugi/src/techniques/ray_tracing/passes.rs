@@ -217,13 +217,17 @@ impl Passes {
                         groups.push((2, &all.group));
                         times = all.count.div_ceil(chunk.values.step).max(1);
                     }
-                    let offset = settings.tracer.arguments();
                     for time in 0..times {
                         if time > 0 {
                             let [seen, rays] = &chunk.plan;
                             advance.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
                         }
-                        trace.dispatch_indirect(pass, &groups, &in_flight.arguments, offset);
+                        if settings.tracer == Tracer::Cones {
+                            // Tiles of slots stay coherent; lists do not.
+                            trace.dispatch(pass, &groups, [in_flight.capacity, 1, 1]);
+                        } else {
+                            trace.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
+                        }
                     }
                 });
                 frame.compute("ray-tracing.shade", |pass| {
@@ -255,16 +259,6 @@ fn triangles_per_pass(gpu: &Gpu, rays: u32) -> u32 {
         _ => MOST_TESTS,
     };
     (tests / u64::from(rays.max(1))).next_multiple_of(256) as u32
-}
-
-impl Tracer {
-    /// Where its workgroup counts begin in the arguments of plan.wesl (bytes).
-    fn arguments(self) -> u64 {
-        match self {
-            Self::Bvh | Self::Engine => 0,
-            Self::Cones => 12,
-        }
-    }
 }
 
 /// Slots for a receiver of so many points.
@@ -324,7 +318,7 @@ impl InFlight {
             capacity,
             arguments: gpu.buffer(
                 "ray-tracing.arguments",
-                24,
+                12,
                 storage | wgpu::BufferUsages::INDIRECT,
             )?,
             hits: Receiver::new(&hits, &Target::new(gpu, capacity)?),
