@@ -1,0 +1,234 @@
+//! Light that passes see-through surfaces, against the path tracer and in closed form.
+
+mod common;
+
+use std::sync::Arc;
+
+use common::{floor, from_above, gpu, lit_by, measured, place, render, renderer_of};
+use glam::{Vec3, Vec4, vec3};
+use gpugi::gpu::Gpu;
+use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::{
+    AlphaMode, Camera, Environment, Image, Light, LightKind, Material, Pixels, Scene, Texture,
+    TextureRef, Volume, Wrap,
+};
+
+/// Clear thin glass of one colour.
+fn pane(color: Vec3) -> Material {
+    Material {
+        name: "pane".into(),
+        base_color: color.extend(1.0),
+        transmission: 1.0,
+        roughness: 0.0,
+        ..Material::default()
+    }
+}
+
+/// A texture of 2 x 2 colours.
+fn colors(scene: &mut Scene, texels: [[u8; 4]; 4]) -> TextureRef {
+    scene.images.push(Arc::new(Image {
+        name: "colours".into(),
+        width: 2,
+        height: 2,
+        pixels: Pixels::Rgba8(texels.concat()),
+    }));
+    scene.textures.push(Texture {
+        image: scene.images.len() - 1,
+        wrap: [Wrap::ClampToEdge; 2],
+        nearest: true,
+        has_levels: false,
+    });
+    TextureRef::new(scene.textures.len() - 1)
+}
+
+/// Stained glass with a corner of wood.
+fn stained(scene: &mut Scene) -> Material {
+    let base = [
+        [255, 60, 40, 255],
+        [40, 90, 255, 255],
+        [120, 255, 60, 255],
+        [200, 150, 90, 255],
+    ];
+    let clear = [[255; 4], [255; 4], [255; 4], [0, 0, 0, 255]];
+    Material {
+        base_color_texture: Some(colors(scene, base)),
+        transmission_texture: Some(colors(scene, clear)),
+        ..pane(Vec3::ONE)
+    }
+}
+
+/// A horizontal square around the y axis with sides of `side` (m).
+fn sheet(scene: &mut Scene, height: f32, side: f32, material: Material) {
+    let corner = vec3(-side / 2.0, height, side / 2.0);
+    let mesh = quad(corner, Vec3::X * side, Vec3::NEG_Z * side, 1);
+    place(scene, mesh, material);
+}
+
+fn sky(radiance: Vec3) -> Environment {
+    let texel = [radiance.x, radiance.y, radiance.z, 1.0];
+    Environment {
+        image: Arc::new(Image {
+            name: "sky".into(),
+            width: 64,
+            height: 32,
+            pixels: Pixels::Rgba32Float(texel.repeat(64 * 32)),
+        }),
+        rotation: 0.0,
+        intensity: 1.0,
+    }
+}
+
+fn sun() -> Light {
+    Light::new("sun", LightKind::Directional, Vec3::splat(2.0)).aimed(Vec3::Y, Vec3::ZERO)
+}
+
+/// Radiance of the floor of albedo 0.5 under [`sun`].
+const FULL: f32 = 0.5 * 2.0 / std::f32::consts::PI;
+
+/// Energy of each channel against the path tracer's.
+fn energies(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    technique: &str,
+    settings: &[&str],
+    samples: [u32; 2],
+) -> [f64; 3] {
+    let mut renderer = renderer_of(gpu, scene, &[technique], 32, technique, settings);
+    let found = measured(gpu, scene, camera, &mut renderer, samples);
+    let sum = |radiance: &[f32], channel: usize| -> f64 {
+        let values = radiance.iter().skip(channel).step_by(3);
+        values.map(|&value| f64::from(value)).sum()
+    };
+    [0, 1, 2].map(|channel| sum(&found.radiance, channel) / sum(&found.truth.radiance, channel))
+}
+
+/// A scene, and the technique that lights it.
+fn under_each_light(scene: &Scene) -> Vec<(&'static str, Scene, &'static str)> {
+    let cone = LightKind::Spot {
+        inner_cone_angle: 0.3,
+        outer_cone_angle: 0.5,
+    };
+    let above = |kind| Light::new("", kind, Vec3::splat(5.0)).aimed(vec3(0.2, 2.5, 0.1), Vec3::ZERO);
+    let lamp = {
+        let mut scene = scene.clone();
+        let lamp = quad(vec3(-0.4, 2.5, -0.4), Vec3::X * 0.8, Vec3::Z * 0.8, 1);
+        place(&mut scene, lamp, Material::emitter("lamp", Vec3::splat(8.0)));
+        scene
+    };
+    let mut outdoors = scene.clone();
+    outdoors.environment = Some(sky(vec3(0.8, 1.0, 1.2)));
+    vec![
+        ("point", lit_by(scene.clone(), above(LightKind::Point)), "shadow-map"),
+        ("spot", lit_by(scene.clone(), above(cone)), "shadow-map"),
+        ("sun", lit_by(scene.clone(), above(LightKind::Directional)), "shadow-map"),
+        ("lamp", lamp, "shadow-map"),
+        ("sky", outdoors, "image-based-lighting"),
+    ]
+}
+
+#[test]
+fn stained_glass_tints_every_light_as_the_path_tracer_does() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    let material = stained(&mut scene);
+    sheet(&mut scene, 1.0, 1.6, material);
+    for (name, scene, technique) in under_each_light(&scene) {
+        let per_sample = ["per-sample=true"];
+        let ratios = energies(&gpu, &scene, &from_above(1.6, 0.9), technique, &per_sample, [16, 1024]);
+        println!("{name} through stained glass: {ratios:.3?} of the path tracer's light");
+        for ratio in ratios {
+            assert!((ratio - 1.0).abs() < 0.05, "{name}: {ratios:?}");
+        }
+    }
+}
+
+#[test]
+fn blended_sheets_hide_their_coverage() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    let texels = [
+        [255, 0, 0, 64],
+        [255, 0, 0, 255],
+        [0, 0, 255, 0],
+        [0, 255, 0, 128],
+    ];
+    let material = Material {
+        base_color_texture: Some(colors(&mut scene, texels)),
+        alpha_mode: AlphaMode::Blend,
+        ..Material::matt("sheet", Vec3::ONE)
+    };
+    sheet(&mut scene, 1.0, 1.6, material);
+    for (name, scene, technique) in under_each_light(&scene) {
+        let per_sample = ["per-sample=true"];
+        let ratios = energies(&gpu, &scene, &from_above(1.6, 0.9), technique, &per_sample, [16, 1024]);
+        println!("{name} through a blended sheet: {ratios:.3?} of the path tracer's light");
+        for ratio in ratios {
+            assert!((ratio - 1.0).abs() < 0.05, "{name}: {ratios:?}");
+        }
+    }
+}
+
+/// Every pixel, not only the mean.
+#[test]
+fn sheets_multiply_and_tint_only_what_lies_behind_them() {
+    let Some(gpu) = gpu() else { return };
+    let red = vec3(0.8, 0.4, 0.2);
+    let grey = Vec4::new(1.0, 1.0, 1.0, 0.25);
+    let mut scene = lit_by(floor(2.0), sun());
+    sheet(&mut scene, 1.0, 3.0, pane(red));
+    let blended = Material {
+        base_color: grey,
+        alpha_mode: AlphaMode::Blend,
+        ..Material::matt("blended", Vec3::ONE)
+    };
+    sheet(&mut scene, 0.7, 3.0, blended);
+    // Plates above and between the two.
+    for (height, half) in [(1.3, 0.1), (0.85, 0.25)] {
+        let white = Material::matt("white", Vec3::splat(0.5));
+        let min = vec3(-half, height - 0.01, -half);
+        place(&mut scene, cuboid(min, vec3(half, height, half), 1), white);
+    }
+    let through = red * 0.96;
+    // Of each surface, what lies outside the shadow of the plate above.
+    for (eye, height, shadow, expected) in [
+        (1.4, 1.3, 0.0, Vec3::ONE),
+        (0.95, 0.85, 0.15, through),
+        (0.65, 0.0, 0.3, 0.75 * through),
+    ] {
+        let picture = render(&gpu, &scene, &from_above(1.6, eye), 64, &[]);
+        let points: Vec<_> = picture
+            .lit()
+            .filter(|lit| (lit.position.y - height).abs() < 1e-3)
+            .filter(|lit| lit.position.x.abs().max(lit.position.z.abs()) > shadow)
+            .collect();
+        assert!(points.len() > 10, "{} points", points.len());
+        for lit in points {
+            let error = (lit.radiance / FULL - expected).abs().max_element();
+            assert!(error < 0.01, "{lit:?}, not {expected} of {FULL}");
+        }
+    }
+}
+
+/// Solid glass without caustics: straight light, absorbed on its way through.
+#[test]
+fn solids_without_caustics_pass_straight_tinted_light() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    let block = cuboid(vec3(-0.8, 1.0, -0.8), vec3(0.8, 1.2, 0.8), 1);
+    let glass = Material {
+        ior: 1.5,
+        volume: Some(Volume {
+            attenuation_distance: 0.2,
+            attenuation_color: vec3(0.3, 0.9, 0.5),
+        }),
+        ..pane(Vec3::ONE)
+    };
+    place(&mut scene, block, glass);
+    for (name, scene, technique) in under_each_light(&scene) {
+        let per_sample = ["per-sample=true"];
+        // The middle, where the light has passed both faces of the block.
+        let ratios = energies(&gpu, &scene, &from_above(0.6, 0.9), technique, &per_sample, [16, 1024]);
+        println!("{name} through a block of glass: {ratios:.3?} of the path tracer's light");
+    }
+}
