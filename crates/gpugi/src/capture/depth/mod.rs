@@ -12,14 +12,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec2, Vec4};
 
 pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
-use transmittance::{Layer, LayerKernels};
 pub use transmittance::TRANSMITTANCE_BYTES;
+use transmittance::{Layer, LayerKernels};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{
-    DepthTest, Frame, Gpu, GpuError, HostBuffer, Keeps, RasterKernel, RasterState,
-};
+use crate::gpu::{DepthTest, Frame, Gpu, GpuError, HostBuffer, Keeps, RasterKernel, RasterState};
 use crate::scene::{Casters, Claims, DrawClass, GpuScene};
 use crate::shader;
 
