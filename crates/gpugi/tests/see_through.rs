@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use common::{floor, from_above, gpu, lit_by, measured, picture, place, renderer_of};
 use glam::{Vec3, Vec4, vec3};
+use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{
@@ -230,4 +231,43 @@ fn solids_without_caustics_pass_straight_tinted_light() {
     };
     place(&mut scene, block, glass);
     assert_energies(&gpu, &scene, 0.6, "a block of glass");
+}
+
+/// A pane whose light caustics brings casts a whole shadow, and a tinted one again when caustics leaves it alone.
+#[test]
+fn claimed_panes_cast_whole_shadows() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = lit_by(floor(2.0), sun());
+    let tint = vec3(0.8, 0.4, 0.2);
+    sheet(&mut scene, 1.0, 3.0, pane(tint));
+    let mirror = Material {
+        metallic: 1.0,
+        roughness: 0.0,
+        ..Material::default()
+    };
+    let ball = vec3(5.0, 0.5, 0.0);
+    let index = place(&mut scene, cuboid(ball, ball + 0.1, 1), mirror);
+    scene.instances[index].name = "mirror".into();
+    let names = ["shadow-map", "caustics"];
+    let mut renderer = renderer_of(&gpu, &scene, &names, 16, "", &[]);
+    let camera = from_above(0.5, 0.9);
+    // Light paths overlap on other objects alone.
+    let light = |renderer: &mut Renderer, objects: &str| {
+        renderer.set("caustics", "objects", objects).unwrap();
+        let lit = picture(renderer, &camera);
+        lit.lit().map(|lit| lit.radiance / FULL).sum::<Vec3>() / lit.lit().count() as f32
+    };
+    let tinted = light(&mut renderer, "mirror");
+    assert!(
+        (tinted - 0.96 * tint).abs().max_element() < 0.01,
+        "{tinted}"
+    );
+    let with_caustic = light(&mut renderer, "auto");
+    let mut alone = renderer_of(&gpu, &scene, &["caustics"], 16, "", &[]);
+    let caustic = light(&mut alone, "auto");
+    assert!(
+        (with_caustic - caustic).abs().max_element() < 0.01,
+        "{with_caustic}, {caustic}"
+    );
+    assert_eq!(light(&mut renderer, "mirror"), tinted);
 }
