@@ -90,8 +90,14 @@ const FULL: f32 = 0.5 * 2.0 / std::f32::consts::PI;
 /// kind of light above.
 fn assert_energies(gpu: &Gpu, scene: &Scene, side: f32, what: &str) {
     for (light, scene, technique) in under_each_light(scene) {
-        let settings = ["per-sample=true", "resolution=256"];
-        let mut renderer = renderer_of(gpu, &scene, &[technique], 16, technique, &settings);
+        let of_lamps = ["per-sample=true", "resolution=256"];
+        let of_area = ["area-samples=8", "area-resolution=64"];
+        let of_sky = ["per-sample=true", "resolution=128"];
+        let settings: &[&str] = match technique {
+            "shadow-map" => &[of_lamps, of_area].concat(),
+            _ => &of_sky,
+        };
+        let mut renderer = renderer_of(gpu, &scene, &[technique], 16, technique, settings);
         let camera = from_above(side, 0.9);
         let found = measured(gpu, &scene, &camera, &mut renderer, [16, 256]);
         let energy = |radiance: &[f32], channel: usize| -> f32 {
