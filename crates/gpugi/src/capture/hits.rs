@@ -92,6 +92,8 @@ impl HitKernels {
                 Some(&scene.layout),
                 &RasterState {
                     colors: &[wgpu::TextureFormat::R32Uint],
+                    blend: None,
+                    constants: &[],
                     cull,
                     slope_bias: 0.0,
                     has_fragment: true,

@@ -56,6 +56,19 @@ fn load<V>(keeps: bool, cleared: V) -> wgpu::LoadOp<V> {
     }
 }
 
+/// Where a render pass writes its times.
+fn timestamps(
+    queries: &Option<(wgpu::QuerySet, u32)>,
+) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
+    queries
+        .as_ref()
+        .map(|(query_set, at)| wgpu::RenderPassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(*at),
+            end_of_pass_write_index: Some(at + 1),
+        })
+}
+
 impl<'a> Frame<'a> {
     /// An empty frame. `timed` asks for timestamps, which some adapters lack.
     pub fn new(gpu: &'a Gpu, timed: bool) -> Self {
@@ -172,13 +185,42 @@ impl<'a> Frame<'a> {
                     }),
                     stencil_ops: None,
                 }),
-                timestamp_writes: queries.as_ref().map(|(query_set, at)| {
-                    wgpu::RenderPassTimestampWrites {
-                        query_set,
-                        beginning_of_pass_write_index: Some(*at),
-                        end_of_pass_write_index: Some(at + 1),
-                    }
+                timestamp_writes: timestamps(&queries),
+                ..Default::default()
+            });
+        record(&mut pass)
+    }
+
+    /// Records a render pass that draws in front of `depth`, which it only reads. The colour target keeps its contents,
+    /// or is cleared to zeros.
+    pub fn render_in_front<T>(
+        &mut self,
+        name: &str,
+        keeps: bool,
+        color: &wgpu::TextureView,
+        depth: &wgpu::TextureView,
+        record: impl FnOnce(&mut wgpu::RenderPass<'_>) -> T,
+    ) -> T {
+        let queries = self.next_queries(name);
+        let mut pass = self
+            .encoder()
+            .begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some(name),
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: color,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: load(keeps, wgpu::Color::TRANSPARENT),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: depth,
+                    depth_ops: None,
+                    stencil_ops: None,
                 }),
+                timestamp_writes: timestamps(&queries),
                 ..Default::default()
             });
         record(&mut pass)

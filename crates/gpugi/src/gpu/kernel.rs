@@ -199,22 +199,39 @@ struct EntryPoint {
     constants: Vec<(String, f64)>,
 }
 
+/// Linked names of the overridable constants that a module declares.
+fn overridable(reflection: &naga::Module) -> Vec<String> {
+    let declared = reflection.overrides.iter();
+    declared.filter_map(|(_, one)| one.name.clone()).collect()
+}
+
+/// Constants by their linked names, which carry the module's path, from their names in WESL modules.
+fn linked_constants(
+    pass: &str,
+    overridable: &[String],
+    constants: &[(&str, f64)],
+) -> Result<Vec<(String, f64)>, GpuError> {
+    let linked = |&(name, value): &(&str, f64)| {
+        let mut linked = overridable.iter();
+        let linked = linked.find(|linked| is_linked_name(linked, name));
+        let linked = linked.ok_or_else(|| GpuError::Pass {
+            pass: pass.to_owned(),
+            reason: format!("there is no overridable constant {name}"),
+        })?;
+        Ok((linked.clone(), value))
+    };
+    constants.iter().map(linked).collect()
+}
+
 impl EntryPoint {
     fn label(&self) -> String {
         format!("{}.{}", self.shader.name, self.name)
     }
 
-    /// Sets constants by their names in WESL modules; in a linked module the names carry the module's path.
+    /// Sets constants by their names in WESL modules.
     fn with(mut self, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
-        for &(name, value) in constants {
-            let mut linked = self.overridable.iter();
-            let linked = linked.find(|linked| is_linked_name(linked, name));
-            let linked = linked.ok_or_else(|| GpuError::Pass {
-                pass: self.label(),
-                reason: format!("there is no overridable constant {name}"),
-            })?;
-            self.constants.push((linked.clone(), value));
-        }
+        let linked = linked_constants(&self.label(), &self.overridable, constants)?;
+        self.constants.extend(linked);
         Ok(self)
     }
 
@@ -270,13 +287,11 @@ impl Kernel {
     ) -> Result<Self, GpuError> {
         let stages = wgpu::ShaderStages::COMPUTE;
         let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
-        let overridable = reflection.overrides.iter();
-        let overridable = overridable.filter_map(|(_, one)| one.name.clone());
         let entry = EntryPoint {
             shader: shader.clone(),
             name: entry.to_owned(),
             unchecked: options.unchecked,
-            overridable: overridable.collect(),
+            overridable: overridable(&reflection),
             constants: Vec::new(),
         };
         let entry = Arc::new(entry.with(options.constants)?);
@@ -379,8 +394,12 @@ thread_local! {
 /// Fixed-function state of a [`RasterKernel`].
 #[derive(Debug, Clone, Copy)]
 pub struct RasterState<'a> {
-    /// Colour targets, written without blending.
+    /// Colour targets.
     pub colors: &'a [wgpu::TextureFormat],
+    /// How colours blend with those of the targets; `None` replaces them.
+    pub blend: Option<wgpu::BlendState>,
+    /// Values of pipeline-overridable constants, by their names in WESL modules.
+    pub constants: &'a [(&'a str, f64)],
     /// Which faces are culled.
     pub cull: Option<wgpu::Face>,
     /// Slope-scaled bias away from the viewer, in depth steps per slope; 0 is none.
@@ -400,6 +419,8 @@ pub enum DepthTest {
     Off,
     /// The nearest ones, whose depth is written.
     Nearest,
+    /// Those in front of the depth, which stays as it is.
+    InFront,
     /// All, and their depth is written.
     Overwrite,
 }
@@ -419,7 +440,7 @@ impl RasterKernel {
     /// Compiles the entry points `vertex` and `fragment` of `shader`.
     ///
     /// # Errors
-    /// [`GpuError::Pass`] when the shader does not compile.
+    /// [`GpuError::Pass`] when the shader does not compile or has no such constant.
     pub fn new(
         gpu: &Gpu,
         shader: &Shader,
@@ -427,25 +448,41 @@ impl RasterKernel {
         state: &RasterState<'_>,
     ) -> Result<Self, GpuError> {
         let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
-        let (interface, _) = Interface::new(gpu, shader, stages, scene)?;
+        let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
+        let constants = linked_constants(shader.name, &overridable(&reflection), state.constants)?;
         let pipeline = Lazy::compile(gpu, {
             let (gpu, shader, layout) = (
                 gpu.clone(),
                 shader.clone(),
                 interface.pipeline_layout.clone(),
             );
-            let (state, colors) = (*state, state.colors.to_vec());
+            let colors = state.colors.to_vec();
             let RasterState {
+                blend,
                 cull,
                 slope_bias,
                 has_vertices,
                 has_fragment,
                 depth,
                 ..
-            } = state;
+            } = *state;
             move || {
                 let module = shader_module(&gpu, &shader, false);
-                let targets: Vec<_> = colors.iter().map(|&format| Some(format.into())).collect();
+                let target = |&format: &wgpu::TextureFormat| {
+                    Some(wgpu::ColorTargetState {
+                        blend,
+                        ..format.into()
+                    })
+                };
+                let targets: Vec<_> = colors.iter().map(target).collect();
+                let constants: Vec<_> = constants
+                    .iter()
+                    .map(|(name, value)| (name.as_str(), *value))
+                    .collect();
+                let compilation_options = wgpu::PipelineCompilationOptions {
+                    constants: &constants,
+                    ..Default::default()
+                };
                 let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
                 let vertices = [Some(wgpu::VertexBufferLayout {
                     array_stride: Self::VERTEX_STRIDE,
@@ -459,7 +496,7 @@ impl RasterKernel {
                         vertex: wgpu::VertexState {
                             module: &module,
                             entry_point: Some("vertex"),
-                            compilation_options: Default::default(),
+                            compilation_options: compilation_options.clone(),
                             buffers: if has_vertices { &vertices } else { &[] },
                         },
                         primitive: wgpu::PrimitiveState {
@@ -468,9 +505,14 @@ impl RasterKernel {
                         },
                         depth_stencil: Some(wgpu::DepthStencilState {
                             format: wgpu::TextureFormat::Depth32Float,
-                            depth_write_enabled: Some(depth != DepthTest::Off),
+                            depth_write_enabled: Some(matches!(
+                                depth,
+                                DepthTest::Nearest | DepthTest::Overwrite
+                            )),
                             depth_compare: Some(match depth {
-                                DepthTest::Nearest => wgpu::CompareFunction::Greater,
+                                DepthTest::Nearest | DepthTest::InFront => {
+                                    wgpu::CompareFunction::Greater
+                                }
                                 DepthTest::Off | DepthTest::Overwrite => {
                                     wgpu::CompareFunction::Always
                                 }
@@ -486,7 +528,7 @@ impl RasterKernel {
                         fragment: has_fragment.then(|| wgpu::FragmentState {
                             module: &module,
                             entry_point: Some("fragment"),
-                            compilation_options: Default::default(),
+                            compilation_options: compilation_options.clone(),
                             targets: &targets,
                         }),
                         multiview_mask: None,

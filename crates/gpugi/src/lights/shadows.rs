@@ -226,8 +226,18 @@ impl Shadows {
                 wgpu::BindingResource::Sampler(&self.comparison),
             ),
             ("light_table", made.table.as_entire_binding()),
+            (
+                "shadow_transmittance",
+                wgpu::BindingResource::TextureView(made.atlas.transmittance()),
+            ),
         ];
         kernel.bind(gpu, 2, &resources).map(Some)
+    }
+
+    /// Whether the maps hold the transmittance of see-through casters; kernels that look them up set the constant
+    /// `HAS_TRANSMITTANCE`.
+    pub fn has_transmittance(&self) -> bool {
+        self.kernels.has_transmittance()
     }
 
     /// Number of light samples.

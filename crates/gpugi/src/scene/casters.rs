@@ -1,9 +1,10 @@
 //! The triangles that depth maps draw: all of the scene's, or fewer.
 
 use glam::Vec3;
+use gpugi_scene::AlphaMode;
 use gpugi_scene::simplify::simplified;
 
-use super::{Draw, DrawClass, GpuScene};
+use super::{Claims, Draw, DrawClass, GpuScene};
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack};
 
 /// Triangles over a scene's merged vertices.
@@ -25,6 +26,20 @@ impl GpuScene {
             indices: &self.indices,
             draws: &self.draws,
         }
+    }
+
+    /// Whether light may pass straight through a draw's surface. Objects with the claim `whole` transmit none.
+    pub(crate) fn is_see_through(&self, draw: &Draw, whole: Claims) -> bool {
+        let index = draw.instance as usize;
+        let is_whole = whole != Claims::NONE && self.claims(index).contains(whole);
+        let transmits = self.objects[index].is_transmissive && !is_whole;
+        transmits || self.alpha_modes[index] == AlphaMode::Blend
+    }
+
+    /// Whether light may pass straight through any caster.
+    pub(crate) fn has_see_through(&self, whole: Claims) -> bool {
+        let mut draws = self.draws.iter();
+        draws.any(|draw| self.is_see_through(draw, whole))
     }
 }
 

@@ -267,6 +267,12 @@ impl GpuScene {
         [self.has_alpha, transmits]
     }
 
+    /// Whether light passes any surface without being scattered.
+    pub(crate) fn has_clear_objects(&self) -> bool {
+        let mut objects = self.objects.iter();
+        objects.any(|object| object.is_smooth && object.is_transmissive)
+    }
+
     /// Lobes of the surfaces, as far as the factors of materials tell: some of `DGS`.
     pub fn lobes(&self) -> String {
         let materials = self.host.instances.iter().map(|instance| instance.material);

@@ -131,7 +131,7 @@ impl Claims {
     pub const SPECULAR: Self = Self(4);
     /// Only distance-impostor or ray-tracing adds what passes through the object's surface.
     pub const REFRACTION: Self = Self(8);
-    /// caustics adds the light that passes through the object and arrives elsewhere, so the object's shadow is whole.
+    /// caustics adds the light that the object sends elsewhere, so the object's shadow is whole.
     pub const SHADOW: Self = Self(16);
     /// Only final-gather adds indirect light on the object.
     pub const INDIRECT: Self = Self(32);
@@ -147,6 +147,11 @@ impl Claims {
     /// These claims, for an object whose surroundings are in the cube `number` of distance-impostor, from 1 on.
     pub fn with_impostor(self, number: u32) -> Self {
         Self(self.0 | (number << Self::IMPOSTOR_SHIFT))
+    }
+
+    /// The `CLAIM_` bits.
+    pub(crate) fn bits(self) -> u32 {
+        self.0
     }
 
     /// Whether these claims contain all of `other`.

@@ -137,7 +137,7 @@ fn depth_passes_and_buffers_agree_on_strides() {
     for shader in [
         shader!("capture.depth"),
         shader!("capture.depth_alpha"),
-        shader!("capture.depth_straight"),
+        shader!("capture.depth.transmittance"),
     ] {
         let module = shader.parse().unwrap();
         let views = module

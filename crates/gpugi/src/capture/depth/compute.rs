@@ -117,6 +117,8 @@ impl DepthCompute {
     pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let state = |has_fragment| RasterState {
             colors: &[],
+            blend: None,
+            constants: &[],
             cull: None,
             slope_bias: 0.0,
             has_vertices: false,
@@ -231,6 +233,7 @@ impl DepthCompute {
                 keeps = Keeps::Everything;
             }
         }
+        atlas.record_layer(frame, name, kernels, casters, |_| true);
         atlas.plan = Some(plan);
         Ok(())
     }

@@ -5,19 +5,20 @@ pub mod compute;
 mod rasterizer;
 #[cfg(test)]
 mod tests;
+mod transmittance;
 mod view;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, UVec2, Vec4};
 
 pub use rasterizer::{DepthDrawing, DepthRasterizer, Rasterizer};
+pub use transmittance::TRANSMITTANCE_BYTES;
+use transmittance::{Layer, LayerKernels};
 pub use view::DepthViewSpec;
 
 use super::{frustum_planes, visible_ranges};
-use crate::gpu::{
-    DepthTest, Frame, Gpu, GpuError, HostBuffer, Keeps, RasterKernel, RasterState, Shader,
-};
-use crate::scene::{Casters, DrawClass, GpuScene};
+use crate::gpu::{DepthTest, Frame, Gpu, GpuError, HostBuffer, Keeps, RasterKernel, RasterState};
+use crate::scene::{Casters, Claims, DrawClass, GpuScene};
 use crate::shader;
 
 /// Largest side of an atlas (texels): WebGPU's default limit.
@@ -36,7 +37,7 @@ pub(crate) struct DepthViewUniform {
     pub atlas_texel: f32,
 }
 
-/// A depth texture that holds many views.
+/// A depth texture that holds many views, and a layer with the light that passes see-through surfaces.
 #[derive(Debug)]
 pub struct DepthAtlas {
     /// The texture: 32-bit float, nearer is greater.
@@ -49,6 +50,7 @@ pub struct DepthAtlas {
     corners: Vec<[u32; 2]>,
     group: wgpu::BindGroup,
     alpha_group: wgpu::BindGroup,
+    layer: Layer,
     plan: Option<compute::Plan>,
 }
 
@@ -58,6 +60,10 @@ pub struct DepthKernels {
     second_depth: RasterKernel,
     whole: RasterKernel,
     alpha: RasterKernel,
+    /// Objects with this claim cast whole shadows.
+    whole_claim: Claims,
+    /// Exists if the scene has see-through casters.
+    layer: Option<LayerKernels>,
 }
 
 /// The pipeline with which [`DepthAtlas::record_some`] clears tiles.
@@ -67,6 +73,8 @@ pub struct DepthKernels {
 pub fn clear_tiles(gpu: &Gpu) -> Result<RasterKernel, GpuError> {
     let state = RasterState {
         colors: &[],
+        blend: None,
+        constants: &[],
         cull: None,
         slope_bias: 0.0,
         has_vertices: false,
@@ -77,49 +85,71 @@ pub fn clear_tiles(gpu: &Gpu) -> Result<RasterKernel, GpuError> {
 }
 
 impl DepthKernels {
-    /// Compiles the three pipelines for maps of lamps: back faces only, all faces, alpha. The last two move surfaces
-    /// away by their change of depth over a texel. Objects with caustics cast whole shadows.
+    /// Compiles the pipelines for maps of lamps: back faces only, all faces, alpha, transmittance. The middle two move
+    /// surfaces away by their change of depth over a texel. Objects with caustics cast whole shadows.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn of_lamps(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        Self::new(gpu, scene, &shader!("capture.depth_alpha"), 1.0)
+        Self::new(gpu, scene, Claims::SHADOW, 1.0)
     }
 
-    /// Compiles the pipelines for parallel views of the environment, without bias. Its light passes see-through
+    /// Compiles the pipelines for parallel views of the environment, without bias. Its light passes all see-through
     /// surfaces straight.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn of_environment(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        Self::new(gpu, scene, &shader!("capture.depth_straight"), 0.0)
+        Self::new(gpu, scene, Claims::NONE, 0.0)
     }
 
-    fn new(gpu: &Gpu, scene: &GpuScene, alpha: &Shader, slope_bias: f32) -> Result<Self, GpuError> {
-        let state = |cull, slope_bias, has_fragment| RasterState {
+    fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        whole_claim: Claims,
+        slope_bias: f32,
+    ) -> Result<Self, GpuError> {
+        let state = |cull, slope_bias| RasterState {
             colors: &[],
+            blend: None,
+            constants: &[],
             cull,
             slope_bias,
             has_vertices: true,
-            has_fragment,
+            has_fragment: false,
             depth: DepthTest::Nearest,
         };
         let depth = shader!("capture.depth");
+        let alpha = RasterState {
+            constants: &[("WHOLE_CLAIM", whole_claim.bits().into())],
+            has_fragment: true,
+            ..state(None, slope_bias)
+        };
+        let has_layer = scene.has_see_through(whole_claim);
         Ok(Self {
             second_depth: RasterKernel::new(
                 gpu,
                 &depth,
                 None,
-                &state(Some(wgpu::Face::Front), 0.0, false),
+                &state(Some(wgpu::Face::Front), 0.0),
             )?,
-            whole: RasterKernel::new(gpu, &depth, None, &state(None, slope_bias, false))?,
+            whole: RasterKernel::new(gpu, &depth, None, &state(None, slope_bias))?,
             alpha: RasterKernel::new(
                 gpu,
-                alpha,
+                &shader!("capture.depth_alpha"),
                 Some(&scene.layout),
-                &state(None, slope_bias, true),
+                &alpha,
             )?,
+            whole_claim,
+            layer: has_layer
+                .then(|| LayerKernels::new(gpu, scene, whole_claim))
+                .transpose()?,
         })
+    }
+
+    /// Whether atlases have a layer of transmittance.
+    pub fn has_transmittance(&self) -> bool {
+        self.layer.is_some()
     }
 }
 
@@ -181,19 +211,31 @@ impl DepthAtlas {
                 | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[],
         })?;
-        Self::in_texture(gpu, kernels, specs, texture)
+        let layer = Layer::texture(gpu, kernels.layer.as_ref(), side)?;
+        Self::in_textures(gpu, kernels, specs, texture, layer)
     }
 
-    /// An atlas that draws into the texture of another one, which must have at least as much room; the other's contents
-    /// are lost.
+    /// An atlas that draws into the textures of this one, which must have at least as much room; this one's contents are
+    /// lost.
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
-    pub fn in_texture(
+    pub fn sharing_textures(
+        &self,
+        gpu: &Gpu,
+        kernels: &DepthKernels,
+        specs: Vec<DepthViewSpec>,
+    ) -> Result<Self, GpuError> {
+        let [depth, layer] = [&self.texture, &self.layer.texture].map(wgpu::Texture::clone);
+        Self::in_textures(gpu, kernels, specs, depth, layer)
+    }
+
+    fn in_textures(
         gpu: &Gpu,
         kernels: &DepthKernels,
         specs: Vec<DepthViewSpec>,
         texture: wgpu::Texture,
+        layer: wgpu::Texture,
     ) -> Result<Self, GpuError> {
         let (corners, _) = pack(&specs);
         let side = texture.width();
@@ -209,6 +251,7 @@ impl DepthAtlas {
             .alpha
             .bind(gpu, 1, &[("views", views.as_entire_binding())])?;
         Ok(Self {
+            layer: Layer::new(gpu, kernels.layer.as_ref(), layer, &views)?,
             view: texture.create_view(&Default::default()),
             texture,
             views,
@@ -241,6 +284,20 @@ impl DepthAtlas {
         same
     }
 
+    /// The layer of transmittance: see capture/transmittance.wesl. A single texel if the kernels draw none.
+    pub fn transmittance(&self) -> &wgpu::TextureView {
+        &self.layer.view
+    }
+
+    /// Memory of the textures (bytes).
+    pub fn bytes(&self) -> u64 {
+        let bytes = |texture: &wgpu::Texture| {
+            let format = texture.format();
+            format.theoretical_memory_footprint(texture.size())
+        };
+        bytes(&self.texture) + bytes(&self.layer.texture)
+    }
+
     /// What `views` holds.
     pub(crate) fn uniforms(&self) -> Vec<DepthViewUniform> {
         uniforms(&self.specs, &self.corners, self.texture.width())
@@ -271,6 +328,7 @@ impl DepthAtlas {
         frame.render(name, &[], &self.view, |pass| {
             self.draw(pass, kernels, casters, &DepthDraw::ALL, |_| true);
         });
+        self.record_layer(frame, name, kernels, casters, |_| true);
     }
 
     /// Draws those views whose indices `is_drawn` accepts; the others keep their depth.
@@ -288,8 +346,9 @@ impl DepthAtlas {
                 self.place(pass, index);
                 pass.draw(0..3, 0..1);
             }
-            self.draw(pass, kernels, casters, &DepthDraw::ALL, is_drawn);
+            self.draw(pass, kernels, casters, &DepthDraw::ALL, &is_drawn);
         });
+        self.record_layer(frame, name, kernels, casters, is_drawn);
     }
 
     /// Restricts a pass to a view's tile.

@@ -228,9 +228,7 @@ impl Technique for Caustics {
                 continue;
             }
             self.claimed.push(index as u32);
-            if object.is_transmissive {
-                claims[index] = Claims::SHADOW;
-            }
+            claims[index] = Claims::SHADOW;
             most = most.max(match (object.is_transmissive, object.is_solid) {
                 (true, true) => self.settings.bounces.max(1) + 1,
                 _ => 1,

@@ -2,7 +2,9 @@
 
 use super::Reflectivity;
 use super::gpu::{Direction, DirectionMap, Range};
-use crate::capture::depth::{DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec};
+use crate::capture::depth::{
+    DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec, TRANSMITTANCE_BYTES,
+};
 use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -10,6 +12,9 @@ use crate::shader;
 
 /// Most direction x point products per dispatch: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
+
+/// Bytes of a texel's depth.
+const DEPTH_BYTES: u32 = 4;
 
 /// Border of a depth map, outside the scene, as room for interpolation (texels).
 pub const GUTTER: u32 = 2;
@@ -35,10 +40,10 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Plan for `count` maps of `side` x `side` texels, in atlases of at most `atlas_side` x `atlas_side` texels and
-    /// `memory` bytes together; a batch has at least one map.
-    pub fn new(count: u32, side: u32, atlas_side: u32, memory: u64) -> Self {
-        let map = u64::from(side) * u64::from(side) * 4;
+    /// Plan for `count` maps of `side` x `side` texels of `texel` bytes, in atlases of at most `atlas_side` x
+    /// `atlas_side` texels and `memory` bytes together; a batch has at least one map.
+    pub fn new(count: u32, [side, texel]: [u32; 2], atlas_side: u32, memory: u64) -> Self {
+        let map = u64::from(side) * u64::from(side) * u64::from(texel);
         let columns = u64::from((atlas_side / side).max(1));
         // Batches of equal size, in square atlases.
         let batches = u64::from(count).div_ceil(columns * columns).max(1);
@@ -105,10 +110,15 @@ impl Batches {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, reflectivity: Reflectivity) -> Result<Self, GpuError> {
         let gather = shader!("techniques.image_based_lighting.gather");
-        let constants = [("REFLECTIVITY", f64::from(reflectivity as u32))];
+        let rasterizer = DepthRasterizer::new(gpu, scene)?;
+        let has_transmittance = rasterizer.kernels.has_transmittance();
+        let constants = [
+            ("REFLECTIVITY", f64::from(reflectivity as u32)),
+            ("HAS_TRANSMITTANCE", has_transmittance.into()),
+        ];
         Ok(Self {
             reflectivity,
-            rasterizer: DepthRasterizer::new(gpu, scene)?,
+            rasterizer,
             gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
             texels: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("texels of depth maps"),
@@ -117,6 +127,11 @@ impl Batches {
             made: None,
             bound: PerReceiver::default(),
         })
+    }
+
+    /// Whether the maps hold the transmittance of see-through casters.
+    pub fn has_transmittance(&self) -> bool {
+        self.rasterizer.kernels.has_transmittance()
     }
 
     /// Prepares what depth maps draw. False while that takes more frames.
@@ -153,7 +168,12 @@ impl Batches {
             self.bound.clear();
             return Ok(());
         };
-        let plan = Plan::new(count, side, maps.atlas_side, maps.memory);
+        let texel = if self.has_transmittance() {
+            DEPTH_BYTES + TRANSMITTANCE_BYTES
+        } else {
+            DEPTH_BYTES
+        };
+        let plan = Plan::new(count, [side, texel], maps.atlas_side, maps.memory);
         // Directions that moved need no new tiles: only the contents of their maps change.
         let reused = self.made.as_mut().is_some_and(|made| {
             made.plan == plan
@@ -206,8 +226,8 @@ impl Batches {
             let end = first + views.len() as u32;
             let atlas = match batches.first() {
                 Some(other) if !plan.is_kept => {
-                    let texture = other.atlas.texture.clone();
-                    DepthAtlas::in_texture(gpu, &self.rasterizer.kernels, views, texture)?
+                    let kernels = &self.rasterizer.kernels;
+                    other.atlas.sharing_textures(gpu, kernels, views)?
                 }
                 _ => DepthAtlas::new(gpu, &self.rasterizer.kernels, views)?,
             };
@@ -221,6 +241,10 @@ impl Batches {
                         wgpu::BindingResource::TextureView(&atlas.view),
                     ),
                     ("directions", directions.as_entire_binding()),
+                    (
+                        "transmittance_unfilterable",
+                        wgpu::BindingResource::TextureView(atlas.transmittance()),
+                    ),
                     (
                         "texels_unfilterable",
                         wgpu::BindingResource::Sampler(&self.texels),

@@ -25,7 +25,7 @@ use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::prefiltered::Wanted;
-use crate::scene::{Claims, GpuScene, Object, Versions};
+use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 
 /// Name, summary, source and light paths of the technique.
@@ -264,8 +264,7 @@ impl Technique for ImageBasedLighting {
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         // Straight through glass; what mirrors throw is missing.
-        let passes = |object: &Object| object.is_smooth && object.is_transmissive;
-        let paths = if scene.objects.iter().any(passes) {
+        let paths = if scene.has_clear_objects() {
             INFO.paths
         } else {
             DIRECT
@@ -315,7 +314,10 @@ impl Technique for ImageBasedLighting {
             self.is_late = false;
             return Ok(of_maps);
         }
-        if self.batches.reflectivity != reflectivity {
+        let has_see_through = scene.has_see_through(Claims::NONE);
+        if self.batches.reflectivity != reflectivity
+            || self.batches.has_transmittance() != has_see_through
+        {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
         }
         let maps = DepthMaps {

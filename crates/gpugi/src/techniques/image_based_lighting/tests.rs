@@ -379,7 +379,7 @@ fn a_turned_sky_keeps_its_domains() {
 fn batches_fit_an_atlas_and_the_memory() {
     let mebi = 1 << 20;
     let plan = |count, side, memory| {
-        let plan = Plan::new(count, side, 8192, memory * mebi);
+        let plan = Plan::new(count, [side, 4], 8192, memory * mebi);
         (plan.per_batch, plan.is_kept)
     };
     assert_eq!(plan(128, 512, 1024), (128, true));

@@ -54,6 +54,8 @@ impl Peeling {
         let raster = |shader| {
             let state = RasterState {
                 colors: &[],
+                blend: None,
+                constants: &[],
                 cull: None,
                 slope_bias: 0.0,
                 has_fragment: true,

@@ -107,13 +107,19 @@ pub struct Radiosity {
     most_texels: u32,
 }
 
+/// What of a scene decides how the passes are compiled.
+fn compiled_for(scene: &GpuScene) -> [bool; 4] {
+    let [has_alpha, transmits] = scene.passages();
+    let is_see_through = scene.has_see_through(Claims::SHADOW);
+    [has_alpha, transmits, scene.has_gloss(), is_see_through]
+}
+
 /// The light of a scene, and what it was computed for.
 #[derive(Debug)]
 struct LitTexels {
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`] and [`GpuScene::has_gloss`] that the passes were compiled for.
-    passages: [bool; 2],
-    has_gloss: bool,
+    /// What of the scene the passes were compiled for.
+    compiled_for: [bool; 4],
     kernels: Kernels,
     solution: Solution,
     gather: TexelGather,
@@ -211,8 +217,7 @@ impl Radiosity {
         let gather = shader!("techniques.radiosity.gather");
         Ok(LitTexels {
             atlas,
-            passages: scene.passages(),
-            has_gloss: scene.has_gloss(),
+            compiled_for: compiled_for(scene),
             gather: TexelGather::new(gpu, scene, &gather, &[], &kept)?,
             kernels,
             solution,
@@ -308,8 +313,7 @@ impl Technique for Radiosity {
             return Ok(Generated::WITHOUT_ATLAS);
         };
         let is_made = |made: &LitTexels| {
-            (made.passages, made.has_gloss) == (scene.passages(), scene.has_gloss())
-                && Arc::ptr_eq(&made.atlas, &atlas)
+            made.compiled_for == compiled_for(scene) && Arc::ptr_eq(&made.atlas, &atlas)
         };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,

@@ -2,7 +2,7 @@
 
 use super::solution::ForStep;
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
 use crate::shader;
@@ -64,9 +64,15 @@ impl Shooting {
         });
         let specs = (0..shooters).flat_map(|_| unseen).collect();
         let atlas = DepthAtlas::new(gpu, &depth, specs)?;
-        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
-        let aim = kernel(shader!("techniques.radiosity.hemicubes"))?;
-        let receive = kernel(shader!("techniques.radiosity.receive"))?;
+        let aim = shader!("techniques.radiosity.hemicubes");
+        let aim = Kernel::new(gpu, &aim, "main", None)?;
+        let receive = shader!("techniques.radiosity.receive");
+        let constants = [("HAS_TRANSMITTANCE", depth.has_transmittance().into())];
+        let options = KernelOptions {
+            constants: &constants,
+            ..Default::default()
+        };
+        let receive = Kernel::with_options(gpu, &receive, "main", None, &options)?;
         let bytes = u64::from(shooters) * size_of::<LightSample>() as u64;
         let samples = gpu.buffer("shooters [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
         let inner = (side - 2 * GUTTER) as f32;
@@ -98,6 +104,10 @@ impl Shooting {
             ),
             ("views", atlas.views.as_entire_binding()),
             ("shooters", samples.as_entire_binding()),
+            (
+                "hemicube_transmittance",
+                wgpu::BindingResource::TextureView(atlas.transmittance()),
+            ),
         ];
         let seen = receive.bind(gpu, 2, &resources)?;
         let piece = |step: &ForStep<'_>| {
@@ -119,12 +129,8 @@ impl Shooting {
                 receive_texels: [receive_of(0)?, receive_of(1)?],
             })
         };
-        let texture = &atlas.texture;
-        let depth_bytes = texture
-            .format()
-            .theoretical_memory_footprint(texture.size());
         Ok(Self {
-            bytes: depth_bytes + atlas.views.size() + samples.size(),
+            bytes: atlas.bytes() + atlas.views.size() + samples.size(),
             pieces: steps.iter().map(piece).collect::<Result<_, GpuError>>()?,
             batch,
             depth,

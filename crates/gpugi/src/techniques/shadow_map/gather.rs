@@ -39,14 +39,15 @@ struct ReceiverGroups {
 }
 
 impl ShadowGather {
-    /// Compiles the pass.
+    /// Compiles the pass for lookups in `shadows`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, shadows: &Shadows) -> Result<Self, GpuError> {
         let shader = shader!("techniques.shadow_map.gather");
+        let constants = [("HAS_TRANSMITTANCE", shadows.has_transmittance().into())];
         Ok(Self {
-            kernel: ReceiverKernel::new(gpu, scene, &shader, &[])?,
+            kernel: ReceiverKernel::new(gpu, scene, &shader, &constants)?,
             lights: None,
             bound: PerReceiver::default(),
         })

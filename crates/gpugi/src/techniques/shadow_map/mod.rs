@@ -30,13 +30,19 @@ pub const INFO: Info = Info {
     summary: "direct light of point, spot, directional and area lights with shadows",
     source: "tutorial section 3.1; Williams 1978; Reeves et al. 1987; Fernando 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "L[DG]E"),
-        LightPaths::new(LightClass::Area, "L[DG]E"),
+        LightPaths::new(LightClass::Punctual, "LS*[DG]E"),
+        LightPaths::new(LightClass::Area, "LS*[DG]E"),
     ],
     suits: |_| true,
     keeps_texels: false,
     lights_points: false,
 };
+
+/// The light in scenes without glass.
+const DIRECT: &[LightPaths] = &[
+    LightPaths::new(LightClass::Punctual, "L[DG]E"),
+    LightPaths::new(LightClass::Area, "L[DG]E"),
+];
 
 crate::choices! {
     /// How shadows are smoothed.
@@ -163,10 +169,11 @@ impl ShadowMap {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let shadows = Shadows::new(gpu, scene)?;
         Ok(Self {
             settings: Settings::default(),
-            shadows: Shadows::new(gpu, scene)?,
-            gather: ShadowGather::new(gpu, scene)?,
+            gather: ShadowGather::new(gpu, scene, &shadows)?,
+            shadows,
             generated_for: None,
             list: None,
             generated: Generated::FINAL,
@@ -195,9 +202,15 @@ impl Technique for ShadowMap {
         } else {
             self.settings.area_samples
         };
+        // Straight through glass; what mirrors throw is missing.
+        let paths = if scene.has_clear_objects() {
+            INFO.paths
+        } else {
+            DIRECT
+        };
         Plan {
             lookups: scene.lights.len() as u32 + on_emitters,
-            ..Plan::adding(INFO.paths, scene)
+            ..Plan::adding(paths, scene)
         }
     }
 
@@ -208,6 +221,17 @@ impl Technique for ShadowMap {
         view: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
+        if self.shadows.has_transmittance() != scene.has_see_through(Claims::SHADOW) {
+            // Materials or claims have changed.
+            *self = Self {
+                settings: self.settings.clone(),
+                generated: Generated {
+                    revision: self.generated.revision + 1,
+                    ..Generated::FINAL
+                },
+                ..Self::new(frame.gpu, scene)?
+            };
+        }
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
             LightKind::Spot { .. } => self.settings.warp,
