@@ -146,6 +146,11 @@ impl Claims {
         Self(self.0 | (number << Self::IMPOSTOR_SHIFT))
     }
 
+    /// The claims as shaders read them.
+    pub(crate) fn bits(self) -> u32 {
+        self.0
+    }
+
     /// Whether these claims contain all of `other`.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

@@ -2,7 +2,7 @@
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, obscurances, radiosity, shadow_map,
+    image_based_lighting, obscurances, radiance_transfer, radiosity, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -48,6 +48,11 @@ impl Default for Registry {
                 info: &environment_map::INFO,
                 fields: environment_map::Settings::fields,
                 make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &radiance_transfer::INFO,
+                fields: radiance_transfer::Settings::fields,
+                make: |_, _| Ok(Box::new(radiance_transfer::RadianceTransfer::default())),
             },
             Registration {
                 info: &caustics::INFO,
