@@ -45,14 +45,14 @@ impl Default for Registry {
                 },
             },
             Registration {
-                info: &environment_map::INFO,
-                fields: environment_map::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
-            },
-            Registration {
                 info: &radiance_transfer::INFO,
                 fields: radiance_transfer::Settings::fields,
                 make: |_, _| Ok(Box::new(radiance_transfer::RadianceTransfer::default())),
+            },
+            Registration {
+                info: &environment_map::INFO,
+                fields: environment_map::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
             },
             Registration {
                 info: &caustics::INFO,

@@ -11,8 +11,9 @@ use crate::shader;
 
 /// Side of the cube that the environment is projected from (texels).
 const CUBE_SIDE: u32 = 64;
-/// Invocations per coefficient of `project`.
-const PROJECT_LANES: u32 = 256;
+/// `WORKGROUPS` of project.wesl, and its lanes.
+const PROJECT_WORKGROUPS: u32 = 96;
+const PROJECT_LANES: u32 = 64;
 /// Lookups of the environment's image that filling the cube takes per texel, roughly.
 const LOOKUPS_PER_TEXEL: u64 = 64;
 
@@ -28,11 +29,22 @@ pub(super) struct Light {
     pub coefficients: wgpu::Buffer,
     fill: (Kernel, wgpu::BindGroup),
     project: (Kernel, wgpu::BindGroup),
+    sum: (Kernel, wgpu::BindGroup),
     turn: Kernel,
+    window: (Kernel, wgpu::BindGroup),
     /// Version of the environment's image that was projected.
     projected: Option<u64>,
-    /// Versions of sky and lights, and whether lights were projected.
-    lit: Option<([u64; 3], bool)>,
+    /// Versions of environment, sky and lights, and what was made of them.
+    lit: Option<([u64; 3], Made)>,
+}
+
+/// What is made of a scene's light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Made {
+    /// Whether directional lights are projected.
+    pub directional_lights: bool,
+    /// See [`super::Settings::window`].
+    pub window: bool,
 }
 
 impl Light {
@@ -71,17 +83,29 @@ impl Light {
             Some(&scene.layout),
         )?;
         let project = shader!("techniques.radiance_transfer.project");
-        let project = Kernel::with_options(gpu, &project, "main", None, &options)?;
+        let kernel = |entry| Kernel::with_options(gpu, &project, entry, None, &options);
+        let (project, sum) = (kernel("main")?, kernel("sum")?);
+        let parts = u64::from(PROJECT_WORKGROUPS) * bytes;
+        let parts = gpu.buffer("parts of the environment [bytes]", parts, storage)?;
         let turn = shader!("techniques.radiance_transfer.light");
+        let window = shader!("techniques.radiance_transfer.window");
+        let window = Kernel::with_options(gpu, &window, "main", None, &options)?;
+        let light = ("light", coefficients.as_entire_binding());
+        let window_group = window.bind(gpu, 3, &[light])?;
         let radiance = ("radiance", TextureView(&faces));
         let fill_group = fill.bind(gpu, 3, std::slice::from_ref(&radiance))?;
+        let parts = ("parts", parts.as_entire_binding());
         let into = ("environment", environment.as_entire_binding());
-        let project_group = project.bind(gpu, 3, &[radiance, into])?;
+        let project_group = [radiance, parts, into];
+        let sum_group = sum.bind(gpu, 3, &project_group)?;
+        let project_group = project.bind(gpu, 3, &project_group)?;
         Ok(Self {
             functions: order * order,
             turn: Kernel::with_options(gpu, &turn, "main", Some(&scene.layout), &options)?,
             fill: (fill, fill_group),
             project: (project, project_group),
+            sum: (sum, sum_group),
+            window: (window, window_group),
             cube,
             environment,
             coefficients,
@@ -100,7 +124,7 @@ impl Light {
     }
 
     /// Brings the coefficients up to date, and returns the work if there was any: passes `radiance-transfer.project`,
-    /// when the environment's image has changed, and `radiance-transfer.light`.
+    /// when the environment's image has changed, `radiance-transfer.light` and `radiance-transfer.window`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -108,13 +132,10 @@ impl Light {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        with_directional_lights: bool,
+        made: Made,
     ) -> Result<Option<u64>, GpuError> {
         let versions = scene.versions;
-        let now = Some((
-            [versions.environment, versions.sky, versions.lights],
-            with_directional_lights,
-        ));
+        let now = Some(([versions.environment, versions.sky, versions.lights], made));
         if self.lit == now {
             return Ok(None);
         }
@@ -128,12 +149,15 @@ impl Light {
                 let (kernel, group) = &self.fill;
                 let groups = [(0, &scene.bind_group), (3, group)];
                 kernel.dispatch(pass, &groups, [CUBE_SIDE, CUBE_SIDE, 6]);
-                let (kernel, group) = &self.project;
-                let invocations = [self.functions * PROJECT_LANES, 1, 1];
-                kernel.dispatch(pass, &[(3, group)], invocations);
+                for ((kernel, group), workgroups) in
+                    [(&self.project, PROJECT_WORKGROUPS), (&self.sum, 1)]
+                {
+                    let lanes = workgroups * PROJECT_LANES;
+                    kernel.dispatch(pass, &[(3, group)], [lanes, 1, 1]);
+                }
             });
         }
-        let directionals = if with_directional_lights {
+        let directionals = if made.directional_lights {
             directionals(scene)
         } else {
             vec![Directional::zeroed()]
@@ -151,6 +175,12 @@ impl Light {
             let groups = [(0, &scene.bind_group), (1, &light), (3, &into)];
             self.turn.dispatch(pass, &groups, [MOST_FUNCTIONS, 1, 1]);
         });
+        if made.window {
+            frame.compute("radiance-transfer.window", |pass| {
+                let (kernel, group) = &self.window;
+                kernel.dispatch(pass, &[(3, group)], [1, 1, 1]);
+            });
+        }
         Ok(Some(work + 1))
     }
 }

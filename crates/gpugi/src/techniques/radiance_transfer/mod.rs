@@ -17,10 +17,11 @@ mod transfer;
 use std::sync::Arc;
 
 use gpugi_scene::LightKind;
+use serde::{Deserialize, Serialize};
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Technique};
+use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::{Receiver, View};
-use crate::gpu::{Frame, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
@@ -39,7 +40,7 @@ pub const INFO: Info = Info {
     // Unwrapping takes too long for a live view.
     suits: |_| false,
     keeps_texels: true,
-    lights_points: true,
+    lights_points: false,
 };
 
 /// Precomputed radiance transfer.
@@ -51,6 +52,21 @@ pub struct RadianceTransfer {
     most_texels: Option<u32>,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
+}
+
+/// What [`Resume::save`] stores.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Saved {
+    revision: u64,
+    transfer: transfer::Saved,
+}
+
+/// Error for saved progress that does not fit.
+fn unfit(reason: impl std::fmt::Display) -> GpuError {
+    GpuError::Pass {
+        pass: INFO.name.into(),
+        reason: format!("what was saved does not fit: {reason}"),
+    }
 }
 
 impl RadianceTransfer {
@@ -121,7 +137,10 @@ impl Technique for RadianceTransfer {
             frame,
             scene,
             settings.steps,
-            self.has_directional_lights(scene),
+            light::Made {
+                directional_lights: self.has_directional_lights(scene),
+                window: settings.window,
+            },
             earlier,
         )?;
         self.made = Some(made);
@@ -159,5 +178,37 @@ impl Technique for RadianceTransfer {
             work_bytes: made.work_bytes(),
             warnings,
         }
+    }
+
+    fn resumable(&mut self) -> Option<&mut dyn Resume> {
+        Some(self)
+    }
+}
+
+impl Resume for RadianceTransfer {
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let Some(transfer) = made.transfer.save(gpu)? else {
+            return Ok(None);
+        };
+        let saved = Saved {
+            revision: made.revision,
+            transfer,
+        };
+        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+    }
+
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
+        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let Some(made) = &mut self.made else {
+            return Ok(false);
+        };
+        made.transfer.resume(gpu, &saved.transfer).map_err(unfit)?;
+        if saved.transfer.bounces > 0 {
+            made.restore(gpu, saved.revision)?;
+        }
+        Ok(true)
     }
 }

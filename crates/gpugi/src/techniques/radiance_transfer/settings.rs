@@ -7,12 +7,16 @@ crate::settings! {
     pub struct Settings {
         /// Bands of spherical harmonics: order * order functions.
         pub order: u32 = 6 => in_range(2.0, 8.0),
-        /// Surfaces that light meets between the environment and the eye; 1 is direct light only.
-        pub bounces: u32 = 5 => in_range(1.0, 32.0),
+        /// Surfaces that light meets between the environment and the eye; 1 is direct light only, which radiosity
+        /// can continue.
+        pub bounces: u32 = 1 => in_range(1.0, 32.0),
         /// Rays per texel and bounce; powers of two are best.
         pub rays: u32 = 1024 => in_range(1.0, 65_536.0),
         /// Whether directional lights are projected, too. Only in scenes without point and spot lights.
         pub directional_lights: bool = false => any(),
+        /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around small
+        /// lights, but softer shadows.
+        pub window: bool = false => any(),
         /// Side of the atlas's pages.
         pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),
         /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.

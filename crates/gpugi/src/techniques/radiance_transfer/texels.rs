@@ -6,7 +6,7 @@ use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
 
 use super::gpu::MOST_FUNCTIONS;
-use super::light::Light;
+use super::light::{Light, Made};
 use super::transfer::Transfer;
 use super::{INFO, Settings};
 use crate::capture::atlas::{
@@ -37,7 +37,7 @@ pub(super) struct LitTexels {
     gather: TexelGather,
     /// Whether the irradiance was computed once.
     is_lit: bool,
-    revision: u64,
+    pub revision: u64,
 }
 
 impl LitTexels {
@@ -102,7 +102,7 @@ impl LitTexels {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         steps: u32,
-        with_directional_lights: bool,
+        made_of_light: Made,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         self.capture.record(frame, scene)?;
@@ -116,7 +116,7 @@ impl LitTexels {
             earlier.count(self.transfer.step(frame, scene, &self.capture)?);
         }
         let has_improved = self.transfer.bounces() > bounces;
-        let changed = self.light.follow(frame, scene, with_directional_lights)?;
+        let changed = self.light.follow(frame, scene, made_of_light)?;
         if let Some(work) = changed {
             earlier.count(work);
         }
@@ -134,9 +134,19 @@ impl LitTexels {
         })
     }
 
+    /// Lights the texels by transfer vectors that were restored, as [`LitTexels::generate`] left them at `revision`.
+    pub fn restore(&mut self, gpu: &Gpu, revision: u64) -> Result<(), GpuError> {
+        let mut frame = Frame::new(gpu, false);
+        self.relight(&mut frame)?;
+        frame.submit()?;
+        self.is_lit = true;
+        self.revision = revision;
+        Ok(())
+    }
+
     /// Multiplies transfer vectors and light: passes `radiance-transfer.relight`, `capture.atlas.dilate` and
     /// `capture.atlas.seams`.
-    pub fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+    fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let factors = [
             ("light", self.light.coefficients.as_entire_binding()),

@@ -3,11 +3,12 @@
 use std::ops::Range;
 
 use bytemuck::Zeroable;
+use serde::{Deserialize, Serialize};
 
 use super::Settings;
 use super::gpu::{COEFFICIENT_BYTES, LANES, Work};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -44,6 +45,17 @@ pub(super) struct State {
     pub tiles: u32,
 }
 
+/// Progress that was saved: [`State`], and the buffers that later steps read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Saved {
+    pub bounces: u32,
+    pub tiles: u32,
+    pub vectors: Vec<u32>,
+    /// Empty if no tile of the next bounce is done.
+    pub next: Vec<u32>,
+    pub albedo: Vec<u32>,
+}
+
 impl Transfer {
     pub fn new(
         gpu: &Gpu,
@@ -71,7 +83,10 @@ impl Transfer {
         Ok(Self {
             settings: settings.clone(),
             size: capture.size,
-            vectors: vectors(gpu, settings, texels)?,
+            vectors: vectors(
+                gpu,
+                texels * u64::from(settings.functions()) * COEFFICIENT_BYTES,
+            )?,
             next: None,
             albedo: gpu.buffer(
                 "albedo of texels [bytes]",
@@ -138,11 +153,7 @@ impl Transfer {
         let gpu = frame.gpu;
         let next = match self.next.take() {
             Some(next) => next,
-            None => gpu.buffer(
-                "transfer vectors [bytes]",
-                self.vectors.size(),
-                wgpu::BufferUsages::STORAGE,
-            )?,
+            None => vectors(gpu, self.vectors.size())?,
         };
         if self.state.tiles == 0 {
             // Texels may have lost their points since.
@@ -207,10 +218,88 @@ impl Transfer {
             }
         }
     }
+
+    /// Saved progress; `None` while there is none. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self, gpu: &Gpu) -> Result<Option<Saved>, GpuError> {
+        let State { bounces, tiles, .. } = self.state;
+        if bounces == 0 && tiles == 0 {
+            return Ok(None);
+        }
+        let read = |buffer: &wgpu::Buffer| read_buffer(gpu, buffer, buffer.size());
+        let next = self.next.as_ref().filter(|_| tiles > 0);
+        Ok(Some(Saved {
+            bounces,
+            tiles,
+            vectors: read(&self.vectors)?,
+            next: next.map(read).transpose()?.unwrap_or_default(),
+            albedo: read(&self.albedo)?,
+        }))
+    }
+
+    /// Continues from saved progress.
+    ///
+    /// # Errors
+    /// Why it does not fit these texels.
+    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
+        let is_of_steps = if saved.bounces < self.settings.bounces {
+            (saved.tiles as usize) < self.tiles.len()
+        } else {
+            saved.bounces == self.settings.bounces && saved.tiles == 0
+        };
+        if !is_of_steps {
+            return Err("another number of steps".into());
+        }
+        let is_of = |words: &[u32], buffer: &wgpu::Buffer| words.len() as u64 * 4 == buffer.size();
+        let has_next = saved.tiles > 0;
+        if !is_of(&saved.vectors, &self.vectors)
+            || !is_of(&saved.albedo, &self.albedo)
+            || if has_next {
+                !is_of(&saved.next, &self.vectors)
+            } else {
+                !saved.next.is_empty()
+            }
+        {
+            return Err("other texels".into());
+        }
+        if !saved
+            .vectors
+            .iter()
+            .chain(&saved.next)
+            .all(|&word| are_finite(word))
+        {
+            return Err("coefficients that are not finite".into());
+        }
+        gpu.write(&self.vectors, 0, &saved.vectors);
+        gpu.write(&self.albedo, 0, &saved.albedo);
+        if has_next {
+            let next = match self.next.take() {
+                Some(next) => next,
+                None => vectors(gpu, self.vectors.size()).map_err(|error| error.to_string())?,
+            };
+            gpu.write(&next, 0, &saved.next);
+            self.next = Some(next);
+        } else {
+            self.next = None;
+        }
+        self.state.bounces = saved.bounces;
+        self.state.tiles = saved.tiles;
+        Ok(())
+    }
 }
 
-fn vectors(gpu: &Gpu, settings: &Settings, texels: u64) -> Result<wgpu::Buffer, GpuError> {
-    let bytes = texels * u64::from(settings.functions()) * COEFFICIENT_BYTES;
+/// Whether both 16-bit floats in a word are finite.
+fn are_finite(word: u32) -> bool {
+    const EXPONENT: u32 = 0x7c00;
+    [word, word >> 16]
+        .iter()
+        .all(|half| half & EXPONENT != EXPONENT)
+}
+
+/// A buffer of transfer vectors.
+fn vectors(gpu: &Gpu, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
     gpu.buffer(
         "transfer vectors [bytes]",
         bytes,
