@@ -169,7 +169,7 @@ impl Technique for RadianceTransfer {
         let mut warnings = Vec::new();
         if self.leaves_objects {
             warnings.push(
-                "objects whose indirect light comes from another technique get no light from radiance-transfer: set radiance-transfer.bounces to 1"
+                "objects with indirect light of another technique get none of radiance-transfer: set its bounces to 1"
                     .into(),
             );
         }

@@ -14,8 +14,8 @@ crate::settings! {
         pub rays: u32 = 1024 => in_range(1.0, 65_536.0),
         /// Whether directional lights are projected, too. Only in scenes without point and spot lights.
         pub directional_lights: bool = false => any(),
-        /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around small
-        /// lights, but softer shadows.
+        /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around
+        /// small lights, but softer shadows.
         pub window: bool = false => any(),
         /// Side of the atlas's pages.
         pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),

@@ -177,8 +177,8 @@ fn worst(texels: &[(Point, Vec3)], scale: f32, irradiance: impl Fn(&Point) -> Ve
 
 const A: Vec3 = Vec3::new(0.6, 0.48, -0.64);
 
-/// Irradiance of a surface that sees the whole sky: each band of the light times pi, 2 pi / 3 and pi / 4 (Ramamoorthi and
-/// Hanrahan 2001).
+/// Irradiance of a surface that sees the whole sky: each band of the light times pi, 2 pi / 3 and pi / 4 (Ramamoorthi
+/// and Hanrahan 2001).
 #[test]
 fn constant_linear_and_quadratic_light_is_exact_on_a_sphere_and_a_plane() {
     let Some(gpu) = test_gpu() else { return };
@@ -228,8 +228,8 @@ fn a_rectangle_overhead_takes_away_its_form_factor() {
     assert!(error < 0.008, "{error}");
 }
 
-/// Directional light E on a plane that faces it gives E times the sum of (2 l + 1) / 4 A_l / pi over the bands: 1, 2 / 3,
-/// 1 / 4, 0, -1 / 24, 0.
+/// Directional light E on a plane that faces it gives E times the sum of (2 l + 1) / 4 A_l / pi over the bands: 1,
+/// 2 / 3, 1 / 4, 0, -1 / 24, 0.
 #[test]
 fn a_directional_light_is_the_sum_of_its_bands() {
     let Some(gpu) = test_gpu() else { return };
