@@ -166,3 +166,46 @@ fn what_does_not_fit_is_refused() {
     let message = error.expect_err("an atlas of 32 GiB").to_string();
     assert!(message.contains("lower the resolution"), "{message}");
 }
+
+/// An object that environment-map lights gets nothing twice; one with final-gather's indirect light gets none, and a
+/// warning says so.
+#[test]
+fn what_others_claim_is_left_to_them() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = open_room();
+    let block = scene.instances.len() - 1;
+    scene.instances[block].name = "block".into();
+    let light = |techniques: &[&str]| {
+        let settings = ["objects=block"];
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 24, "environment-map", &settings);
+        if techniques.contains(&"radiance-transfer") {
+            for (name, value) in [("resolution", "32"), ("rays", "64")] {
+                renderer
+                    .set("radiance-transfer", name, value)
+                    .expect("a setting");
+            }
+        }
+        let picture = picture(&mut renderer, &camera());
+        let [on_block, elsewhere]: [Vec<Vec3>; 2] = [true, false].map(|wanted| {
+            let lit = picture
+                .lit()
+                .filter(|lit| (lit.instance as usize == block) == wanted);
+            lit.map(|lit| lit.radiance).collect()
+        });
+        (on_block, elsewhere.iter().sum::<Vec3>())
+    };
+    let (alone, dark) = light(&["environment-map"]);
+    let (both, lit) = light(&["radiance-transfer", "environment-map"]);
+    assert!(alone.len() > 20 && alone == both);
+    assert!(
+        dark == Vec3::ZERO && lit.min_element() > 1.0,
+        "{dark} {lit}"
+    );
+
+    let gathered = ["radiance-transfer", "final-gather"];
+    let mut renderer = renderer(&gpu, &gathered, &["bounces=2", "resolution=32", "rays=64"]);
+    picture(&mut renderer, &camera());
+    let warnings = renderer.warnings();
+    let mut warnings = warnings.iter();
+    assert!(warnings.any(|warning| warning.contains("set its bounces to 1")));
+}
