@@ -10,6 +10,7 @@ pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
 pub mod obscurances;
+pub mod radiance_transfer;
 pub mod radiosity;
 pub mod ray_tracing;
 mod registry;

@@ -2,7 +2,7 @@
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, obscurances, radiosity, ray_tracing, shadow_map,
+    image_based_lighting, obscurances, radiance_transfer, radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -43,6 +43,11 @@ impl Default for Registry {
                         gpu, scene,
                     )?))
                 },
+            },
+            Registration {
+                info: &radiance_transfer::INFO,
+                fields: radiance_transfer::Settings::fields,
+                make: |_, _| Ok(Box::new(radiance_transfer::RadianceTransfer::default())),
             },
             Registration {
                 info: &environment_map::INFO,

@@ -214,7 +214,7 @@ impl Radiosity {
                 solution.irradiance.radiance.as_entire_binding(),
             ),
         ];
-        let gather = shader!("techniques.radiosity.gather");
+        let gather = shader!("capture.atlas.gather");
         Ok(LitTexels {
             atlas,
             compiled_for: compiled_for(scene),

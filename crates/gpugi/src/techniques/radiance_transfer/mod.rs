@@ -1,0 +1,215 @@
+//! Precomputed radiance transfer: how much of the light from each direction leaves each texel of a still scene, in
+//! spherical harmonics, so that its environment and directional lights may change at the cost of a dot product per
+//! texel (tutorial sections 7, 7.1 and 7.2).
+//!
+//! Generate: rays find the transfer vectors of an atlas's texels, a few steps per frame, bounce by bounce; the
+//! environment is projected to the same functions, and the dot products of both are the irradiance of the texels.
+//! Gather: looks up the irradiance at a point's place in the atlas. docs/techniques/radiance-transfer.md.
+
+pub(crate) mod gpu;
+mod light;
+mod settings;
+#[cfg(test)]
+mod tests;
+mod texels;
+mod transfer;
+
+use std::sync::Arc;
+
+use gpugi_scene::LightKind;
+use serde::{Deserialize, Serialize};
+
+use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
+use crate::capture::{Receiver, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::{LightClass, LightPaths};
+use crate::scene::{Claims, GpuScene};
+use crate::settings::SettingSet;
+pub use settings::Settings;
+use texels::LitTexels;
+
+/// Name, summary, source and light paths of the technique.
+pub const INFO: Info = Info {
+    name: "radiance-transfer",
+    summary: "light of a changing environment on diffuse surfaces of a still scene, by precomputed transfer vectors",
+    source: "tutorial sections 7, 7.1 and 7.2; Sloan, Kautz and Snyder 2002",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, "LD+E"),
+        LightPaths::new(LightClass::Environment, "LD+E"),
+    ],
+    // Unwrapping takes too long for a live view.
+    suits: |_| false,
+    keeps_texels: true,
+    lights_points: false,
+};
+
+/// Precomputed radiance transfer.
+#[derive(Debug, Default)]
+pub struct RadianceTransfer {
+    settings: Settings,
+    made: Option<LitTexels>,
+    /// Most texels per buffer of points; `None`: as many as fit.
+    most_texels: Option<u32>,
+    /// Whether objects are claimed whose indirect light comes from another technique.
+    leaves_objects: bool,
+}
+
+/// What [`Resume::save`] stores.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Saved {
+    revision: u64,
+    transfer: transfer::Saved,
+}
+
+/// Error for saved progress that does not fit.
+fn unfit(reason: impl std::fmt::Display) -> GpuError {
+    GpuError::Pass {
+        pass: INFO.name.into(),
+        reason: format!("what was saved does not fit: {reason}"),
+    }
+}
+
+impl RadianceTransfer {
+    /// Whether directional lights are projected: no other punctual light would be left out.
+    fn has_directional_lights(&self, scene: &GpuScene) -> bool {
+        let is_directional = |kind: LightKind| kind == LightKind::Directional;
+        let mut lights = scene.lights.iter();
+        self.settings.directional_lights && lights.all(|light| is_directional(light.kind))
+    }
+}
+
+impl Technique for RadianceTransfer {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+        let pattern = format!("LD{{1,{}}}E", self.settings.bounces);
+        let of = |class| LightPaths {
+            class,
+            pattern: pattern.clone().into(),
+        };
+        let mut paths = vec![of(LightClass::Environment)];
+        if self.has_directional_lights(scene) {
+            paths.push(of(LightClass::Punctual));
+        }
+        Plan::adding(paths, scene)
+    }
+
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
+    }
+
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        let settings = &self.settings;
+        let atlas = scene.atlas(
+            frame.gpu,
+            INFO.name,
+            settings.resolution,
+            settings.density,
+            u64::from(settings.functions()) * gpu::COEFFICIENT_BYTES,
+        )?;
+        let Some(atlas) = atlas else {
+            return Ok(Generated::WITHOUT_ATLAS);
+        };
+        let is_made = |made: &LitTexels| made.serves(settings, scene, &atlas);
+        let mut made = match self.made.take().filter(is_made) {
+            Some(made) => made,
+            None => LitTexels::new(
+                frame.gpu,
+                scene,
+                settings,
+                Arc::clone(&atlas),
+                self.most_texels,
+            )?,
+        };
+        let generated = made.generate(
+            frame,
+            scene,
+            settings.steps,
+            light::Made {
+                directional_lights: self.has_directional_lights(scene),
+                window: settings.window,
+            },
+            earlier,
+        )?;
+        self.made = Some(made);
+        let mut objects = 0..scene.objects.len();
+        self.leaves_objects = self.settings.left_out().contains(Claims::INDIRECT)
+            && objects.any(|object| scene.claims(object).contains(Claims::INDIRECT));
+        Ok(generated)
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        _: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        match &mut self.made {
+            Some(made) => made.gather(frame, scene, receiver),
+            None => Ok(()),
+        }
+    }
+
+    fn inspect(&self) -> Inspection {
+        let Some(made) = &self.made else {
+            return Inspection::default();
+        };
+        let mut warnings = Vec::new();
+        if self.leaves_objects {
+            warnings.push(
+                "objects with indirect light of another technique get none of radiance-transfer: set its bounces to 1"
+                    .into(),
+            );
+        }
+        Inspection {
+            maps: made.maps(),
+            work_bytes: made.work_bytes(),
+            warnings,
+        }
+    }
+
+    fn resumable(&mut self) -> Option<&mut dyn Resume> {
+        Some(self)
+    }
+}
+
+impl Resume for RadianceTransfer {
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(made) = &self.made else {
+            return Ok(None);
+        };
+        let Some(transfer) = made.transfer.save(gpu)? else {
+            return Ok(None);
+        };
+        let saved = Saved {
+            revision: made.revision,
+            transfer,
+        };
+        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+    }
+
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
+        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let Some(made) = &mut self.made else {
+            return Ok(false);
+        };
+        made.transfer.resume(gpu, &saved.transfer).map_err(unfit)?;
+        if saved.transfer.bounces > 0 {
+            made.restore(gpu, saved.revision)?;
+        }
+        Ok(true)
+    }
+}

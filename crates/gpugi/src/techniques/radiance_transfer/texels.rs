@@ -1,0 +1,203 @@
+//! The texels of a scene's atlas, their transfer vectors, and the irradiance that these give under the present light.
+
+use std::sync::Arc;
+
+use gpugi_scene::Atlas;
+use gpugi_scene::atlas::Seams;
+
+use super::gpu::MOST_FUNCTIONS;
+use super::light::{Light, Made};
+use super::transfer::Transfer;
+use super::{INFO, Settings};
+use crate::capture::atlas::{
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
+};
+use crate::capture::{Receiver, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::scene::GpuScene;
+use crate::shader;
+use crate::techniques::{Earlier, Generated, Map, Texels};
+
+/// The texels of an atlas, and their light.
+#[derive(Debug)]
+pub(super) struct LitTexels {
+    atlas: Arc<Atlas>,
+    /// [`GpuScene::passages`] that the passes were compiled for.
+    passages: [bool; 2],
+    pub capture: AtlasCapture,
+    leaks: LeakTest,
+    pub transfer: Transfer,
+    pub light: Light,
+    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
+    pub irradiance: Target,
+    lookup_bytes: u64,
+    relight: Kernel,
+    dilation: Dilation,
+    seams: SeamFilter,
+    gather: TexelGather,
+    /// Whether the irradiance was computed once.
+    is_lit: bool,
+    pub revision: u64,
+}
+
+impl LitTexels {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        atlas: Arc<Atlas>,
+        most_texels: Option<u32>,
+    ) -> Result<Self, GpuError> {
+        let host = scene.host().ok_or_else(|| GpuError::Pass {
+            pass: INFO.name.into(),
+            reason: "there is an atlas, but no scene that it is one of".into(),
+        })?;
+        let options = AtlasCaptureOptions {
+            most_texels: most_texels.unwrap_or(u32::MAX),
+            ..AtlasCaptureOptions::default()
+        };
+        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
+        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
+        let size = [atlas.size, atlas.size * atlas.pages];
+        let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let options = KernelOptions {
+            constants: &[("ORDER", f64::from(settings.order))],
+            ..Default::default()
+        };
+        let relight = shader!("techniques.radiance_transfer.relight");
+        let gather = shader!("capture.atlas.gather");
+        let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
+        let kept = [
+            ("atlas", lookup.words.as_entire_binding()),
+            ("irradiance", irradiance.radiance.as_entire_binding()),
+        ];
+        Ok(Self {
+            passages: scene.passages(),
+            leaks: LeakTest::new(gpu, scene, &capture)?,
+            transfer: Transfer::new(gpu, scene, settings, &capture, &lookup)?,
+            light: Light::new(gpu, scene, settings.order)?,
+            relight: Kernel::with_options(gpu, &relight, "main", None, &options)?,
+            dilation: Dilation::new(gpu, size)?,
+            seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
+            gather: TexelGather::new(gpu, scene, &gather, &[left_out], &kept)?,
+            lookup_bytes: lookup.words.size(),
+            irradiance,
+            capture,
+            atlas,
+            is_lit: false,
+            revision: 0,
+        })
+    }
+
+    /// Whether these are the texels of the atlas, with transfer vectors of the settings.
+    pub fn serves(&self, settings: &Settings, scene: &GpuScene, atlas: &Arc<Atlas>) -> bool {
+        Arc::ptr_eq(&self.atlas, atlas)
+            && self.passages == scene.passages()
+            && self.transfer.is_of(settings)
+    }
+
+    /// Takes steps toward the transfer vectors, and lights the texels if these or the light have changed.
+    pub fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        steps: u32,
+        made_of_light: Made,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        self.capture.record(frame, scene)?;
+        self.leaks.record(frame, scene, &self.capture);
+        self.transfer.follow(scene);
+        let bounces = self.transfer.bounces();
+        for _ in 0..steps {
+            if self.transfer.is_done() || !earlier.may_step() {
+                break;
+            }
+            earlier.count(self.transfer.step(frame, scene, &self.capture)?);
+        }
+        let has_improved = self.transfer.bounces() > bounces;
+        let changed = self.light.follow(frame, scene, made_of_light)?;
+        if let Some(work) = changed {
+            earlier.count(work);
+        }
+        let has_vectors = self.is_lit || self.transfer.bounces() > 0;
+        if has_vectors && (has_improved || changed.is_some()) {
+            self.relight(frame)?;
+            earlier.count(self.irradiance.radiance.size() / 16);
+            self.is_lit = true;
+            self.revision += u64::from(has_improved);
+        }
+        Ok(Generated {
+            revision: self.revision,
+            progress: self.transfer.progress(),
+            pending: (!self.is_lit).then_some("the first bounce of light"),
+        })
+    }
+
+    /// Lights the texels by transfer vectors that were restored, as [`LitTexels::generate`] left them at `revision`.
+    pub fn restore(&mut self, gpu: &Gpu, revision: u64) -> Result<(), GpuError> {
+        let mut frame = Frame::new(gpu, false);
+        self.relight(&mut frame)?;
+        frame.submit()?;
+        self.is_lit = true;
+        self.revision = revision;
+        Ok(())
+    }
+
+    /// Multiplies transfer vectors and light: passes `radiance-transfer.relight`, `capture.atlas.dilate` and
+    /// `capture.atlas.seams`.
+    fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let factors = [
+            ("light", self.light.coefficients.as_entire_binding()),
+            ("transfer", self.transfer.vectors.as_entire_binding()),
+        ];
+        let factors = self.relight.bind(gpu, 1, &factors)?;
+        let into = [("irradiance", self.irradiance.radiance.as_entire_binding())];
+        let into = self.relight.bind(gpu, 3, &into)?;
+        let texels = (self.irradiance.radiance.size() / 16) as u32;
+        frame.compute("radiance-transfer.relight", |pass| {
+            let groups = [(1, &factors), (3, &into)];
+            self.relight.dispatch(pass, &groups, [texels, 1, 1]);
+        });
+        self.dilation.record(frame, &self.irradiance)?;
+        self.seams.record(frame);
+        Ok(())
+    }
+
+    /// Adds the light at the receiver's points: pass `radiance-transfer.gather`.
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let (name, texels) = ("radiance-transfer.gather", Some(&self.capture));
+        self.gather.record(frame, name, scene, texels, receiver)
+    }
+
+    /// Irradiance of all rows, and the coefficients of the light.
+    pub fn maps(&self) -> Vec<Map> {
+        let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2]| Map {
+            name: format!("{}.{name}", INFO.name),
+            texels: Texels::Buffer {
+                buffer: buffer.clone(),
+                size,
+                stride: 16,
+                is_number: false,
+            },
+        };
+        let size = [self.capture.size, self.capture.size * self.capture.pages];
+        vec![
+            map("irradiance", &self.irradiance.radiance, size),
+            map("light", &self.light.coefficients, [MOST_FUNCTIONS, 1]),
+        ]
+    }
+
+    /// Bytes that are not in maps.
+    pub fn work_bytes(&self) -> u64 {
+        let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
+        let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
+        self.capture.bytes + self.transfer.bytes() + self.light.bytes() + around
+    }
+}

@@ -1,0 +1,308 @@
+//! The transfer vectors of an atlas's texels, computed in steps: bounce by bounce, tile by tile.
+
+use std::ops::Range;
+
+use bytemuck::Zeroable;
+use serde::{Deserialize, Serialize};
+
+use super::Settings;
+use super::gpu::{COEFFICIENT_BYTES, LANES, Work};
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Rays per step: about 40 ms on a small GPU.
+const RAYS_OF_STEP: u32 = 1 << 22;
+
+/// The transfer vectors of an atlas's texels.
+#[derive(Debug)]
+pub(super) struct Transfer {
+    settings: Settings,
+    size: u32,
+    /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl.
+    pub vectors: wgpu::Buffer,
+    /// The same with one bounce more, while that is computed.
+    next: Option<wgpu::Buffer>,
+    albedo: wgpu::Buffer,
+    first_bounce: Kernel,
+    further_bounces: Kernel,
+    /// Bind group of the atlas lookup.
+    corners: wgpu::BindGroup,
+    /// Number of a piece and range of its points, per tile.
+    tiles: Vec<(usize, Range<u32>)>,
+    state: State,
+}
+
+/// How far the vectors are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct State {
+    /// Versions of geometry and materials that they are made for.
+    pub made: Option<[u64; 2]>,
+    /// Bounces that are done.
+    pub bounces: u32,
+    /// Tiles of the next bounce that are done.
+    pub tiles: u32,
+}
+
+/// Progress that was saved: [`State`], and the buffers that later steps read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Saved {
+    pub bounces: u32,
+    pub tiles: u32,
+    pub vectors: Vec<u32>,
+    /// Empty if no tile of the next bounce is done.
+    pub next: Vec<u32>,
+    pub albedo: Vec<u32>,
+}
+
+impl Transfer {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        capture: &AtlasCapture,
+        lookup: &AtlasLookup,
+    ) -> Result<Self, GpuError> {
+        let shader = shader!("techniques.radiance_transfer.transfer");
+        let order = ("ORDER", f64::from(settings.order));
+        let kernel = |is_first: bool| {
+            let is_first = ("IS_FIRST", f64::from(u8::from(is_first)));
+            scene.ray_kernel(gpu, &shader, &[order, is_first])
+        };
+        let (first_bounce, further_bounces) = (kernel(true)?, kernel(false)?);
+        let corners = [("atlas", lookup.words.as_entire_binding())];
+        let at_once = (RAYS_OF_STEP / settings.rays).max(1);
+        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
+            let count = piece.points.count;
+            let firsts = (0..count).step_by(at_once as usize);
+            firsts.map(move |first| (number, first..count.min(first + at_once)))
+        };
+        let pieces = capture.pieces().iter().enumerate();
+        let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
+        Ok(Self {
+            settings: settings.clone(),
+            size: capture.size,
+            vectors: vectors(
+                gpu,
+                texels * u64::from(settings.functions()) * COEFFICIENT_BYTES,
+            )?,
+            next: None,
+            albedo: gpu.buffer(
+                "albedo of texels [bytes]",
+                texels * 4,
+                wgpu::BufferUsages::STORAGE,
+            )?,
+            corners: further_bounces.bind(gpu, 2, &corners)?,
+            first_bounce,
+            further_bounces,
+            tiles: pieces.flat_map(tiles_of).collect(),
+            state: State::default(),
+        })
+    }
+
+    /// Whether these vectors are those of the settings.
+    pub fn is_of(&self, settings: &Settings) -> bool {
+        self.settings.of_transfer() == settings.of_transfer()
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        let next = self.next.as_ref().map_or(0, wgpu::Buffer::size);
+        self.vectors.size() + next + self.albedo.size()
+    }
+
+    /// Bounces that are done.
+    pub fn bounces(&self) -> u32 {
+        self.state.bounces
+    }
+
+    /// Whether all bounces are done.
+    pub fn is_done(&self) -> bool {
+        self.state.bounces == self.settings.bounces
+    }
+
+    /// Part of the work that is done (0 to 1).
+    pub fn progress(&self) -> f32 {
+        let all = u64::from(self.settings.bounces) * self.tiles.len() as u64;
+        let done = u64::from(self.state.bounces) * self.tiles.len() as u64;
+        (done + u64::from(self.state.tiles)) as f32 / all.max(1) as f32
+    }
+
+    /// Restarts if geometry or materials have changed. The vectors remain until the first bounce is done.
+    pub fn follow(&mut self, scene: &GpuScene) {
+        let now = Some([scene.versions.geometry, scene.versions.materials]);
+        if self.state.made != now {
+            self.state = State {
+                made: now,
+                ..State::default()
+            };
+        }
+    }
+
+    /// Computes the next bounce of one tile, and returns its number of rays: pass `radiance-transfer.rays`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn step(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let next = match self.next.take() {
+            Some(next) => next,
+            None => vectors(gpu, self.vectors.size())?,
+        };
+        if self.state.tiles == 0 {
+            // Texels may have lost their points since.
+            frame.clear(&next);
+        }
+        let mut rays = 0;
+        if let Some((piece, points)) = self.tiles.get(self.state.tiles as usize) {
+            let piece = &capture.pieces()[*piece];
+            let work = Work {
+                first_texel: piece.rows.start * self.size,
+                first_point: points.start,
+                end_point: points.end,
+                rays: self.settings.rays,
+                seed: self.settings.seed,
+                ..Work::zeroed()
+            };
+            let work = gpu.uniform("radiance transfer", &work)?;
+            let kernel = if self.state.bounces == 0 {
+                &self.first_bounce
+            } else {
+                &self.further_bounces
+            };
+            let of_points = [
+                ("work", work.as_entire_binding()),
+                ("points", piece.points.points.as_entire_binding()),
+            ];
+            let of_texels = [
+                ("before", self.vectors.as_entire_binding()),
+                ("after", next.as_entire_binding()),
+                ("albedo", self.albedo.as_entire_binding()),
+            ];
+            let of_points = kernel.bind(gpu, 1, &of_points)?;
+            let of_texels = kernel.bind(gpu, 3, &of_texels)?;
+            frame.compute("radiance-transfer.rays", |pass| {
+                let groups = [
+                    (0, &scene.ray_bind_group),
+                    (1, &of_points),
+                    (2, &self.corners),
+                    (3, &of_texels),
+                ];
+                let lanes = points.len() as u32 * LANES;
+                kernel.dispatch(pass, &groups, [lanes, 1, 1]);
+            });
+            rays = points.len() as u64 * u64::from(self.settings.rays);
+            self.state.tiles += 1;
+        }
+        self.next = Some(next);
+        if self.state.tiles as usize == self.tiles.len() {
+            self.end_bounce();
+        }
+        Ok(rays)
+    }
+
+    /// All tiles are done: the vectors have one bounce more.
+    fn end_bounce(&mut self) {
+        if let Some(next) = self.next.take() {
+            let before = std::mem::replace(&mut self.vectors, next);
+            self.state.bounces += 1;
+            self.state.tiles = 0;
+            if !self.is_done() {
+                self.next = Some(before);
+            }
+        }
+    }
+
+    /// Saved progress; `None` while there is none. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self, gpu: &Gpu) -> Result<Option<Saved>, GpuError> {
+        let State { bounces, tiles, .. } = self.state;
+        if bounces == 0 && tiles == 0 {
+            return Ok(None);
+        }
+        let read = |buffer: &wgpu::Buffer| read_buffer(gpu, buffer, buffer.size());
+        let next = self.next.as_ref().filter(|_| tiles > 0);
+        Ok(Some(Saved {
+            bounces,
+            tiles,
+            vectors: read(&self.vectors)?,
+            next: next.map(read).transpose()?.unwrap_or_default(),
+            albedo: read(&self.albedo)?,
+        }))
+    }
+
+    /// Continues from saved progress.
+    ///
+    /// # Errors
+    /// Why it does not fit these texels.
+    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
+        let is_of_steps = if saved.bounces < self.settings.bounces {
+            (saved.tiles as usize) < self.tiles.len()
+        } else {
+            saved.bounces == self.settings.bounces && saved.tiles == 0
+        };
+        if !is_of_steps {
+            return Err("another number of steps".into());
+        }
+        let is_of = |words: &[u32], buffer: &wgpu::Buffer| words.len() as u64 * 4 == buffer.size();
+        let has_next = saved.tiles > 0;
+        if !is_of(&saved.vectors, &self.vectors)
+            || !is_of(&saved.albedo, &self.albedo)
+            || if has_next {
+                !is_of(&saved.next, &self.vectors)
+            } else {
+                !saved.next.is_empty()
+            }
+        {
+            return Err("other texels".into());
+        }
+        if !saved
+            .vectors
+            .iter()
+            .chain(&saved.next)
+            .all(|&word| are_finite(word))
+        {
+            return Err("coefficients that are not finite".into());
+        }
+        gpu.write(&self.vectors, 0, &saved.vectors);
+        gpu.write(&self.albedo, 0, &saved.albedo);
+        if has_next {
+            let next = match self.next.take() {
+                Some(next) => next,
+                None => vectors(gpu, self.vectors.size()).map_err(|error| error.to_string())?,
+            };
+            gpu.write(&next, 0, &saved.next);
+            self.next = Some(next);
+        } else {
+            self.next = None;
+        }
+        self.state.bounces = saved.bounces;
+        self.state.tiles = saved.tiles;
+        Ok(())
+    }
+}
+
+/// Whether both 16-bit floats in a word are finite.
+fn are_finite(word: u32) -> bool {
+    const EXPONENT: u32 = 0x7c00;
+    [word, word >> 16]
+        .iter()
+        .all(|half| half & EXPONENT != EXPONENT)
+}
+
+/// A buffer of transfer vectors.
+fn vectors(gpu: &Gpu, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+    gpu.buffer(
+        "transfer vectors [bytes]",
+        bytes,
+        wgpu::BufferUsages::STORAGE,
+    )
+}

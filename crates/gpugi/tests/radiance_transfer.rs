@@ -1,0 +1,211 @@
+//! radiance-transfer compared with the path tracer and with radiosity; sets that would add light twice.
+
+mod common;
+
+use std::sync::Arc;
+
+use common::{gpu, measured, picture, place, rel_mse, renderer_of};
+use glam::{Vec3, vec3};
+use gpugi::{LightingError, Renderer};
+use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::image::metrics::Metric;
+use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
+
+/// A smooth sky: spherical harmonics of order 6 hold nearly all of it.
+fn smooth_sky() -> Environment {
+    let (width, height) = (64, 32);
+    let texel = |index: u32| {
+        let phi = std::f32::consts::PI * (((index % width) as f32 + 0.5) / 16.0 / 2.0 - 1.0);
+        let theta = std::f32::consts::PI * ((index / width) as f32 + 0.5) / 32.0;
+        let d = vec3(
+            phi.sin() * theta.sin(),
+            theta.cos(),
+            -phi.cos() * theta.sin(),
+        );
+        let sun = (4.0 * (d.dot(vec3(0.6, 0.64, 0.48)) - 1.0)).exp();
+        let radiance = vec3(0.3, 0.4, 0.6) * (1.2 + d.y) + vec3(4.0, 3.5, 2.5) * sun;
+        radiance.extend(1.0).to_array()
+    };
+    Environment {
+        image: Arc::new(Image {
+            name: "smooth sky".into(),
+            width,
+            height,
+            pixels: Pixels::Rgba32Float((0..width * height).flat_map(texel).collect()),
+        }),
+        rotation: 0.7,
+        intensity: 1.0,
+    }
+}
+
+/// A room of 2 x 1.5 x 2 m without a ceiling and a block in it, under the smooth sky.
+fn open_room() -> Scene {
+    let mut scene = Scene::new("open room");
+    let [x, y, z] = [Vec3::X * 2.0, Vec3::Y * 1.5, Vec3::Z * 2.0];
+    let low = vec3(-1.0, 0.0, -1.0);
+    for (mesh, color) in [
+        (quad(low + z, x, -z, 1), vec3(0.7, 0.7, 0.7)),
+        (quad(low, x, y, 1), vec3(0.6, 0.6, 0.7)),
+        (quad(low + x + z, -x, y, 1), vec3(0.7, 0.7, 0.6)),
+        (quad(low + z, -z, y, 1), vec3(0.8, 0.2, 0.1)),
+        (quad(low + x, z, y, 1), vec3(0.1, 0.6, 0.2)),
+        (
+            cuboid(vec3(-0.5, 0.0, -0.4), vec3(0.1, 0.6, 0.2), 1),
+            vec3(0.8, 0.8, 0.8),
+        ),
+    ] {
+        place(&mut scene, mesh, Material::matt("wall", color));
+    }
+    scene.environment = Some(smooth_sky());
+    scene
+}
+
+fn camera() -> Camera {
+    Camera::look_at("", vec3(0.6, 1.9, 1.6), vec3(-0.1, 0.4, -0.3), 0.8)
+}
+
+fn renderer(gpu: &gpugi::gpu::Gpu, techniques: &[&str], settings: &[&str]) -> Renderer {
+    let settings = [&["resolution=64", "rays=256", "steps=64"], settings].concat();
+    let scene = open_room();
+    renderer_of(gpu, &scene, techniques, 32, "radiance-transfer", &settings)
+}
+
+#[test]
+fn a_room_under_a_smooth_sky_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    for bounces in ["bounces=1", "bounces=4"] {
+        let mut renderer = renderer(&gpu, &["radiance-transfer"], &[bounces]);
+        let found = measured(&gpu, &open_room(), &camera(), &mut renderer, [8, 512]);
+        let sum = |of: &[f32]| of.iter().map(|&one| f64::from(one)).sum::<f64>();
+        let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
+        let of_blocks = found.value(Metric::RelMse4).expect("a value");
+        let error = rel_mse(&found);
+        println!(
+            "{bounces}: rel-mse {error:.1e}, of blocks {of_blocks:.1e}, {ratio:.4} of the light"
+        );
+        assert!(
+            error < 0.003 && of_blocks < 0.001,
+            "{bounces}: {error} {of_blocks}"
+        );
+        assert!((ratio - 1.0).abs() < 0.01, "{bounces}: {ratio}");
+    }
+}
+
+/// One bounce and radiosity for the others give what all bounces give.
+#[test]
+fn radiosity_continues_where_it_ends() {
+    let Some(gpu) = gpu() else { return };
+    let picture = |techniques: &[&str], bounces| {
+        let mut renderer = renderer(&gpu, techniques, &[bounces]);
+        if techniques.contains(&"radiosity") {
+            for (name, value) in [
+                ("resolution", "64"),
+                ("rays", "16"),
+                ("iterations", "16"),
+                ("steps", "24"),
+            ] {
+                renderer.set("radiosity", name, value).expect("a setting");
+            }
+        }
+        picture(&mut renderer, &camera()).radiance
+    };
+    let alone = picture(&["radiance-transfer"], "bounces=8");
+    let both = picture(&["radiance-transfer", "radiosity"], "bounces=1");
+    let direct = picture(&["radiance-transfer"], "bounces=1");
+    let sum = |of: &[f32]| of.iter().sum::<f32>();
+    let (ratio, share) = (sum(&both) / sum(&alone), sum(&direct) / sum(&alone));
+    println!("{ratio} of the light; {share} is direct");
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    assert!(share < 0.9, "{share}");
+}
+
+#[test]
+fn light_is_not_added_twice() {
+    let Some(gpu) = gpu() else { return };
+    let made = |other: &str| {
+        let names = ["radiance-transfer", other].map(str::to_owned);
+        Renderer::new(&gpu, &open_room(), [16, 16], &names)
+    };
+    let path = |found: Result<(), LightingError>| match found {
+        Err(LightingError::Overlap { path, .. }) => path,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(path(made("image-based-lighting").map(|_| ())), "LDE");
+    let mut with_radiosity = made("radiosity").expect("direct light and radiosity");
+    let refused = with_radiosity.set("radiance-transfer", "bounces", "2");
+    assert_eq!(path(refused), "LDDE");
+    // The other way round, environment-map leaves it the diffuse surfaces.
+    let with_mirrors = made("environment-map").expect("mirrors");
+    let left_out = with_mirrors.left_out();
+    assert_eq!(left_out, ["indirect light, such as LDDE (environment)"]);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = renderer(&gpu, &["radiance-transfer"], &[]);
+    for (name, value) in [
+        ("order", "1"),
+        ("order", "9"),
+        ("bounces", "0"),
+        ("rays", "0"),
+    ] {
+        let refused = renderer.set("radiance-transfer", name, value);
+        assert!(
+            matches!(refused, Err(LightingError::Setting { .. })),
+            "{name}"
+        );
+    }
+    for (name, value) in [("order", "8"), ("resolution", "8192")] {
+        let set = renderer.set("radiance-transfer", name, value);
+        set.expect("a setting");
+    }
+    let error = renderer
+        .render_sample(&camera(), 1, None, false)
+        .map(|_| ());
+    let message = error.expect_err("an atlas of 32 GiB").to_string();
+    assert!(message.contains("lower the resolution"), "{message}");
+}
+
+/// An object that environment-map lights gets nothing twice; one with final-gather's indirect light gets none, and a
+/// warning says so.
+#[test]
+fn what_others_claim_is_left_to_them() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = open_room();
+    let block = scene.instances.len() - 1;
+    scene.instances[block].name = "block".into();
+    let light = |techniques: &[&str]| {
+        let settings = ["objects=block"];
+        let mut renderer = renderer_of(&gpu, &scene, techniques, 24, "environment-map", &settings);
+        if techniques.contains(&"radiance-transfer") {
+            for (name, value) in [("resolution", "32"), ("rays", "64")] {
+                renderer
+                    .set("radiance-transfer", name, value)
+                    .expect("a setting");
+            }
+        }
+        let picture = picture(&mut renderer, &camera());
+        let [on_block, elsewhere]: [Vec<Vec3>; 2] = [true, false].map(|wanted| {
+            let lit = picture
+                .lit()
+                .filter(|lit| (lit.instance as usize == block) == wanted);
+            lit.map(|lit| lit.radiance).collect()
+        });
+        (on_block, elsewhere.iter().sum::<Vec3>())
+    };
+    let (alone, dark) = light(&["environment-map"]);
+    let (both, lit) = light(&["radiance-transfer", "environment-map"]);
+    assert!(alone.len() > 20 && alone == both);
+    assert!(
+        dark == Vec3::ZERO && lit.min_element() > 1.0,
+        "{dark} {lit}"
+    );
+
+    let gathered = ["radiance-transfer", "final-gather"];
+    let mut renderer = renderer(&gpu, &gathered, &["bounces=2", "resolution=32", "rays=64"]);
+    picture(&mut renderer, &camera());
+    let warnings = renderer.warnings();
+    let mut warnings = warnings.iter();
+    assert!(warnings.any(|warning| warning.contains("set its bounces to 1")));
+}
