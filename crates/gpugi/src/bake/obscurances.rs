@@ -16,8 +16,8 @@ use crate::scene::GpuScene;
 use crate::techniques::obscurances::{ObscurancePage, Settings, Solution};
 
 /// Words of `Texel` of obscurance.wesl; the sums are those from `FIRST_SUM` on.
-const WORDS: usize = 11;
-const FIRST_SUM: usize = 2;
+const WORDS: usize = 12;
+const FIRST_SUM: usize = 3;
 /// Sum of a sample of value 1, and the most samples of a texel.
 const UNIT: u64 = 65_535;
 const MOST_SAMPLES: u32 = 65_536;
