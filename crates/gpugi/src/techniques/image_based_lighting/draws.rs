@@ -106,6 +106,12 @@ impl Draws {
         Self { grid, count, cells }
     }
 
+    /// Column and row of each cell with light, and the number of draws that it expects.
+    pub fn expected(&self) -> impl Iterator<Item = ([u32; 2], f64)> {
+        let cells = self.cells.iter();
+        cells.map(|cell| ([cell.column, cell.row], cell.expected))
+    }
+
     /// The directions of sample `turn`, with the light that each stands for: systematic sampling along the curve.
     pub fn of_sample(&self, turn: u32) -> Vec<Domain> {
         let [shift] = additive(GOLDEN, turn);
@@ -141,7 +147,7 @@ impl Draws {
 }
 
 /// Luminance of a flux density (W/m^2).
-pub fn power(flux_density: Vec3) -> f64 {
+fn power(flux_density: Vec3) -> f64 {
     f64::from(flux_density.dot(Vec3::new(0.2126, 0.7152, 0.0722)))
 }
 

@@ -1,7 +1,8 @@
 //! Image-based lighting: the environment as directional lights with shadows (tutorial section 3.2.3).
 //!
 //! Generate: splits the environment into N directional domains (domains.rs), each with a depth map that covers the
-//! scene; the maps lie in batches with one atlas per batch (batches.rs). Gather: sums visibility times light times
+//! scene; the maps lie in batches with one atlas per batch (batches.rs). Or draws directions anew for each sample of a
+//! picture (draws.rs), where the camera sees the environment (survey.rs). Gather: sums visibility times light times
 //! average reflectivity over the domains. docs/techniques/image-based-lighting.md.
 
 mod batches;
@@ -184,11 +185,7 @@ impl ImageBasedLighting {
 
     /// Computes where the light comes from; again only when texels or settings have changed: a new rotation or intensity
     /// keeps it. False while it is on its way from the GPU.
-    fn find_sources(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-    ) -> Result<bool, GpuError> {
+    fn find_sources(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<bool, GpuError> {
         let key = (scene.versions.environment, self.settings.clone());
         if scene.environment.is_none() {
             self.found = None;
@@ -347,7 +344,9 @@ impl Technique for ImageBasedLighting {
             } else {
                 let kernels = earlier.impostors.capture_kernels();
                 let maps = (&mut self.batches, &maps);
-                let draws = self.survey.draws(frame, scene, (key, view), cells, maps, kernels)?;
+                let draws = self
+                    .survey
+                    .draws(frame, scene, (key, view), cells, maps, kernels)?;
                 let Some(draws) = draws else {
                     return Ok(waiting("a survey of the environment"));
                 };

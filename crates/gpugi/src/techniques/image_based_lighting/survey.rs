@@ -22,6 +22,9 @@ const SIDE: u32 = 128;
 const WIDTH: u32 = 64;
 /// Share of the draws that ignores what is seen, so that what the survey misses is drawn, too.
 const BLIND: f64 = 0.1;
+/// Least share of draws by power alone that count (0 to 1), with which they are kept: in the open, lobes that are not
+/// diffuse, of which the survey knows nothing, gain more from them.
+const OPEN: f64 = 0.5;
 /// Cosine of the angle between the directions of neighbouring parts, at most: 15 degrees.
 const NEAR: f32 = 0.966;
 
@@ -85,7 +88,13 @@ impl Survey {
         let found = self.found.take().filter(|(found, _)| serves(found));
         let found = found.unwrap_or_else(|| {
             let draws = Draws::new(cells, key.settings.samples, |_| 1.0);
-            (Key { camera: None, ..key }, draws)
+            (
+                Key {
+                    camera: None,
+                    ..key
+                },
+                draws,
+            )
         });
         &self.found.insert(found).1
     }
@@ -114,9 +123,7 @@ impl Survey {
                 self.on_the_way = Some((key, weights));
                 return Ok(None);
             };
-            let importance = self.parts.importance(cells, &found?);
-            let of_cell = |cell: [u32; 2]| importance[self.parts.part_of(cells, cell)];
-            let draws = Draws::new(cells, key.settings.samples, of_cell);
+            let draws = self.parts.draws(cells, key.settings.samples, &found?);
             self.found = Some((key, draws));
         }
         Ok(self.found.as_ref().map(|(_, draws)| draws))
@@ -134,7 +141,10 @@ impl Survey {
     ) -> Result<ReadBack<Vec<f32>>, GpuError> {
         let gpu = frame.gpu;
         let aspect = view.half_extent.y / view.half_extent.x;
-        let size = [WIDTH, (WIDTH as f32 * aspect).round().clamp(1.0, 512.0) as u32];
+        let size = [
+            WIDTH,
+            (WIDTH as f32 * aspect).round().clamp(1.0, 512.0) as u32,
+        ];
         let view = view.at_size(size, scene.diagonal());
         let mut capture = match self.capture.take().filter(|one| one.size() == size) {
             Some(capture) => capture,
@@ -167,8 +177,12 @@ impl Survey {
         };
         batches.generate(frame, scene, &directions, &views, &maps)?;
 
-        let storage = |label, count| gpu.buffer(label, 4 * count as u64, wgpu::BufferUsages::STORAGE);
-        let arriving = storage("light of surveyed points [bytes]", (size[0] * size[1]) as usize)?;
+        let storage =
+            |label, count| gpu.buffer(label, 4 * count as u64, wgpu::BufferUsages::STORAGE);
+        let arriving = storage(
+            "light of surveyed points [bytes]",
+            (size[0] * size[1]) as usize,
+        )?;
         let importance = storage("importance of directions [bytes]", directions.len())?;
         frame.clear(&arriving);
         let points = [("points", capture.points.points.as_entire_binding())];
@@ -251,26 +265,36 @@ impl Parts {
         light
     }
 
-    /// The importance of each part for draws, from the weights of their centres: those of the part and of its most
-    /// important neighbour, as what a part's centre does not see, its border may.
-    fn importance(&self, cells: &CellsOfSky, weights: &[f32]) -> Vec<f64> {
-        let around = self.toward.iter().zip(weights).map(|(toward, own)| {
-            let others = self.toward.iter().zip(weights);
-            let near = others.filter(|(other, _)| other.dot(*toward) > NEAR);
-            let most = near.map(|(_, weight)| *weight).fold(0.0, f32::max);
-            f64::from((own + most) / 2.0)
-        });
-        let around: Vec<f64> = around.collect();
-        let power = self.light(cells);
-        let power = power.iter().map(|light| super::draws::power(*light));
-        let power: Vec<f64> = power.collect();
-        let seen: f64 = around.iter().zip(&power).map(|(one, power)| one * power).sum();
-        if seen <= 0.0 {
-            // Nothing is seen of the environment.
-            return vec![1.0; around.len()];
+    /// Draws that suit the weights of the parts' centres.
+    fn draws(&self, cells: &CellsOfSky, count: u32, weights: &[f32]) -> Draws {
+        let around = self.spread(weights);
+        let blind = Draws::new(cells, count, |_| 1.0);
+        let mut expected = vec![0.0; around.len()];
+        for (cell, draws) in blind.expected() {
+            expected[self.part_of(cells, cell)] += draws;
         }
-        let mean = seen / power.iter().sum::<f64>();
-        let importance = around.iter().map(|one| (1.0 - BLIND) * one / mean + BLIND);
-        importance.collect()
+        let parts = || expected.iter().zip(&around);
+        let all: f64 = expected.iter().sum();
+        let seen: f64 = parts().map(|(draws, one)| draws * one).sum();
+        let squares: f64 = parts().map(|(draws, one)| draws * one * one).sum();
+        // Kish's effective sample size, relative to the number of draws.
+        if seen * seen >= OPEN * all * squares {
+            return blind;
+        }
+        let mean = seen / all;
+        Draws::new(cells, count, |cell| {
+            (1.0 - BLIND) * around[self.part_of(cells, cell)] / mean + BLIND
+        })
+    }
+
+    /// Each part's weight, and that of its most important neighbour: what a part's centre does not see, its border may.
+    fn spread(&self, weights: &[f32]) -> Vec<f64> {
+        let all = || self.toward.iter().zip(weights);
+        let around = all().map(|(toward, own)| {
+            let near = all().filter(|(other, _)| other.dot(*toward) > NEAR);
+            let most = near.map(|(_, weight)| *weight).fold(0.0, f32::max);
+            f64::from(own + most) / 2.0
+        });
+        around.collect()
     }
 }

@@ -2,6 +2,7 @@
 
 mod mesh;
 mod stability;
+mod survey;
 
 use std::f64::consts::PI;
 use std::sync::Arc;
