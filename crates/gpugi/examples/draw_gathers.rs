@@ -24,7 +24,7 @@ const GAP: usize = 4;
 const OPTIONS: Options = Options {
     samples: 8,
     reference: Quality {
-        samples: 96,
+        samples: 2048,
         noise: 0.0,
     },
     seed: 0,

@@ -155,7 +155,7 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
         return Choice {
             technique: RADIOSITY,
             reason: format!("nothing moves, and {triangles} triangles are soon unwrapped"),
-            settings: radiosity_sizes(triangles, is_software(adapter)),
+            settings: radiosity_sizes(triangles, Speed::of(adapter)),
         };
     }
     Choice {
@@ -176,16 +176,23 @@ fn gloss() -> Choice {
     }
 }
 
-/// Settings of shadow-map for a still picture, whose samples share the work of soft shadows. In software, where each
-/// point of an area light takes long, half as many serve each sample.
+/// Settings of shadow-map for a still picture, whose samples share the work of soft shadows. A discrete GPU draws larger
+/// depth maps; in software, where each point of an area light takes long, half as many serve each sample.
 fn soft_shadows(scene: &Scene, adapter: &AdapterSummary) -> Vec<(&'static str, String)> {
     let has_emitters = has_emitters(scene);
-    if !has_emitters && scene.lights.iter().all(|light| light.radius <= 0.0) {
-        return Vec::new();
+    let is_soft = has_emitters || scene.lights.iter().any(|light| light.radius > 0.0);
+    let mut settings = Vec::new();
+    let mut set = |name, value: u32| settings.push((name, value.to_string()));
+    match Speed::of(adapter) {
+        Speed::Software if has_emitters => set("area-samples", 32),
+        Speed::Fast => {
+            set("resolution", 2048);
+            set("area-resolution", 512);
+        }
+        Speed::Software | Speed::Modest => {}
     }
-    let mut settings = vec![("per-sample", true.to_string())];
-    if has_emitters && is_software(adapter) {
-        settings.push(("area-samples", 32.to_string()));
+    if is_soft {
+        settings.push(("per-sample", true.to_string()));
     }
     settings
 }
@@ -200,15 +207,18 @@ fn pieces(scene: &Scene) -> usize {
     used.iter().map(|&mesh| scene.meshes[mesh].pieces()).sum()
 }
 
-/// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. In software, where rays
-/// take most of the time, coarser texels get more iterates: in small scenes, noise shows before blur does.
-fn radiosity_sizes(triangles: u64, is_software: bool) -> Vec<(&'static str, String)> {
+/// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. On a discrete GPU, finer
+/// texels and more iterates still take a second or two. In software, where rays take most of the time, coarser texels
+/// get more iterates: in small scenes, noise shows before blur does.
+fn radiosity_sizes(triangles: u64, speed: Speed) -> Vec<(&'static str, String)> {
     let side = (12 * triangles).isqrt().next_power_of_two();
-    let (resolution, iterations) = if is_software {
-        let side = side.clamp(128, 512);
-        (side, 128 * 128 / side)
-    } else {
-        (side.clamp(512, 1024), 256)
+    let (resolution, iterations) = match speed {
+        Speed::Software => {
+            let side = side.clamp(128, 512);
+            (side, 128 * 128 / side)
+        }
+        Speed::Modest => (side.clamp(512, 1024), 256),
+        Speed::Fast => (1024, 384),
     };
     // Nobody watches the iterates: more per frame save the overhead of frames.
     [
@@ -235,8 +245,25 @@ fn reason(info: &Info, classes: &[LightClass]) -> String {
     format!("the scene has lights ({}){and}", lights.join(", "))
 }
 
-fn is_software(adapter: &AdapterSummary) -> bool {
-    adapter.device_type == wgpu::DeviceType::Cpu
+/// What the kind of an adapter promises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Speed {
+    /// A processor.
+    Software,
+    /// A GPU that shares the processor's memory, or one of which nothing is known, as in browsers.
+    Modest,
+    /// A GPU with memory of its own.
+    Fast,
+}
+
+impl Speed {
+    fn of(adapter: &AdapterSummary) -> Self {
+        match adapter.device_type {
+            wgpu::DeviceType::Cpu => Self::Software,
+            wgpu::DeviceType::DiscreteGpu => Self::Fast,
+            _ => Self::Modest,
+        }
+    }
 }
 
 /// Classes of light that a scene has.
@@ -285,7 +312,9 @@ mod tests {
                 choice.is_some_and(|one| !one.settings.is_empty())
             };
             let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
-            assert_eq!(has_settings(SHADOWS), is_soft);
+            let is_fast = Speed::of(&gpu.adapter) == Speed::Fast;
+            let has_shadows = still.names().iter().any(|name| name == SHADOWS);
+            assert_eq!(has_settings(SHADOWS), is_soft || is_fast && has_shadows);
             assert_eq!(has_settings(SKY), scene.environment.is_some());
             assert_eq!(has_settings(IMPOSTORS), has_glossy_objects(&scene));
             // Refused if light paths overlap, or if a setting does not exist.
@@ -314,15 +343,17 @@ mod tests {
 
     #[test]
     fn sizes_depend_on_triangles_and_kind_of_adapter_alone() {
-        let sizes = |triangles, is_software| {
-            let sizes = radiosity_sizes(triangles, is_software);
+        let sizes = |triangles, speed| {
+            let sizes = radiosity_sizes(triangles, speed);
             [0, 1].map(|at| sizes[at].1.parse::<u32>().unwrap())
         };
-        assert_eq!(sizes(1, true), [128, 128]);
-        assert_eq!(sizes(1_500, true), [256, 64]);
-        assert_eq!(sizes(MOST_UNWRAPPED, true), [512, 32]);
-        assert_eq!(sizes(1, false), [512, 256]);
-        assert_eq!(sizes(MOST_UNWRAPPED, false), [1024, 256]);
+        assert_eq!(sizes(1, Speed::Software), [128, 128]);
+        assert_eq!(sizes(1_500, Speed::Software), [256, 64]);
+        assert_eq!(sizes(MOST_UNWRAPPED, Speed::Software), [512, 32]);
+        assert_eq!(sizes(1, Speed::Modest), [512, 256]);
+        assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
+        assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
+        assert_eq!(sizes(MOST_UNWRAPPED, Speed::Fast), [1024, 384]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
-use gpugi_scene::{Camera, Projection};
+use gpugi_scene::{Bounds, Camera, Projection};
 
 use super::depth::DepthViewSpec;
 
@@ -195,6 +195,45 @@ impl CubeView {
             },
             clip_from_world: faces.map(|face| face.clip_from_world),
         }
+    }
+}
+
+impl CubeView {
+    /// The six faces of a box, seen from outside along their normals: parallel views with `side` x `side` texels each.
+    pub fn of_box(bounds: &Bounds, side: u32) -> Self {
+        let center = bounds.center();
+        // Slightly larger, so that what lies in the box's faces is seen, and no face has zero size.
+        let half = (bounds.max - bounds.min) * 0.505 + Vec3::splat(bounds.diagonal() * 1e-3);
+        let cube = Self::new(center, side, 0.0, 0, 0);
+        Self {
+            uniform: ViewUniform {
+                origin_dx: half.to_array(),
+                faces: 7,
+                ..cube.uniform
+            },
+            clip_from_world: std::array::from_fn(|face| {
+                let [u, v, axis] = cube_frame(face);
+                // Reverse depth: greater farther out.
+                let rows = [-u / half, -v / half, 0.5 * axis / half].map(|row| row.extend(0.0));
+                let mut clip_from_world = Mat4::from_cols(rows[0], rows[1], rows[2], Vec4::W);
+                clip_from_world = clip_from_world.transpose();
+                clip_from_world.w_axis.z = 0.5;
+                clip_from_world * Mat4::from_translation(-center)
+            }),
+        }
+    }
+}
+
+/// Axes of a cube's face: along its two coordinates, and outward (`frame` of shared/cube.wesl).
+fn cube_frame(face: usize) -> [Vec3; 3] {
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    match face {
+        0 => [-z, -y, x],
+        1 => [z, -y, -x],
+        2 => [x, z, y],
+        3 => [x, -z, -y],
+        4 => [x, -y, z],
+        _ => [-x, -y, -z],
     }
 }
 

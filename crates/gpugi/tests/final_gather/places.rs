@@ -3,8 +3,8 @@
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::builtin::shapes::sphere;
-use gpugi_scene::{Camera, Material, MaterialModel, Scene};
+use gpugi_scene::builtin::shapes::{cuboid, join, sphere};
+use gpugi_scene::{Camera, Light, LightKind, Material, MaterialModel, Scene};
 
 use super::common::{gpu, measured, picture, renderer_of, shining_room};
 
@@ -206,4 +206,34 @@ fn a_phong_ball_in_a_furnace_has_its_albedo() {
         }
         assert!(count > 50, "{count}");
     }
+}
+
+/// An object in the open: a floor that a lamp lights, and a wall whose front the lamp cannot reach. Light from the floor
+/// alone reaches the wall.
+fn corner() -> Scene {
+    let floor = cuboid(vec3(0.0, -0.1, -0.8), vec3(1.2, 0.0, 0.8), 1);
+    let wall = cuboid(vec3(-0.1, -0.1, -0.8), vec3(0.0, 1.0, 0.8), 1);
+    let mut scene = Scene::default();
+    let mesh = scene.add_mesh(join("corner", [floor, wall]));
+    let material = scene.add_material(Material::matt("matt", vec3(0.8, 0.7, 0.6)));
+    scene.add_instance("ball", mesh, material, Mat4::IDENTITY);
+    let lamp = Light::new("lamp", LightKind::Point, Vec3::splat(10.0));
+    scene.lights.push(lamp.aimed(vec3(-0.5, 3.0, 0.0), Vec3::ZERO));
+    scene
+}
+
+#[test]
+fn lit_parts_of_an_object_light_its_other_parts() {
+    let Some(gpu) = gpu() else { return };
+    let scene = corner();
+    let camera = Camera::look_at("", vec3(2.0, 0.9, 0.6), vec3(0.3, 0.3, 0.0), 0.7);
+    let [with, without] = ["own-surface=true", "own-surface=false"].map(|setting| {
+        let settings = [&own("glossy=false")[..], &[setting]].concat();
+        let mut renderer = renderer_of(&gpu, &scene, &TECHNIQUES, 32, "final-gather", &settings);
+        let found = measured(&gpu, &scene, &camera, &mut renderer, [8, 1024]);
+        let truth = &found.truth.radiance;
+        of_ball(&scene, &found.radiance, truth, &renderer, 32)
+    });
+    println!("rel-mse {with:.1e}, {without:.1e} without the object's own surface");
+    assert!(with < 0.01 && without > 10.0 * with, "{with}, {without}");
 }

@@ -15,7 +15,26 @@ pub struct Probes {
     pub resolution: u32,
     pub cubes_per_row: u32,
     pub diagonal: f32,
-    pub padding: u32,
+    pub own: u32,
+}
+
+impl Probes {
+    /// Lights of all reference points between which light bounces: `surfaces` of lights.wesl.
+    pub const fn surfaces(&self) -> u32 {
+        (1 + self.own) * self.count * 6 * self.side * self.side
+    }
+
+    /// Bytes of all reference points and their lights: rows of 16 bytes, two per point and two per light of a surface or
+    /// of the sky.
+    pub const fn light_bytes(&self) -> u64 {
+        let of_sky = self.count as u64 * 6 * self.side as u64 * self.side as u64;
+        32 * (self.count as u64 + of_sky + self.surfaces() as u64)
+    }
+
+    /// Bytes of the sources of surfaces' lights: `sources` of downsample.wesl.
+    pub const fn source_bytes(&self) -> u64 {
+        32 * self.surfaces() as u64
+    }
 }
 
 /// `Work` of work.wesl.
@@ -34,14 +53,4 @@ pub struct Work {
     pub margin: f32,
     pub high: [f32; 3],
     pub padding: u32,
-}
-
-/// Bytes of a reference point and its lights: `point_row` of lights.wesl.
-pub const fn point_bytes(side: u32) -> u64 {
-    16 * (2 + 4 * 6 * side as u64 * side as u64)
-}
-
-/// Bytes of the sources of a reference point's lights: `sources` of downsample.wesl.
-pub const fn source_bytes(side: u32) -> u64 {
-    32 * 6 * side as u64 * side as u64
 }

@@ -130,7 +130,7 @@ impl Layout {
             resolution,
             cubes_per_row: (WIDEST / (6 * resolution)).max(1),
             diagonal: scene.diagonal(),
-            padding: 0,
+            own: 0,
         };
         let within = |count: u64, most: u64| {
             if count <= most {
@@ -149,6 +149,7 @@ impl Layout {
             },
             Self::Objects(key) => gpu::Probes {
                 count: within(key.objects().count() as u64, MOST_OBJECTS)?,
+                own: u32::from(settings.own_surface && settings.localize),
                 ..probes
             },
             Self::Camera => probes,
@@ -194,13 +195,14 @@ impl Made {
                 adapter: gpu.adapter.name.clone(),
             }
         })?;
-        let kernels = Kernels::new(gpu, scene, settings)?;
+        let kernels = Kernels::new(gpu, scene, settings, probes.own == 1)?;
         let maps = Maps::new(gpu, &kernels, settings, probes)?;
         let at_once = settings.faces_per_frame;
         let cubes = match &of {
             Layout::Objects(key) => {
+                let capture = earlier.impostors.capture_kernels();
                 let objects = key.objects().map(|(instance, _)| {
-                    ObjectPoint::new(gpu, &kernels, &maps, settings, instance)
+                    ObjectPoint::new(gpu, capture, &kernels, &maps, settings, instance)
                 });
                 Cubes::OfObjects {
                     objects: objects.collect::<Result<_, _>>()?,

@@ -2,7 +2,7 @@
 
 use wgpu::BindingResource::TextureView;
 
-use super::gpu::{self, point_bytes, source_bytes};
+use super::gpu;
 use super::places::Places;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Gather, Output, PerReceiver, Receiver, SurfacePoints, Target};
@@ -19,21 +19,30 @@ const BOUNCE_LANES: u32 = 32;
 pub struct Kernels {
     downsample: Kernel,
     state: Kernel,
+    /// Makes lights of objects' own surfaces.
+    pub own: Kernel,
     bounce: Kernel,
     light_points: Kernel,
     pub gather: Gather,
 }
 
 impl Kernels {
-    /// Compiles the passes.
+    /// Compiles the passes. `has_own`: whether objects' own surfaces are lights.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        has_own: bool,
+    ) -> Result<Self, GpuError> {
         let layout = Some(&scene.layout);
         let flag = |is_on: bool| f64::from(u8::from(is_on));
         let solid_angle = ("SOLID_ANGLE", f64::from(settings.solid_angle as u8));
         let visibility = ("VISIBILITY", f64::from(settings.visibility as u8));
+        let glossy = ("GLOSSY", flag(settings.glossy));
+        let has_own = ("OWN", flag(has_own));
         let kernel = |shader, entry, constants| {
             let options = KernelOptions {
                 constants,
@@ -47,7 +56,8 @@ impl Kernels {
         let gather = [
             solid_angle,
             visibility,
-            ("GLOSSY", flag(settings.glossy)),
+            has_own,
+            glossy,
             ("DRAWN", f64::from(settings.blend as u8)),
             ("NORMALIZE", flag(settings.normalize)),
             ("LOCALIZE", flag(settings.localize)),
@@ -57,7 +67,8 @@ impl Kernels {
         Ok(Self {
             downsample: kernel(&downsample, "main", &[solid_angle])?,
             state: kernel(&downsample, "state", &[solid_angle])?,
-            bounce: kernel(&bounce, "main", &[solid_angle, visibility])?,
+            own: kernel(&shader!("techniques.final_gather.own"), "main", &[glossy])?,
+            bounce: kernel(&bounce, "main", &[solid_angle, visibility, has_own])?,
             light_points: kernel(&light_points, "main", &[])?,
             // Every index in range: that of a point ends at the view's last; those of reference points, lights and
             // texels are clamped to counts by which their buffers and the map were made. The exception is obscurances,
@@ -87,7 +98,8 @@ pub struct Maps {
     pub distances: wgpu::Texture,
     /// Bind group 2 of the gather, and the obscurances in it.
     gathered: (wgpu::BindGroup, wgpu::Buffer),
-    uniform: wgpu::Buffer,
+    /// [`Maps::probes`].
+    pub uniform: wgpu::Buffer,
     bounced: [wgpu::BindGroup; 2],
     lit: [wgpu::BindGroup; 2],
 }
@@ -103,11 +115,11 @@ impl Maps {
         settings: &Settings,
         probes: gpu::Probes,
     ) -> Result<Self, GpuError> {
-        let (side, count) = (probes.side, u64::from(probes.count));
+        let count = u64::from(probes.count);
         let storage = wgpu::BufferUsages::STORAGE;
-        let bytes = point_bytes(side) * count;
+        let bytes = probes.light_bytes();
         let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
-        let bytes = source_bytes(side) * count;
+        let bytes = probes.source_bytes();
         let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
         let ways_out = gpu.buffer("final-gather.ways-out", 16 * count, storage)?;
         let cube = [6 * probes.resolution, probes.resolution];
@@ -193,12 +205,12 @@ impl Maps {
         } else {
             1
         };
-        u64::from(self.probes.count) * of_point * of_point * points
+        u64::from(self.probes.surfaces()) * of_point * points
     }
 
     /// Lets light bounce this often between all lights: pass `final-gather.bounce`.
     pub fn bounce(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels, times: u32) {
-        let count = 6 * self.probes.side * self.probes.side * self.probes.count;
+        let count = self.probes.surfaces();
         frame.compute("final-gather.bounce", |pass| {
             for _ in 0..times {
                 for (kernel, [read, written], invocations) in [
@@ -230,7 +242,8 @@ fn read<'a>(
 #[derive(Debug)]
 pub struct Bench {
     target: Target,
-    work: wgpu::Buffer,
+    /// What is to be made of the faces.
+    pub work: wgpu::Buffer,
     written: wgpu::BindGroup,
     seen: PerReceiver<wgpu::BindGroup>,
 }

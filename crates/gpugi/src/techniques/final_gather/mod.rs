@@ -8,6 +8,7 @@ pub(crate) mod gpu;
 mod made;
 mod maps;
 mod objects;
+mod own;
 mod places;
 mod placing;
 mod points;

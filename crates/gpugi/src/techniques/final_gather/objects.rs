@@ -2,8 +2,9 @@
 
 use super::gpu::Work;
 use super::maps::{Bench, Kernels, Making, Maps};
+use super::own::OwnSurface;
 use super::settings::Settings;
-use crate::capture::{CubeView, SurfacePoints, ViewUniform};
+use crate::capture::{CaptureKernels, CubeView, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::{Renew, Renewal, Wanted};
 use crate::techniques::Earlier;
@@ -14,6 +15,8 @@ pub struct ObjectPoint {
     instance: u32,
     wanted: Wanted,
     bench: Bench,
+    /// Unless its own surface is no light.
+    own: Option<OwnSurface>,
     /// View of the cube's points, with what is asked for there.
     view: wgpu::Buffer,
     is_stale: bool,
@@ -30,6 +33,7 @@ impl ObjectPoint {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
+        capture: &CaptureKernels,
         kernels: &Kernels,
         maps: &Maps,
         settings: &Settings,
@@ -37,6 +41,10 @@ impl ObjectPoint {
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
         let bytes = size_of::<ViewUniform>() as u64;
+        let bench = Bench::new(gpu, kernels, maps, side)?;
+        let own = (maps.probes.own == 1)
+            .then(|| OwnSurface::new(gpu, capture, kernels, maps, &bench.work, side))
+            .transpose()?;
         Ok(Self {
             instance,
             wanted: Wanted {
@@ -51,7 +59,8 @@ impl ObjectPoint {
                     faces: settings.faces_per_frame.min(6),
                 },
             },
-            bench: Bench::new(gpu, kernels, maps, side)?,
+            bench,
+            own,
             view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
             is_stale: true,
             renewals: 0,
@@ -97,6 +106,9 @@ impl ObjectPoint {
             ..making.work
         };
         self.bench.light(frame, making, earlier, &points, &work)?;
+        if let Some(own) = &mut self.own {
+            own.light(frame, making, earlier, &work)?;
+        }
         Ok(true)
     }
 
@@ -112,6 +124,6 @@ impl ObjectPoint {
 
     /// Bytes of the light of its cube.
     pub fn bytes(&self) -> u64 {
-        self.bench.bytes()
+        self.bench.bytes() + self.own.as_ref().map_or(0, OwnSurface::bytes)
     }
 }

@@ -77,6 +77,8 @@ crate::settings! {
         /// Whether obscurances, which have to be in use, multiply the light: they darken corners and folds that the area
         /// lights do not resolve.
         pub occlusion: bool = false => any(),
+        /// Whether the lit surface of an object with a reference point of its own lights the object's other parts.
+        pub own_surface: bool = true => any(),
         /// Faces of cubes that are captured per frame; the others follow in the next frames.
         pub faces_per_frame: u32 = 48 => in_range(1.0, 6144.0),
         /// Objects that are lit by points of their own: names separated by commas, * for any characters; * alone: all,
