@@ -218,7 +218,9 @@ fn corner() -> Scene {
     let material = scene.add_material(Material::matt("matt", vec3(0.8, 0.7, 0.6)));
     scene.add_instance("ball", mesh, material, Mat4::IDENTITY);
     let lamp = Light::new("lamp", LightKind::Point, Vec3::splat(10.0));
-    scene.lights.push(lamp.aimed(vec3(-0.5, 3.0, 0.0), Vec3::ZERO));
+    scene
+        .lights
+        .push(lamp.aimed(vec3(-0.5, 3.0, 0.0), Vec3::ZERO));
     scene
 }
 

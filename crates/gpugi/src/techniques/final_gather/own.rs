@@ -2,7 +2,9 @@
 
 use super::gpu::Work;
 use super::maps::{Kernels, Making, Maps};
-use crate::capture::{Capture, CaptureKernels, CubeView, Output, PerReceiver, Receiver, SurfacePoints, Target};
+use crate::capture::{
+    Capture, CaptureKernels, CubeView, Output, PerReceiver, Receiver, SurfacePoints, Target,
+};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::techniques::Earlier;
 
