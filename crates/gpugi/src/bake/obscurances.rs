@@ -16,14 +16,14 @@ use crate::scene::GpuScene;
 use crate::techniques::obscurances::{ObscurancePage, Settings, Solution};
 
 /// Words of `Texel` of obscurance.wesl; the sums are those from `FIRST_SUM` on.
-const WORDS: usize = 8;
-const FIRST_SUM: usize = 2;
+const WORDS: usize = 12;
+const FIRST_SUM: usize = 3;
 /// Sum of a sample of value 1, and the most samples of a texel.
 const UNIT: u64 = 65_535;
 const MOST_SAMPLES: u32 = 65_536;
 
-/// Sums of a texel, as in `Texel` of obscurance.wesl: samples, those in which nothing was within reach, and of the
-/// others rho and rho times the albedo.
+/// Sums of a texel, as in `Texel` of obscurance.wesl: samples, those in which nothing was within reach, of the others
+/// rho and rho times the albedo, and of the open ones the directions.
 type Sums = [u32; WORDS - FIRST_SUM];
 
 /// Computes the obscurances of an atlas. Its sums are integers, so that the order of its samples does not matter.
@@ -307,8 +307,11 @@ impl Bake for ObscuranceBake {
 
 /// Whether these can be the sums of a texel.
 fn are_sums(sums: &Sums) -> bool {
-    let [count, open, rho, colors @ ..] = sums;
-    let most = u64::from(count.saturating_sub(*open)) * UNIT;
-    let is_within = |sum: &u32| u64::from(*sum) <= most;
-    *count <= MOST_SAMPLES && open <= count && is_within(rho) && colors.iter().all(is_within)
+    let [count, open, of_near @ .., x, y, z] = sums;
+    let is_within = |sum: &u32, samples: u32| u64::from(*sum) <= u64::from(samples) * UNIT;
+    let near = count.saturating_sub(*open);
+    *count <= MOST_SAMPLES
+        && open <= count
+        && of_near.iter().all(|sum| is_within(sum, near))
+        && [x, y, z].iter().all(|sum| is_within(sum, *open))
 }

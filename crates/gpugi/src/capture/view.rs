@@ -122,6 +122,26 @@ impl View {
 }
 
 impl View {
+    /// What the same camera sees in a picture of another size, in no sample, for a scene of this `diagonal` (m).
+    pub fn at_size(&self, size: [u32; 2], diagonal: f32) -> Self {
+        let projection = if self.is_perspective {
+            Projection::Perspective {
+                vertical_fov: 2.0 * self.half_extent.y.atan(),
+            }
+        } else {
+            Projection::Orthographic {
+                height: 2.0 * self.half_extent.y,
+            }
+        };
+        let camera = Camera {
+            name: Default::default(),
+            world_from_view: self.world_from_view,
+            projection,
+            node: None,
+        };
+        Self::new(&camera, size, Vec2::ZERO, Self::NO_SAMPLE, 0, diagonal)
+    }
+
     /// The rows `rows` of this view's picture, lit as a picture of their own: the same rays, the same random numbers.
     pub fn of_rows(&self, rows: &std::ops::Range<u32>) -> Self {
         let all = self.uniform.height as f32;

@@ -135,7 +135,7 @@ pub struct Lookup {
 }
 
 impl Prefiltered {
-    /// Bind group 2 of a pass that imports lookup.wesl and uses group 2 for it alone.
+    /// Bind group 2 of a pass that imports lookup.wesl: the maps, and `more` of the pass's own.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -144,6 +144,7 @@ impl Prefiltered {
         gpu: &Gpu,
         kernel: &Kernel,
         lookup: Lookup,
+        more: &[(&str, wgpu::BindingResource<'_>)],
     ) -> Result<wgpu::BindGroup, GpuError> {
         let [ggx, phong] = &self.glossy;
         let settings = LookupSettings {
@@ -163,7 +164,7 @@ impl Prefiltered {
             ("phong_cube", TextureView(&cube_view(phong))),
             ("albedo_table", TextureView(&albedo)),
         ];
-        kernel.bind(gpu, 2, &resources)
+        kernel.bind(gpu, 2, &[&resources[..], more].concat())
     }
 
     /// All maps that are textures.

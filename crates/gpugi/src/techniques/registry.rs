@@ -50,24 +50,24 @@ impl Default for Registry {
                 make: |_, _| Ok(Box::new(radiance_transfer::RadianceTransfer::default())),
             },
             Registration {
-                info: &environment_map::INFO,
-                fields: environment_map::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
-            },
-            Registration {
                 info: &caustics::INFO,
                 fields: caustics::Settings::fields,
                 make: |gpu, scene| Ok(Box::new(caustics::Caustics::new(gpu, scene)?)),
             },
             Registration {
-                info: &radiosity::INFO,
-                fields: radiosity::Settings::fields,
-                make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
-            },
-            Registration {
                 info: &obscurances::INFO,
                 fields: obscurances::Settings::fields,
                 make: |_, _| Ok(Box::new(obscurances::Obscurances::default())),
+            },
+            Registration {
+                info: &environment_map::INFO,
+                fields: environment_map::Settings::fields,
+                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &radiosity::INFO,
+                fields: radiosity::Settings::fields,
+                make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
             },
             Registration {
                 info: &final_gather::INFO,

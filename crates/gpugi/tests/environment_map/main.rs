@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod glass;
+mod occlusion;
 
 use std::sync::Arc;
 

@@ -232,14 +232,15 @@ fn unsound_obscurances_are_refused() {
     };
     let mut bake = ObscuranceBake::new(&gpu, &scene, &atlas, &settings, 2).unwrap();
     let part = bake.run(&bake.tasks()[0]).unwrap();
-    let unsound: [fn(&mut ObscurancePart); 7] = [
+    let unsound: [fn(&mut ObscurancePart); 8] = [
         |part| part.tile = u32::MAX,
         |part| part.samples = 1..3,
         |part| part.samples = 2..2,
         |part| part.sums.truncate(7),
         |part| part.sums[3][0] = u32::MAX,
-        |part| part.sums[3] = [1, 2, 0, 0, 0, 0],
-        |part| part.sums[3] = [2, 1, 0, 0, u32::MAX, 0],
+        |part| part.sums[3] = [1, 2, 0, 0, 0, 0, 0, 0, 0],
+        |part| part.sums[3] = [2, 1, 0, 0, u32::MAX, 0, 0, 0, 0],
+        |part| part.sums[3] = [2, 1, 0, 0, 0, 0, 0, 0, 65_536],
     ];
     refuses(&mut bake, &part, &unsound).unwrap();
     assert!(bake.run(&Task::Maps).is_err());

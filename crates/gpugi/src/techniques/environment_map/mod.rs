@@ -13,6 +13,7 @@ mod export_tests;
 #[cfg(test)]
 mod tests;
 
+use super::obscurances::{self, Attenuation, Obscurances};
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -83,6 +84,8 @@ crate::settings! {
         pub metals: Metals = Metals::Exact => any(),
         /// Transmissive objects that refract the environment, once: none, solids or all; others are seen through.
         pub refraction: Refraction = Refraction::Solids => any(),
+        /// Whether near surfaces hide the environment from the diffuse lobe, as far as obscurances tell.
+        pub occlusion: bool = false => any(),
         /// Objects that get all lobes of the environment's light from this technique: names separated by commas, * for
         /// any characters; auto: all, or none beside image-based-lighting.
         pub objects: String = AUTO.to_owned() => any(),
@@ -101,14 +104,20 @@ pub struct EnvironmentMap {
     is_whole: bool,
     /// Whether any object needs more than the environment's image.
     needs_maps: bool,
+    /// The environment's maps, once generated.
+    maps: Option<(Prefiltered, Lookup)>,
+    /// With [`Settings::occlusion`], what hides them.
+    occlusion: Option<Attenuation>,
+    /// Stands in for what `occlusion` finds.
+    unhidden: wgpu::Buffer,
     bound: Option<BoundMaps>,
 }
 
-/// The environment's maps, and bind group 2 of the gather with them.
+/// The environment's maps and what hides them, and bind group 2 of the gather with both.
 #[derive(Debug)]
 struct BoundMaps {
-    maps: Prefiltered,
-    lookup: Lookup,
+    maps: (Prefiltered, Lookup),
+    openness: wgpu::Buffer,
     group: wgpu::BindGroup,
 }
 
@@ -135,21 +144,51 @@ impl EnvironmentMap {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let shader = shader!("techniques.environment_map.gather");
         Ok(Self {
             settings: Settings::default(),
-            gather: Gather::new(gpu, scene, &shader, &[])?,
+            gather: gather(gpu, scene, false)?,
             is_whole: true,
             needs_maps: true,
+            maps: None,
+            occlusion: None,
+            unhidden: gpu.buffer("openness of no point", 16, wgpu::BufferUsages::STORAGE)?,
             bound: None,
         })
+    }
+
+    /// Reads the present obscurances.
+    fn follow_obscurances(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        earlier: &Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let obscurances = earlier.technique().and_then(Obscurances::solution);
+        let solution = obscurances.filter(|_| self.settings.occlusion);
+        if solution.is_some() != self.occlusion.is_some() {
+            self.gather = gather(gpu, scene, solution.is_some())?;
+            self.bound = None;
+        }
+        let is_current = |one: &Attenuation| solution.is_some_and(|solution| one.is_of(solution));
+        if !self.occlusion.as_ref().is_some_and(is_current) {
+            let made = solution.map(|solution| Attenuation::new(gpu, scene, solution));
+            self.occlusion = made.transpose()?;
+        }
+        Ok(())
     }
 
     /// Radiance of the environment in spherical harmonics, 9 x 4 floats in the order of
     /// shared/spherical_harmonics.wesl, once generated; without rotation and intensity.
     pub fn harmonics(&self) -> Option<&wgpu::Buffer> {
-        self.bound.as_ref().map(|bound| &bound.maps.harmonics)
+        self.maps.as_ref().map(|(maps, _)| &maps.harmonics)
     }
+}
+
+/// The pass that adds the light; `is_hidden`: as far as obscurances let it.
+fn gather(gpu: &Gpu, scene: &GpuScene, is_hidden: bool) -> Result<Gather, GpuError> {
+    let shader = shader!("techniques.environment_map.gather");
+    let constants = [("OCCLUSION", f64::from(u8::from(is_hidden)))];
+    Gather::new(gpu, scene, &shader, &constants)
 }
 
 impl Technique for EnvironmentMap {
@@ -197,7 +236,10 @@ impl Technique for EnvironmentMap {
             claims,
             object_names: chosen(&self.settings.objects),
             lookups: 1,
-            needs: None,
+            needs: self
+                .settings
+                .occlusion
+                .then_some((obscurances::INFO.name, "occlusion")),
         }
     }
 
@@ -221,14 +263,8 @@ impl Technique for EnvironmentMap {
         }
         let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
         let (maps, generated) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
-        let is_bound = |bound: &BoundMaps| bound.maps == *maps && bound.lookup == lookup;
-        if !self.bound.as_ref().is_some_and(is_bound) {
-            self.bound = Some(BoundMaps {
-                group: maps.bind(frame.gpu, self.gather.kernel(), lookup)?,
-                maps: maps.clone(),
-                lookup,
-            });
-        }
+        self.maps = Some((maps.clone(), lookup));
+        self.follow_obscurances(frame.gpu, scene, earlier)?;
         Ok(generated)
     }
 
@@ -244,13 +280,33 @@ impl Technique for EnvironmentMap {
         if scene.environment.is_none() || !is_lit {
             return Ok(());
         }
-        let maps: Vec<_> = self.bound.iter().map(|bound| &bound.group).collect();
+        let Some(maps) = &self.maps else {
+            return Ok(());
+        };
+        let openness = match &mut self.occlusion {
+            Some(occlusion) => occlusion.record(frame, scene, receiver)?,
+            None => &self.unhidden,
+        };
+        let bound = match self.bound.take() {
+            Some(bound) if bound.maps == *maps && bound.openness == *openness => bound,
+            _ => BoundMaps {
+                group: maps.0.bind(
+                    frame.gpu,
+                    self.gather.kernel(),
+                    maps.1,
+                    &[("openness", openness.as_entire_binding())],
+                )?,
+                maps: maps.clone(),
+                openness: openness.clone(),
+            },
+        };
+        let groups = [&self.bound.insert(bound).group];
         self.gather
-            .record(frame, "environment-map.gather", scene, receiver, &maps)
+            .record(frame, "environment-map.gather", scene, receiver, &groups)
     }
 
     fn inspect(&self) -> Inspection {
-        let textures = self.bound.iter().flat_map(|bound| bound.maps.textures());
+        let textures = self.maps.iter().flat_map(|(maps, _)| maps.textures());
         let names = ["radiance", "irradiance", "ggx", "phong", "albedo"];
         let maps = names
             .iter()

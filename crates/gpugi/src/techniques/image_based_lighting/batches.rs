@@ -274,6 +274,13 @@ impl Batches {
         made.batches.first().map(|batch| &batch.atlas)
     }
 
+    /// The directions whose depth maps share an atlas, and bind group 2 of passes that look these maps up, with the
+    /// resources of gather.wesl; if all are kept.
+    pub fn maps(&self) -> impl Iterator<Item = (std::ops::Range<u32>, &wgpu::BindGroup)> {
+        let made = self.made.iter().flat_map(|made| &made.batches);
+        made.map(|batch| (batch.directions.clone(), &batch.group))
+    }
+
     /// Adds the light of every direction to the receiver's target: see gather.wesl.
     ///
     /// # Errors

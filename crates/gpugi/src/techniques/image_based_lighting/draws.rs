@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::domains::Domain;
 use super::gpu::Grid;
-use crate::gpu::ReadBack;
+use crate::gpu::{GpuError, ReadBack};
 use crate::sequences::{R2, additive};
 
 /// Iterations that find how many draws each cell expects.
@@ -20,6 +20,39 @@ const GOLDEN: [f64; 1] = [0.618_033_988_749_894_9];
 pub struct CellsOnTheWay {
     pub grid: Grid,
     pub rows: ReadBack<Vec<[f32; 4]>>,
+}
+
+impl CellsOnTheWay {
+    /// The cells, once they have arrived.
+    pub fn get(&self) -> Option<Result<CellsOfSky, GpuError>> {
+        let rows = self.rows.get()?;
+        Some(rows.map(|rows| CellsOfSky {
+            grid: self.grid,
+            rows,
+        }))
+    }
+}
+
+/// The cells of an environment, as reduce.wesl writes them.
+#[derive(Debug)]
+pub struct CellsOfSky {
+    pub grid: Grid,
+    pub rows: Vec<[f32; 4]>,
+}
+
+impl CellsOfSky {
+    /// Column and row of each cell, the integral of the radiance over it (W/m^2), and its solid angle (sr); along a
+    /// curve on which neighbours are neighbours on the map.
+    pub fn all(&self) -> impl Iterator<Item = ([u32; 2], Vec3, f32)> {
+        let Grid { width, height, .. } = self.grid;
+        let side = width.div_ceil(2).max(height).next_power_of_two();
+        let steps = (0..2 * side * side).map(move |step| along_curve(step, side));
+        let within = steps.filter(move |&[column, row]| column < width && row < height);
+        within.map(|[column, row]| {
+            let [r, g, b, solid_angle] = self.rows[(row * self.grid.stride + column) as usize];
+            ([column, row], Vec3::new(r, g, b), solid_angle)
+        })
+    }
 }
 
 /// The cells of an environment, with the number of draws that each expects.
@@ -45,40 +78,38 @@ struct Cell {
 }
 
 impl Draws {
-    /// `count` draws per sample, from cells as reduce.wesl writes them. The number that a cell expects is proportional
-    /// to its power, but at most 1: several draws from one cell would nearly coincide.
-    pub fn new(grid: Grid, rows: &[[f32; 4]], count: u32) -> Self {
-        let side = grid.width.div_ceil(2).max(grid.height).next_power_of_two();
-        let mut cells: Vec<Cell> = (0..2 * side * side)
-            .map(|step| along_curve(step, side))
-            .filter(|&[column, row]| column < grid.width && row < grid.height)
-            .map(|[column, row]| {
-                let [r, g, b, solid_angle] = rows[(row * grid.stride + column) as usize];
-                let flux_density = Vec3::new(r, g, b);
-                Cell {
-                    column,
-                    row,
-                    flux_density,
-                    solid_angle,
-                    expected: 0.0,
-                    before: 0.0,
-                }
-            })
-            .filter(|cell| cell.power() > 0.0)
-            .collect();
-        // The power that one draw stands for: where cells are brighter, the share of the others shrinks.
+    /// `count` draws per sample. The number that a cell expects is proportional to its power and to its importance
+    /// (above 0), but at most 1: several draws from one cell would nearly coincide.
+    pub fn new(cells: &CellsOfSky, count: u32, importance: impl Fn([u32; 2]) -> f64) -> Self {
+        let grid = cells.grid;
+        let of_sky = cells.all().map(|(cell, flux_density, solid_angle)| Cell {
+            column: cell[0],
+            row: cell[1],
+            flux_density,
+            solid_angle,
+            expected: power(flux_density) * importance(cell),
+            before: 0.0,
+        });
+        let mut cells: Vec<Cell> = of_sky.filter(|cell| cell.expected > 0.0).collect();
+        // The power, times importance, that one draw stands for: where cells have more, the share of the others shrinks.
         let mut share = f64::INFINITY;
         for _ in 0..ROUNDS {
-            let sum: f64 = cells.iter().map(|cell| cell.power().min(share)).sum();
+            let sum: f64 = cells.iter().map(|cell| cell.expected.min(share)).sum();
             share = sum / f64::from(count);
         }
         let mut before = 0.0;
         for cell in &mut cells {
             cell.before = before;
-            cell.expected = (cell.power() / share).min(1.0);
+            cell.expected = (cell.expected / share).min(1.0);
             before += cell.expected;
         }
         Self { grid, count, cells }
+    }
+
+    /// Column and row of each cell with light, and the number of draws that it expects.
+    pub fn expected(&self) -> impl Iterator<Item = ([u32; 2], f64)> {
+        let cells = self.cells.iter();
+        cells.map(|cell| ([cell.column, cell.row], cell.expected))
     }
 
     /// The directions of sample `turn`, with the light that each stands for: systematic sampling along the curve.
@@ -115,11 +146,9 @@ impl Draws {
     }
 }
 
-impl Cell {
-    /// Luminance of the flux density (W/m^2).
-    fn power(&self) -> f64 {
-        f64::from(self.flux_density.dot(Vec3::new(0.2126, 0.7152, 0.0722)))
-    }
+/// Luminance of a flux density (W/m^2).
+fn power(flux_density: Vec3) -> f64 {
+    f64::from(flux_density.dot(Vec3::new(0.2126, 0.7152, 0.0722)))
 }
 
 /// `along_curve` of domains.wesl.

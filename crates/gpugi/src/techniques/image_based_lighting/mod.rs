@@ -1,7 +1,8 @@
 //! Image-based lighting: the environment as directional lights with shadows (tutorial section 3.2.3).
 //!
 //! Generate: splits the environment into N directional domains (domains.rs), each with a depth map that covers the
-//! scene; the maps lie in batches with one atlas per batch (batches.rs). Gather: sums visibility times light times
+//! scene; the maps lie in batches with one atlas per batch (batches.rs). Or draws directions anew for each sample of a
+//! picture (draws.rs), where the camera sees the environment (survey.rs). Gather: sums visibility times light times
 //! average reflectivity over the domains. docs/techniques/image-based-lighting.md.
 
 mod batches;
@@ -10,14 +11,16 @@ mod domains;
 mod draws;
 pub(crate) mod gpu;
 mod ratio;
+mod survey;
 #[cfg(test)]
 mod tests;
 
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
-use draws::{CellsOnTheWay, Draws};
+use draws::{CellsOfSky, CellsOnTheWay};
 use glam::{Mat3, Vec3};
 use ratio::RatioPass;
+use survey::Survey;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
@@ -105,6 +108,8 @@ pub struct ImageBasedLighting {
     /// The same, on its way from the GPU.
     on_the_way: Option<SourcesOnTheWay>,
     batches: Batches,
+    /// With [`Settings::per_sample`], what the camera sees of the environment.
+    survey: Survey,
     /// Largest side of an atlas (texels).
     atlas_side: u32,
     /// For [`Reflectivity::Ratio`], once generated.
@@ -126,8 +131,8 @@ struct Sources {
     of: SourcesKey,
     /// For all samples of a picture alike.
     domains: Vec<Domain>,
-    /// With [`Settings::per_sample`], for each sample.
-    draws: Option<Draws>,
+    /// With [`Settings::per_sample`], what is drawn from for each sample.
+    cells: Option<CellsOfSky>,
 }
 
 /// [`Sources`] on their way from the GPU.
@@ -136,24 +141,22 @@ struct SourcesOnTheWay {
     of: SourcesKey,
     domains: DomainsOnTheWay,
     cells: Option<CellsOnTheWay>,
-    draws: Option<Draws>,
 }
 
 impl SourcesOnTheWay {
     /// The sources, once everything has arrived.
-    fn get(&mut self) -> Option<Result<Sources, GpuError>> {
-        if let Some(CellsOnTheWay { grid, rows }) = &self.cells {
-            match rows.get()? {
-                Ok(rows) => self.draws = Some(Draws::new(*grid, &rows, self.of.1.samples)),
-                Err(error) => return Some(Err(error)),
-            }
-            self.cells = None;
-        }
+    fn get(&self) -> Option<Result<Sources, GpuError>> {
         let domains = self.domains.get()?;
-        Some(domains.map(|domains| Sources {
-            of: self.of.clone(),
-            domains,
-            draws: self.draws.take(),
+        let cells = match &self.cells {
+            Some(cells) => Some(cells.get()?),
+            None => None,
+        };
+        Some(domains.and_then(|domains| {
+            Ok(Sources {
+                of: self.of.clone(),
+                domains,
+                cells: cells.transpose()?,
+            })
         }))
     }
 }
@@ -170,6 +173,7 @@ impl ImageBasedLighting {
             found: None,
             on_the_way: None,
             batches: Batches::new(gpu, scene, settings.reflectivity)?,
+            survey: Survey::new(gpu)?,
             atlas_side: ATLAS_SIDE,
             ratio: None,
             settings,
@@ -179,58 +183,45 @@ impl ImageBasedLighting {
         })
     }
 
-    /// Where the light comes from. It is computed again only when texels or settings have changed; a new rotation or
-    /// intensity keeps it. `None` while it is on its way from the GPU.
-    fn sources(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-    ) -> Result<Option<&Sources>, GpuError> {
+    /// Computes where the light comes from; again only when texels or settings have changed: a new rotation or intensity
+    /// keeps it. False while it is on its way from the GPU.
+    fn find_sources(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<bool, GpuError> {
         let key = (scene.versions.environment, self.settings.clone());
-        if self.found.as_ref().is_none_or(|found| found.of != key) {
-            let Some(mut on_the_way) = self.on_the_way.take().filter(|one| one.of == key) else {
-                let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
-                let cells = match self.settings.per_sample {
-                    true => self.decomposition.cells(frame)?,
-                    false => None,
-                };
-                self.on_the_way = domains.map(|domains| SourcesOnTheWay {
-                    of: key,
-                    domains,
-                    cells,
-                    draws: None,
-                });
-                return Ok(None);
-            };
-            let Some(found) = on_the_way.get() else {
-                self.on_the_way = Some(on_the_way);
-                return Ok(None);
-            };
-            self.found = Some(found?);
+        if scene.environment.is_none() {
+            self.found = None;
+            return Ok(true);
         }
-        Ok(self.found.as_ref())
+        if self.found.as_ref().is_some_and(|found| found.of == key) {
+            return Ok(true);
+        }
+        let Some(on_the_way) = self.on_the_way.take_if(|one| one.of == key) else {
+            let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
+            let cells = match self.settings.per_sample {
+                true => self.decomposition.cells(frame)?,
+                false => None,
+            };
+            self.on_the_way = domains.map(|domains| SourcesOnTheWay {
+                of: key,
+                domains,
+                cells,
+            });
+            return Ok(false);
+        };
+        let Some(found) = on_the_way.get() else {
+            self.on_the_way = Some(on_the_way);
+            return Ok(false);
+        };
+        self.found = Some(found?);
+        Ok(true)
     }
 
-    /// Each direction that has light, in world space, and the view of its depth map. `turn`: the sample of the picture,
-    /// if each has its own directions.
-    fn directions(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        turn: Option<u32>,
-    ) -> Result<Option<DirectionsAndViews>, GpuError> {
+    /// Each direction that has light, in world space, and the view of its depth map.
+    fn directions(&self, scene: &GpuScene, domains: &[Domain]) -> DirectionsAndViews {
         let side = self.settings.resolution;
         let Some(environment) = &scene.environment else {
-            return Ok(Some(Default::default()));
+            return Default::default();
         };
         let world_from_map = Mat3::from_rotation_y(environment.rotation);
-        let Some(sources) = self.sources(frame, scene)? else {
-            return Ok(None);
-        };
-        let domains = match (turn, &sources.draws) {
-            (Some(turn), Some(draws)) => &draws.of_sample(turn),
-            _ => &sources.domains,
-        };
         let lit = domains.iter().filter_map(|domain| {
             let flux_density = domain.flux_density * environment.intensity;
             let toward = world_from_map * domain.toward;
@@ -245,7 +236,7 @@ impl ImageBasedLighting {
                 (direction, view)
             })
         });
-        Ok(Some(lit.unzip()))
+        lit.unzip()
     }
 }
 
@@ -338,12 +329,37 @@ impl Technique for ImageBasedLighting {
             ..of_maps
         };
         let was_late = std::mem::replace(&mut self.is_late, has_maps);
-        let Some((directions, views)) = self.directions(frame, scene, turn)? else {
+        if !self.find_sources(frame, scene)? {
             return Ok(waiting("the domains of the environment"));
-        };
+        }
         if !self.batches.prepare(frame, scene, &maps.drawing)? {
             return Ok(waiting("simplified casters"));
         }
+        let sources = self.found.as_ref();
+        let mut domains = sources.map_or(&[][..], |sources| &sources.domains);
+        let of_sample;
+        if let Some(cells) = sources.and_then(|sources| sources.cells.as_ref()) {
+            let key = survey::Key::new(versions, &self.settings, view);
+            // Survey maps replace those that a live view shows.
+            let draws = if earlier.is_limited() {
+                self.survey.latest(key, cells)
+            } else {
+                let kernels = earlier.impostors.capture_kernels();
+                let maps = (&mut self.batches, &maps);
+                let draws = self
+                    .survey
+                    .draws(frame, scene, (key, view), cells, maps, kernels)?;
+                let Some(draws) = draws else {
+                    return Ok(waiting("a survey of the environment"));
+                };
+                draws
+            };
+            if let Some(turn) = turn {
+                of_sample = draws.of_sample(turn);
+                domains = &of_sample;
+            }
+        }
+        let (directions, views) = self.directions(scene, domains);
         self.is_late = false;
         if was_late {
             self.revision += 1;

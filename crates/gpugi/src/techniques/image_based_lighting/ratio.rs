@@ -36,7 +36,7 @@ impl RatioPass {
             Some(&scene.layout),
         )?;
         Ok(Self {
-            group: maps.bind(gpu, &apply, Lookup::default())?,
+            group: maps.bind(gpu, &apply, Lookup::default(), &[])?,
             maps: maps.clone(),
             apply,
             bound: PerReceiver::default(),

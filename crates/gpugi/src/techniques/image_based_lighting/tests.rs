@@ -2,6 +2,7 @@
 
 mod mesh;
 mod stability;
+mod survey;
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
 
 use super::batches::Plan;
-use super::draws::Draws;
+use super::draws::{CellsOfSky, Draws};
 use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, Spread};
 use crate::capture::{Capture, CaptureKernels, Emission, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
@@ -79,12 +80,13 @@ fn directions(
 ) -> Vec<super::gpu::Direction> {
     loop {
         let mut frame = Frame::new(gpu, false);
-        let found = technique.directions(&mut frame, scene, None).unwrap();
+        let is_found = technique.find_sources(&mut frame, scene).unwrap();
         frame.submit().unwrap();
-        match found {
-            Some((directions, _)) => return directions,
-            None => gpu.wait().unwrap(),
+        if is_found {
+            let domains = technique.found.as_ref().map(|sources| &sources.domains);
+            return technique.directions(scene, domains.unwrap()).0;
         }
+        gpu.wait().unwrap();
     }
 }
 
@@ -446,8 +448,11 @@ fn draws_of_all_samples_add_up_to_the_sky() {
         .unwrap();
     let cells = made.cells(&mut frame).unwrap().unwrap();
     frame.submit().unwrap();
-    let grid = cells.grid;
-    let draws = Draws::new(grid, &cells.rows.wait().unwrap(), count);
+    let cells = CellsOfSky {
+        grid: cells.grid,
+        rows: cells.rows.wait().unwrap(),
+    };
+    let draws = Draws::new(&cells, count, |_| 1.0);
     let sun = Vec3::new(0.3, 0.8, -0.5).normalize();
     let is_sun = |one: &&Domain| one.toward.dot(sun) > 0.99;
     let flux = |domains: &mut dyn Iterator<Item = &Domain>| -> f32 {
@@ -481,15 +486,11 @@ fn draws_of_all_samples_add_up_to_the_sky() {
         integral(&half)[0] as f32
     };
     assert!((upper / expected - 1.0).abs() < 0.02, "{upper}, {expected}");
-    assert!(
-        Draws::new(
-            grid,
-            &vec![[0.0; 4]; (grid.stride * grid.height) as usize],
-            8
-        )
-        .of_sample(3)
-        .is_empty()
-    );
+    let dark = CellsOfSky {
+        rows: vec![[0.0; 4]; cells.rows.len()],
+        ..cells
+    };
+    assert!(Draws::new(&dark, 8, |_| 1.0).of_sample(3).is_empty());
 }
 
 /// A ball and a block on a floor under a sunny sky.

@@ -7,7 +7,7 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Looks W up at the points of receivers.
+/// Looks W and the open directions up at the points of receivers.
 #[derive(Debug)]
 pub struct Attenuation {
     /// The texels that it reads.
@@ -42,8 +42,8 @@ impl Attenuation {
         self.texels == *texels
     }
 
-    /// W at the receiver's points, four floats each in the order of the points: pass `obscurances.factor`. Other
-    /// receivers overwrite it.
+    /// Four floats per point of the receiver, in the order of the points: the mean open direction times the share of a
+    /// uniform sky's light that arrives, and W. Pass `obscurances.factor`. Other receivers overwrite it.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -59,7 +59,7 @@ pub struct PageUniform {
 }
 
 /// Size of `Texel` of obscurance.wesl [bytes].
-pub const TEXEL_BYTES: u64 = 32;
+pub const TEXEL_BYTES: u64 = 48;
 
 /// `AlphaView` of capture/raster.wesl.
 #[repr(C)]

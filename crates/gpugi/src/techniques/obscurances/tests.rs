@@ -1,6 +1,7 @@
 //! Compares obscurances with closed forms and with a direct evaluation of their integral in double precision.
 
 mod ambient;
+mod openness;
 mod sampling;
 mod scenes;
 

@@ -83,7 +83,7 @@ impl Technique for RadianceTransfer {
         &INFO
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths]) -> Plan {
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         let pattern = format!("LD{{1,{}}}E", self.settings.bounces);
         let of = |class| LightPaths {
             class,

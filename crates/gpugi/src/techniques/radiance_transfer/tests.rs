@@ -74,7 +74,7 @@ impl Solver {
         for (name, value) in defaults.iter().chain(settings) {
             transfer.settings_mut().set(name, value).unwrap();
         }
-        transfer.plan(&on_gpu, &[]);
+        transfer.plan(&on_gpu, &[], &[]);
         let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
         Self {
             emission: Emission::new(gpu, &on_gpu).unwrap(),
