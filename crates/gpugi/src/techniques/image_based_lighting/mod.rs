@@ -168,12 +168,13 @@ impl ImageBasedLighting {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let settings = Settings::default();
+        let batches = Batches::new(gpu, scene, settings.reflectivity)?;
         Ok(Self {
             decomposition: Decomposition::new(gpu, scene)?,
             found: None,
             on_the_way: None,
-            batches: Batches::new(gpu, scene, settings.reflectivity)?,
-            survey: Survey::new(gpu)?,
+            survey: Survey::new(gpu, batches.has_transmittance())?,
+            batches,
             atlas_side: ATLAS_SIDE,
             ratio: None,
             settings,
@@ -310,6 +311,7 @@ impl Technique for ImageBasedLighting {
             || self.batches.has_transmittance() != has_see_through
         {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
+            self.survey = Survey::new(frame.gpu, has_see_through)?;
         }
         let maps = DepthMaps {
             atlas_side: self.atlas_side,

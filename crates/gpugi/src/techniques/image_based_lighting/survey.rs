@@ -10,7 +10,7 @@ use super::draws::{CellsOfSky, Draws};
 use super::{Settings, gpu};
 use crate::capture::depth::DepthViewSpec;
 use crate::capture::{Capture, CaptureKernels, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
 
@@ -59,14 +59,19 @@ impl Key {
 }
 
 impl Survey {
-    /// Compiles the passes.
+    /// Compiles the passes. `has_transmittance`: [`Batches::has_transmittance`].
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, has_transmittance: bool) -> Result<Self, GpuError> {
+        let constants = [("HAS_TRANSMITTANCE", has_transmittance.into())];
+        let options = KernelOptions {
+            constants: &constants,
+            ..Default::default()
+        };
         let kernel = |entry| {
             let shader = shader!("techniques.image_based_lighting.survey");
-            Kernel::new(gpu, &shader, entry, None)
+            Kernel::with_options(gpu, &shader, entry, None, &options)
         };
         Ok(Self {
             light: kernel("light")?,
