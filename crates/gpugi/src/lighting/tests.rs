@@ -165,7 +165,7 @@ fn budgets_bound_frames_and_change_no_map() {
         .frames
         .iter()
         .map(|frame| frame[1])
-        .filter(|&work| work != texels * texels);
+        .filter(|&work| work < texels * texels);
     let work = others.max().unwrap_or(0);
     assert!(work * 2 < whole.frames[1][1], "{work} units");
     assert!(whole.maps.len() > 8);

@@ -52,5 +52,5 @@ pub struct Work {
     pub low: [f32; 3],
     pub margin: f32,
     pub high: [f32; 3],
-    pub padding: u32,
+    pub points: u32,
 }

@@ -374,7 +374,7 @@ impl Made {
             low: [1.0; 3],
             margin: 0.0,
             high: [0.0; 3],
-            padding: 0,
+            points: probes.count,
         };
         let making = Making {
             scene,

@@ -98,8 +98,7 @@ pub struct Maps {
     pub distances: wgpu::Texture,
     /// Bind group 2 of the gather, and the obscurances in it.
     gathered: (wgpu::BindGroup, wgpu::Buffer),
-    /// [`Maps::probes`].
-    pub uniform: wgpu::Buffer,
+    uniform: wgpu::Buffer,
     bounced: [wgpu::BindGroup; 2],
     lit: [wgpu::BindGroup; 2],
 }

@@ -13,8 +13,8 @@ use crate::techniques::Earlier;
 pub struct OwnSurface {
     capture: Capture,
     target: Target,
-    /// Bind groups 2 and 3 of the pass that makes the lights.
-    written: [wgpu::BindGroup; 2],
+    /// Bind group 3 of the pass that makes the lights.
+    written: wgpu::BindGroup,
     seen: PerReceiver<wgpu::BindGroup>,
 }
 
@@ -39,13 +39,9 @@ impl OwnSurface {
             ("stored", maps.lights.as_entire_binding()),
             ("sources", maps.sources.as_entire_binding()),
         ];
-        let probes = [("probes", maps.uniform.as_entire_binding())];
         Ok(Self {
             capture: Capture::of_cube(gpu, capture, side)?,
-            written: [
-                kernels.own.bind(gpu, 2, &probes)?,
-                kernels.own.bind(gpu, 3, &resources)?,
-            ],
+            written: kernels.own.bind(gpu, 3, &resources)?,
             target,
             seen: PerReceiver::default(),
         })
@@ -83,9 +79,8 @@ impl OwnSurface {
         earlier.gather(frame, scene, &receiver, false)?;
         let gpu = frame.gpu;
         let seen = self.seen.of(&receiver, || points.bind(gpu, &kernels.own))?;
-        let [probes, written] = &self.written;
         frame.compute("final-gather.own", |pass| {
-            let groups = [(0, &scene.bind_group), (1, seen), (2, probes), (3, written)];
+            let groups = [(0, &scene.bind_group), (1, seen), (3, &self.written)];
             // A workgroup of 64 per light.
             kernels
                 .own
