@@ -30,6 +30,10 @@ const MOST_UNWRAPPED: u64 = 100_000;
 /// with its gutter, which fill the pages, and packing them takes a minute for 20,000.
 const MOST_PIECES: usize = 4_000;
 
+/// A still picture of more triangles than this looks into cubes instead of tracing rays: the smallest bindings that
+/// WebGPU promises hold the hierarchy of two million (docs/bvh.md).
+const MOST_TRACED: u64 = 1_000_000;
+
 /// What light is computed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
@@ -129,7 +133,7 @@ pub fn default_set(
     {
         let is_other = |one: &Choice| one.technique != IMPOSTORS;
         set.choices.retain(is_other);
-        set.choices.push(gloss());
+        set.choices.push(gloss(scene.statistics().triangles));
     }
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
@@ -170,11 +174,20 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
 
 /// Reflections and refractions of everything glossy in a still picture: its samples share the work of wide lobes. Rays are
 /// more exact than distance-impostor, and faster: cubes would light many more points than a picture shows.
-fn gloss() -> Choice {
+fn gloss(triangles: u64) -> Choice {
+    let objects = ("objects", "*".to_owned());
+    let reason = "surfaces reflect or refract their surroundings";
+    if triangles > MOST_TRACED {
+        return Choice {
+            technique: IMPOSTORS,
+            reason: format!("{reason}, and {triangles} triangles are too many for rays"),
+            settings: vec![objects, ("lobes", "drawn".to_owned())],
+        };
+    }
     Choice {
         technique: RAY_TRACING,
-        reason: "surfaces reflect or refract their surroundings".into(),
-        settings: vec![("objects", "*".to_owned())],
+        reason: reason.into(),
+        settings: vec![objects],
     }
 }
 
@@ -356,6 +369,12 @@ mod tests {
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
         assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Fast), [1024, 384]);
+    }
+
+    #[test]
+    fn rays_are_traced_in_scenes_that_bindings_hold() {
+        let names = [gloss(MOST_TRACED), gloss(MOST_TRACED + 1)].map(|one| one.technique);
+        assert_eq!(names, [RAY_TRACING, IMPOSTORS]);
     }
 
     #[test]

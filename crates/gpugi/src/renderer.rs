@@ -7,7 +7,7 @@ mod tiles;
 use std::ops::ControlFlow;
 
 use glam::Vec2;
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
@@ -254,7 +254,14 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::update`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
-        let planned_for = |scene: &GpuScene| (scene.versions.objects, light_classes(scene));
+        let planned_for = |scene: &GpuScene| {
+            let lights = scene.lights.iter().map(|light| light.kind);
+            let has_kinds = lights.fold([false; 2], |[directional, other], kind| {
+                let is_directional = kind == LightKind::Directional;
+                [directional || is_directional, other || !is_directional]
+            });
+            (scene.versions.objects, light_classes(scene), has_kinds)
+        };
         let before = planned_for(&self.scene);
         self.samples = 0;
         self.scene.edit(&self.gpu, edits)?;

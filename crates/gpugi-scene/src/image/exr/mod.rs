@@ -129,7 +129,7 @@ impl Part<'_> {
 
     /// The block to which an entry in the table of chunks leads.
     fn block<'b>(&self, bytes: &'b [u8], index: usize) -> Option<Block<'b>> {
-        let entry = bytes.get(self.table + index * 8..)?;
+        let entry = bytes.get(self.table.checked_add(index.checked_mul(8)?)?..)?;
         let offset = Bytes(entry).array().map(u64::from_le_bytes)?;
         let mut rest = Bytes(bytes.get(usize::try_from(offset).ok()?..)?);
         if let Some(number) = self.number

@@ -322,9 +322,8 @@ impl Technique for ImageBasedLighting {
             },
         };
         // Live views keep the earlier maps; but ratios are of prefiltered light, which has changed already.
-        let has_maps = earlier.is_limited()
-            && reflectivity != Reflectivity::Ratio
-            && self.batches.atlas().is_some();
+        let has_maps =
+            earlier.is_limited() && reflectivity != Reflectivity::Ratio && self.made.is_some();
         let waiting = |what| Generated {
             progress: 0.0,
             pending: (!has_maps).then_some(what),
@@ -347,6 +346,9 @@ impl Technique for ImageBasedLighting {
                 self.survey.latest(key, cells)
             } else {
                 let kernels = earlier.impostors.capture_kernels();
+                if !self.survey.is_current(&key) {
+                    self.made = None;
+                }
                 let maps = (&mut self.batches, &maps);
                 let draws = self
                     .survey

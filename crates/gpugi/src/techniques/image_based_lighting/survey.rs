@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{Mat3, Mat4, Vec2, Vec3};
+use glam::{Mat3, Vec3};
 
 use super::batches::{Batches, DepthMaps, GUTTER};
 use super::draws::{CellsOfSky, Draws};
@@ -44,8 +44,8 @@ pub struct Survey {
 pub struct Key {
     versions: Versions,
     settings: Settings,
-    /// Position, axes and field of view of the camera; `None`: nothing was surveyed.
-    camera: Option<(Mat4, Vec2)>,
+    /// Position, axes and field of view of the camera, bit by bit; `None`: nothing was surveyed.
+    camera: Option<([u32; 16], [u32; 2])>,
 }
 
 impl Key {
@@ -53,7 +53,10 @@ impl Key {
         Self {
             versions,
             settings: settings.clone(),
-            camera: Some((view.world_from_view, view.half_extent)),
+            camera: Some((
+                view.world_from_view.to_cols_array().map(f32::to_bits),
+                view.half_extent.to_array().map(f32::to_bits),
+            )),
         }
     }
 }
@@ -104,6 +107,11 @@ impl Survey {
         &self.found.insert(found).1
     }
 
+    /// Whether the last survey was for this key. Otherwise [`Survey::draws`] may use the batches for a new one.
+    pub fn is_current(&self, key: &Key) -> bool {
+        self.found.as_ref().is_some_and(|(found, _)| found == key)
+    }
+
     /// The draws from `cells` that suit what `view` sees: pass `image-based-lighting.survey`. `None` while the survey is
     /// on its way from the GPU; `batches` hold its depth maps then.
     ///
@@ -118,18 +126,19 @@ impl Survey {
         (batches, maps): (&mut Batches, &DepthMaps),
         kernels: &CaptureKernels,
     ) -> Result<Option<&Draws>, GpuError> {
-        if self.found.as_ref().is_none_or(|(found, _)| *found != key) {
-            let Some((_, weights)) = self.on_the_way.take_if(|(asked, _)| *asked == key) else {
+        if !self.is_current(&key) {
+            let Some((asked, weights)) = self.on_the_way.take() else {
                 let weights = self.begin(frame, scene, view, cells, (batches, maps), kernels)?;
                 self.on_the_way = Some((key, weights));
                 return Ok(None);
             };
             let Some(found) = weights.get() else {
-                self.on_the_way = Some((key, weights));
+                self.on_the_way = Some((asked, weights));
                 return Ok(None);
             };
+            // Also if the camera has moved on: draws are right for any, and one that never rests must not wait for ever.
             let draws = self.parts.draws(cells, key.settings.samples, &found?);
-            self.found = Some((key, draws));
+            self.found = Some((asked, draws));
         }
         Ok(self.found.as_ref().map(|(_, draws)| draws))
     }
@@ -148,7 +157,7 @@ impl Survey {
         let aspect = view.half_extent.y / view.half_extent.x;
         let size = [
             WIDTH,
-            (WIDTH as f32 * aspect).round().clamp(1.0, 512.0) as u32,
+            ((WIDTH as f32 * aspect).round() as u32).clamp(1, 512),
         ];
         let view = view.at_size(size, scene.diagonal());
         let mut capture = match self.capture.take().filter(|one| one.size() == size) {
@@ -282,8 +291,10 @@ impl Parts {
         let all: f64 = expected.iter().sum();
         let seen: f64 = parts().map(|(draws, one)| draws * one).sum();
         let squares: f64 = parts().map(|(draws, one)| draws * one * one).sum();
-        // Kish's effective sample size, relative to the number of draws.
-        if seen * seen >= OPEN * all * squares {
+        // Kish's effective sample size, relative to the number of draws. Where nothing is seen, or rounding made weights
+        // infinite, nothing is known.
+        let is_narrow = seen * seen < OPEN * all * squares;
+        if !is_narrow {
             return blind;
         }
         let mean = seen / all;

@@ -144,9 +144,11 @@ impl Technique for RadianceTransfer {
             earlier,
         )?;
         self.made = Some(made);
-        let mut objects = 0..scene.objects.len();
-        self.leaves_objects = self.settings.left_out().contains(Claims::INDIRECT)
-            && objects.any(|object| scene.claims(object).contains(Claims::INDIRECT));
+        let mut claims = (0..scene.objects.len()).map(|object| scene.claims(object));
+        self.leaves_objects = self.settings.bounces > 1
+            && claims.any(|claims| {
+                claims.contains(Claims::INDIRECT) || claims.contains(Claims::ENVIRONMENT)
+            });
         Ok(generated)
     }
 
@@ -170,7 +172,7 @@ impl Technique for RadianceTransfer {
         let mut warnings = Vec::new();
         if self.leaves_objects {
             warnings.push(
-                "objects with indirect light of another technique get none of radiance-transfer: set its bounces to 1"
+                "objects that another technique lights get no light of radiance-transfer: set its bounces to 1"
                     .into(),
             );
         }

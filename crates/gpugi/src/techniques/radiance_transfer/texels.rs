@@ -140,7 +140,8 @@ impl LitTexels {
         self.relight(&mut frame)?;
         frame.submit()?;
         self.is_lit = true;
-        self.revision = revision;
+        // A file may hold any number, and counters are added to it.
+        self.revision = revision.min(u32::MAX.into());
         Ok(())
     }
 

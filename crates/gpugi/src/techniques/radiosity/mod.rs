@@ -460,7 +460,8 @@ impl Resume for Radiosity {
         solution.average(&mut frame, &made.kernels)?;
         frame.submit()?;
         made.is_averaged = true;
-        made.revision = saved.revision;
+        // A file may hold any number, and counters are added to it.
+        made.revision = saved.revision.min(u32::MAX.into());
         Ok(true)
     }
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Rays` of rays.wesl, excluding its rows. All but the capacity is zero when a chunk begins.
+/// `Rays` of rays.wesl, excluding its rows. What comes before `pairs` is zero when a chunk begins.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Header {

@@ -187,7 +187,7 @@ impl Passes {
             let count = points.div_ceil(several);
             let all = (0..several).map(|number| gpu::Chunk {
                 first: number * count,
-                count: count.min(points - number * count),
+                count: count.min(points.saturating_sub(number * count)),
                 bounces: settings.bounces,
                 split: settings.split,
                 step: triangles_per_pass(gpu, count << settings.split),
