@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use gpugi_scene::Scene;
+use gpugi_scene::{Light, LightKind, Scene};
 
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -201,8 +201,10 @@ fn soft_shadows(scene: &Scene, adapter: &AdapterSummary) -> Vec<(&'static str, S
     match Speed::of(adapter) {
         Speed::Software if has_emitters => set("area-samples", 32),
         Speed::Fast => {
-            set("resolution", 2048);
-            set("area-resolution", 512);
+            if let Some([resolution, area_resolution]) = depth_maps(scene, has_emitters) {
+                set("resolution", resolution);
+                set("area-resolution", area_resolution);
+            }
         }
         Speed::Software | Speed::Modest => {}
     }
@@ -210,6 +212,26 @@ fn soft_shadows(scene: &Scene, adapter: &AdapterSummary) -> Vec<(&'static str, S
         settings.push(("per-sample", true.to_string()));
     }
     settings
+}
+
+/// Sides of depth maps, of lights and of area samples, that all fit in the largest atlas.
+fn depth_maps(scene: &Scene, has_emitters: bool) -> Option<[u32; 2]> {
+    /// Texels of the atlas (8192 x 8192), less what gaps between maps may take.
+    const ROOM: u64 = 60 << 20;
+    /// Samples of area lights, each with the half of a cube, which has the area of three faces.
+    const SAMPLES: u64 = 64;
+    let faces_of = |light: &Light| match light.kind {
+        LightKind::Point => 6,
+        LightKind::Spot { .. } => 1,
+        // Cascades, and one map of the whole scene.
+        LightKind::Directional => 5,
+    };
+    let faces: u64 = scene.lights.iter().map(faces_of).sum();
+    let area_faces = if has_emitters { 3 * SAMPLES } else { 0 };
+    let texels = |faces: u64, side: u32| faces * u64::from(side).pow(2);
+    [[2048, 512], [2048, 384], [1024, 384]]
+        .into_iter()
+        .find(|&[side, area_side]| texels(faces, side) + texels(area_faces, area_side) <= ROOM)
 }
 
 /// Number of connected pieces of all meshes in use.
@@ -328,8 +350,7 @@ mod tests {
             };
             let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
             let is_fast = Speed::of(&gpu.adapter) == Speed::Fast;
-            let has_shadows = still.names().iter().any(|name| name == SHADOWS);
-            assert_eq!(has_settings(SHADOWS), is_soft || is_fast && has_shadows);
+            assert!(is_fast || has_settings(SHADOWS) == is_soft);
             assert_eq!(has_settings(SKY), scene.environment.is_some());
             assert_eq!(has_settings(RAY_TRACING), has_glossy_objects(&scene));
             // Refused if light paths overlap, or if a setting does not exist.
@@ -369,6 +390,21 @@ mod tests {
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
         assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Fast), [1024, 384]);
+    }
+
+    #[test]
+    fn depth_maps_fit_the_atlas() {
+        let of = |name| depth_maps(&builtin(name, 1).unwrap(), true);
+        assert_eq!(of("cornell"), Some([2048, 512]));
+        assert_eq!(of("glass-room"), Some([2048, 384]));
+        let mut many = builtin("glass-room", 1).unwrap();
+        let lights = many.lights.clone();
+        many.lights.extend(lights.iter().cloned());
+        assert_eq!(depth_maps(&many, true), Some([1024, 384]));
+        for _ in 0..4 {
+            many.lights.extend(lights.iter().cloned());
+        }
+        assert_eq!(depth_maps(&many, true), None);
     }
 
     #[test]
