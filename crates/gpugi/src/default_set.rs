@@ -133,7 +133,7 @@ pub fn default_set(
     {
         let is_other = |one: &Choice| one.technique != IMPOSTORS;
         set.choices.retain(is_other);
-        set.choices.push(gloss(scene.statistics().triangles));
+        set.choices.push(gloss(scene, scene.statistics().triangles));
     }
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
@@ -174,7 +174,7 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
 
 /// Reflections and refractions of everything glossy in a still picture: its samples share the work of wide lobes. Rays are
 /// more exact than distance-impostor, and faster: cubes would light many more points than a picture shows.
-fn gloss(triangles: u64) -> Choice {
+fn gloss(scene: &Scene, triangles: u64) -> Choice {
     let objects = ("objects", "*".to_owned());
     let reason = "surfaces reflect or refract their surroundings";
     if triangles > MOST_TRACED {
@@ -184,10 +184,15 @@ fn gloss(triangles: u64) -> Choice {
             settings: vec![objects, ("lobes", "drawn".to_owned())],
         };
     }
+    let mut settings = vec![objects];
+    if scene.materials.iter().any(|one| one.transmission > 0.0) {
+        // Both what glass reflects and what it refracts, at its front and back: pictures of few samples have no grain.
+        settings.push(("split", 2.to_string()));
+    }
     Choice {
         technique: RAY_TRACING,
         reason: reason.into(),
-        settings: vec![objects],
+        settings,
     }
 }
 
@@ -409,8 +414,17 @@ mod tests {
 
     #[test]
     fn rays_are_traced_in_scenes_that_bindings_hold() {
-        let names = [gloss(MOST_TRACED), gloss(MOST_TRACED + 1)].map(|one| one.technique);
+        let of = |name, triangles| gloss(&builtin(name, 1).unwrap(), triangles);
+        let names =
+            [MOST_TRACED, MOST_TRACED + 1].map(|triangles| of("shapes", triangles).technique);
         assert_eq!(names, [RAY_TRACING, IMPOSTORS]);
+        let has_split = |name| {
+            of(name, 1)
+                .settings
+                .iter()
+                .any(|(name, _)| *name == "split")
+        };
+        assert_eq!(["glass-room", "shapes"].map(has_split), [true, false]);
     }
 
     #[test]
