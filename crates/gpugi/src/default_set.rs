@@ -104,6 +104,7 @@ pub fn default_set(
     registry: &Registry,
 ) -> DefaultSet {
     let classes = light_classes(scene);
+    let triangles = scene.statistics().triangles;
     let of_classes = |paths: &&LightPaths| classes.contains(&paths.class);
     let infos = registry.all().iter().map(|one| one.info);
     let fast: Vec<&Info> = infos
@@ -114,7 +115,8 @@ pub fn default_set(
         reason: reason(info, &classes),
         settings: match (info.name, purpose) {
             (SHADOWS, Purpose::StillPicture) => soft_shadows(scene, adapter),
-            (SKY, Purpose::StillPicture) => vec![("per-sample", true.to_string())],
+            (SKY, Purpose::StillPicture) => sky(triangles, Speed::of(adapter)),
+            (CAUSTICS, Purpose::StillPicture) => photons(Speed::of(adapter)),
             _ => Vec::new(),
         },
     });
@@ -133,7 +135,7 @@ pub fn default_set(
     {
         let is_other = |one: &Choice| one.technique != IMPOSTORS;
         set.choices.retain(is_other);
-        set.choices.push(gloss(scene, scene.statistics().triangles));
+        set.choices.push(gloss(scene, triangles));
     }
     let paths = fast.iter().flat_map(|info| info.paths).filter(of_classes);
     let paths: Vec<LightPaths> = paths.cloned().collect();
@@ -219,6 +221,27 @@ fn soft_shadows(scene: &Scene, adapter: &AdapterSummary) -> Vec<(&'static str, S
     settings
 }
 
+/// Settings of image-based-lighting for a still picture, each of whose samples is lit from directions of its own. Where
+/// software would draw their depth maps for a second or more per sample, these have half as many texels per side.
+fn sky(triangles: u64, speed: Speed) -> Vec<(&'static str, String)> {
+    /// Most triangles whose depth maps of 512 texels per side are soon drawn in software.
+    const FEW: u64 = 5_000;
+    let mut settings = vec![("per-sample", true.to_string())];
+    if speed == Speed::Software && triangles > FEW {
+        settings.push(("resolution", 256.to_string()));
+    }
+    settings
+}
+
+/// Settings of caustics for a still picture. In software, which takes long to splat photons, cubes have half as many
+/// texels per side; their error is the same (docs/techniques/caustics.md).
+fn photons(speed: Speed) -> Vec<(&'static str, String)> {
+    match speed {
+        Speed::Software => vec![("cube-resolution", 128.to_string())],
+        Speed::Modest | Speed::Fast => Vec::new(),
+    }
+}
+
 /// Sides of depth maps, of lights and of area samples, that all fit in the largest atlas.
 fn depth_maps(scene: &Scene, has_emitters: bool) -> Option<[u32; 2]> {
     /// Texels of the atlas (8192 x 8192), less what gaps between maps may take.
@@ -251,12 +274,14 @@ fn pieces(scene: &Scene) -> usize {
 
 /// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. On a discrete GPU, finer
 /// texels and more iterates still take a second or two. In software, where rays take most of the time, coarser texels
-/// get more iterates: in small scenes, noise shows before blur does.
+/// get more iterates, since noise shows before blur does: from 256 texels per side on, three texels per triangle will
+/// do.
 fn radiosity_sizes(triangles: u64, speed: Speed) -> Vec<(&'static str, String)> {
-    let side = (12 * triangles).isqrt().next_power_of_two();
+    let side_for = |texels: u64| (texels * triangles).isqrt().next_power_of_two();
+    let side = side_for(12);
     let (resolution, iterations) = match speed {
         Speed::Software => {
-            let side = side.clamp(128, 512);
+            let side = side.clamp(128, side_for(3).clamp(256, 512));
             (side, 128 * 128 / side)
         }
         Speed::Modest => (side.clamp(512, 1024), 256),
@@ -390,11 +415,29 @@ mod tests {
         };
         assert_eq!(sizes(1, Speed::Software), [128, 128]);
         assert_eq!(sizes(1_500, Speed::Software), [256, 64]);
+        assert_eq!(sizes(20_000, Speed::Software), [256, 64]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Software), [512, 32]);
         assert_eq!(sizes(1, Speed::Modest), [512, 256]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
         assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Fast), [1024, 384]);
+    }
+
+    #[test]
+    fn software_makes_smaller_maps() {
+        let names = |settings: Vec<(&'static str, String)>| {
+            let names = settings.into_iter().map(|(name, _)| name);
+            names.collect::<Vec<_>>()
+        };
+        let many = 13_568;
+        assert_eq!(
+            names(sky(many, Speed::Software)),
+            ["per-sample", "resolution"]
+        );
+        assert_eq!(names(sky(600, Speed::Software)), ["per-sample"]);
+        assert_eq!(names(sky(many, Speed::Fast)), ["per-sample"]);
+        assert_eq!(names(photons(Speed::Software)), ["cube-resolution"]);
+        assert!(photons(Speed::Fast).is_empty());
     }
 
     #[test]

@@ -68,6 +68,9 @@ const MOST_MAPS: usize = 4096;
 const MOST_PIXELS: f32 = 16.0 * 1024.0 * 1024.0;
 /// Least side of a caustic map (pixels).
 const LEAST_RESOLUTION: u32 = 8;
+/// Invocations that splat one photon per pixel of all maps of a batch. Each photon's texels are shared among enough
+/// invocations that maps with few photons, whose kernels are large, also fill the GPU.
+const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
 /// The passes of caustics.
 #[derive(Debug)]
@@ -77,6 +80,9 @@ struct Kernels {
     irradiance: Kernel,
     gather: ReceiverKernel,
     sampler: wgpu::Sampler,
+    /// Fewest and most invocations that share the texels of a photon: powers of two, at most 64, the size of a
+    /// workgroup.
+    splat_lanes: [u32; 2],
 }
 
 impl Kernels {
@@ -94,7 +100,20 @@ impl Kernels {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
+            // Each invocation begins by computing the photon's kernel. On a processor, which few invocations fill, one
+            // does all.
+            splat_lanes: match gpu.adapter.device_type {
+                wgpu::DeviceType::Cpu => [1, 1],
+                _ => [4, 64],
+            },
         })
+    }
+
+    /// Invocations that share the texels of one photon of each of `maps` maps of `side` x `side` pixels.
+    fn lanes(&self, side: u32, maps: u32) -> u32 {
+        let [fewest, most] = self.splat_lanes;
+        let lanes = SPLAT_INVOCATIONS / (side * side * maps);
+        (1 << lanes.max(1).ilog2()).clamp(fewest, most)
     }
 }
 

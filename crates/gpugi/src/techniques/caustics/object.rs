@@ -18,10 +18,6 @@ use crate::techniques::{Map, Texels};
 
 /// Most bytes of photons at a time, unless one per pixel of a single map takes more: others follow in further batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
-/// Invocations that splat one photon per pixel of all maps of a batch. Each photon's texels are shared among enough invocations
-/// that maps with few photons, whose kernels are large, also fill the GPU.
-const SPLAT_INVOCATIONS: u32 = 1 << 21;
-
 /// The caustics of one object.
 #[derive(Debug)]
 pub struct Caustic {
@@ -244,7 +240,7 @@ impl Caustic {
         // Without a light that shines on the object there are no maps, and the irradiance becomes that of no photons.
         if let Some(caustic_maps) = &mut self.caustic_maps {
             caustic_maps.follow_photons(frame, making, self.instance, &views, bound)?;
-            caustic_maps.write(gpu, &views, step, &lit_cube);
+            caustic_maps.write(gpu, kernels, &views, step, &lit_cube);
         }
         frame.compute("caustics.irradiance", |pass| {
             let groups = [(1, &bound.seen), (3, &bound.counted)];
@@ -480,7 +476,8 @@ impl CausticMaps {
                 kernels.trace.dispatch(pass, &groups, [side, side, maps]);
             });
             frame.compute("caustics.splat", |pass| {
-                let invocations = side * side * batch.numbers.len() as u32 * lanes(side, maps);
+                let lanes = kernels.lanes(side, maps);
+                let invocations = side * side * batch.numbers.len() as u32 * lanes;
                 let groups = [(3, &batch.splat)];
                 kernels
                     .splat
@@ -512,7 +509,7 @@ impl CausticMaps {
     }
 
     /// Writes what the photon passes read. `step`: flux per count (W).
-    fn write(&self, gpu: &Gpu, views: &[Seen], step: f64, cube: &LitCube) {
+    fn write(&self, gpu: &Gpu, kernels: &Kernels, views: &[Seen], step: f64, cube: &LitCube) {
         let uniforms = views.iter().zip(&self.images.corners);
         let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
             Some(LightView { map, .. }) => CausticMap {
@@ -532,7 +529,7 @@ impl CausticMaps {
                 side,
                 first: batch.numbers.start,
                 end: batch.numbers.end,
-                lanes: lanes(side, batch.maps.len() as u32),
+                lanes: kernels.lanes(side, batch.maps.len() as u32),
                 padding: [0; 3],
             };
             batch.uniform.write(gpu, std::slice::from_ref(&uniform));
@@ -563,13 +560,6 @@ fn parts(sides: &[u32], photons: u32, limit: u64) -> Vec<(Range<usize>, Range<u3
         }
     }
     parts
-}
-
-/// Invocations that share the texels of one photon of each of `maps` maps: a power of two, at most 64, the size of a
-/// workgroup.
-fn lanes(side: u32, maps: u32) -> u32 {
-    let lanes = SPLAT_INVOCATIONS / (side * side * maps);
-    (1 << lanes.max(1).ilog2()).clamp(4, 64)
 }
 
 #[cfg(test)]

@@ -73,9 +73,23 @@ fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> V
 
 /// The technique after `frames` frames.
 fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Caustics {
+    generated_by(gpu, scene, settings, frames, None)
+}
+
+/// As `generated`, with other bounds on the invocations that share a photon.
+fn generated_by(
+    gpu: &Gpu,
+    scene: &Scene,
+    settings: &[(&str, &str)],
+    frames: u32,
+    splat_lanes: Option<[u32; 2]>,
+) -> Caustics {
     let mut scene = GpuScene::new(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = Caustics::new(gpu, &scene).unwrap();
+    if let Some(lanes) = splat_lanes {
+        technique.kernels.splat_lanes = lanes;
+    }
     for (name, value) in [
         ("cube-resolution", "32"),
         ("shape-resolution", "64"),
@@ -176,6 +190,25 @@ fn flux_of_points_arrives() {
         let settings = [("resolution", "32"), ("frames", "8")];
         check(name, flux(&gpu, &scene, &settings, 8), expected, 0.01);
     }
+}
+
+/// A processor lets one invocation splat a whole photon, a GPU several: the light is the same.
+#[test]
+fn flux_does_not_depend_on_how_many_share_a_photon() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(glass());
+    let lamp = Light::new("lamp", LightKind::Point, Vec3::splat(10.0));
+    scene.lights = vec![lamp.aimed(CENTER + vec3(0.3, 1.2, 0.4), Vec3::ZERO)];
+    let settings = [("resolution", "64")];
+    let [one, several] = [[1, 1], [4, 64]].map(|splat_lanes| {
+        let technique = generated_by(&gpu, &scene, &settings, 1, Some(splat_lanes));
+        assert_eq!(technique.kernels.lanes(64, 1), splat_lanes[1]);
+        technique.made.unwrap().caustics[0].flux(&gpu)
+    });
+    check("several invocations", several, one, 1e-3);
+    let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
+    let own = generated(&gpu, &scene, &settings, 1).kernels.splat_lanes;
+    assert_eq!(own, if is_software { [1, 1] } else { [4, 64] });
 }
 
 #[test]
