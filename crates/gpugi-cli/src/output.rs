@@ -20,8 +20,11 @@ pub fn median(mut values: Vec<f64>) -> f64 {
 /// An image file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
+    /// 8-bit sRGB.
     Png,
+    /// Linear radiance, 32-bit floats.
     Exr,
+    /// Linear radiance with shared exponents.
     Hdr,
 }
 
@@ -99,9 +102,13 @@ pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result
 /// A quantity of surface points that can be written as an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Aov {
+    /// Diffuse albedo plus reflectance at normal incidence.
     Albedo,
+    /// Shading normal in world space.
     Normal,
+    /// Distance along the view direction (m).
     Depth,
+    /// Position in world space (m).
     Position,
 }
 
