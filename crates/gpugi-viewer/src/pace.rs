@@ -9,21 +9,53 @@ const STEP: f32 = 0.84;
 const MOST_STEPS: u32 = 12;
 /// Fast frames after which the resolution rises by a step.
 const PATIENCE: u32 = 12;
+/// Longest time of a frame when nothing moves (s): input waits for it.
+const STILL_SECONDS: f32 = 0.2;
 /// Limits of the budget, in units of [`Budget`].
 const UNITS: [u64; 2] = [20_000, 1 << 40];
 
 /// Chooses resolution and budget by the times of frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pace {
-    /// Frames per second that are wanted.
+    /// Frames per second that are wanted in motion.
     pub target_rate: f32,
-    /// Pixels of the picture per pixel of the window, along a side, when nothing moves.
+    /// Most pixels of the picture per pixel of the window, along a side.
     pub scale: f32,
-    /// Whether moving pictures may have fewer pixels.
+    /// Whether pictures may have fewer pixels, so that frames are fast enough.
     pub is_adaptive: bool,
+    in_motion: Resolution,
+    at_rest: Resolution,
+    units: u64,
+}
+
+/// A resolution that follows the times of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Resolution {
+    /// Below the most pixels.
     steps: u32,
     fast_frames: u32,
-    units: u64,
+    /// By how much the last frame was too slow; 0 if it was not.
+    slow: f32,
+}
+
+impl Resolution {
+    /// Takes notice of a frame by its time as a part of the time that is due.
+    fn measure(&mut self, ratio: f32) {
+        self.fast_frames = if ratio < 0.7 { self.fast_frames + 1 } else { 0 };
+        let slow = if ratio > 1.25 { ratio } else { 0.0 };
+        // A single slow frame may be a pipeline that is compiled.
+        let both = slow.min(self.slow);
+        self.slow = slow;
+        if both > 0.0 && self.steps < MOST_STEPS {
+            // The time follows the number of pixels: as many steps at once as that takes.
+            let steps = (0.5 * both.ln() / -STEP.ln()).ceil() as u32;
+            self.steps = (self.steps + steps.max(1)).min(MOST_STEPS);
+            self.slow = 0.0;
+        } else if self.fast_frames >= PATIENCE && self.steps > 0 {
+            self.steps -= 1;
+            self.fast_frames = 0;
+        }
+    }
 }
 
 impl Default for Pace {
@@ -32,8 +64,8 @@ impl Default for Pace {
             target_rate: 30.0,
             scale: 1.0,
             is_adaptive: true,
-            steps: 0,
-            fast_frames: 0,
+            in_motion: Resolution::default(),
+            at_rest: Resolution::default(),
             units: 4_000_000,
         }
     }
@@ -54,17 +86,10 @@ impl Pace {
         if work >= self.units && ratio < 1.0 {
             self.units = (self.units + self.units / 4).clamp(least, most);
         }
-        if !self.is_adaptive || !is_moving {
-            return;
-        }
-        self.fast_frames = if ratio < 0.7 { self.fast_frames + 1 } else { 0 };
-        if ratio > 1.25 && self.steps < MOST_STEPS {
-            // The time follows the number of pixels: as many steps at once as that takes.
-            let steps = (0.5 * ratio.ln() / -STEP.ln()).ceil() as u32;
-            self.steps = (self.steps + steps.max(1)).min(MOST_STEPS);
-        } else if self.fast_frames >= PATIENCE && self.steps > 0 {
-            self.steps -= 1;
-            self.fast_frames = 0;
+        if is_moving {
+            self.in_motion.measure(ratio);
+        } else {
+            self.at_rest.measure(seconds / STILL_SECONDS.max(due));
         }
     }
 
@@ -75,10 +100,10 @@ impl Pace {
 
     /// Pixels of the picture in a window of `size` pixels.
     pub fn size(&self, size: [u32; 2], is_moving: bool) -> [u32; 2] {
-        let steps = if is_moving && self.is_adaptive {
-            self.steps
-        } else {
-            0
+        let steps = match (self.is_adaptive, is_moving) {
+            (false, _) => 0,
+            (true, true) => self.in_motion.steps,
+            (true, false) => self.at_rest.steps,
         };
         let scale = self.scale * STEP.powi(steps as i32);
         size.map(|side| ((side as f32 * scale).round() as u32).max(1))
@@ -109,9 +134,24 @@ mod tests {
         // The way back, on a faster machine.
         frames(&mut pace, 0.005, 400);
         assert_eq!(pace.size([1000, 500], true), [1000, 500]);
-        pace.is_adaptive = false;
         frames(&mut pace, 0.3, 10);
+        pace.is_adaptive = false;
         assert_eq!(pace.size([1000, 500], true), [1000, 500]);
+    }
+
+    #[test]
+    fn still_pictures_give_up_pixels_only_when_input_would_wait_long() {
+        let mut pace = Pace::default();
+        for seconds in [0.15, 3.0, 0.15] {
+            pace.measure(seconds, 0, false);
+        }
+        assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
+        pace.measure(2.0, 0, false);
+        pace.measure(2.0, 0, false);
+        let [width, height] = pace.size([1000, 1000], false);
+        let seconds = 2.0 * (width * height) as f32 / 1e6;
+        assert!(seconds < 1.25 * STILL_SECONDS, "{seconds}");
+        assert_eq!(pace.size([1000, 1000], true), [1000, 1000]);
     }
 
     #[test]

@@ -139,9 +139,9 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
             ui.add(Slider::new(&mut pace.scale, 0.1..=2.0).text("resolution"))
                 .on_hover_text("Pixels of the picture per pixel of the window, along a side");
             ui.horizontal(|ui| {
-                ui.checkbox(&mut pace.is_adaptive, "fewer in motion, for")
+                ui.checkbox(&mut pace.is_adaptive, "fewer, for")
                     .on_hover_text(
-                        "While something moves, the picture has as few pixels as the rate takes",
+                        "In motion, the picture has as few pixels as the rate takes; at rest, as few as keep the window responsive",
                     );
                 ui.add(
                     DragValue::new(&mut pace.target_rate)

@@ -6,11 +6,9 @@ use gpugi::gpu::Gpu;
 use gpugi::techniques::Registry;
 use gpugi::{LightingError, Purpose, Renderer, default_set};
 use gpugi_scene::Scene;
-use serde::{Deserialize, Serialize};
 
 /// The techniques that people chose.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preset {
     /// The scene's default set for frames in motion.
     #[default]
@@ -30,8 +28,7 @@ impl Preset {
 }
 
 /// Techniques and the settings that differ from those of the preset, or from their defaults.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct TechniqueSet {
     /// What applies where no techniques are named.
     pub preset: Preset,
