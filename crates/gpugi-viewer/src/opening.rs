@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gpugi::gpu::Gpu;
 use gpugi_cli::scene_argument::{self, SceneArguments};
-use gpugi_scene::Scene;
+use gpugi_scene::{Scene, import_environment};
 
 use crate::session::Loaded;
 use crate::task::Task;
@@ -58,6 +58,28 @@ pub fn open(
         stage.set("reading");
         let (scene, notes) =
             scene_argument::load(&arguments).map_err(|error| format!("{error:#}"))?;
+        stage.set("uploading");
+        renderer(&gpu, scene, set, size, in_words(&arguments), notes)
+    })
+}
+
+/// The scene on show in the environment of `arguments`.
+pub fn change_environment(
+    gpu: &Gpu,
+    current: &Loaded,
+    arguments: &SceneArguments,
+    size: [u32; 2],
+    done: impl FnOnce() + Send + 'static,
+) -> Opening {
+    let (gpu, arguments) = (gpu.clone(), arguments.clone());
+    let (mut scene, set) = (current.scene.clone(), current.set.clone());
+    let notes = current.notes.clone();
+    let file = arguments.environment.clone().unwrap_or_default();
+    Task::start(&file.display().to_string(), done, move |stage| {
+        stage.set("reading");
+        let limits = arguments.limits().map_err(|error| format!("{error:#}"))?;
+        let environment = import_environment(&file, &limits);
+        scene.environment = Some(environment.map_err(|error| error.to_string())?);
         stage.set("uploading");
         renderer(&gpu, scene, set, size, in_words(&arguments), notes)
     })

@@ -159,11 +159,22 @@ impl Session {
         self.first = camera.clone();
         self.camera = CameraControl::new(camera, &loaded.scene.bounds());
         self.clock = Clock::default();
-        self.replace(loaded);
+        self.take(loaded);
     }
 
-    /// Shows the same scene with another renderer, from where the camera stands.
-    pub fn replace(&mut self, loaded: Loaded) {
+    /// Shows the same scene with another renderer, from where the camera stands. `scene` is the scene as it is by now:
+    /// what was edited meanwhile is edited there, too.
+    ///
+    /// # Errors
+    /// [`LightingError`]; what was on show stays.
+    pub fn replace(&mut self, mut loaded: Loaded, scene: Scene) -> Result<(), LightingError> {
+        loaded.renderer.update(&scene)?;
+        loaded.scene = scene;
+        self.take(loaded);
+        Ok(())
+    }
+
+    fn take(&mut self, loaded: Loaded) {
         self.loaded = loaded;
         self.readiness = Readiness::Refining { progress: 0.0 };
         self.changed();

@@ -21,6 +21,17 @@ pub struct Start {
     pub set: TechniqueSet,
 }
 
+/// What is being opened.
+#[derive(Debug, Clone)]
+enum Kind {
+    /// Another scene.
+    Scene(SceneArguments),
+    /// Another environment for the scene on show.
+    Environment(SceneArguments),
+    /// Other techniques for the scene on show.
+    Techniques,
+}
+
 /// What is on show, and what is being opened.
 pub struct Viewer {
     gpu: Gpu,
@@ -29,8 +40,7 @@ pub struct Viewer {
     /// What selects the scene on show.
     scene: SceneArguments,
     session: Option<Session>,
-    /// With what selects the scene, if it is another one.
-    opening: Option<(Opening, Option<SceneArguments>)>,
+    opening: Option<(Opening, Kind)>,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -63,17 +73,21 @@ impl Viewer {
     pub fn open(&mut self, scene: SceneArguments, set: &TechniqueSet) {
         let wake = self.wake.clone();
         let opening = opening::open(&self.gpu, &scene, set, self.size(), move || wake());
-        self.opening = Some((opening, Some(scene)));
+        self.opening = Some((opening, Kind::Scene(scene)));
     }
 
     /// Begins to open a file: a scene, or an environment for the scene on show.
     pub fn open_file(&mut self, file: &Path) {
         let scene = opening::dropped(&self.scene, file);
-        let set = match &self.session {
-            Some(session) if scene.scene == self.scene.scene => session.loaded().set.clone(),
-            _ => TechniqueSet::default(),
+        let (Some(session), true) = (&self.session, scene.environment.is_some()) else {
+            self.open(scene, &TechniqueSet::default());
+            return;
         };
-        self.open(scene, &set);
+        let wake = self.wake.clone();
+        let done = move || wake();
+        let opening =
+            opening::change_environment(&self.gpu, session.loaded(), &scene, self.size(), done);
+        self.opening = Some((opening, Kind::Environment(scene)));
     }
 
     /// Begins to light the scene on show with other techniques.
@@ -82,7 +96,7 @@ impl Viewer {
         let wake = self.wake.clone();
         let done = move || wake();
         let opening = opening::change_set(&self.gpu, session.loaded(), set, self.size(), done);
-        self.opening = Some((opening, None));
+        self.opening = Some((opening, Kind::Techniques));
     }
 
     /// Gives up what is being opened.
@@ -113,24 +127,39 @@ impl Viewer {
     }
 
     fn take(&mut self, result: Option<Result<Loaded, String>>) -> Result<(), String> {
-        let scene = self.opening.take().and_then(|(_, scene)| scene);
-        let loaded = result.unwrap_or_else(|| Err("gpugi failed; please report it".into()))?;
-        self.show(loaded, scene)
-    }
-
-    fn show(&mut self, loaded: Loaded, scene: Option<SceneArguments>) -> Result<(), String> {
-        let Some(scene) = scene else {
-            if let Some(session) = &mut self.session {
-                session.replace(loaded);
-            }
+        let Some((_, kind)) = self.opening.take() else {
             return Ok(());
         };
+        let loaded = result.unwrap_or_else(|| Err("gpugi failed; please report it".into()))?;
+        match (kind, &mut self.session) {
+            (Kind::Scene(scene), _) => {
+                self.show(loaded)?;
+                self.scene = scene;
+            }
+            (Kind::Environment(scene), Some(session)) => {
+                let mut edited = session.loaded().scene.clone();
+                edited.environment = loaded.scene.environment.clone();
+                session
+                    .replace(loaded, edited)
+                    .map_err(|error| error.to_string())?;
+                self.scene = scene;
+            }
+            (Kind::Techniques, Some(session)) => {
+                let edited = session.loaded().scene.clone();
+                session
+                    .replace(loaded, edited)
+                    .map_err(|error| error.to_string())?;
+            }
+            (Kind::Environment(_) | Kind::Techniques, None) => {}
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, loaded: Loaded) -> Result<(), String> {
         let choice = self.camera.take();
         let camera = scene_argument::camera(&loaded.scene, choice.as_deref(), 4.0 / 3.0);
         let camera = camera.map_err(|error| format!("{error:#}"))?;
         match &mut self.session {
-            // Another environment: the camera stays.
-            Some(session) if scene.scene == self.scene.scene => session.replace(loaded),
             Some(session) => session.open(loaded, &camera),
             None => {
                 let wake = self.wake.clone();
@@ -138,7 +167,6 @@ impl Viewer {
                 self.session = Some(session.map_err(|error| error.to_string())?);
             }
         }
-        self.scene = scene;
         Ok(())
     }
 

@@ -8,6 +8,8 @@ use gpugi::display::Compared;
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
+use gpugi_scene::image::save_exr;
+use gpugi_viewer::command::command;
 use gpugi_viewer::headless;
 use gpugi_viewer::opening::arguments_of;
 use gpugi_viewer::script::Script;
@@ -95,14 +97,14 @@ fn edits_and_other_techniques_show_what_they_would_from_the_start() {
     scene.lights[0].world_from_light.w_axis.x += 0.4;
     let place = scene.lights[0].position();
     let script = format!(
-        "1 technique shadow-map\n5 light 0 {} {} {}",
+        "5 technique shadow-map\n5 light 0 {} {} {}",
         place.x, place.y, place.z
     );
     let (mut viewer, picture) = shown(&gpu, start("room", &[]), &script);
     assert_eq!(viewer.session().unwrap().technique_names(), ["shadow-map"]);
     let expected = rendered(&gpu, &scene, &["shadow-map"]);
     assert_same(&picture, &expected);
-    // Without the edit it is another picture.
+    // The edit came while the techniques were on their way. Without it, it is another picture.
     let unmoved = rendered(&gpu, &builtin("room", 1).unwrap(), &["shadow-map"]);
     assert!(rel_mse(&unmoved, &expected) > 1e-3);
 }
@@ -120,15 +122,15 @@ fn what_cannot_be_opened_leaves_what_was_there() {
         assert!(reason.contains(&name), "{reason}");
     }
     std::fs::remove_file(&broken).unwrap();
-    // Both add the diffuse light between surfaces.
-    let overlapping = ["radiosity", "final-gather"].map(str::to_owned);
+    // Both add the light of the environment.
+    let overlapping = ["image-based-lighting", "radiance-transfer"].map(str::to_owned);
     viewer.change_set(TechniqueSet {
         names: Some(overlapping.to_vec()),
         ..TechniqueSet::default()
     });
     let reason = viewer.finish_opening().unwrap_err();
     assert!(
-        reason.contains("radiosity and final-gather both add"),
+        reason.contains("image-based-lighting and radiance-transfer both add"),
         "{reason}"
     );
     let session = viewer.session().unwrap();
@@ -139,6 +141,25 @@ fn what_cannot_be_opened_leaves_what_was_there() {
         "the picture is still complete"
     );
     assert!(session.set("shadow-map", "taps", "many").is_err());
+}
+
+#[test]
+fn an_environment_that_is_dropped_lights_the_edited_scene() {
+    let Some(gpu) = open() else { return };
+    let script = "3 light 0 0.1 1.5 0.2";
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), script);
+    let sky = std::env::temp_dir().join(format!("gpugi-viewer-{}.exr", std::process::id()));
+    save_exr(&sky, 4, 2, &[0.5; 4 * 2 * 3]).unwrap();
+    viewer.open_file(&sky);
+    viewer.finish_opening().unwrap();
+    std::fs::remove_file(&sky).unwrap();
+    let session = viewer.session().unwrap();
+    let scene = &session.loaded().scene;
+    assert_eq!(scene.environment.as_ref().unwrap().image.width, 4);
+    assert_eq!(scene.lights[0].position().to_array(), [0.1, 1.5, 0.2]);
+    let command = command(session, SIZE);
+    assert!(command.contains("--environment"), "{command}");
+    assert!(session.frame(SIZE, 0.0).is_ok());
 }
 
 #[test]
