@@ -141,7 +141,7 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
             ui.horizontal(|ui| {
                 ui.checkbox(&mut pace.is_adaptive, "fewer, for")
                     .on_hover_text(
-                        "In motion, the picture has as few pixels as the rate takes; at rest, as few as keep the window responsive",
+                        "As few pixels as the rate takes in motion, and as a responsive window takes at rest",
                     );
                 ui.add(
                     DragValue::new(&mut pace.target_rate)
