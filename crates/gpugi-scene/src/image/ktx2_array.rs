@@ -26,7 +26,7 @@ pub(crate) fn encode(side: u32, layers: u32, texels: &ArrayTexels) -> io::Result
     let head = Head {
         format,
         size: [side; 2],
-        depth: 1,
+        depth: 0,
         layers,
         faces: 1,
         level_bytes: &[bytes.len() as u64],
