@@ -1,5 +1,5 @@
 // node relight-test.mjs sky SKY.js FILE.hdr DEGREES: writes the sky of the example, turned about +Y.
-// node relight-test.mjs picture CHROMIUM SITE QUERY FILE.hdr: opens the page of SITE, and writes the picture that it posts.
+// node relight-test.mjs picture CHROMIUM SITE QUERY FILE.hdr: opens the page of SITE, writes the picture that it posts.
 import { spawn } from 'node:child_process';
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { createServer } from 'node:http';
@@ -18,7 +18,9 @@ function writeHdr(path, width, height, data) {
         const largest = Math.max(...rgb);
         if (largest > 1e-32) {
             const exponent = Math.floor(Math.log2(largest)) + 1;
-            rgb.forEach((value, channel) => (pixels[at + channel] = Math.min(Math.round((value * 256) / 2 ** exponent), 255)));
+            rgb.forEach((value, channel) => {
+                pixels[at + channel] = Math.min(Math.round((value * 256) / 2 ** exponent), 255);
+            });
             pixels[at + 3] = exponent + 128;
         }
     }

@@ -1,4 +1,4 @@
-// Transfer vectors in a file of `gpugi bake --technique radiance-transfer`, and materials that multiply them by the light.
+// Transfer vectors in a file of `gpugi bake --technique radiance-transfer`, and materials that multiply them by light.
 import * as THREE from 'three';
 
 const VK_FORMAT_R16G16B16A16_SFLOAT = 97;

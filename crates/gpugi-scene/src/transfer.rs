@@ -42,29 +42,36 @@ impl TransferVectors {
         (self.atlas.size as usize).pow(2)
     }
 
+    /// Checks that there are texels, and a coefficient per function and texel.
+    pub(crate) fn check_size(&self) -> Result<(), String> {
+        let Atlas { size, pages, .. } = *self.atlas;
+        if !ORDERS.contains(&self.order) {
+            return Err(format!("order {} is not in 2 to 8", self.order));
+        }
+        let texels = u64::from(size).pow(2).saturating_mul(pages.into());
+        let found = self.coefficients.len() as u64;
+        if found == 0 || found != texels.saturating_mul(self.functions() as u64) {
+            return Err(format!(
+                "{found} coefficients for {texels} texels of order {}",
+                self.order
+            ));
+        }
+        Ok(())
+    }
+
     /// Checks that there is a coefficient per function and texel, and that the vectors were made for this scene, with
     /// everything where it is now.
     ///
     /// # Errors
     /// Why they do not fit.
     pub fn check(&self, scene: &Scene) -> Result<(), String> {
-        if !ORDERS.contains(&self.order) {
-            return Err(format!("order {} is not in 2 to 8", self.order));
-        }
         if !(1..=MOST_BOUNCES).contains(&self.bounces) {
             return Err(format!(
                 "{} bounces are not in 1 to {MOST_BOUNCES}",
                 self.bounces
             ));
         }
-        let texels = self.texels_per_page() * self.atlas.pages as usize;
-        if self.coefficients.len() != texels * self.functions() {
-            return Err(format!(
-                "{} coefficients for {texels} texels of order {}",
-                self.coefficients.len(),
-                self.order
-            ));
-        }
+        self.check_size()?;
         self.atlas.check(scene)?;
         if self.geometry != geometry(scene, &self.atlas) {
             return Err(

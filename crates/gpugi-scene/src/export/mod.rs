@@ -142,12 +142,8 @@ pub fn export_transfer(
     format: TransferFormat,
 ) -> Result<Exported, ExportError> {
     let atlas = &vectors.atlas;
-    let texels = vectors.texels_per_page() * atlas.pages as usize;
-    if vectors.coefficients.len() != texels * vectors.functions() {
-        let found = vectors.coefficients.len();
-        let reason = format!("{found} coefficients for {texels} texels");
-        return Err(ExportError::new("transfer vectors", reason));
-    }
+    let fits = vectors.check_size();
+    fits.map_err(|reason| ExportError::new("transfer vectors", reason))?;
     let pages = vec![BakedPage::default(); atlas.pages as usize];
     let transfer = gltf::Transfer { vectors, format };
     gltf::bake(original, scene, atlas, &pages, Some(transfer))

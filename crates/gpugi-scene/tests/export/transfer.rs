@@ -169,3 +169,22 @@ fn vectors_that_do_not_fit_are_refused() {
     assert!(reason(&damaged).contains("checksum"));
     assert!(read(&glb[..glb.len() - 100]).is_err());
 }
+
+#[test]
+fn vectors_without_texels_or_with_too_few_coefficients_are_not_written() {
+    let scene = builtin("cornell", 1).unwrap();
+    let whole = vectors(&scene, 2);
+    let refused = |vectors: &TransferVectors| {
+        let exported = export_transfer(None, &scene, vectors, TransferFormat::Half);
+        exported.map(|_| ()).expect_err("an error").to_string()
+    };
+    let mut fewer = whole.clone();
+    fewer.coefficients.pop();
+    assert!(refused(&fewer).contains("coefficients for"));
+    let mut empty = whole.clone();
+    empty.coefficients.clear();
+    Arc::make_mut(&mut empty.atlas).pages = 0;
+    assert!(refused(&empty).contains("0 coefficients"));
+    let order = TransferVectors { order: 9, ..whole };
+    assert!(refused(&order).contains("order 9"));
+}

@@ -33,8 +33,11 @@ impl<'a> TransferBake<'a> {
     /// A bake of `scene`, which stays as it is, into `atlas`, an atlas of that scene.
     ///
     /// # Errors
-    /// [`LightingError`].
+    /// [`LightingError`], also for an atlas without pages.
     pub fn new(gpu: &Gpu, scene: &'a Scene, atlas: Atlas) -> Result<Self, LightingError> {
+        if atlas.pages == 0 {
+            return Err(unfit("the scene has no surface for texels"));
+        }
         let digest = digest(scene, &atlas);
         let atlas = Arc::new(atlas);
         let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
