@@ -45,9 +45,14 @@ function show({ scene, camera, center, turn }) {
     const view = camera.clone();
     camera.matrixWorld.decompose(view.position, view.quaternion, view.scale);
     const draw = () => renderer.render(scene, view);
+    // It turns around the point straight ahead that is as far away as the scene.
+    const ahead = view.getWorldDirection(new THREE.Vector3());
+    const distance = Math.max(center.clone().sub(view.position).dot(ahead), 0.01);
+    const target = view.position.clone().addScaledVector(ahead, distance);
     const controls = new OrbitControls(view, renderer.domElement);
     controls.mouseButtons = { LEFT: null, MIDDLE: THREE.MOUSE.DOLLY, RIGHT: THREE.MOUSE.ROTATE };
-    controls.target.copy(center);
+    controls.target.copy(target);
+    controls.update();
     controls.addEventListener('change', draw);
     let angle = THREE.MathUtils.degToRad(Number(asked.get('rotation') ?? 0));
     addEventListener('pointermove', (event) => {

@@ -481,6 +481,8 @@ pub fn write(
 
 #[cfg(test)]
 mod tests {
+    use gpugi_scene::AtlasOptions;
+
     use super::*;
 
     #[test]
