@@ -88,7 +88,9 @@ export function relight(mesh, transfer, light) {
                 for (int m = 0; m < ${transfer.order ** 2}; m++) {
                     sum += textureLod(transfer, vec3(texel, float(m)), 0.0).rgb * light[m];
                 }
-                outgoingLight = outgoingLight * max(sum, vec3(0.0)) + emitted;`,
+                // Texels lie on fronts.
+                vec3 reflected = gl_FrontFacing ? max(sum, vec3(0.0)) : vec3(0.0);
+                outgoingLight = outgoingLight * reflected + emitted;`,
             );
     };
     mesh.material = material;

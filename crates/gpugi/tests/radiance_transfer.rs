@@ -162,7 +162,7 @@ fn stored_vectors_light_as_new_ones() {
     let (stored, warnings) = light(&scene, &[]);
     let (new, _) = light(&scene, &["stored=false"]);
     println!("stored {stored:.1e}, new {new:.1e}");
-    assert!(stored < 1e-5 && new > 1e-3, "{stored} {new}");
+    assert!(stored < 1e-8 && new > 1e-3, "{stored} {new}");
     assert!(warnings.is_empty(), "{warnings:?}");
 
     let block = scene.instances.len() - 1;
