@@ -1,6 +1,13 @@
 //! The `gpugi` command: parses arguments, calls the library and prints. A library, so that the viewer takes the same
 //! arguments.
 
+/// As the standard library's, which panics if nobody reads on: `gpugi list settings | head -1`.
+macro_rules! println {
+    ($($text:tt)*) => {
+        crate::output::print_line(format_args!($($text)*))
+    };
+}
+
 mod bake;
 mod bench;
 mod bench_edits;

@@ -1,5 +1,6 @@
 //! Output of the commands: images, quantities of surface points, maps, JSON.
 
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
@@ -10,6 +11,15 @@ use gpugi::{Renderer, capture};
 use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
 use crate::Usage;
+
+/// Writes a line to standard output. Ends the command, as if it were done, if the reader has closed its end; what else
+/// goes wrong there is no reason to lose a picture.
+pub fn print_line(line: std::fmt::Arguments<'_>) {
+    let result = writeln!(std::io::stdout(), "{line}");
+    if result.is_err_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe) {
+        std::process::exit(0);
+    }
+}
 
 /// The middle value; NaN of none.
 pub fn median(mut values: Vec<f64>) -> f64 {
