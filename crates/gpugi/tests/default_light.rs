@@ -5,7 +5,7 @@ mod common;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use common::gpu;
+use common::{direct, gpu};
 use gpugi::gpu::Gpu;
 use gpugi::measure::{Cache, Options, Quality, measure};
 use gpugi::techniques::Registry;
@@ -14,12 +14,17 @@ use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::Metric;
 
-/// HDR-FLIP of the default set for `purpose`.
-fn flip(gpu: &Gpu, scene: &Scene, purpose: Purpose, cache: &Cache) -> f64 {
+const SIZE: [u32; 2] = [48, 36];
+
+/// A renderer with the default set for a purpose.
+fn default(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Renderer {
     let registry = Registry::default();
     let set = default_set(scene, &gpu.adapter, purpose, &registry);
-    let renderer = Renderer::with_set(gpu, scene, [48, 36], &set, &registry);
-    let mut renderer = renderer.expect("a renderer");
+    Renderer::with_set(gpu, scene, SIZE, &set, &registry).expect("a renderer")
+}
+
+/// HDR-FLIP against all light.
+fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer, cache: &Cache) -> f64 {
     let options = Options {
         samples: 16,
         reference: Quality {
@@ -37,51 +42,57 @@ fn flip(gpu: &Gpu, scene: &Scene, purpose: Purpose, cache: &Cache) -> f64 {
     flip.expect("FLIP")
 }
 
-/// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise,
-/// and the live view, which lacks indirect light, by more.
-fn still_picture_is_near_the_truth(name: &str, most: f64) {
+/// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
+/// the live view by less than `live_most`. Direct light alone differs by more.
+fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("default-light-{name}"));
     let cache = Cache::new(&folder);
     let [still, live] = [Purpose::StillPicture, Purpose::LiveView]
-        .map(|purpose| flip(&gpu, &scene, purpose, &cache));
-    println!("{name}: FLIP {still:.4}, without indirect light {live:.4}");
+        .map(|purpose| flip(&gpu, &scene, default(&gpu, &scene, purpose), &cache));
+    let direct = Renderer::new(&gpu, &scene, SIZE, &direct(&gpu, &scene)).expect("a renderer");
+    let direct = flip(&gpu, &scene, direct, &cache);
+    println!("{name}: FLIP {still:.4}, live {live:.4}, without indirect light {direct:.4}");
     assert!(still < most, "{name}: FLIP {still}");
-    assert!(live > most, "{name}: FLIP {live} without indirect light");
+    assert!(live < live_most, "{name}: FLIP {live} of a live view");
+    assert!(
+        direct > live_most,
+        "{name}: FLIP {direct} without indirect light"
+    );
 }
 
 #[test]
 fn cornell() {
-    still_picture_is_near_the_truth("cornell", 0.1);
+    pictures_are_near_the_truth("cornell", 0.1, 9.0);
 }
 
 #[test]
 fn room() {
-    still_picture_is_near_the_truth("room", 0.08);
+    pictures_are_near_the_truth("room", 0.08, 9.0);
 }
 
 #[test]
 fn chamber() {
-    still_picture_is_near_the_truth("chamber", 0.2);
+    pictures_are_near_the_truth("chamber", 0.2, 9.0);
 }
 
 #[test]
 fn teapot() {
-    still_picture_is_near_the_truth("teapot", 0.035);
+    pictures_are_near_the_truth("teapot", 0.035, 9.0);
 }
 
 #[test]
 fn spheres() {
-    still_picture_is_near_the_truth("spheres", 0.04);
+    pictures_are_near_the_truth("spheres", 0.04, 9.0);
 }
 
 #[test]
 fn shapes() {
-    still_picture_is_near_the_truth("shapes", 0.06);
+    pictures_are_near_the_truth("shapes", 0.06, 9.0);
 }
 
 #[test]
 fn window_room() {
-    still_picture_is_near_the_truth("window-room", 0.15);
+    pictures_are_near_the_truth("window-room", 0.15, 9.0);
 }

@@ -5,7 +5,7 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::gpu;
+use common::{direct, gpu};
 use gpugi::Renderer;
 use gpugi::techniques::environment_map::{Settings, export};
 use gpugi_scene::builtin::builtin;
@@ -28,7 +28,8 @@ fn is_update() -> bool {
 fn golden(name: &str) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
-    let mut renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], &[]).expect("a renderer");
+    let names = direct(&gpu, &scene);
+    let mut renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], &names).expect("a renderer");
     for _ in 0..4 {
         renderer
             .render_sample(&scene.cameras[0], 4, None, false)

@@ -4,7 +4,7 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{floor, gpu};
+use common::{direct, floor, gpu};
 use glam::Vec3;
 use gpugi::Renderer;
 use gpugi::bake::{Bake, LightBake, LightOptions};
@@ -51,8 +51,9 @@ fn a_picture_without_memory() {
     let Some(gpu) = gpu() else { return };
     let mut scene = floor(1.0);
     scene.environment = Some(Environment::default_sky());
+    let names = direct(&gpu, &scene);
     assert_runs_out(&gpu, || {
-        let mut renderer = Renderer::new(&gpu, &scene, [16, 16], &[])?;
+        let mut renderer = Renderer::new(&gpu, &scene, [16, 16], &names)?;
         renderer.render_sample(&looking_down(), 1, None, false)?;
         renderer.radiance()?;
         Ok(())

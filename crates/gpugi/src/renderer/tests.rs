@@ -3,6 +3,7 @@
 use gpugi_scene::builtin::builtin;
 
 use super::*;
+use crate::techniques::{image_based_lighting, shadow_map};
 use crate::testing::test_gpu;
 
 #[test]
@@ -71,9 +72,10 @@ fn frames_that_never_wait_come_to_the_same_picture() {
     let Some(gpu) = test_gpu() else { return };
     let scene = builtin("spheres", 1).unwrap();
     let camera = &scene.cameras[0];
-    let mut blocking = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+    let names = [shadow_map::INFO.name, image_based_lighting::INFO.name].map(str::to_owned);
+    let mut blocking = Renderer::new(&gpu, &scene, [16, 16], &names).unwrap();
     blocking.render_sample(camera, 1, None, false).unwrap();
-    let mut live = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
+    let mut live = Renderer::new(&gpu, &scene, [16, 16], &names).unwrap();
     let mut waited = 0;
     while live.samples() == 0 {
         let (readiness, _) = live.try_render_sample(camera, 1, None, false).unwrap();

@@ -5,9 +5,10 @@
 use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi::Renderer;
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::measure::{Measured, Options, Quality, measure};
+use gpugi::techniques::Registry;
+use gpugi::{Purpose, Renderer, default_set};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
@@ -105,9 +106,18 @@ impl Picture {
     }
 }
 
-/// A renderer with settings in the form `technique.name=value`.
+/// The techniques of a live view that add direct light, and what mirrors and glass make of it.
+pub fn direct(gpu: &Gpu, scene: &Scene) -> Vec<String> {
+    let registry = Registry::default();
+    let mut names = default_set(scene, &gpu.adapter, Purpose::LiveView, &registry).names();
+    names.retain(|name| name != "final-gather");
+    names
+}
+
+/// A renderer of direct light with settings in the form `technique.name=value`.
 pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Renderer {
-    let mut renderer = Renderer::new(gpu, scene, [size, size], &[]).expect("a renderer");
+    let names = direct(gpu, scene);
+    let mut renderer = Renderer::new(gpu, scene, [size, size], &names).expect("a renderer");
     for setting in settings {
         let (name, value) = setting.split_once('=').expect("technique.name=value");
         let (technique, name) = name.split_once('.').expect("technique.name=value");

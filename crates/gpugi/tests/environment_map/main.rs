@@ -238,7 +238,8 @@ fn beside_image_based_lighting_only_mirrors_are_added() {
             .map(|paths| paths.pattern.to_string())
             .collect()
     };
-    let both = Renderer::new(&gpu, &scene, [16, 16], &[]).expect("no overlap");
+    let names = common::direct(&gpu, &scene);
+    let both = Renderer::new(&gpu, &scene, [16, 16], &names).expect("no overlap");
     assert_eq!(patterns(&both), ["L[DG]E", "LSE"]);
     assert_eq!(patterns(&alone(&gpu, &scene, &[])), ["L[DGS]E"]);
     let only = ["image-based-lighting".to_owned()];
