@@ -64,35 +64,35 @@ fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
 
 #[test]
 fn cornell() {
-    pictures_are_near_the_truth("cornell", 0.1, 9.0);
+    pictures_are_near_the_truth("cornell", 0.1, 0.13);
 }
 
 #[test]
 fn room() {
-    pictures_are_near_the_truth("room", 0.08, 9.0);
+    pictures_are_near_the_truth("room", 0.08, 0.14);
 }
 
 #[test]
 fn chamber() {
-    pictures_are_near_the_truth("chamber", 0.2, 9.0);
+    pictures_are_near_the_truth("chamber", 0.2, 0.23);
 }
 
 #[test]
 fn teapot() {
-    pictures_are_near_the_truth("teapot", 0.035, 9.0);
+    pictures_are_near_the_truth("teapot", 0.035, 0.08);
 }
 
 #[test]
 fn spheres() {
-    pictures_are_near_the_truth("spheres", 0.04, 9.0);
+    pictures_are_near_the_truth("spheres", 0.04, 0.055);
 }
 
 #[test]
 fn shapes() {
-    pictures_are_near_the_truth("shapes", 0.06, 9.0);
+    pictures_are_near_the_truth("shapes", 0.06, 0.1);
 }
 
 #[test]
 fn window_room() {
-    pictures_are_near_the_truth("window-room", 0.15, 9.0);
+    pictures_are_near_the_truth("window-room", 0.15, 0.28);
 }
