@@ -10,7 +10,7 @@ use crate::scene::GpuScene;
 use crate::shader;
 
 /// Points per row of their hit records.
-const WIDTH: u32 = 128;
+pub(super) const WIDTH: u32 = 128;
 
 /// Entry points.
 #[derive(Debug)]

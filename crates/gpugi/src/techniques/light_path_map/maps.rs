@@ -7,11 +7,11 @@ use gpugi_scene::atlas::Seams;
 
 use super::gpu::{Choice, LANES, SLOT_BYTES};
 use super::panes::Panes;
-use super::{INFO, Settings};
+use super::{INFO, Settings, entry_points};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
 };
-use crate::capture::{Receiver, Target};
+use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
@@ -31,11 +31,11 @@ pub(super) struct LightPathMaps {
     atlas: Arc<Atlas>,
     /// [`GpuScene::passages`] that the passes were compiled for.
     passages: [bool; 2],
-    capture: AtlasCapture,
+    pub capture: AtlasCapture,
     leaks: LeakTest,
     pub panes: Panes,
     /// Mean irradiance of each cluster (W/m^2).
-    weights: wgpu::Buffer,
+    pub weights: wgpu::Buffer,
     /// `Slot` of sum.wesl: the panes that are added.
     slots: wgpu::Buffer,
     /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
@@ -138,8 +138,10 @@ impl LightPathMaps {
         if self.panes.is_done() && !is_current && earlier.may_step() {
             let entries = &self.panes.points.receiver;
             earlier.gather(frame, scene, entries, false)?;
-            self.choose(frame, settings)?;
+            self.weigh(frame)?;
             self.relight(frame, settings)?;
+            self.dilation.record(frame, &self.irradiance)?;
+            self.seams.record(frame);
             earlier.count(u64::from(self.panes.texels));
             self.lit = Some(now);
             is_current = true;
@@ -163,9 +165,8 @@ impl LightPathMaps {
         self.panes.complete(frame, &self.capture, sum)
     }
 
-    /// Weighs the clusters by the light at their entry points and chooses panes: passes `light-path-map.weigh` and
-    /// `light-path-map.choose`.
-    fn choose(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
+    /// Weighs the clusters by the light at their entry points: pass `light-path-map.weigh`.
+    fn weigh(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let points = &self.panes.points;
         let from = [
@@ -185,8 +186,14 @@ impl LightPathMaps {
             self.weigh
                 .dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
         });
+        Ok(())
+    }
+
+    /// Chooses the panes to add: pass `light-path-map.choose`.
+    fn choose(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
         let chosen = Choice {
-            clusters,
+            clusters: self.panes.points.entries.clusters(),
             panes: self.added(settings),
         };
         let chosen = gpu.uniform("choice of panes", &chosen)?;
@@ -214,13 +221,13 @@ impl LightPathMaps {
         }
     }
 
-    /// Sums the panes that were chosen: passes `light-path-map.relight`, `capture.atlas.dilate` and
-    /// `capture.atlas.seams`.
-    fn relight(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
-        self.sum(frame, &self.slots, self.added(settings) + 1)?;
-        self.dilation.record(frame, &self.irradiance)?;
-        self.seams.record(frame);
-        Ok(())
+    /// Chooses panes by their weights and sums them: passes `light-path-map.choose` and `light-path-map.relight`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn relight(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
+        self.choose(frame, settings)?;
+        self.sum(frame, &self.slots, self.added(settings) + 1)
     }
 
     /// Sums panes: pass `light-path-map.relight`.
@@ -257,7 +264,7 @@ impl LightPathMaps {
         self.gather.record(frame, name, scene, texels, receiver)
     }
 
-    /// Irradiance of all rows, clusters of texels and weights of clusters.
+    /// Positions of entry points, irradiance of all rows, weights of clusters and clusters of texels.
     pub fn maps(&self) -> Vec<Map> {
         let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| Map {
             name: format!("{}.{name}", INFO.name),
@@ -270,7 +277,14 @@ impl LightPathMaps {
         };
         let size = [self.capture.size, self.capture.size * self.capture.pages];
         let clusters = (self.weights.size() / 16) as u32;
+        let entries = &self.panes.points.receiver.points.points;
+        let of_entries = [
+            entry_points::WIDTH,
+            (entries.size() / SURFACE_POINT_BYTES) as u32 / entry_points::WIDTH,
+        ];
         vec![
+            // A surface point begins with its position.
+            map("entries", entries, of_entries, SURFACE_POINT_BYTES),
             map("irradiance", &self.irradiance.radiance, size, 16),
             map("weights", &self.weights, [clusters, 1], 16),
             map("clusters", &self.panes.owners, size, 4),
