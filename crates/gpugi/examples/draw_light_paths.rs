@@ -24,7 +24,7 @@ const SIZE: [u32; 2] = [192, 144];
 const GAP: usize = 4;
 /// Width and height of the pictures that are compared.
 const COMPARED: [u32; 2] = [64, 48];
-const SAMPLES: u32 = 4;
+const SAMPLES: u32 = 16;
 
 const TECHNIQUES: [&str; 2] = ["shadow-map", "light-path-map"];
 
@@ -193,16 +193,14 @@ fn table(gpu: &Gpu, name: &str, way: [Vec3; 2], target: Vec3) -> Result<(), Box<
         ("entries", "1024"),
         ("clusters", "128"),
     ];
-    let cases: [Settings<'_>; 10] = [
+    let cases: [Settings<'_>; 8] = [
         &[],
         &[("entries", "256")],
         &[("entries", "4096")],
         &[("clusters", "16")],
         &[("clusters", "512")],
-        &[("clustering", "kd-tree")],
         &[("panes", "8")],
         &[("panes", "32")],
-        &[("resolution", "32")],
         &[("resolution", "128")],
     ];
     for case in cases {

@@ -15,7 +15,7 @@ use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
 
 const SIZE: u32 = 40;
-const SAMPLES: u32 = 4;
+const SAMPLES: u32 = 16;
 
 /// Direct light, and direct light with what light-path-map adds: their difference is the indirect light alone.
 struct Indirect {
@@ -118,19 +118,20 @@ fn indirect_light_of_a_moving_light_is_the_path_tracers() {
     let Some(gpu) = gpu() else { return };
     let (box_, room) = (cornell(), builtin("room", 1).expect("a scene"));
     let in_box = [
-        vec3(0.0, 4.5, -2.8),
-        vec3(2.0, 1.5, -1.0),
-        vec3(-2.0, 3.0, -4.0),
+        vec3(0.0, 4.2, -2.8),
+        vec3(2.0, 3.5, -1.5),
+        vec3(-1.5, 2.0, -1.2),
     ];
     let in_room = [vec3(1.3, 2.8, 1.3), vec3(-1.0, 1.5, 1.2)];
-    for (name, scene, places, target) in [
-        ("cornell", &box_, &in_box[..], Vec3::ZERO),
-        ("room", &room, &in_room[..], vec3(-0.1, 0.2, -0.5)),
+    // In the box the light reaches nearly all clusters alike, of which 32 panes are few.
+    for (name, scene, places, target, bound_of_32) in [
+        ("cornell", &box_, &in_box[..], Vec3::ZERO, 0.07),
+        ("room", &room, &in_room[..], vec3(-0.1, 0.2, -0.5), 0.03),
     ] {
-        let settings = ["resolution=64", "entries=1024", "clusters=128", "steps=64"];
+        let settings = ["resolution=64", "steps=64"];
         let mut indirect = Indirect::new(&gpu, scene, &settings);
         let lights = along(scene, places, target);
-        for (panes, mean_bound, worst_bound) in [("0", 0.01, 0.02), ("32", 0.03, 0.06)] {
+        for (panes, bound) in [("0", 0.003), ("32", bound_of_32)] {
             let set = indirect.both.set("light-path-map", "panes", panes);
             set.expect("a setting");
             let errors: Vec<f64> = lights
@@ -139,9 +140,9 @@ fn indirect_light_of_a_moving_light_is_the_path_tracers() {
                 .collect();
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
             println!("{name}, panes={panes}: rel-mse {mean:.1e} of {errors:?}");
-            assert!(mean < mean_bound, "{name}, {panes}: {mean}");
+            assert!(mean < bound, "{name}, panes={panes}: {mean}");
             assert!(
-                errors.iter().all(|&error| error < worst_bound),
+                errors.iter().all(|&error| error < 2.0 * bound),
                 "{errors:?}"
             );
         }
@@ -163,7 +164,7 @@ fn nothing_pops_while_a_light_moves() {
     ];
     let mut indirect = Indirect::new(&gpu, &scene, &settings);
     let places: Vec<Vec3> = (0..40)
-        .map(|step| vec3(-0.4 + 0.02 * step as f32, 3.0, -2.5))
+        .map(|step| vec3(-0.4 + 0.02 * step as f32, 3.5, -1.5))
         .collect();
     let pictures: Vec<Vec<f32>> = along(&scene, &places, Vec3::ZERO)
         .iter()
@@ -234,7 +235,6 @@ fn what_does_not_fit_is_refused() {
         ("clusters", "2000"),
         ("walks", "0"),
         ("depth", "33"),
-        ("clustering", "best"),
     ] {
         let refused = renderer.set("light-path-map", name, value);
         assert!(

@@ -4,8 +4,6 @@ use glam::{Mat3, Vec2, Vec3};
 use gpugi_scene::Scene;
 use gpugi_scene::provoking::provoking_order;
 
-use super::settings::Clustering;
-
 /// A point of a surface at which direct light enters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Entry {
@@ -45,7 +43,7 @@ const ROUNDS: u32 = 16;
 impl Entries {
     /// `count` points, spread evenly over the scene's surfaces, in `clusters` clusters; fewer where the scene has no
     /// surfaces.
-    pub fn new(scene: &Scene, count: u32, clusters: u32, clustering: Clustering) -> Self {
+    pub fn new(scene: &Scene, count: u32, clusters: u32) -> Self {
         let (entries, area) = spread(scene, count);
         // About the radius of a cluster: a right angle counts as much as being 1.4 radii apart.
         let normal_scale = (area / std::f32::consts::PI / clusters as f32).sqrt();
@@ -57,9 +55,7 @@ impl Entries {
             })
             .collect();
         let mut groups = halves(&sites, (0..entries.len()).collect(), clusters as usize);
-        if clustering == Clustering::KMeans {
-            refine(&sites, &mut groups);
-        }
+        refine(&sites, &mut groups);
         let mut firsts = vec![0];
         let mut sorted = Vec::with_capacity(entries.len());
         for group in groups {

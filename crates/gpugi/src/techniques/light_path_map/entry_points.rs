@@ -94,12 +94,7 @@ impl EntryPoints {
     /// Chooses the points anew, on the scene's surfaces as they are.
     pub fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, settings: &Settings) {
         self.entries = match scene.host() {
-            Some(host) => Entries::new(
-                host,
-                settings.entries,
-                settings.clusters,
-                settings.clustering,
-            ),
+            Some(host) => Entries::new(host, settings.entries, settings.clusters),
             None => Entries::default(),
         };
         let entries = self.entries.entries.iter();

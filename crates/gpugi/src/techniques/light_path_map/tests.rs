@@ -6,8 +6,8 @@ use glam::{Mat4, Vec2, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Material, Mesh, Scene};
 
+use super::LightPathMap;
 use super::entries::Entries;
-use super::{Clustering, LightPathMap};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
@@ -213,30 +213,24 @@ fn entry_points_are_spread_by_area_and_clustered_by_place_and_side() {
     let large = quad(vec3(0.0, 0.0, 0.0), Vec3::X * 3.0, Vec3::NEG_Z, 1);
     let small = quad(vec3(0.0, 2.0, 0.0), Vec3::X, Vec3::Z, 4);
     let scene = scene_of([(large, 0.5), (small, 0.5)]);
-    for clustering in [Clustering::KMeans, Clustering::KdTree] {
-        let found = Entries::new(&scene, 1024, 16, clustering);
-        assert_eq!(found.clusters(), 16);
-        assert!((found.area - 4.0 / 1024.0).abs() < 1e-6);
-        let on_large = found.entries.iter().filter(|entry| entry.instance == 0);
-        assert_eq!(on_large.count(), 768);
-        // A quarter of the large quad has a quarter of its points.
-        let is_left =
-            |entry: &&super::entries::Entry| entry.instance == 0 && entry.position.x < 0.75;
-        let left = found.entries.iter().filter(is_left).count();
-        assert!((190..=194).contains(&left), "{left}");
-        for (entry, cluster) in found.with_clusters() {
-            let first = found.firsts[cluster as usize] as usize;
-            let of_cluster = &found.entries[first];
-            assert_eq!(entry.instance, of_cluster.instance, "{clustering:?}");
-            assert!(entry.position.distance(of_cluster.position) < 1.1);
-            let up = if entry.instance == 0 { 1.0 } else { -1.0 };
-            assert!((entry.normal.y - up).abs() < 1e-6);
-        }
+    let found = Entries::new(&scene, 1024, 16);
+    assert_eq!(found.clusters(), 16);
+    assert!((found.area - 4.0 / 1024.0).abs() < 1e-6);
+    let on_large = found.entries.iter().filter(|entry| entry.instance == 0);
+    assert_eq!(on_large.count(), 768);
+    // A quarter of the large quad has a quarter of its points.
+    let is_left = |entry: &&super::entries::Entry| entry.instance == 0 && entry.position.x < 0.75;
+    let left = found.entries.iter().filter(is_left).count();
+    assert!((190..=194).contains(&left), "{left}");
+    for (entry, cluster) in found.with_clusters() {
+        let first = found.firsts[cluster as usize] as usize;
+        let of_cluster = &found.entries[first];
+        assert_eq!(entry.instance, of_cluster.instance);
+        assert!(entry.position.distance(of_cluster.position) < 1.1);
+        let up = if entry.instance == 0 { 1.0 } else { -1.0 };
+        assert!((entry.normal.y - up).abs() < 1e-6);
     }
-    assert_eq!(
-        Entries::new(&Scene::new(""), 64, 4, Clustering::KMeans).clusters(),
-        0
-    );
+    assert_eq!(Entries::new(&Scene::new(""), 64, 4).clusters(), 0);
 }
 
 /// The rest shares one pane: no power is lost, and even light is exact whatever the number of panes.
