@@ -1,7 +1,7 @@
 //! Draws light path maps as the tutorial's figures 66 and 67 do: the entry points; and pictures of which one half has
-//! local illumination only. `cargo run -p gpugi --example draw_light_paths` writes `docs/images/light-path-map-*.png`, or
-//! into the folder given as argument. With `table` as the argument it prints errors against the path tracer instead, with
-//! the light at some places.
+//! local illumination only. `cargo run -p gpugi --example draw_light_paths` writes
+//! `docs/images/light-path-map-chamber.png`, or into the folder given as argument. With `table` as the argument it
+//! prints errors against the path tracer instead, with the light at some places.
 
 use std::error::Error;
 use std::ops::ControlFlow;

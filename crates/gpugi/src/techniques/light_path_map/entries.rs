@@ -115,8 +115,8 @@ fn triangles(scene: &Scene) -> (Vec<Triangle>, Vec<f64>) {
     (triangles, sums)
 }
 
-/// `count` points by area, and the area of all surfaces (m^2): the points of Hammersley's set choose a triangle by their
-/// first coordinate, and a place in it by what is left of that coordinate and by the second one.
+/// `count` points by area, and the area of all surfaces (m^2): the points of Hammersley's set choose a triangle by
+/// their first coordinate, and a place in it by what is left of that coordinate and by the second one.
 fn spread(scene: &Scene, count: u32) -> (Vec<Entry>, f32) {
     let (triangles, sums) = triangles(scene);
     let all = sums.last().copied().unwrap_or(0.0);

@@ -1,5 +1,5 @@
-//! Light path maps: indirect light of a still scene under lights that move, appear and change colour, from maps that are
-//! computed once (tutorial section 7.3).
+//! Light path maps: indirect light of a still scene under lights that move, appear and change colour, from maps that
+//! are computed once (tutorial section 7.3).
 //!
 //! Generate: virtual lights of entry points, found by random walks, light the texels of an atlas, cluster by cluster, a
 //! few steps per frame: panes. Earlier techniques light the entry points, and the panes, weighted by that light, add up

@@ -11,7 +11,8 @@ crate::settings! {
         pub depth: u32 = 32 => in_range(0.0, 32.0),
         /// Clusters of entry points, and panes.
         pub clusters: u32 = 256 => in_range(1.0, 1024.0),
-        /// Panes that are added whenever the light changes, those of the brightest clusters; the rest shares one. 0: all.
+        /// Panes that are added whenever the light changes, those of the brightest clusters; the rest shares one. 0:
+        /// all.
         pub panes: u32 = 0 => in_range(0.0, 1024.0),
         /// Short rays per texel, for the light of near surfaces.
         pub near_rays: u32 = 32 => in_range(1.0, 256.0),

@@ -184,8 +184,8 @@ fn a_closed_box_has_the_light_of_a_geometric_series() {
     }
 }
 
-/// A square overhead that is lit by 1 sends rho times its form factor, one corner at a time: 1 / (2 pi) (X / a atan Y / a
-/// + Y / b atan X / b), a = sqrt(1 + X^2), b = sqrt(1 + Y^2), X and Y in heights.
+/// A square overhead that is lit by 1 sends rho times its form factor, one corner at a time: 1 / (2 pi) (X / a atan
+/// Y / a + Y / b atan X / b), a = sqrt(1 + X^2), b = sqrt(1 + Y^2), X and Y in heights.
 #[test]
 fn one_reflection_between_squares_is_their_form_factor() {
     let Some(gpu) = test_gpu() else { return };
