@@ -9,6 +9,7 @@ pub mod distance_impostor;
 pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
+pub mod light_path_map;
 pub mod obscurances;
 pub mod radiance_transfer;
 pub mod radiosity;

@@ -2,7 +2,8 @@
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, obscurances, radiance_transfer, radiosity, ray_tracing, shadow_map,
+    image_based_lighting, light_path_map, obscurances, radiance_transfer, radiosity, ray_tracing,
+    shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -63,6 +64,11 @@ impl Default for Registry {
                 info: &environment_map::INFO,
                 fields: environment_map::Settings::fields,
                 make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
+            },
+            Registration {
+                info: &light_path_map::INFO,
+                fields: light_path_map::Settings::fields,
+                make: |_, _| Ok(Box::new(light_path_map::LightPathMap::default())),
             },
             Registration {
                 info: &radiosity::INFO,

@@ -1,0 +1,137 @@
+//! Entry points on the GPU: a receiver, which earlier techniques light.
+
+use bytemuck::Zeroable;
+
+use super::Settings;
+use super::entries::Entries;
+use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Points per row of their hit records.
+pub(super) const WIDTH: u32 = 128;
+
+/// Entry points.
+#[derive(Debug)]
+pub(super) struct EntryPoints {
+    /// What the host knows of them.
+    pub entries: Entries,
+    /// The points, and their irradiance (W/m^2).
+    pub receiver: Receiver,
+    /// First entry point of each cluster, and behind the last one the number of all.
+    pub firsts: wgpu::Buffer,
+    places: wgpu::Buffer,
+    hits: wgpu::TextureView,
+    resolve: Kernel,
+}
+
+impl EntryPoints {
+    /// Room for the entry points of a scene.
+    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let rows = settings.entries.div_ceil(WIDTH);
+        let count = WIDTH * rows;
+        let hits = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("hits of entry points"),
+            size: wgpu::Extent3d {
+                width: WIDTH,
+                height: rows,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+            view_formats: &[],
+        })?;
+        let hits = hits.create_view(&Default::default());
+        let mut view = ViewUniform {
+            width: WIDTH,
+            height: rows,
+            seed: settings.seed,
+            ..Zeroable::zeroed()
+        };
+        let output = Output::Irradiance;
+        output.write(&mut view);
+        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
+        let points = SurfacePoints {
+            points: gpu.buffer("entry points [bytes]", bytes, storage)?,
+            view: gpu.uniform("view of entry points", &view)?,
+            count,
+            hits: hits.clone(),
+            output,
+            slots: Default::default(),
+        };
+        let firsts = u64::from(settings.clusters) * 4 + 4;
+        Ok(Self {
+            entries: Entries::default(),
+            receiver: Receiver::new(&points, &Target::new(gpu, count)?),
+            firsts: gpu.buffer("clusters of entry points [bytes]", firsts, storage)?,
+            places: gpu.buffer(
+                "places of entry points [bytes]",
+                u64::from(count) * 16,
+                storage,
+            )?,
+            hits,
+            resolve: Kernel::new(
+                gpu,
+                &shader!("techniques.light_path_map.entries"),
+                "main",
+                Some(&scene.layout),
+            )?,
+        })
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        let Receiver { points, target, .. } = &self.receiver;
+        let kept = [&points.points, &target.radiance, &self.firsts, &self.places];
+        kept.iter().map(|buffer| buffer.size()).sum()
+    }
+
+    /// Chooses the points anew, on the scene's surfaces as they are.
+    pub fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, settings: &Settings) {
+        self.entries = match scene.host() {
+            Some(host) => Entries::new(host, settings.entries, settings.clusters),
+            None => Entries::default(),
+        };
+        let entries = self.entries.entries.iter();
+        let places = entries.map(|entry| {
+            let [u, v] = entry.barycentrics.to_array().map(f32::to_bits);
+            [entry.instance, entry.triangle, u, v]
+        });
+        gpu.write(&self.places, 0, &places.collect::<Vec<_>>());
+        gpu.write(&self.firsts, 0, &self.entries.firsts);
+    }
+
+    /// Captures the points: pass `light-path-map.entries`. `work`: `Work` of light_path.wesl.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn resolve(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        work: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let SurfacePoints { points, count, .. } = &self.receiver.points;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("places", self.places.as_entire_binding()),
+        ];
+        let to = [
+            ("points", points.as_entire_binding()),
+            ("hits", wgpu::BindingResource::TextureView(&self.hits)),
+        ];
+        let from = self.resolve.bind(gpu, 1, &from)?;
+        let to = self.resolve.bind(gpu, 3, &to)?;
+        frame.compute("light-path-map.entries", |pass| {
+            let groups = [(0, &scene.bind_group), (1, &from), (3, &to)];
+            self.resolve.dispatch(pass, &groups, [*count, 1, 1]);
+        });
+        Ok(())
+    }
+}

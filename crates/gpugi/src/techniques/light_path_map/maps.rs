@@ -1,0 +1,301 @@
+//! The texels of a scene's atlas, their panes, and the irradiance that these give under the present light.
+
+use std::sync::Arc;
+
+use gpugi_scene::Atlas;
+use gpugi_scene::atlas::Seams;
+
+use super::gpu::{Choice, LANES, SLOT_BYTES};
+use super::panes::Panes;
+use super::{INFO, Settings, entry_points};
+use crate::capture::atlas::{
+    AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
+};
+use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::{GpuScene, Versions};
+use crate::shader;
+use crate::techniques::{Earlier, Generated, Map, Texels};
+
+/// What the light at the entry points depends on.
+#[derive(Debug, Clone, PartialEq)]
+struct LitAs {
+    versions: Versions,
+    settings: u64,
+    revision: u64,
+}
+
+/// Panes, and the light that they give.
+#[derive(Debug)]
+pub(super) struct LightPathMaps {
+    atlas: Arc<Atlas>,
+    /// [`GpuScene::passages`] that the passes were compiled for.
+    passages: [bool; 2],
+    pub capture: AtlasCapture,
+    leaks: LeakTest,
+    pub panes: Panes,
+    /// Mean irradiance of each cluster (W/m^2).
+    pub weights: wgpu::Buffer,
+    /// `Slot` of sum.wesl: the panes that are added.
+    slots: wgpu::Buffer,
+    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
+    pub irradiance: Target,
+    lookup_bytes: u64,
+    weigh: Kernel,
+    choose: Kernel,
+    relight: Kernel,
+    dilation: Dilation,
+    seams: SeamFilter,
+    gather: TexelGather,
+    /// The light of the irradiance.
+    lit: Option<LitAs>,
+    revision: u64,
+}
+
+impl LightPathMaps {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        atlas: Arc<Atlas>,
+        most_texels: u32,
+    ) -> Result<Self, GpuError> {
+        let host = scene.host().ok_or_else(|| GpuError::Pass {
+            pass: INFO.name.into(),
+            reason: "there is an atlas, but no scene that it is one of".into(),
+        })?;
+        let options = AtlasCaptureOptions {
+            most_texels,
+            ..AtlasCaptureOptions::default()
+        };
+        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
+        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
+        let size = [atlas.size, atlas.size * atlas.pages];
+        let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
+        let kept = [
+            ("atlas", lookup.words.as_entire_binding()),
+            ("irradiance", irradiance.radiance.as_entire_binding()),
+        ];
+        let clusters = u64::from(settings.clusters);
+        let buffer =
+            |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+        Ok(Self {
+            passages: scene.passages(),
+            leaks: LeakTest::new(gpu, scene, &capture)?,
+            panes: Panes::new(gpu, scene, settings, &capture, &lookup)?,
+            weights: buffer("weights of clusters [bytes]", clusters * 16)?,
+            slots: buffer("panes to add [bytes]", (clusters + 1) * SLOT_BYTES)?,
+            weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
+            choose: kernel(shader!("techniques.light_path_map.choose"))?,
+            relight: kernel(shader!("techniques.light_path_map.relight"))?,
+            dilation: Dilation::new(gpu, size)?,
+            seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
+            gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[], &kept)?,
+            lookup_bytes: lookup.words.size(),
+            irradiance,
+            capture,
+            atlas,
+            lit: None,
+            revision: 0,
+        })
+    }
+
+    /// Whether these are maps of the settings in the atlas.
+    pub fn serves(&self, settings: &Settings, scene: &GpuScene, atlas: &Arc<Atlas>) -> bool {
+        Arc::ptr_eq(&self.atlas, atlas)
+            && self.passages == scene.passages()
+            && self.panes.is_of(settings)
+    }
+
+    /// Takes steps toward the panes; lights the texels by them if these or the light have changed.
+    pub fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        settings: &Settings,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        self.capture.record(frame, scene)?;
+        self.leaks.record(frame, scene, &self.capture);
+        self.panes.follow(frame.gpu, scene)?;
+        for _ in 0..settings.steps {
+            if self.panes.is_done() || !earlier.may_step() {
+                break;
+            }
+            earlier.count(self.panes.step(frame, scene, &self.capture)?);
+            if self.panes.is_done() {
+                self.complete(frame)?;
+                self.revision += u64::from(self.lit.take().is_some());
+            }
+        }
+        let now = LitAs {
+            versions: scene.versions,
+            settings: earlier.settings_version,
+            revision: earlier.revision,
+        };
+        let mut is_current = self.panes.is_done() && self.lit.as_ref() == Some(&now);
+        if self.panes.is_done() && !is_current && earlier.may_step() {
+            let entries = &self.panes.points.receiver;
+            earlier.gather(frame, scene, entries, false)?;
+            self.weigh(frame)?;
+            self.relight(frame, settings)?;
+            self.dilation.record(frame, &self.irradiance)?;
+            self.seams.record(frame);
+            earlier.count(u64::from(self.panes.texels));
+            self.lit = Some(now);
+            is_current = true;
+        }
+        let done = self.panes.progress();
+        Ok(Generated {
+            revision: self.revision,
+            progress: if is_current { 1.0 } else { done * 0.999 },
+            pending: self.lit.is_none().then_some("light path maps"),
+        })
+    }
+
+    /// Adds up all panes, and finds the power of each.
+    fn complete(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+        let clusters = self.panes.points.entries.clusters();
+        let ones = (0..clusters).map(|pane| [1.0, 1.0, 1.0, f32::from_bits(pane)]);
+        let ones: Vec<[f32; 4]> = ones.collect();
+        let ones = frame.gpu.storage("all panes [bytes]", &ones)?;
+        self.sum(frame, &ones, clusters)?;
+        let sum = &self.irradiance.radiance;
+        self.panes.complete(frame, &self.capture, sum)
+    }
+
+    /// Weighs the clusters by the light at their entry points: pass `light-path-map.weigh`.
+    fn weigh(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let points = &self.panes.points;
+        let from = [
+            ("points", points.receiver.points.points.as_entire_binding()),
+            ("firsts", points.firsts.as_entire_binding()),
+            (
+                "irradiance",
+                points.receiver.target.radiance.as_entire_binding(),
+            ),
+        ];
+        let from = self.weigh.bind(gpu, 1, &from)?;
+        let to = [("weights", self.weights.as_entire_binding())];
+        let to = self.weigh.bind(gpu, 3, &to)?;
+        let clusters = points.entries.clusters();
+        frame.compute("light-path-map.weigh", |pass| {
+            let lanes = clusters * LANES;
+            self.weigh
+                .dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
+        });
+        Ok(())
+    }
+
+    /// Chooses the panes to add: pass `light-path-map.choose`.
+    fn choose(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let chosen = Choice {
+            clusters: self.panes.points.entries.clusters(),
+            panes: self.added(settings),
+        };
+        let chosen = gpu.uniform("choice of panes", &chosen)?;
+        let from = [
+            ("chosen", chosen.as_entire_binding()),
+            ("weights", self.weights.as_entire_binding()),
+            ("energies", self.panes.energies.as_entire_binding()),
+        ];
+        let from = self.choose.bind(gpu, 1, &from)?;
+        let to = [("slots", self.slots.as_entire_binding())];
+        let to = self.choose.bind(gpu, 3, &to)?;
+        frame.compute("light-path-map.choose", |pass| {
+            self.choose
+                .dispatch(pass, &[(1, &from), (3, &to)], [LANES, 1, 1]);
+        });
+        Ok(())
+    }
+
+    /// Panes of clusters that are added.
+    fn added(&self, settings: &Settings) -> u32 {
+        let clusters = self.panes.points.entries.clusters();
+        match settings.panes {
+            0 => clusters,
+            panes => panes.min(clusters),
+        }
+    }
+
+    /// Chooses panes by their weights and sums them: passes `light-path-map.choose` and `light-path-map.relight`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn relight(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
+        self.choose(frame, settings)?;
+        self.sum(frame, &self.slots, self.added(settings) + 1)
+    }
+
+    /// Sums panes: pass `light-path-map.relight`.
+    fn sum(&self, frame: &mut Frame<'_>, slots: &wgpu::Buffer, count: u32) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        for sheet in &self.panes.sheets {
+            let of_sheet = gpu.uniform("sheet", &self.panes.sum_of(sheet, count))?;
+            let from = [
+                ("sheet", of_sheet.as_entire_binding()),
+                ("slots", slots.as_entire_binding()),
+                ("panes", sheet.words.as_entire_binding()),
+                ("owners", self.panes.owners.as_entire_binding()),
+            ];
+            let from = self.relight.bind(gpu, 1, &from)?;
+            let to = [("irradiance", self.irradiance.radiance.as_entire_binding())];
+            let to = self.relight.bind(gpu, 3, &to)?;
+            frame.compute("light-path-map.relight", |pass| {
+                let texels = self.panes.texels;
+                self.relight
+                    .dispatch(pass, &[(1, &from), (3, &to)], [texels, 1, 1]);
+            });
+        }
+        Ok(())
+    }
+
+    /// Adds the light at the receiver's points: pass `light-path-map.gather`.
+    pub fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let (name, texels) = ("light-path-map.gather", Some(&self.capture));
+        self.gather.record(frame, name, scene, texels, receiver)
+    }
+
+    /// Positions of entry points, irradiance of all rows, weights of clusters and clusters of texels.
+    pub fn maps(&self) -> Vec<Map> {
+        let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| Map {
+            name: format!("{}.{name}", INFO.name),
+            texels: Texels::Buffer {
+                buffer: buffer.clone(),
+                size,
+                stride,
+                is_number: stride == 4,
+            },
+        };
+        let size = [self.capture.size, self.capture.size * self.capture.pages];
+        let clusters = (self.weights.size() / 16) as u32;
+        let entries = &self.panes.points.receiver.points.points;
+        let of_entries = [
+            entry_points::WIDTH,
+            (entries.size() / SURFACE_POINT_BYTES) as u32 / entry_points::WIDTH,
+        ];
+        vec![
+            // A surface point begins with its position.
+            map("entries", entries, of_entries, SURFACE_POINT_BYTES),
+            map("irradiance", &self.irradiance.radiance, size, 16),
+            map("weights", &self.weights, [clusters, 1], 16),
+            map("clusters", &self.panes.owners, size, 4),
+        ]
+    }
+
+    /// Bytes that are not in maps.
+    pub fn work_bytes(&self) -> u64 {
+        let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
+        let sheets = self.panes.sheets.iter().map(|sheet| sheet.words.size());
+        let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
+        self.capture.bytes + self.panes.work_bytes() + sheets.sum::<u64>() + around
+    }
+}

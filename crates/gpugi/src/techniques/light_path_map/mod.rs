@@ -1,0 +1,184 @@
+//! Light path maps: indirect light of a still scene under lights that move, appear and change colour, from maps that
+//! are computed once (tutorial section 7.3).
+//!
+//! Generate: virtual lights of entry points, found by random walks, light the texels of an atlas, cluster by cluster, a
+//! few steps per frame: panes. Earlier techniques light the entry points, and the panes, weighted by that light, add up
+//! to the irradiance of the texels. Gather: looks up the irradiance at a point's place in the atlas.
+//! docs/techniques/light-path-map.md.
+
+mod entries;
+mod entry_points;
+pub(crate) mod gpu;
+mod maps;
+mod panes;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
+use crate::capture::{Receiver, View};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
+use crate::scene::{Claims, GpuScene};
+use crate::settings::SettingSet;
+use maps::LightPathMaps;
+pub use settings::Settings;
+
+/// Light paths of any length.
+const ALL: &str = "LDD+E";
+
+/// Name, summary, source and light paths of the technique.
+pub const INFO: Info = Info {
+    name: "light-path-map",
+    summary: "indirect light of a still scene under lights that move and change, from maps made once",
+    source: "tutorial section 7.3; Szécsi et al. 2006; Keller 1997",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, "LS*DD+E"),
+        LightPaths::new(LightClass::Area, "LS*DD+E"),
+        LightPaths::new(LightClass::Environment, "LS*DD+E"),
+    ],
+    // Unwrapping takes too long for a live view.
+    suits: |_| false,
+    keeps_texels: true,
+    lights_points: true,
+};
+
+/// Light path maps.
+#[derive(Debug)]
+pub struct LightPathMap {
+    settings: Settings,
+    made: Option<LightPathMaps>,
+    /// Most texels per buffer of points.
+    most_texels: u32,
+}
+
+impl Default for LightPathMap {
+    fn default() -> Self {
+        Self {
+            settings: Settings::default(),
+            made: None,
+            most_texels: u32::MAX,
+        }
+    }
+}
+
+/// Error for saved progress that does not fit.
+fn unfit(reason: impl std::fmt::Display) -> GpuError {
+    GpuError::Pass {
+        pass: INFO.name.into(),
+        reason: format!("what was saved does not fit: {reason}"),
+    }
+}
+
+impl Technique for LightPathMap {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
+        let pattern = match self.settings.depth {
+            Settings::DEEPEST => ALL.to_owned(),
+            depth => format!("LD{{2,{}}}E", depth + 2),
+        };
+        let mut paths = Vec::new();
+        for class in LightClass::ALL {
+            let light = LightPaths {
+                class,
+                pattern: pattern.clone().into(),
+            };
+            let caustics = caustic_depth(covered, class);
+            if caustics > 0 {
+                paths.push(light.after(&format!("S{{1,{caustics}}}")));
+            }
+            if overlap(covered, &[LightPaths::new(class, "LDE")]).is_some() {
+                paths.push(light);
+            }
+        }
+        Plan::adding(paths, scene)
+    }
+
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
+    }
+
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        let settings = &self.settings;
+        let atlas = scene.atlas(
+            frame.gpu,
+            INFO.name,
+            settings.resolution,
+            settings.density,
+            u64::from(settings.near_rays) * gpu::NEAR_BYTES,
+        )?;
+        let Some(atlas) = atlas else {
+            return Ok(Generated::WITHOUT_ATLAS);
+        };
+        let is_made = |made: &LightPathMaps| made.serves(settings, scene, &atlas);
+        let mut made = match self.made.take().filter(is_made) {
+            Some(made) => made,
+            None => LightPathMaps::new(frame.gpu, scene, settings, atlas, self.most_texels)?,
+        };
+        let generated = made.generate(frame, scene, settings, earlier)?;
+        self.made = Some(made);
+        Ok(generated)
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        _: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        match &mut self.made {
+            Some(made) => made.gather(frame, scene, receiver),
+            None => Ok(()),
+        }
+    }
+
+    fn inspect(&self) -> Inspection {
+        self.made
+            .as_ref()
+            .map_or_else(Inspection::default, |made| Inspection {
+                maps: made.maps(),
+                work_bytes: made.work_bytes(),
+                warnings: Vec::new(),
+            })
+    }
+
+    fn resumable(&mut self) -> Option<&mut dyn Resume> {
+        Some(self)
+    }
+}
+
+impl Resume for LightPathMap {
+    fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
+        let Some(made) = self
+            .made
+            .as_ref()
+            .filter(|made| made.panes.panes_done() > 0)
+        else {
+            return Ok(None);
+        };
+        let panes = made.panes.save(gpu)?;
+        postcard::to_allocvec(&panes).map(Some).map_err(unfit)
+    }
+
+    fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
+        let saved: Vec<u32> = postcard::from_bytes(saved).map_err(unfit)?;
+        match &mut self.made {
+            Some(made) => made.panes.resume(gpu, &saved).map_err(unfit),
+            None => Ok(false),
+        }
+    }
+}

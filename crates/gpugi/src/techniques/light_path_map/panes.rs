@@ -1,0 +1,545 @@
+//! The panes: the indirect irradiance of all texels for irradiance 1 of each cluster, computed in steps.
+
+use std::ops::Range;
+
+use bytemuck::Zeroable;
+
+use super::Settings;
+use super::entry_points::EntryPoints;
+use super::gpu::{NEAR_BYTES, Site, Sum, VIRTUAL_LIGHT_BYTES, Work};
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Rays per step, roughly: about 40 ms on a small GPU.
+const RAYS_OF_STEP: u64 = 1 << 22;
+
+/// Virtual lights of a walk, roughly, for the size of steps: those of a mean albedo of 3/4.
+const LIGHTS_PER_WALK: u64 = 3;
+
+/// The geometric term is bounded so that no virtual light within this many times the distance between entry points
+/// brightens a texel more than one at that distance.
+const BOUNDED_DISTANCES: f32 = 4.0;
+
+/// How often near surfaces light each other.
+const NEAR_BOUNCES: u32 = 3;
+
+/// Panes in one buffer.
+#[derive(Debug)]
+pub(super) struct Sheet {
+    pub panes: Range<u32>,
+    /// rgb9e5, pane by pane.
+    pub words: wgpu::Buffer,
+}
+
+#[derive(Debug)]
+struct Kernels {
+    owners: Kernel,
+    near: Kernel,
+    walks: Kernel,
+    light: Kernel,
+    add_near: Kernel,
+    store: Kernel,
+    energy: Kernel,
+}
+
+/// The panes of a scene, and what they are made with.
+#[derive(Debug)]
+pub(super) struct Panes {
+    settings: Settings,
+    /// Texels of all pages.
+    pub texels: u32,
+    size: u32,
+    kernels: Kernels,
+    /// Bind group of the atlas lookup in `near`.
+    corners: wgpu::BindGroup,
+    pub points: EntryPoints,
+    lights: wgpu::Buffer,
+    /// The cluster of each texel, `NOTHING` where it has no point.
+    pub owners: wgpu::Buffer,
+    near: wgpu::Buffer,
+    /// Light of one cluster: by virtual lights, then with near surfaces, in turn.
+    lit: [wgpu::Buffer; 3],
+    pub sheets: Vec<Sheet>,
+    /// Power that arrives through each pane.
+    pub energies: wgpu::Buffer,
+    /// Number of a piece and range of its points, per tile.
+    tiles: Vec<(usize, Range<u32>)>,
+    /// Versions of geometry and materials that they are made for.
+    made: Option<[u64; 2]>,
+    /// Steps that are done.
+    steps: usize,
+}
+
+impl Panes {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        capture: &AtlasCapture,
+        lookup: &AtlasLookup,
+    ) -> Result<Self, GpuError> {
+        let kernels = Kernels::new(gpu, scene)?;
+        let corners = [("atlas", lookup.words.as_entire_binding())];
+        let texels = capture.size * capture.size * capture.pages;
+        let buffer = |label: &str, count: u64, bytes: u64| {
+            gpu.buffer(label, count * bytes, wgpu::BufferUsages::STORAGE)
+        };
+        let per_entry = 1 + u64::from(settings.walks) * u64::from(settings.depth);
+        let light = || buffer("light of a cluster [bytes]", texels.into(), 16);
+        let entries = u64::from(settings.entries);
+        let of_cluster = entries.div_ceil(settings.clusters.into());
+        let rays = of_cluster * (1 + LIGHTS_PER_WALK * u64::from(settings.walks));
+        let at_once = (RAYS_OF_STEP / rays.max(settings.near_rays.into())).clamp(64, 1 << 20);
+        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
+            let count = piece.points.count;
+            let firsts = (0..count).step_by(at_once as usize);
+            firsts.map(move |first| (number, first..count.min(first + at_once as u32)))
+        };
+        Ok(Self {
+            settings: settings.clone(),
+            texels,
+            size: capture.size,
+            corners: kernels.near.bind(gpu, 2, &corners)?,
+            kernels,
+            points: EntryPoints::new(gpu, scene, settings)?,
+            lights: buffer(
+                "virtual lights [bytes]",
+                entries * per_entry,
+                VIRTUAL_LIGHT_BYTES,
+            )?,
+            owners: buffer("clusters of texels [bytes]", texels.into(), 4)?,
+            near: buffer(
+                "near surfaces [bytes]",
+                u64::from(texels) * u64::from(settings.near_rays),
+                NEAR_BYTES,
+            )?,
+            lit: [light()?, light()?, light()?],
+            sheets: sheets(gpu, texels, settings.clusters + 1)?,
+            energies: buffer(
+                "energy of panes [bytes]",
+                (settings.clusters + 1).into(),
+                16,
+            )?,
+            tiles: capture
+                .pieces()
+                .iter()
+                .enumerate()
+                .flat_map(tiles_of)
+                .collect(),
+            made: None,
+            steps: 0,
+        })
+    }
+
+    /// Whether these are the panes of the settings.
+    pub fn is_of(&self, settings: &Settings) -> bool {
+        self.settings.has_panes_of(settings)
+    }
+
+    /// Bytes of all buffers but the sheets.
+    pub fn work_bytes(&self) -> u64 {
+        let lit = self.lit.iter().map(wgpu::Buffer::size).sum::<u64>();
+        lit + self.lights.size() + self.owners.size() + self.near.size() + self.points.bytes()
+    }
+
+    /// Steps until all panes are done: entry points and walks; per tile owners and near surfaces; per cluster and tile
+    /// its light; the sum of all panes.
+    fn all_steps(&self) -> usize {
+        let clusters = self.points.entries.clusters() as usize;
+        2 + self.tiles.len() * (1 + clusters)
+    }
+
+    /// Whether all panes are done.
+    pub fn is_done(&self) -> bool {
+        self.made.is_some() && self.steps >= self.all_steps()
+    }
+
+    /// Part of the work that is done (0 to 1).
+    pub fn progress(&self) -> f32 {
+        self.steps as f32 / self.all_steps() as f32
+    }
+
+    /// Panes that are done.
+    pub fn panes_done(&self) -> u32 {
+        let tiles = self.tiles.len().max(1);
+        let done = self.steps.saturating_sub(1) / tiles;
+        (done.saturating_sub(1) as u32).min(self.points.entries.clusters())
+    }
+
+    /// Starts again if geometry or materials have changed.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
+        let now = Some([scene.versions.geometry, scene.versions.materials]);
+        if self.made != now {
+            self.points.choose(gpu, scene, &self.settings);
+            self.made = now;
+            self.steps = 0;
+        }
+        Ok(())
+    }
+
+    /// Parameters of all passes.
+    fn work(&self) -> Work {
+        let entries = &self.points.entries;
+        let reach = BOUNDED_DISTANCES * entries.area.max(1e-12).sqrt();
+        Work {
+            texels: self.texels,
+            entries: entries.entries.len() as u32,
+            walks: self.settings.walks,
+            depth: self.settings.depth,
+            near_rays: self.settings.near_rays,
+            seed: self.settings.seed,
+            bound: 1.0 / (reach * reach),
+            reach,
+            entry_area: entries.area,
+            ..Work::zeroed()
+        }
+    }
+
+    /// Takes the next step and returns its rays, roughly.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn step(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+    ) -> Result<u64, GpuError> {
+        let tiles = self.tiles.len();
+        let clusters = self.points.entries.clusters() as usize;
+        let rays = match self.steps {
+            0 => self.walk(frame, scene)?,
+            step if step <= tiles => self.find_near(frame, scene, capture, step - 1)?,
+            step if step <= tiles * (1 + clusters) => {
+                let step = step - 1 - tiles;
+                let (cluster, tile) = ((step / tiles) as u32, step % tiles);
+                let rays = self.light(frame, scene, capture, cluster, tile)?;
+                if tile + 1 == tiles {
+                    self.finish_pane(frame, cluster)?;
+                }
+                rays
+            }
+            _ => 0,
+        };
+        self.steps += 1;
+        Ok(rays)
+    }
+
+    /// Entry points and their virtual lights: passes `light-path-map.entries` and `light-path-map.walks`.
+    fn walk(&self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let work = gpu.uniform("light path map", &self.work())?;
+        self.points.resolve(frame, scene, &work)?;
+        frame.clear(&self.lights);
+        let walks = &self.kernels.walks;
+        let from = [
+            ("work", work.as_entire_binding()),
+            (
+                "points",
+                self.points.receiver.points.points.as_entire_binding(),
+            ),
+        ];
+        let from = walks.bind(gpu, 1, &from)?;
+        let to = walks.bind(gpu, 3, &[("lights", self.lights.as_entire_binding())])?;
+        let count = self.points.entries.entries.len() as u32 * self.settings.walks;
+        frame.compute("light-path-map.walks", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+            walks.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        Ok(u64::from(count) * LIGHTS_PER_WALK)
+    }
+
+    /// Parameters of a tile, and its piece.
+    fn tile<'a>(&self, capture: &'a AtlasCapture, tile: usize) -> (Work, &'a AtlasPiece) {
+        let (piece, points) = &self.tiles[tile];
+        let piece = &capture.pieces()[*piece];
+        let work = Work {
+            first_texel: piece.rows.start * self.size,
+            first_point: points.start,
+            end_point: points.end,
+            ..self.work()
+        };
+        (work, piece)
+    }
+
+    /// Clusters and near surfaces of a tile's texels: passes `light-path-map.owners` and `light-path-map.near`.
+    fn find_near(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        tile: usize,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let (work, piece) = self.tile(capture, tile);
+        let count = work.end_point - work.first_point;
+        let work = gpu.uniform("light path map", &work)?;
+        let points = piece.points.points.as_entire_binding();
+        let entries = &self.points.entries;
+        let site = |(entry, cluster): (&super::entries::Entry, u32)| Site {
+            position: entry.position.to_array(),
+            cluster,
+            normal: entry.normal.to_array(),
+            normal_scale: entries.normal_scale,
+        };
+        let sites: Vec<Site> = entries.with_clusters().map(site).collect();
+        let sites = gpu.storage("sites of entry points [bytes]", &sites)?;
+        let owners = &self.kernels.owners;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("points", points.clone()),
+            ("sites", sites.as_entire_binding()),
+        ];
+        let from = owners.bind(gpu, 1, &from)?;
+        let to = owners.bind(gpu, 3, &[("owners", self.owners.as_entire_binding())])?;
+        frame.compute("light-path-map.owners", |pass| {
+            owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
+        });
+        let near = &self.kernels.near;
+        let from = [("work", work.as_entire_binding()), ("points", points)];
+        let from = near.bind(gpu, 1, &from)?;
+        let to = near.bind(gpu, 3, &[("near", self.near.as_entire_binding())])?;
+        frame.compute("light-path-map.near", |pass| {
+            let groups = [
+                (0, &scene.ray_bind_group),
+                (1, &from),
+                (2, &self.corners),
+                (3, &to),
+            ];
+            near.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        Ok(u64::from(count) * u64::from(self.settings.near_rays))
+    }
+
+    /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
+    fn light(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        cluster: u32,
+        tile: usize,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let (work, piece) = self.tile(capture, tile);
+        let firsts = &self.points.entries.firsts;
+        let work = Work {
+            cluster,
+            first_entry: firsts[cluster as usize],
+            end_entry: firsts[cluster as usize + 1],
+            ..work
+        };
+        let count = work.end_point - work.first_point;
+        let entries = work.end_entry - work.first_entry;
+        let work = gpu.uniform("light path map", &work)?;
+        let kernel = &self.kernels.light;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("points", piece.points.points.as_entire_binding()),
+        ];
+        let to = [
+            ("lights", self.lights.as_entire_binding()),
+            ("owners", self.owners.as_entire_binding()),
+            ("lit", self.lit[0].as_entire_binding()),
+        ];
+        let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
+        frame.compute("light-path-map.light", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+            kernel.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        let per_entry = 1 + LIGHTS_PER_WALK * u64::from(self.settings.walks);
+        Ok(u64::from(count) * u64::from(entries) * per_entry)
+    }
+
+    /// Adds the light of near surfaces and stores the pane: passes `light-path-map.add-near` and
+    /// `light-path-map.store`.
+    fn finish_pane(&self, frame: &mut Frame<'_>, pane: u32) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let kernel = &self.kernels.add_near;
+        let work = gpu.uniform("light path map", &self.work())?;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("near", self.near.as_entire_binding()),
+            ("lit", self.lit[0].as_entire_binding()),
+        ];
+        let from = kernel.bind(gpu, 1, &from)?;
+        let mut before = &self.lit[0];
+        for bounce in 0..NEAR_BOUNCES {
+            let after = &self.lit[1 + bounce as usize % 2];
+            let to = [
+                ("before", before.as_entire_binding()),
+                ("after", after.as_entire_binding()),
+            ];
+            let to = kernel.bind(gpu, 3, &to)?;
+            frame.compute("light-path-map.add-near", |pass| {
+                kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
+            });
+            before = after;
+        }
+        self.store(frame, pane, before)
+    }
+
+    /// Stores irradiance of all texels as a pane: pass `light-path-map.store`.
+    fn store(&self, frame: &mut Frame<'_>, pane: u32, lit: &wgpu::Buffer) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let Some(sheet) = self.sheets.iter().find(|sheet| sheet.panes.contains(&pane)) else {
+            return Ok(());
+        };
+        let work = Work {
+            first_word: (pane - sheet.panes.start) * self.texels,
+            ..self.work()
+        };
+        let work = gpu.uniform("light path map", &work)?;
+        let kernel = &self.kernels.store;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("lit", lit.as_entire_binding()),
+        ];
+        let from = kernel.bind(gpu, 1, &from)?;
+        let to = kernel.bind(gpu, 3, &[("panes", sheet.words.as_entire_binding())])?;
+        frame.compute("light-path-map.store", |pass| {
+            kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
+        });
+        Ok(())
+    }
+
+    /// Stores the sum of all panes, which `sum` holds, behind them, and finds the power of each: passes
+    /// `light-path-map.store` and `light-path-map.energy`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn complete(
+        &self,
+        frame: &mut Frame<'_>,
+        capture: &AtlasCapture,
+        sum: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        self.store(frame, self.points.entries.clusters(), sum)?;
+        frame.clear(&self.energies);
+        let kernel = &self.kernels.energy;
+        for sheet in &self.sheets {
+            let of_sheet = gpu.uniform("sheet", &self.sum_of(sheet, 0))?;
+            for piece in capture.pieces() {
+                let work = Work {
+                    first_texel: piece.rows.start * self.size,
+                    end_point: piece.points.count,
+                    ..self.work()
+                };
+                let work = gpu.uniform("light path map", &work)?;
+                let from = [
+                    ("work", work.as_entire_binding()),
+                    ("sheet", of_sheet.as_entire_binding()),
+                    ("points", piece.points.points.as_entire_binding()),
+                    ("panes", sheet.words.as_entire_binding()),
+                ];
+                let from = kernel.bind(gpu, 1, &from)?;
+                let to = [("energies", self.energies.as_entire_binding())];
+                let to = kernel.bind(gpu, 3, &to)?;
+                frame.compute("light-path-map.energy", |pass| {
+                    let lanes = sheet.panes.len() as u32 * super::gpu::LANES;
+                    kernel.dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Parameters of passes over a sheet, of which up to `slots` panes are added.
+    pub fn sum_of(&self, sheet: &Sheet, slots: u32) -> Sum {
+        let is_last = sheet.panes.contains(&self.points.entries.clusters());
+        Sum {
+            texels: self.texels,
+            first_pane: sheet.panes.start,
+            end_pane: sheet.panes.end,
+            slots,
+            is_last: u32::from(is_last),
+        }
+    }
+
+    /// The words of all panes that are done. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self, gpu: &Gpu) -> Result<Vec<u32>, GpuError> {
+        let mut words = Vec::new();
+        let mut rest = u64::from(self.panes_done());
+        for sheet in &self.sheets {
+            let panes = rest.min(sheet.panes.len() as u64);
+            if panes > 0 {
+                let bytes = panes * u64::from(self.texels) * 4;
+                words.extend(read_buffer::<u32>(gpu, &sheet.words, bytes)?);
+            }
+            rest -= panes;
+        }
+        Ok(words)
+    }
+
+    /// Continues from panes that were saved. Returns false while there are no entry points yet.
+    ///
+    /// # Errors
+    /// Why they do not fit.
+    pub fn resume(&mut self, gpu: &Gpu, words: &[u32]) -> Result<bool, String> {
+        let tiles = self.tiles.len();
+        if self.steps <= tiles {
+            return Ok(false);
+        }
+        let texels = self.texels as usize;
+        let panes = words.len() / texels.max(1);
+        if words.len() != panes * texels || panes > self.points.entries.clusters() as usize {
+            return Err("other texels or other clusters".into());
+        }
+        for sheet in &self.sheets {
+            let end = (sheet.panes.end as usize).min(panes);
+            let first = (sheet.panes.start as usize).min(end);
+            gpu.write(&sheet.words, 0, &words[first * texels..end * texels]);
+        }
+        self.steps = self.steps.max(1 + tiles * (1 + panes));
+        Ok(true)
+    }
+}
+
+impl Kernels {
+    fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
+        let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
+        Ok(Self {
+            owners: plain(shader!("techniques.light_path_map.owners"))?,
+            near: tracing(shader!("techniques.light_path_map.near"))?,
+            walks: tracing(shader!("techniques.light_path_map.walks"))?,
+            light: tracing(shader!("techniques.light_path_map.light"))?,
+            add_near: plain(shader!("techniques.light_path_map.add_near"))?,
+            store: plain(shader!("techniques.light_path_map.store"))?,
+            energy: plain(shader!("techniques.light_path_map.energy"))?,
+        })
+    }
+}
+
+/// As many sheets as the adapter's limits ask for.
+fn sheets(gpu: &Gpu, texels: u32, panes: u32) -> Result<Vec<Sheet>, GpuError> {
+    let limits = gpu.limits();
+    let most = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let bytes = u64::from(texels) * 4;
+    let at_once = (most / bytes.max(1)).clamp(1, panes.into()) as u32;
+    (0..panes)
+        .step_by(at_once as usize)
+        .map(|first| {
+            let panes = first..panes.min(first + at_once);
+            Ok(Sheet {
+                words: gpu.buffer(
+                    "light path map [bytes]",
+                    panes.len() as u64 * bytes,
+                    wgpu::BufferUsages::STORAGE,
+                )?,
+                panes,
+            })
+        })
+        .collect()
+}

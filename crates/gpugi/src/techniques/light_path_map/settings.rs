@@ -1,0 +1,43 @@
+//! Settings of light path maps.
+
+crate::settings! {
+    /// Settings of light path maps.
+    pub struct Settings {
+        /// Points, spread evenly over the surfaces, at which direct light enters.
+        pub entries: u32 = 4096 => in_range(16.0, 16_384.0),
+        /// Random walks from each entry point.
+        pub walks: u32 = 2 => in_range(1.0, 16.0),
+        /// Most surfaces that a walk visits after its entry point; 0: light of one reflection only.
+        pub depth: u32 = 32 => in_range(0.0, 32.0),
+        /// Clusters of entry points, and panes.
+        pub clusters: u32 = 256 => in_range(1.0, 1024.0),
+        /// Panes that are added whenever the light changes, those of the brightest clusters; the rest shares one. 0:
+        /// all.
+        pub panes: u32 = 0 => in_range(0.0, 1024.0),
+        /// Short rays per texel, for the light of near surfaces.
+        pub near_rays: u32 = 32 => in_range(1.0, 256.0),
+        /// Side of the atlas's pages.
+        pub resolution: u32 = 256 => in_range(16.0, 8192.0).unit("texels"),
+        /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.
+        pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
+        /// Steps per frame; each step is about 4 million rays.
+        pub steps: u32 = 4 => in_range(1.0, 4096.0),
+        /// Seed of all random decisions.
+        pub seed: u32 = 0 => in_range(0.0, 4_294_967_295.0),
+    }
+}
+
+impl Settings {
+    /// The largest `depth`, which stands for light paths of any length.
+    pub(super) const DEEPEST: u32 = 32;
+
+    /// Whether panes made with `other` are those of these settings, in the same atlas.
+    pub(super) fn has_panes_of(&self, other: &Self) -> bool {
+        let of = |one: &Self| Self {
+            panes: 0,
+            steps: 1,
+            ..one.clone()
+        };
+        of(self) == of(other)
+    }
+}

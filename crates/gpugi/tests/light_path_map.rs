@@ -1,0 +1,251 @@
+//! light-path-map compared with the path tracer, under lights that move; techniques and settings that it refuses.
+
+mod common;
+
+use std::ops::ControlFlow;
+
+use common::{gpu, renderer_of};
+use glam::{Vec3, vec3};
+use gpugi::gpu::Gpu;
+use gpugi::light_paths::{LightClass, LightPaths, Part, overlap};
+use gpugi::measure::{Options, Quality, Subject, trace};
+use gpugi::scene::Edit;
+use gpugi::{LightingError, Renderer};
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
+
+const SIZE: u32 = 40;
+const SAMPLES: u32 = 16;
+
+/// Direct light, and direct light with what light-path-map adds: their difference is the indirect light alone.
+struct Indirect {
+    direct: Renderer,
+    both: Renderer,
+    camera: Camera,
+}
+
+impl Indirect {
+    fn new(gpu: &Gpu, scene: &Scene, settings: &[&str]) -> Self {
+        let of = |techniques: &[&str], settings: &[&str]| {
+            renderer_of(gpu, scene, techniques, SIZE, "light-path-map", settings)
+        };
+        Self {
+            direct: of(&["shadow-map"], &[]),
+            both: of(&["shadow-map", "light-path-map"], settings),
+            camera: scene.cameras[0].clone(),
+        }
+    }
+
+    /// Indirect light, three floats per pixel, after the first light has changed.
+    fn picture(&mut self, light: &Light, samples: u32) -> Vec<f32> {
+        let camera = &self.camera;
+        let [without, with] = [&mut self.direct, &mut self.both].map(|renderer| {
+            let (index, light) = (0, light.clone());
+            renderer
+                .edit(&[Edit::Light { index, light }])
+                .expect("a light");
+            let go_on = |_, _| ControlFlow::Continue(());
+            renderer.converge(camera, false, go_on).expect("maps");
+            renderer.restart();
+            for _ in 0..samples {
+                let sample = renderer.render_sample(camera, samples, None, false);
+                sample.expect("a sample");
+            }
+            renderer.radiance().expect("radiance")
+        });
+        with.iter()
+            .zip(without)
+            .map(|(with, without)| with - without)
+            .collect()
+    }
+}
+
+/// The Cornell box under a bright point instead of its lamp.
+fn cornell() -> Scene {
+    let mut scene = builtin("cornell", 1).expect("a scene");
+    for material in &mut scene.materials {
+        *material = Material {
+            emissive: Vec3::ZERO,
+            ..material.clone()
+        };
+    }
+    scene
+        .lights
+        .push(Light::new("", LightKind::Point, Vec3::splat(40.0)));
+    scene
+}
+
+/// The scene's first light at some places along its way.
+fn along(scene: &Scene, places: &[Vec3], target: Vec3) -> Vec<Light> {
+    let light = scene.lights[0].clone();
+    let moved = |&place| light.clone().aimed(place, target);
+    places.iter().map(moved).collect()
+}
+
+/// Relative mean squared error of indirect light against the path tracer, without the path tracer's own.
+fn error(gpu: &Gpu, scene: &Scene, light: &Light, found: &[f32]) -> f64 {
+    let mut scene = scene.clone();
+    scene.lights[0] = light.clone();
+    let part = Part {
+        classes: vec![LightClass::Punctual],
+        pattern: "LDD+E".into(),
+    };
+    let subject = Subject {
+        scene: &scene,
+        camera: &scene.cameras[0].clone(),
+        size: [SIZE; 2],
+    };
+    let options = Options {
+        reference: Quality {
+            samples: 256,
+            noise: 0.0,
+        },
+        ..Options::default()
+    };
+    let go_on = &mut |_: &_| ControlFlow::Continue(());
+    let truth = trace(gpu, &subject, &[part], &options, go_on).expect("a reference");
+    let pairs = found.iter().zip(&truth.radiance);
+    let squares = pairs.map(|(&found, &truth)| {
+        let (found, truth) = (f64::from(found), f64::from(truth));
+        (found - truth).powi(2) / (truth * truth + 0.01)
+    });
+    squares.sum::<f64>() / found.len() as f64 - truth.rel_mse()
+}
+
+/// One set of panes, and a light that moves.
+#[test]
+fn indirect_light_of_a_moving_light_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let (box_, room) = (cornell(), builtin("room", 1).expect("a scene"));
+    let in_box = [
+        vec3(0.0, 4.2, -2.8),
+        vec3(2.0, 3.5, -1.5),
+        vec3(-1.5, 2.0, -1.2),
+    ];
+    let in_room = [vec3(1.3, 2.8, 1.3), vec3(-1.0, 1.5, 1.2)];
+    // In the box the light reaches nearly all clusters alike, of which 32 panes are few.
+    for (name, scene, places, target, bound_of_32) in [
+        ("cornell", &box_, &in_box[..], Vec3::ZERO, 0.07),
+        ("room", &room, &in_room[..], vec3(-0.1, 0.2, -0.5), 0.03),
+    ] {
+        let settings = ["resolution=64", "steps=64"];
+        let mut indirect = Indirect::new(&gpu, scene, &settings);
+        let lights = along(scene, places, target);
+        for (panes, bound) in [("0", 0.003), ("32", bound_of_32)] {
+            let set = indirect.both.set("light-path-map", "panes", panes);
+            set.expect("a setting");
+            let errors: Vec<f64> = lights
+                .iter()
+                .map(|light| error(&gpu, scene, light, &indirect.picture(light, SAMPLES)))
+                .collect();
+            let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+            println!("{name}, panes={panes}: rel-mse {mean:.1e} of {errors:?}");
+            assert!(mean < bound, "{name}, panes={panes}: {mean}");
+            assert!(
+                errors.iter().all(|&error| error < 2.0 * bound),
+                "{errors:?}"
+            );
+        }
+    }
+}
+
+/// A light that moves in steps of 2 cm changes no pixel's indirect light by more than 2 % of the brightest, although
+/// other panes become the brightest.
+#[test]
+fn nothing_pops_while_a_light_moves() {
+    let Some(gpu) = gpu() else { return };
+    let scene = cornell();
+    let settings = [
+        "resolution=32",
+        "entries=1024",
+        "clusters=64",
+        "panes=8",
+        "steps=64",
+    ];
+    let mut indirect = Indirect::new(&gpu, &scene, &settings);
+    let places: Vec<Vec3> = (0..40)
+        .map(|step| vec3(-0.4 + 0.02 * step as f32, 3.5, -1.5))
+        .collect();
+    let pictures: Vec<Vec<f32>> = along(&scene, &places, Vec3::ZERO)
+        .iter()
+        .map(|light| indirect.picture(light, 1))
+        .collect();
+    let largest = |values: &mut dyn Iterator<Item = f32>| values.fold(0.0, f32::max);
+    let white = largest(&mut pictures.iter().flatten().copied());
+    let steps = pictures.windows(2).map(|two| {
+        let pairs = two[0].iter().zip(&two[1]);
+        largest(&mut pairs.map(|(before, after)| (after - before).abs())) / white
+    });
+    let step = largest(&mut steps.collect::<Vec<_>>().into_iter());
+    println!("{step} of white");
+    assert!(white > 0.1 && step < 0.02, "{white} {step}");
+}
+
+#[test]
+fn light_is_not_added_twice() {
+    let Some(gpu) = gpu() else { return };
+    let scene = cornell();
+    let made = |others: &[&str]| {
+        let names = [others, &["light-path-map"]].concat();
+        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
+        Renderer::new(&gpu, &scene, [8, 8], &names)
+    };
+    match made(&["shadow-map", "radiosity"]).map(|_| ()) {
+        Err(LightingError::Overlap { path, .. }) => assert_eq!(path, "LDDE"),
+        other => panic!("{other:?}"),
+    }
+    // It reflects what others add, and nothing else.
+    assert!(
+        made(&[])
+            .expect("a renderer")
+            .light_paths_of("light-path-map")
+            .is_empty()
+    );
+    let mut renderer = made(&["shadow-map"]).expect("a renderer");
+    let adds = |renderer: &Renderer, class, path| {
+        let one = LightPaths::new(class, path);
+        overlap(renderer.light_paths_of("light-path-map"), &[one]).is_some()
+    };
+    assert!(adds(&renderer, LightClass::Punctual, "LDDDDE"));
+    assert!(!adds(&renderer, LightClass::Punctual, "LDE"));
+    assert!(!adds(&renderer, LightClass::Environment, "LDDE"));
+    renderer
+        .set("light-path-map", "depth", "1")
+        .expect("a setting");
+    assert!(adds(&renderer, LightClass::Punctual, "LDDDE"));
+    assert!(!adds(&renderer, LightClass::Punctual, "LDDDDE"));
+    let renderer = made(&["shadow-map", "caustics"]).expect("a renderer");
+    assert!(!adds(&renderer, LightClass::Punctual, "LSDE"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = renderer_of(
+        &gpu,
+        &cornell(),
+        &["shadow-map", "light-path-map"],
+        8,
+        "light-path-map",
+        &[],
+    );
+    for (name, value) in [
+        ("entries", "0"),
+        ("clusters", "0"),
+        ("clusters", "2000"),
+        ("walks", "0"),
+        ("depth", "33"),
+    ] {
+        let refused = renderer.set("light-path-map", name, value);
+        assert!(
+            matches!(refused, Err(LightingError::Setting { .. })),
+            "{name}"
+        );
+    }
+    let set = renderer.set("light-path-map", "resolution", "8192");
+    set.expect("a setting");
+    let camera = Camera::look_at("", vec3(0.0, 2.7, 8.0), Vec3::Y, 0.7);
+    let refused = renderer.render_sample(&camera, 1, None, false).map(|_| ());
+    let message = refused.expect_err("an atlas of 16 GiB").to_string();
+    assert!(message.contains("lower the resolution"), "{message}");
+}
