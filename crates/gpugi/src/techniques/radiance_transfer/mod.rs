@@ -1,12 +1,14 @@
 //! Precomputed radiance transfer: how much of the light from each direction leaves each texel of a still scene, in
-//! spherical harmonics, so that its environment and directional lights may change at the cost of a dot product per
-//! texel (tutorial sections 7, 7.1 and 7.2).
+//! spherical harmonics or Haar wavelets, so that its environment and directional lights may change at the cost of a dot
+//! product per texel (tutorial sections 7, 7.1 and 7.2).
 //!
 //! Generate: rays find the transfer vectors of an atlas's texels, a few steps per frame, bounce by bounce; the
 //! environment is projected to the same functions, and the dot products of both are the irradiance of the texels.
 //! Gather: looks up the irradiance at a point's place in the atlas. docs/techniques/radiance-transfer.md.
 
 pub(crate) mod gpu;
+mod haar;
+mod harmonics;
 mod light;
 mod settings;
 #[cfg(test)]
@@ -25,7 +27,7 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-pub use settings::Settings;
+pub use settings::{Basis, Settings};
 use texels::LitTexels;
 
 /// Name, summary, source and light paths of the technique.
@@ -117,7 +119,7 @@ impl Technique for RadianceTransfer {
             INFO.name,
             settings.resolution,
             settings.density,
-            u64::from(settings.functions()) * gpu::COEFFICIENT_BYTES,
+            u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES,
         )?;
         let Some(atlas) = atlas else {
             return Ok(Generated::WITHOUT_ATLAS);

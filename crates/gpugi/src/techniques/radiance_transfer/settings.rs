@@ -1,21 +1,38 @@
 //! Settings of radiance transfer.
 
+use super::haar;
 use crate::scene::Claims;
+
+crate::choices! {
+    /// Functions of the direction that light is a sum of.
+    pub enum Basis {
+        /// Spherical harmonics: few, smooth functions, which turn exactly.
+        Harmonics = "harmonics",
+        /// Haar wavelets on a cube map, of which each texel keeps the largest terms: for small, bright lights.
+        Haar = "haar",
+    }
+}
 
 crate::settings! {
     /// Settings of radiance transfer.
     pub struct Settings {
+        /// Functions of the direction that light is a sum of: harmonics, spherical harmonics; haar, Haar wavelets on a
+        /// cube map of 64 texels per side, for small, bright lights.
+        pub basis: Basis = Basis::Harmonics => any(),
+        /// Largest coefficients that a texel keeps; wavelets only.
+        pub coefficients: u32 = 100 => in_range(6.0, 4096.0),
         /// Bands of spherical harmonics: order * order functions.
         pub order: u32 = 6 => in_range(2.0, 8.0),
         /// Surfaces that light meets between the environment and the eye; 1 is direct light only, which radiosity
         /// can continue.
         pub bounces: u32 = 1 => in_range(1.0, 32.0),
-        /// Rays per texel and bounce; powers of two are best.
+        /// Rays per texel and bounce; powers of two are best. Wavelets trace at least one per texel of their cube, and
+        /// this many for reflected light.
         pub rays: u32 = 1024 => in_range(1.0, 65_536.0),
         /// Whether directional lights are projected, too. Only in scenes without point and spot lights.
         pub directional_lights: bool = false => any(),
         /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around
-        /// small lights, but softer shadows.
+        /// small lights, but softer shadows. Harmonics only.
         pub window: bool = false => any(),
         /// Side of the atlas's pages.
         pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),
@@ -29,9 +46,20 @@ crate::settings! {
 }
 
 impl Settings {
-    /// Functions, and coefficients per texel.
-    pub fn functions(&self) -> u32 {
-        self.order * self.order
+    /// Coefficients that a texel keeps.
+    pub fn terms(&self) -> u32 {
+        match self.basis {
+            Basis::Harmonics => self.order * self.order,
+            Basis::Haar => self.coefficients,
+        }
+    }
+
+    /// Rays per texel and bounce.
+    pub(super) fn rays_per_texel(&self) -> u32 {
+        match self.basis {
+            Basis::Harmonics => self.rays,
+            Basis::Haar => haar::rays_per_texel(self.rays),
+        }
     }
 
     /// Claims of other techniques on an object that leave it out. Indirect light of another technique joins direct
@@ -44,8 +72,9 @@ impl Settings {
         }
     }
 
-    /// What decides the transfer vectors: order, bounces, rays and seed.
-    pub(super) fn of_transfer(&self) -> [u32; 4] {
-        [self.order, self.bounces, self.rays, self.seed]
+    /// What decides the transfer vectors: basis, order or coefficients, bounces, rays and seed.
+    pub(super) fn of_transfer(&self) -> (Basis, u32, [u32; 3]) {
+        let of_rays = [self.bounces, self.rays, self.seed];
+        (self.basis, self.terms(), of_rays)
     }
 }

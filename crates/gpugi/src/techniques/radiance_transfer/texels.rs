@@ -5,10 +5,9 @@ use std::sync::Arc;
 use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
 
-use super::gpu::MOST_FUNCTIONS;
 use super::light::{Light, Made};
 use super::transfer::Transfer;
-use super::{INFO, Settings};
+use super::{Basis, INFO, Settings};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
 };
@@ -60,11 +59,20 @@ impl LitTexels {
         let lookup = AtlasLookup::new(gpu, host, &atlas)?;
         let size = [atlas.size, atlas.size * atlas.pages];
         let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let (relight, length) = match settings.basis {
+            Basis::Harmonics => (
+                shader!("techniques.radiance_transfer.relight"),
+                ("ORDER", f64::from(settings.order)),
+            ),
+            Basis::Haar => (
+                shader!("techniques.radiance_transfer.haar.relight"),
+                ("TERMS", f64::from(settings.coefficients)),
+            ),
+        };
         let options = KernelOptions {
-            constants: &[("ORDER", f64::from(settings.order))],
+            constants: &[length],
             ..Default::default()
         };
-        let relight = shader!("techniques.radiance_transfer.relight");
         let gather = shader!("capture.atlas.gather");
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
         let kept = [
@@ -75,7 +83,7 @@ impl LitTexels {
             passages: scene.passages(),
             leaks: LeakTest::new(gpu, scene, &capture)?,
             transfer: Transfer::new(gpu, scene, settings, &capture, &lookup)?,
-            light: Light::new(gpu, scene, settings.order)?,
+            light: Light::new(gpu, scene, settings)?,
             relight: Kernel::with_options(gpu, &relight, "main", None, &options)?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
@@ -191,7 +199,7 @@ impl LitTexels {
         let size = [self.capture.size, self.capture.size * self.capture.pages];
         vec![
             map("irradiance", &self.irradiance.radiance, size),
-            map("light", &self.light.coefficients, [MOST_FUNCTIONS, 1]),
+            map("light", &self.light.coefficients, self.light.map_size()),
         ]
     }
 

@@ -5,12 +5,11 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 use serde::{Deserialize, Serialize};
 
-use super::Settings;
-use super::gpu::{COEFFICIENT_BYTES, LANES, Work};
+use super::gpu::{COEFFICIENT_BYTES, Work};
+use super::{Basis, Settings, haar, harmonics};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::scene::GpuScene;
-use crate::shader;
 
 /// Rays per step: about 40 ms on a small GPU.
 const RAYS_OF_STEP: u32 = 1 << 22;
@@ -20,18 +19,51 @@ const RAYS_OF_STEP: u32 = 1 << 22;
 pub(super) struct Transfer {
     settings: Settings,
     size: u32,
-    /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl.
+    /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl or haar/wavelets.wesl.
     pub vectors: wgpu::Buffer,
     /// The same with one bounce more, while that is computed.
     next: Option<wgpu::Buffer>,
     albedo: wgpu::Buffer,
-    first_bounce: Kernel,
-    further_bounces: Kernel,
-    /// Bind group of the atlas lookup.
-    corners: wgpu::BindGroup,
+    rays: Rays,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
     state: State,
+}
+
+/// Kernels of a basis.
+#[derive(Debug)]
+enum Rays {
+    Harmonics(harmonics::Rays),
+    Wavelets(haar::Rays),
+}
+
+/// Texels whose vectors are computed in one step.
+pub(super) struct Tile<'a> {
+    /// Their [`Work`].
+    pub work: wgpu::Buffer,
+    /// The surface points of all texels of their piece.
+    pub piece: &'a wgpu::Buffer,
+    pub points: u32,
+    pub is_first_bounce: bool,
+}
+
+impl Tile<'_> {
+    /// Bindings of group 1.
+    pub fn bindings(&self) -> [(&'static str, wgpu::BindingResource<'_>); 2] {
+        [
+            ("work", self.work.as_entire_binding()),
+            ("points", self.piece.as_entire_binding()),
+        ]
+    }
+}
+
+/// What a step reads and writes, for all texels.
+pub(super) struct Vectors<'a> {
+    /// Vectors with one bounce less.
+    pub before: &'a wgpu::Buffer,
+    pub after: &'a wgpu::Buffer,
+    /// Diffuse albedo, rgb9e5; written with the first bounce.
+    pub albedo: &'a wgpu::Buffer,
 }
 
 /// How far the vectors are.
@@ -64,28 +96,32 @@ impl Transfer {
         capture: &AtlasCapture,
         lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
-        let shader = shader!("techniques.radiance_transfer.transfer");
-        let order = ("ORDER", f64::from(settings.order));
-        let kernel = |is_first: bool| {
-            let is_first = ("IS_FIRST", f64::from(u8::from(is_first)));
-            scene.ray_kernel(gpu, &shader, &[order, is_first])
-        };
-        let (first_bounce, further_bounces) = (kernel(true)?, kernel(false)?);
-        let corners = [("atlas", lookup.words.as_entire_binding())];
-        let at_once = (RAYS_OF_STEP / settings.rays).max(1);
+        let rays_per_texel = settings.rays_per_texel();
+        let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
         let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
             let count = piece.points.count;
             let firsts = (0..count).step_by(at_once as usize);
             firsts.map(move |first| (number, first..count.min(first + at_once)))
         };
         let pieces = capture.pieces().iter().enumerate();
+        let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
+        let rays = match settings.basis {
+            Basis::Harmonics => {
+                Rays::Harmonics(harmonics::Rays::new(gpu, scene, settings, lookup)?)
+            }
+            Basis::Haar => {
+                let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
+                let most = most.unwrap_or(1);
+                Rays::Wavelets(haar::Rays::new(gpu, scene, settings, lookup, most)?)
+            }
+        };
         let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
         Ok(Self {
             settings: settings.clone(),
             size: capture.size,
             vectors: vectors(
                 gpu,
-                texels * u64::from(settings.functions()) * COEFFICIENT_BYTES,
+                texels * u64::from(settings.terms()) * COEFFICIENT_BYTES,
             )?,
             next: None,
             albedo: gpu.buffer(
@@ -93,10 +129,8 @@ impl Transfer {
                 texels * 4,
                 wgpu::BufferUsages::STORAGE,
             )?,
-            corners: further_bounces.bind(gpu, 2, &corners)?,
-            first_bounce,
-            further_bounces,
-            tiles: pieces.flat_map(tiles_of).collect(),
+            rays,
+            tiles,
             state: State::default(),
         })
     }
@@ -109,7 +143,11 @@ impl Transfer {
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         let next = self.next.as_ref().map_or(0, wgpu::Buffer::size);
-        self.vectors.size() + next + self.albedo.size()
+        let work = match &self.rays {
+            Rays::Harmonics(_) => 0,
+            Rays::Wavelets(rays) => rays.bytes(),
+        };
+        self.vectors.size() + next + self.albedo.size() + work
     }
 
     /// Bounces that are done.
@@ -170,34 +208,22 @@ impl Transfer {
                 seed: self.settings.seed,
                 ..Work::zeroed()
             };
-            let work = gpu.uniform("radiance transfer", &work)?;
-            let kernel = if self.state.bounces == 0 {
-                &self.first_bounce
-            } else {
-                &self.further_bounces
+            let tile = Tile {
+                work: gpu.uniform("radiance transfer", &work)?,
+                piece: &piece.points.points,
+                points: points.len() as u32,
+                is_first_bounce: self.state.bounces == 0,
             };
-            let of_points = [
-                ("work", work.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
-            ];
-            let of_texels = [
-                ("before", self.vectors.as_entire_binding()),
-                ("after", next.as_entire_binding()),
-                ("albedo", self.albedo.as_entire_binding()),
-            ];
-            let of_points = kernel.bind(gpu, 1, &of_points)?;
-            let of_texels = kernel.bind(gpu, 3, &of_texels)?;
-            frame.compute("radiance-transfer.rays", |pass| {
-                let groups = [
-                    (0, &scene.ray_bind_group),
-                    (1, &of_points),
-                    (2, &self.corners),
-                    (3, &of_texels),
-                ];
-                let lanes = points.len() as u32 * LANES;
-                kernel.dispatch(pass, &groups, [lanes, 1, 1]);
-            });
-            rays = points.len() as u64 * u64::from(self.settings.rays);
+            let vectors = Vectors {
+                before: &self.vectors,
+                after: &next,
+                albedo: &self.albedo,
+            };
+            match &self.rays {
+                Rays::Harmonics(rays) => rays.record(frame, scene, &tile, &vectors)?,
+                Rays::Wavelets(rays) => rays.record(frame, scene, &tile, &vectors)?,
+            }
+            rays = points.len() as u64 * u64::from(self.settings.rays_per_texel());
             self.state.tiles += 1;
         }
         self.next = Some(next);
