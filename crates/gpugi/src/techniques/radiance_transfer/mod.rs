@@ -6,10 +6,12 @@
 //! environment is projected to the same functions, and the dot products of both are the irradiance of the texels.
 //! Gather: looks up the irradiance at a point's place in the atlas. docs/techniques/radiance-transfer.md.
 
+mod compression;
 pub(crate) mod gpu;
 mod haar;
 mod harmonics;
 mod light;
+mod principal;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -19,7 +21,6 @@ mod transfer;
 use std::sync::Arc;
 
 use gpugi_scene::LightKind;
-use serde::{Deserialize, Serialize};
 
 use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::{Receiver, View};
@@ -28,7 +29,7 @@ use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 pub use settings::{Basis, Settings};
-use texels::LitTexels;
+use texels::{LitTexels, Saved};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -54,13 +55,6 @@ pub struct RadianceTransfer {
     most_texels: Option<u32>,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
-}
-
-/// What [`Resume::save`] stores.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Saved {
-    revision: u64,
-    transfer: transfer::Saved,
 }
 
 /// Error for saved progress that does not fit.
@@ -195,12 +189,8 @@ impl Resume for RadianceTransfer {
         let Some(made) = &self.made else {
             return Ok(None);
         };
-        let Some(transfer) = made.transfer.save(gpu)? else {
+        let Some(saved) = made.save(gpu)? else {
             return Ok(None);
-        };
-        let saved = Saved {
-            revision: made.revision,
-            transfer,
         };
         postcard::to_allocvec(&saved).map(Some).map_err(unfit)
     }
@@ -210,10 +200,7 @@ impl Resume for RadianceTransfer {
         let Some(made) = &mut self.made else {
             return Ok(false);
         };
-        made.transfer.resume(gpu, &saved.transfer).map_err(unfit)?;
-        if saved.transfer.bounces > 0 {
-            made.restore(gpu, saved.revision)?;
-        }
+        made.resume(gpu, &saved).map_err(unfit)?;
         Ok(true)
     }
 }

@@ -34,6 +34,15 @@ crate::settings! {
         /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around
         /// small lights, but softer shadows. Harmonics only.
         pub window: bool = false => any(),
+        /// Whether texels are clustered by their coefficients, and each keeps weights of its cluster's principal
+        /// components (CPCA). Harmonics only.
+        pub compressed: bool = false => any(),
+        /// Most clusters of texels.
+        pub clusters: u32 = 64 => in_range(1.0, 1024.0),
+        /// Principal components of each cluster.
+        pub components: u32 = 12 => in_range(1.0, 64.0),
+        /// Least texels of a cluster; smaller ones join others.
+        pub minimum: u32 = 64 => in_range(1.0, 65_536.0).unit("texels"),
         /// Side of the atlas's pages.
         pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),
         /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.
@@ -54,6 +63,21 @@ impl Settings {
         }
     }
 
+    /// Whether texels keep weights instead of coefficients.
+    pub(super) fn is_compressed(&self) -> bool {
+        self.compressed && self.basis == Basis::Harmonics
+    }
+
+    /// 32-bit words of a texel's cluster and weights, 16 bits each.
+    pub(super) fn words_of_weights(&self) -> u32 {
+        self.components / 2 + 1
+    }
+
+    /// 32-bit words of a cluster's mean and basis vectors.
+    pub(super) fn words_of_cluster(&self) -> usize {
+        2 * self.terms() as usize * (self.components as usize + 1)
+    }
+
     /// Rays per texel and bounce.
     pub(super) fn rays_per_texel(&self) -> u32 {
         match self.basis {
@@ -72,9 +96,11 @@ impl Settings {
         }
     }
 
-    /// What decides the transfer vectors: basis, order or coefficients, bounces, rays and seed.
-    pub(super) fn of_transfer(&self) -> (Basis, u32, [u32; 3]) {
+    /// What decides the transfer vectors: basis, order or coefficients, bounces, rays, seed and clusters.
+    pub(super) fn of_transfer(&self) -> (Basis, u32, [u32; 3], Option<[u32; 3]>) {
         let of_rays = [self.bounces, self.rays, self.seed];
-        (self.basis, self.terms(), of_rays)
+        let of_clusters = [self.clusters, self.components, self.minimum];
+        let of_clusters = self.is_compressed().then_some(of_clusters);
+        (self.basis, self.terms(), of_rays, of_clusters)
     }
 }

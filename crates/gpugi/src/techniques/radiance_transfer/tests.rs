@@ -1,5 +1,6 @@
 //! Tests transfer vectors and light against closed forms, and that progress may stop and continue anywhere.
 
+mod clusters;
 mod harmonics;
 mod wavelets;
 
@@ -158,7 +159,8 @@ impl Solver {
 
     /// All transfer vectors, as they are stored.
     fn vectors(&self) -> Vec<u32> {
-        let vectors = &self.transfer.made.as_ref().unwrap().transfer.vectors;
+        let made = self.transfer.made.as_ref().unwrap();
+        let vectors = made.transfer.vectors().expect("vectors");
         read_buffer(&self.gpu, vectors, vectors.size()).unwrap()
     }
 

@@ -20,7 +20,10 @@ pub(super) struct Transfer {
     settings: Settings,
     size: u32,
     /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl or haar/wavelets.wesl.
-    pub vectors: wgpu::Buffer,
+    /// `None` once they are compressed.
+    vectors: Option<wgpu::Buffer>,
+    /// Their size (bytes).
+    size_of_vectors: u64,
     /// The same with one bounce more, while that is computed.
     next: Option<wgpu::Buffer>,
     albedo: wgpu::Buffer,
@@ -116,13 +119,12 @@ impl Transfer {
             }
         };
         let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
+        let size_of_vectors = texels * u64::from(settings.terms()) * COEFFICIENT_BYTES;
         Ok(Self {
             settings: settings.clone(),
             size: capture.size,
-            vectors: vectors(
-                gpu,
-                texels * u64::from(settings.terms()) * COEFFICIENT_BYTES,
-            )?,
+            vectors: Some(vectors(gpu, size_of_vectors)?),
+            size_of_vectors,
             next: None,
             albedo: gpu.buffer(
                 "albedo of texels [bytes]",
@@ -142,12 +144,12 @@ impl Transfer {
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        let next = self.next.as_ref().map_or(0, wgpu::Buffer::size);
+        let size = |buffer: &Option<wgpu::Buffer>| buffer.as_ref().map_or(0, wgpu::Buffer::size);
         let work = match &self.rays {
             Rays::Harmonics(_) => 0,
             Rays::Wavelets(rays) => rays.bytes(),
         };
-        self.vectors.size() + next + self.albedo.size() + work
+        size(&self.vectors) + size(&self.next) + self.albedo.size() + work
     }
 
     /// Bounces that are done.
@@ -167,15 +169,28 @@ impl Transfer {
         (done + u64::from(self.state.tiles)) as f32 / all.max(1) as f32
     }
 
-    /// Restarts if geometry or materials have changed. The vectors remain until the first bounce is done.
-    pub fn follow(&mut self, scene: &GpuScene) {
+    /// The vectors with the bounces that are done; `None` once they are compressed.
+    pub fn vectors(&self) -> Option<&wgpu::Buffer> {
+        self.vectors.as_ref()
+    }
+
+    /// Frees the vectors, which have been compressed.
+    pub fn free_vectors(&mut self) {
+        self.vectors = None;
+    }
+
+    /// Restarts if geometry or materials have changed, and returns whether they have. The vectors remain until the first
+    /// bounce is done.
+    pub fn follow(&mut self, scene: &GpuScene) -> bool {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
-        if self.state.made != now {
+        let has_changed = self.state.made != now;
+        if has_changed {
             self.state = State {
                 made: now,
                 ..State::default()
             };
         }
+        has_changed
     }
 
     /// Computes the next bounce of one tile, and returns its number of rays: pass `radiance-transfer.rays`.
@@ -191,7 +206,11 @@ impl Transfer {
         let gpu = frame.gpu;
         let next = match self.next.take() {
             Some(next) => next,
-            None => vectors(gpu, self.vectors.size())?,
+            None => vectors(gpu, self.size_of_vectors)?,
+        };
+        let before = match self.vectors.take() {
+            Some(before) => before,
+            None => vectors(gpu, self.size_of_vectors)?,
         };
         if self.state.tiles == 0 {
             // Texels may have lost their points since.
@@ -215,7 +234,7 @@ impl Transfer {
                 is_first_bounce: self.state.bounces == 0,
             };
             let vectors = Vectors {
-                before: &self.vectors,
+                before: &before,
                 after: &next,
                 albedo: &self.albedo,
             };
@@ -226,6 +245,7 @@ impl Transfer {
             rays = points.len() as u64 * u64::from(self.settings.rays_per_texel());
             self.state.tiles += 1;
         }
+        self.vectors = Some(before);
         self.next = Some(next);
         if self.state.tiles as usize == self.tiles.len() {
             self.end_bounce();
@@ -236,11 +256,11 @@ impl Transfer {
     /// All tiles are done: the vectors have one bounce more.
     fn end_bounce(&mut self) {
         if let Some(next) = self.next.take() {
-            let before = std::mem::replace(&mut self.vectors, next);
+            let before = self.vectors.replace(next);
             self.state.bounces += 1;
             self.state.tiles = 0;
             if !self.is_done() {
-                self.next = Some(before);
+                self.next = before;
             }
         }
     }
@@ -259,34 +279,37 @@ impl Transfer {
         Ok(Some(Saved {
             bounces,
             tiles,
-            vectors: read(&self.vectors)?,
+            vectors: self
+                .vectors
+                .as_ref()
+                .map(read)
+                .transpose()?
+                .unwrap_or_default(),
             next: next.map(read).transpose()?.unwrap_or_default(),
             albedo: read(&self.albedo)?,
         }))
     }
 
-    /// Continues from saved progress.
+    /// Continues from saved progress, which has no vectors if they are compressed.
     ///
     /// # Errors
     /// Why it does not fit these texels.
-    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
+    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved, is_compressed: bool) -> Result<(), String> {
         let is_of_steps = if saved.bounces < self.settings.bounces {
             (saved.tiles as usize) < self.tiles.len()
         } else {
             saved.bounces == self.settings.bounces && saved.tiles == 0
         };
-        if !is_of_steps {
+        if !is_of_steps || (is_compressed && saved.bounces < self.settings.bounces) {
             return Err("another number of steps".into());
         }
-        let is_of = |words: &[u32], buffer: &wgpu::Buffer| words.len() as u64 * 4 == buffer.size();
         let has_next = saved.tiles > 0;
-        if !is_of(&saved.vectors, &self.vectors)
-            || !is_of(&saved.albedo, &self.albedo)
-            || if has_next {
-                !is_of(&saved.next, &self.vectors)
-            } else {
-                !saved.next.is_empty()
-            }
+        let is_whole = |words: &[u32], exists: bool, size: u64| {
+            words.len() as u64 * 4 == if exists { size } else { 0 }
+        };
+        if !is_whole(&saved.vectors, !is_compressed, self.size_of_vectors)
+            || !is_whole(&saved.next, has_next, self.size_of_vectors)
+            || !is_whole(&saved.albedo, true, self.albedo.size())
         {
             return Err("other texels".into());
         }
@@ -298,18 +321,22 @@ impl Transfer {
         {
             return Err("coefficients that are not finite".into());
         }
-        gpu.write(&self.vectors, 0, &saved.vectors);
-        gpu.write(&self.albedo, 0, &saved.albedo);
-        if has_next {
-            let next = match self.next.take() {
-                Some(next) => next,
-                None => vectors(gpu, self.vectors.size()).map_err(|error| error.to_string())?,
+        let write = |into: &mut Option<wgpu::Buffer>, words: &[u32]| {
+            if words.is_empty() {
+                *into = None;
+                return Ok(());
+            }
+            let buffer = match into.take() {
+                Some(buffer) => buffer,
+                None => vectors(gpu, self.size_of_vectors).map_err(|error| error.to_string())?,
             };
-            gpu.write(&next, 0, &saved.next);
-            self.next = Some(next);
-        } else {
-            self.next = None;
-        }
+            gpu.write(&buffer, 0, words);
+            *into = Some(buffer);
+            Ok::<_, String>(())
+        };
+        write(&mut self.vectors, &saved.vectors)?;
+        write(&mut self.next, &saved.next)?;
+        gpu.write(&self.albedo, 0, &saved.albedo);
         self.state.bounces = saved.bounces;
         self.state.tiles = saved.tiles;
         Ok(())
@@ -317,7 +344,7 @@ impl Transfer {
 }
 
 /// Whether both 16-bit floats in a word are finite.
-fn are_finite(word: u32) -> bool {
+pub(super) fn are_finite(word: u32) -> bool {
     const EXPONENT: u32 = 0x7c00;
     [word, word >> 16]
         .iter()
