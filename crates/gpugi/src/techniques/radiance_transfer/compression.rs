@@ -41,11 +41,11 @@ pub(super) struct Compression {
 enum Stage {
     Begin,
     /// Groups of like normals are on their way to the host.
-    Normals(ReadBack<Vec<u32>>),
+    Normals(Box<ReadBack<Vec<u32>>>),
     /// Rounds of k-means that are done; the means, and sums of parts of the texels.
     Rounds(u32, [wgpu::Buffer; 2]),
     /// Clusters and vectors are on their way to the host.
-    Vectors([ReadBack<Vec<u32>>; 2]),
+    Vectors(Box<[ReadBack<Vec<u32>>; 2]>),
     Analysis(Analysis),
 }
 
@@ -117,7 +117,7 @@ impl Compression {
             Stage::Begin => {
                 self.group_normals(frame, capture)?;
                 let groups = frame.read_back(&self.clusters, self.clusters.size())?;
-                self.stage = Stage::Normals(groups);
+                self.stage = Stage::Normals(Box::new(groups));
             }
             Stage::Normals(groups) => {
                 if let Some(groups) = groups.get() {
@@ -128,14 +128,15 @@ impl Compression {
             Stage::Rounds(ROUNDS, _) => {
                 let read = [&self.clusters, vectors];
                 let [clusters, vectors] = read.map(|buffer| frame.read_back(buffer, buffer.size()));
-                self.stage = Stage::Vectors([clusters?, vectors?]);
+                self.stage = Stage::Vectors(Box::new([clusters?, vectors?]));
             }
             Stage::Rounds(done, means) => {
                 *done += 1;
                 let means = means.clone();
                 self.round(frame, vectors, &means)?;
             }
-            Stage::Vectors([clusters, vectors]) => {
+            Stage::Vectors(read) => {
+                let [clusters, vectors] = read.as_ref();
                 if let (Some(clusters), Some(vectors)) = (clusters.get(), vectors.get()) {
                     let analysis = Analysis::new(&self.settings, &clusters?, vectors?);
                     self.stage = Stage::Analysis(analysis);

@@ -31,7 +31,7 @@ pub(super) struct Light {
 /// Kernels of a basis.
 #[derive(Debug)]
 enum Projection {
-    Harmonics(harmonics::Projection),
+    Harmonics(Box<harmonics::Projection>),
     Wavelets(haar::Projection),
 }
 
@@ -70,7 +70,7 @@ impl Light {
             Basis::Harmonics => {
                 let light = buffer(MOST_FUNCTIONS, storage | wgpu::BufferUsages::UNIFORM)?;
                 let of = harmonics::Projection::new(gpu, scene, settings.order, &faces, &light)?;
-                (light, Projection::Harmonics(of))
+                (light, Projection::Harmonics(Box::new(of)))
             }
             Basis::Haar => {
                 let light = buffer(CUBE_TEXELS, storage)?;

@@ -21,15 +21,10 @@ impl Subspace {
                 .zip(&mean)
                 .map(|(value, mean)| f64::from(*value) - mean)
                 .collect();
-            for (i, row) in covariance.iter_mut().enumerate() {
-                for (sum, other) in row[..=i].iter_mut().zip(&off) {
-                    *sum += off[i] * other;
+            for (row, one) in covariance.iter_mut().zip(&off) {
+                for (sum, other) in row.iter_mut().zip(&off) {
+                    *sum += one * other;
                 }
-            }
-        }
-        for i in 0..dimensions {
-            for j in 0..i {
-                covariance[j][i] = covariance[i][j];
             }
         }
         let mut pairs = eigenpairs(covariance);
@@ -153,10 +148,10 @@ mod tests {
             for (sum, weight) in squares.iter_mut().zip(&weights) {
                 *sum += weight * weight;
             }
-            for i in 0..5 {
+            for (i, expected) in vector.iter().enumerate() {
                 let value =
                     found.mean[i] + weights[0] * found.basis[0][i] + weights[1] * found.basis[1][i];
-                assert!((value - vector[i]).abs() < 1e-4, "{value} {}", vector[i]);
+                assert!((value - expected).abs() < 1e-4, "{value} {expected}");
             }
         }
         assert!(

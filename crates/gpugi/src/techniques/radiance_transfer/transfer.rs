@@ -36,8 +36,8 @@ pub(super) struct Transfer {
 /// Kernels of a basis.
 #[derive(Debug)]
 enum Rays {
-    Harmonics(harmonics::Rays),
-    Wavelets(haar::Rays),
+    Harmonics(Box<harmonics::Rays>),
+    Wavelets(Box<haar::Rays>),
 }
 
 /// Texels whose vectors are computed in one step.
@@ -110,12 +110,14 @@ impl Transfer {
         let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
         let rays = match settings.basis {
             Basis::Harmonics => {
-                Rays::Harmonics(harmonics::Rays::new(gpu, scene, settings, lookup)?)
+                let rays = harmonics::Rays::new(gpu, scene, settings, lookup)?;
+                Rays::Harmonics(Box::new(rays))
             }
             Basis::Haar => {
                 let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
                 let most = most.unwrap_or(1);
-                Rays::Wavelets(haar::Rays::new(gpu, scene, settings, lookup, most)?)
+                let rays = haar::Rays::new(gpu, scene, settings, lookup, most)?;
+                Rays::Wavelets(Box::new(rays))
             }
         };
         let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
