@@ -177,8 +177,8 @@ impl Compression {
         Ok(())
     }
 
-    /// Leaves one texel in each cluster, evenly spread over the texels in the order of their groups. Returns the buffers
-    /// of means and of sums of parts.
+    /// Leaves one texel in each cluster, evenly spread over the texels in the order of their groups. Returns buffers for
+    /// means and for sums of parts.
     fn seed(&self, gpu: &Gpu, groups: &[u32]) -> Result<[wgpu::Buffer; 2], GpuError> {
         let mut texels: Vec<usize> = (0..groups.len())
             .filter(|&texel| groups[texel] != NO_CLUSTER)
@@ -284,8 +284,8 @@ impl Analysis {
         numbers(&self.vectors[texel * words..][..words])
     }
 
-    /// While there are clusters of fewer points than the minimum, gives the points of the smallest one to those with the
-    /// nearest means.
+    /// While there are clusters of fewer points than the minimum, gives the points of the smallest one to the clusters
+    /// with the nearest means.
     fn join_small(&mut self, settings: &Settings) {
         let mut clusters = std::mem::take(&mut self.clusters);
         clusters.retain(|texels| !texels.is_empty());

@@ -67,8 +67,9 @@ pub(super) fn mean(vectors: impl Iterator<Item = Vec<f32>>) -> Vec<f64> {
 /// Sweeps after which nothing changes any more, whatever the matrix.
 const MOST_SWEEPS: u32 = 30;
 
-/// Eigenvalues and orthonormal eigenvectors of a symmetric matrix, by Jacobi's method: rotations that remove one element
-/// off the diagonal after the other, until all are negligible (Golub and Van Loan, "Matrix Computations", section 8.5).
+/// Eigenvalues and orthonormal eigenvectors of a symmetric matrix, by Jacobi's method: rotations that remove one
+/// element off the diagonal after the other, until all are negligible (Golub and Van Loan, "Matrix Computations",
+/// section 8.5).
 fn eigenpairs(mut a: Vec<Vec<f64>>) -> Vec<(f64, Vec<f64>)> {
     let n = a.len();
     // Row i is the vector that row and column i of the matrix belong to.

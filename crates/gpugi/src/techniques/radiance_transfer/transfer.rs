@@ -181,8 +181,8 @@ impl Transfer {
         self.vectors = None;
     }
 
-    /// Restarts if geometry or materials have changed, and returns whether they have. The vectors remain until the first
-    /// bounce is done.
+    /// Restarts if geometry or materials have changed, and returns whether they have. The vectors remain until the
+    /// first bounce is done.
     pub fn follow(&mut self, scene: &GpuScene) -> bool {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
         let has_changed = self.state.made != now;
