@@ -1,5 +1,6 @@
 //! Output of the commands: images, quantities of surface points, maps, JSON.
 
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
@@ -11,6 +12,15 @@ use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
 use crate::Usage;
 
+/// Writes a line to standard output. Ends the command, as if it were done, if the reader has closed its end; what else
+/// goes wrong there is no reason to lose a picture.
+pub fn print_line(line: std::fmt::Arguments<'_>) {
+    let result = writeln!(std::io::stdout(), "{line}");
+    if result.is_err_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe) {
+        std::process::exit(0);
+    }
+}
+
 /// The middle value; NaN of none.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -20,8 +30,11 @@ pub fn median(mut values: Vec<f64>) -> f64 {
 /// An image file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
+    /// 8-bit sRGB.
     Png,
+    /// Linear radiance, 32-bit floats.
     Exr,
+    /// Linear radiance with shared exponents.
     Hdr,
 }
 
@@ -99,9 +112,13 @@ pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result
 /// A quantity of surface points that can be written as an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Aov {
+    /// Diffuse albedo plus reflectance at normal incidence.
     Albedo,
+    /// Shading normal in world space.
     Normal,
+    /// Distance along the view direction (m).
     Depth,
+    /// Position in world space (m).
     Position,
 }
 

@@ -210,6 +210,49 @@ fn run(arguments: &[&str]) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
+#[test]
+fn transfer_vectors_refuse_what_they_cannot_use() {
+    let folder = folder("bake-transfer");
+    let output = folder.join("relit.glb");
+    let glb = output.display().to_string();
+    let text = folder.join("relit.txt").display().to_string();
+    for (file, options, part) in [
+        (&text, &[][..], ".glb"),
+        (
+            &glb,
+            &["--set", "radiance-transfer.resolution=64"],
+            "--atlas-size",
+        ),
+        (
+            &glb,
+            &["--set", "radiance-transfer.density=1"],
+            "--texel-density",
+        ),
+        (
+            &glb,
+            &["--set", "radiance-transfer.stored=true"],
+            "a bake computes",
+        ),
+        (&glb, &["--set", "radiosity.rays=1"], "not in use"),
+        (&glb, &["--time", "1"], "--time"),
+        (&glb, &["--transfer-format", "float"], "half"),
+    ] {
+        let bake = [
+            "bake",
+            "cornell",
+            "--technique",
+            "radiance-transfer",
+            "-o",
+            file,
+        ];
+        let refused = gpugi(&[&bake[..], options].concat());
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{options:?}: {message}");
+        assert!(message.contains(part), "{options:?}: {message}");
+        assert!(!output.exists(), "{options:?}");
+    }
+}
+
 /// What is baked looks as what is lit.
 #[test]
 fn a_baked_scene_looks_as_it_is_lit() {

@@ -84,8 +84,8 @@ fn a_bake_that_was_stopped_goes_on() {
 }
 
 /// Interrupted and killed at random times, and called with the same line until it succeeds, a bake gives the bits of a
-/// bake that ran through; nothing else ever has its name. `times`: how often it is stopped.
-fn stop_at_random_times(name: &str, times: u32) {
+/// bake that ran through; nothing else ever has its name. `what`: what is baked, `times`: how often it is stopped.
+fn stop_at_random_times(name: &str, what: &[&str], times: u32) {
     if skip_gpu() {
         return;
     }
@@ -93,8 +93,7 @@ fn stop_at_random_times(name: &str, times: u32) {
     let output = folder.join("x.glb");
     let path = output.display().to_string();
     let bake = ["bake", "cornell", "-o", &path, "--atlas-size", "64"];
-    let light = ["--include", "direct", "--set", "shadow-map.area-samples=4"];
-    let arguments = [&bake[..], &light, &["--samples", "256", "--resume"]].concat();
+    let arguments = [&bake[..], what, &["--resume"]].concat();
     let began = Instant::now();
     assert!(gpugi(&arguments).status.success());
     let took = began.elapsed();
@@ -130,15 +129,37 @@ fn stop_at_random_times(name: &str, times: u32) {
     assert_whole(attempt + 1);
 }
 
+const LIGHT: [&str; 6] = [
+    "--include",
+    "direct",
+    "--set",
+    "shadow-map.area-samples=4",
+    "--samples",
+    "256",
+];
+
 #[test]
 fn a_bake_that_is_interrupted_and_killed_gives_the_same_bits() {
-    stop_at_random_times("bake-killed", 6);
+    stop_at_random_times("bake-killed", &LIGHT, 6);
+}
+
+#[test]
+fn transfer_vectors_that_are_interrupted_and_killed_are_the_same_bits() {
+    let vectors = [
+        "--technique",
+        "radiance-transfer",
+        "--set",
+        "radiance-transfer.rays=256",
+        "--set",
+        "radiance-transfer.bounces=3",
+    ];
+    stop_at_random_times("transfer-killed", &vectors, 2);
 }
 
 #[test]
 #[ignore = "minutes: cargo test --test bake_stops -- --ignored"]
 fn a_bake_that_is_stopped_a_hundred_times_gives_the_same_bits() {
-    stop_at_random_times("bake-killed-often", 100);
+    stop_at_random_times("bake-killed-often", &LIGHT, 100);
 }
 
 /// The folder of the result is removed while the bake runs: an error that names the file.

@@ -6,11 +6,12 @@ use exr::prelude::{
     Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
     SpecificChannels, Vec2, WritableImage,
 };
-use gpugi::bake::{Checkpoint, LightState, ObscuranceState};
+use gpugi::bake::{Checkpoint, LightState, ObscuranceState, TransferState};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::export::{BakedPage, export_bake, export_scene};
+use gpugi_scene::export::{BakedPage, TransferFormat, export_bake, export_scene, export_transfer};
 use gpugi_scene::image::{HalfTexture, save_ktx2};
-use gpugi_scene::{Atlas, AtlasOptions, Scene};
+use gpugi_scene::{Atlas, AtlasOptions, Scene, TransferVectors};
+use half::f16;
 use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage, RgbaImage};
 use serde_json::{Value, json};
 
@@ -237,6 +238,26 @@ pub fn bake() -> Vec<Case> {
     let mut cases = glb();
     cases.push(one("a.glb", baked.glb));
     cases
+}
+
+/// Files with transfer vectors, in both formats.
+pub fn transfer() -> Vec<Case> {
+    let scene = room();
+    let atlas = atlas(&scene);
+    let texels = (atlas.size * atlas.size * atlas.pages) as usize;
+    let vectors = TransferVectors {
+        order: 2,
+        bounces: 1,
+        atlas: atlas.into(),
+        coefficients: vec![[f16::ONE; 4]; 4 * texels],
+        geometry: [0; 32],
+    };
+    [TransferFormat::Half, TransferFormat::Byte]
+        .map(|format| {
+            let exported = export_transfer(None, &scene, &vectors, format);
+            one("a.glb", exported.expect("a file").glb)
+        })
+        .into()
 }
 
 pub fn obj() -> Vec<Case> {
@@ -485,6 +506,7 @@ pub fn checkpoint() -> Vec<Case> {
         atlas: atlas(&room()),
         obscurances: Some(ObscuranceState::default()),
         light: Some(LightState::default()),
+        transfer: Some(TransferState::default()),
     };
     let empty = Checkpoint {
         atlas: begun.atlas.clone(),

@@ -1,5 +1,6 @@
 //! One hash that identifies a picture's inputs: it covers everything in a scene that can change what a camera sees.
-//! Names, cameras, warnings and animation data (what would move at another time) are excluded.
+//! Names, cameras, warnings, animation data (what would move at another time) and transfer vectors (which
+//! follow from the rest) are excluded.
 //!
 //! Structs are destructured field by field, so adding a field breaks the build until somebody decides whether the hash
 //! includes it.
@@ -30,6 +31,7 @@ impl Scene {
             cameras: _,
             environment,
             rig: _,
+            transfer: _,
             warnings: _,
         } = self;
         let mut hasher = Hasher::new();

@@ -24,6 +24,7 @@ pub mod provoking;
 pub mod scene;
 pub mod simplify;
 pub mod tangents;
+pub mod transfer;
 
 pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, TexelDensity};
 pub use camera::{Camera, Projection};
@@ -38,3 +39,4 @@ pub use mesh::Mesh;
 pub use names::Name;
 pub use provoking::{ProvokingMesh, provoking_order};
 pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};
+pub use transfer::TransferVectors;

@@ -6,7 +6,7 @@ use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
-use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture};
+use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture, TransferVectors};
 
 /// A placed mesh. Several instances may share a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,6 +192,8 @@ pub struct Scene {
     pub environment: Option<Environment>,
     /// Animation data: see [`Scene::pose`].
     pub rig: Option<Rig>,
+    /// Transfer vectors that the file holds: those of the scene as it was imported.
+    pub transfer: Option<Arc<TransferVectors>>,
     /// Features that the file asked for and the importer could not provide.
     pub warnings: Vec<String>,
 }

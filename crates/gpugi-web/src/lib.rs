@@ -59,7 +59,7 @@ pub async fn render(
         turn().await;
     }
     while renderer.samples() < samples {
-        renderer.try_render_sample(camera, samples, None)?;
+        renderer.try_render_sample(camera, samples, None, false)?;
         turn().await;
     }
     let radiance = renderer.begin_radiance()?.await?;

@@ -39,7 +39,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let display = DisplaySettings::default();
     let mut presented = 0;
     while presented < FRAMES {
-        let readiness = renderer.try_render_sample(&scene.cameras[0], u32::MAX, Some(&display))?;
+        let (readiness, _) =
+            renderer.try_render_sample(&scene.cameras[0], u32::MAX, Some(&display), false)?;
         match readiness {
             Readiness::Pending { what, .. } => {
                 println!("waiting for {what}");

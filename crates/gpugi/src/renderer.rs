@@ -11,7 +11,7 @@ use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
-use crate::display::{Display, DisplaySettings, Part, Present};
+use crate::display::{Compared, Comparison, Display, DisplaySettings, Part, Present};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
     read_buffer,
@@ -399,15 +399,15 @@ impl Renderer {
         camera: &Camera,
         of: u32,
         display: Option<&DisplaySettings>,
-    ) -> Result<Readiness, LightingError> {
+        timed: bool,
+    ) -> Result<(Readiness, Timings), LightingError> {
         if self.gpu.is_compiling() {
-            return Ok(COMPILING);
+            return Ok((COMPILING, Timings::default()));
         }
         let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
+        let mut frame = Frame::new(&gpu, timed);
         let readiness = self.record(&mut frame, camera, of, display)?;
-        frame.submit()?;
-        Ok(readiness)
+        Ok((readiness, frame.submit()?))
     }
 
     /// Records the frame: prepare; then, when maps are usable, capture, resolve, gather and display.
@@ -455,6 +455,24 @@ impl Renderer {
         let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
         self.display
             .record(&mut frame, &parts, self.samples, settings)?;
+        frame.submit().map(|_| ())
+    }
+
+    /// Displays the samples accumulated so far beside a reference of the same size.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn display_compared(
+        &mut self,
+        comparison: &Comparison,
+        shown: Compared,
+        settings: &DisplaySettings,
+    ) -> Result<(), GpuError> {
+        let mut frame = Frame::new(&self.gpu, false);
+        let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
+        let compared = comparison.record(&mut frame, &parts, self.samples, shown)?;
+        let settings = shown.settings(settings);
+        self.display.record(&mut frame, &[compared], 1, &settings)?;
         frame.submit().map(|_| ())
     }
 

@@ -6,10 +6,15 @@ use std::sync::Arc;
 
 use common::{gpu, measured, picture, place, rel_mse, renderer_of};
 use glam::{Vec3, vec3};
+use gpugi::bake::{Bake, TransferBake};
+use gpugi::gpu::Gpu;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::image::metrics::Metric;
-use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene};
+use gpugi_scene::transfer::geometry;
+use gpugi_scene::{
+    Atlas, AtlasOptions, Camera, Environment, Image, Material, Pixels, Scene, TransferVectors,
+};
 
 /// A smooth sky: spherical harmonics of order 6 hold nearly all of it.
 fn smooth_sky() -> Environment {
@@ -64,7 +69,7 @@ fn camera() -> Camera {
     Camera::look_at("", vec3(0.6, 1.9, 1.6), vec3(-0.1, 0.4, -0.3), 0.8)
 }
 
-fn renderer(gpu: &gpugi::gpu::Gpu, techniques: &[&str], settings: &[&str]) -> Renderer {
+fn renderer(gpu: &Gpu, techniques: &[&str], settings: &[&str]) -> Renderer {
     let settings = [&["resolution=64", "rays=256", "steps=64"], settings].concat();
     let scene = open_room();
     renderer_of(gpu, &scene, techniques, 32, "radiance-transfer", &settings)
@@ -118,6 +123,95 @@ fn a_sunlit_block_is_the_path_tracers_in_wavelets() {
     });
     let [harmonics, wavelets] = errors;
     assert!(wavelets < 0.01 && 2.0 * wavelets < harmonics, "{errors:?}");
+}
+
+/// A bake of the open room.
+fn transfer_bake<'a>(gpu: &Gpu, scene: &'a Scene) -> TransferBake<'a> {
+    let options = AtlasOptions {
+        size: 64,
+        ..AtlasOptions::default()
+    };
+    let atlas = Atlas::new(scene, &options).expect("an atlas");
+    let mut bake = TransferBake::new(gpu, scene, atlas).expect("a bake");
+    for (name, value) in [("rays", "256"), ("bounces", "3")] {
+        bake.set(name, value).expect("a setting");
+    }
+    bake
+}
+
+/// Takes the steps that are left, and returns their number and the result.
+fn finished(mut bake: TransferBake) -> (usize, TransferVectors) {
+    let mut steps = 0;
+    while bake.step().expect("a step").is_some() {
+        steps += 1;
+    }
+    assert!(bake.is_complete());
+    (steps, bake.finish().expect("vectors"))
+}
+
+/// Vectors that a scene brings light it as new ones, whatever the settings; those of another scene are not used.
+#[test]
+fn stored_vectors_light_as_new_ones() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = open_room();
+    let (steps, mut vectors) = finished(transfer_bake(&gpu, &scene));
+    for stop in 1..steps {
+        let mut stopped = transfer_bake(&gpu, &scene);
+        for _ in 0..stop {
+            stopped.step().expect("a step");
+        }
+        let state = stopped.save().expect("a state");
+        let mut resumed = transfer_bake(&gpu, &scene);
+        resumed.resume(state);
+        let (left, again) = finished(resumed);
+        println!("stopped after {stop} of {steps}, {left} more");
+        assert!(again == vectors, "stopped after {stop}");
+    }
+    let unfinished = transfer_bake(&gpu, &scene).finish();
+    assert!(unfinished.is_err());
+    for (name, value) in [("basis", "haar"), ("compressed", "true")] {
+        let refused = transfer_bake(&gpu, &scene).set(name, value);
+        assert!(refused.is_err(), "{name}");
+    }
+
+    let mut traced = renderer(&gpu, &["radiance-transfer"], &["bounces=3"]);
+    let traced = picture(&mut traced, &camera()).radiance;
+    vectors.geometry = geometry(&scene, &vectors.atlas);
+    scene.transfer = Some(Arc::new(vectors));
+    // Settings that give another picture.
+    let others = ["rays=1", "order=2", "bounces=1", "resolution=16"];
+    let light = |scene: &Scene, settings: &[&str]| {
+        let mut renderer = renderer_of(
+            &gpu,
+            scene,
+            &["radiance-transfer"],
+            32,
+            "radiance-transfer",
+            &[&others, settings].concat(),
+        );
+        let picture = picture(&mut renderer, &camera()).radiance;
+        (error(&picture, &traced), renderer.warnings())
+    };
+    let (stored, warnings) = light(&scene, &[]);
+    let (new, _) = light(&scene, &["stored=false"]);
+    println!("stored {stored:.1e}, new {new:.1e}");
+    assert!(stored < 1e-8 && new > 1e-3, "{stored} {new}");
+    assert!(warnings.is_empty(), "{warnings:?}");
+
+    let block = scene.instances.len() - 1;
+    scene.instances[block].world_from_mesh.w_axis.x += 0.1;
+    let (_, warnings) = light(&scene, &[]);
+    assert!(
+        warnings.iter().any(|one| one.contains("has moved since")),
+        "{warnings:?}"
+    );
+}
+
+/// Mean squared difference relative to `truth`.
+fn error(found: &[f32], truth: &[f32]) -> f32 {
+    let pairs = found.iter().zip(truth);
+    let errors = pairs.map(|(a, b)| (a - b).powi(2) / (b * b + 0.01));
+    errors.sum::<f32>() / truth.len() as f32
 }
 
 /// One bounce and radiosity for the others give what all bounces give.

@@ -273,6 +273,55 @@ fn lit_surfaces_have_no_acne() {
     }
 }
 
+/// A wall without thickness on a floor: no light behind its foot, no shadow in front of it, whatever filters do there.
+#[test]
+fn no_light_passes_under_a_thin_wall() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(2.0);
+    let wall = quad(vec3(0.0, 0.0, -2.0), Vec3::Z * 4.0, Vec3::Y, 1);
+    let grey = Material {
+        double_sided: true,
+        ..Material::matt("wall", Vec3::splat(0.5))
+    };
+    place(&mut scene, wall, grey);
+    for light in [
+        point_light(vec3(1.5, 1.5, 0.3), 10.0),
+        point_light(vec3(0.6, 1.9, -0.8), 10.0),
+        spot(vec3(1.5, 1.5, 0.3), Vec3::ZERO, 30.0, 45.0, 10.0),
+        sun(vec3(1.0, 1.0, 0.3), 3.0),
+    ] {
+        let scene = lit_by(scene.clone(), light.clone());
+        // A pixel is about 3 mm wide, a texel of these lights 6 to 24 mm.
+        let camera = from_above(0.2, 5.0);
+        let picture = render(&gpu, &scene, &camera, 64, &["shadow-map.resolution=256"]);
+        let lit_at = |lit: &common::Lit| {
+            lit.radiance.x / (GREY_BRDF * irradiance(&light, lit.position, Vec3::Y))
+        };
+        let of_floor = || picture.lit().filter(|lit| lit.instance == 0);
+        let behind: Vec<_> = of_floor()
+            .filter(|lit| lit.position.x < -0.002)
+            .map(lit_at)
+            .collect();
+        let before: Vec<_> = of_floor()
+            .filter(|lit| lit.position.x > 0.002)
+            .map(lit_at)
+            .collect();
+        let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+        let least = before.iter().copied().fold(f32::INFINITY, f32::min);
+        let found = format!(
+            "{}: behind the wall {} of the light, in front {} and {least} at least",
+            light.name,
+            mean(&behind),
+            mean(&before),
+        );
+        println!("{found}");
+        assert!(behind.len() > 1000 && before.len() > 1000);
+        assert!(mean(&behind) < 0.002, "{found}");
+        // A few comparisons find the foot of the wall.
+        assert!(mean(&before) > 0.99 && least > 0.8, "{found}");
+    }
+}
+
 /// More point lights than one atlas has room for at the resolution asked for.
 #[test]
 fn two_hundred_and_fifty_six_point_lights_cast_shadows() {

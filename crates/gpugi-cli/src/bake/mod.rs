@@ -1,6 +1,7 @@
-//! `gpugi bake`: bakes a scene's light into texture space, or an environment into maps.
+//! `gpugi bake`: bakes a scene's light, or what relights it, into texture space, or an environment into maps.
 
 mod scene;
+mod transfer;
 mod volume;
 mod work;
 
@@ -27,7 +28,8 @@ pub struct Arguments {
     /// File to write (.glb; .ktx2 or .json for an irradiance volume), or folder for an environment's maps
     #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
-    /// Techniques whose light is baked, separated by commas; environment-map alone writes an environment's maps (SCENE
+    /// Techniques whose light is baked, separated by commas; radiance-transfer alone writes what relights the scene under
+    /// any environment; environment-map alone writes an environment's maps (SCENE
     /// is an .exr or .hdr)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
@@ -59,6 +61,16 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             environment_map::INFO.name
         ))
         .into());
+    }
+    if arguments.technique == [transfer::NAME] {
+        let Arguments {
+            scene,
+            output,
+            set,
+            options,
+            ..
+        } = arguments;
+        return transfer::run(common, scene, output, set, options);
     }
     scene::run(
         common,

@@ -1,14 +1,11 @@
 //! `gpugi bake` for scenes: bakes light into the texels of an atlas, and writes a .glb that shows it.
 
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context;
 use glam::Vec3;
-use gpugi::bake::{
-    Bake, CheckpointKey, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage,
-};
+use gpugi::bake::{Bake, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
 use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
@@ -17,14 +14,13 @@ use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity, shadow_map};
 use gpugi::{Purpose, default_set};
-use gpugi_scene::export::{BakedLight, BakedPage, Original, export_bake};
+use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
-use gpugi_scene::{Atlas, AtlasError, AtlasOptions, Scene, TexelDensity};
+use gpugi_scene::{Atlas, Scene};
 
 use super::has_extension;
-use super::work::Work;
+use super::work::{Work, begin};
 use crate::output::make_folder;
-use crate::progress::Progress;
 use crate::render::{display_settings, print_notes, split_settings, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
@@ -77,13 +73,13 @@ enum Lobes {
 pub struct SceneOptions {
     /// Texels per metre, in as many pages as needed (default: as many texels as fit one page)
     #[arg(long, value_name = "N")]
-    texel_density: Option<f32>,
+    pub texel_density: Option<f32>,
     /// Width and height of a page (texels)
     #[arg(long, value_name = "TEXELS", default_value_t = 1024)]
-    atlas_size: u32,
+    pub atlas_size: u32,
     /// Minimum number of empty texels between charts
     #[arg(long, value_name = "TEXELS", default_value_t = 2)]
-    gutter: u32,
+    pub gutter: u32,
     /// How the file stores light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
     bake_mode: Mode,
@@ -99,6 +95,9 @@ pub struct SceneOptions {
     /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
+    /// How a file stores transfer vectors (radiance-transfer)
+    #[arg(long, value_name = "FORMAT", default_value = "half")]
+    pub transfer_format: super::transfer::Format,
     /// Exposure of unlit bakes in EV (0 shows radiance 1 as 1), or auto
     #[arg(
         long,
@@ -115,16 +114,22 @@ pub struct SceneOptions {
     memory: u32,
     /// Resume a stopped bake from FILE.glb.checkpoint, or start it if there is none
     #[arg(long)]
-    resume: bool,
+    pub resume: bool,
     /// Write every technique's maps, and images of the texels inside geometry, into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
 }
 
-/// Maximum number of texels over all pages: 16 bytes of memory each, three times as much while a checkpoint is written.
-const MOST_TEXELS: u64 = 1 << 28;
-/// Maximum number of pages, however small.
-const MOST_PAGES: u64 = 1024;
+impl SceneOptions {
+    /// Those that decide the result.
+    pub fn of_result(&self) -> Self {
+        Self {
+            resume: false,
+            dump_maps: None,
+            ..self.clone()
+        }
+    }
+}
 
 /// Bakes and writes the file, completely or not at all.
 pub fn run(
@@ -153,49 +158,22 @@ pub fn run(
         |name: &str| DIRECT.contains(&name) || [INDIRECT, GATHERED, FACTOR].contains(&name);
     if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
         return Err(Usage(format!(
-            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}",
-            DIRECT.join(", ")
+            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}; {} alone",
+            DIRECT.join(", "),
+            super::transfer::NAME
         ))
         .into());
     }
     let (scene, mut notes) = scene_argument::load(arguments)?;
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
-    let key = format!(
-        "{:?}",
-        (
-            scene.digest(),
-            &gpu.adapter.name,
-            &gpu.adapter.driver,
-            techniques,
-            settings,
-            SceneOptions {
-                resume: false,
-                dump_maps: None,
-                ..options.clone()
-            }
-        )
-    );
-    // Before the bake begins: the program may be replaced while it runs.
-    let build = build_hash().context("this program's own file cannot be read")?;
-    let key = CheckpointKey::new(&build, &key);
-    let mut work = Work::new(common, &gpu, output, key);
-    if options.resume && work.resume(&scene)? {
-        let kept = &work.done.atlas;
-        anyhow::ensure!(
-            kept.size == options.atlas_size && kept.pages <= most_pages(kept.size),
-            "{}: its atlas is not as asked for",
-            work.path.display()
-        );
-    } else {
-        if options.resume {
-            let path = work.path.display();
-            let note = format!("{path}: there is no checkpoint yet; the bake starts");
-            print_notes(common, &[note]);
-        }
-        work.done.atlas = unwrap(&scene, options, &mut work.progress)?;
-    }
-    work.timed("unwrapping");
+    let mut work = begin(
+        common,
+        &gpu,
+        output,
+        &scene,
+        (techniques, settings, options),
+    )?;
     let mut atlas = work.done.atlas.clone();
     notes.extend(too_thin(atlas.slivers(&scene)));
     let lights = Lights::new(&gpu, &scene, techniques, &options.include);
@@ -274,7 +252,9 @@ pub fn run(
             dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
-    let warnings = write(&scene, arguments, &atlas, &pages, output)?;
+    let warnings = write(arguments, output, |original| {
+        export_bake(original, &scene, &atlas, &pages)
+    })?;
     notes.extend(warnings);
     work.timed("writing");
     work.forget();
@@ -295,37 +275,6 @@ pub fn run(
         );
     }
     Ok(())
-}
-
-/// The hash of the running program with all its shaders.
-fn build_hash() -> io::Result<[u8; 32]> {
-    let program = std::fs::read(std::env::current_exe()?)?;
-    Ok(*blake3::hash(&program).as_bytes())
-}
-
-/// Number of pages of `size` texels per side that fit in memory.
-fn most_pages(size: u32) -> u32 {
-    (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
-}
-
-fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
-    let layout = AtlasOptions {
-        size: options.atlas_size,
-        density: match options.texel_density {
-            Some(density) => TexelDensity::PerMetre(density),
-            None => TexelDensity::OnePage,
-        },
-        gutter: options.gutter,
-        most_pages: most_pages(options.atlas_size),
-        ..AtlasOptions::default()
-    };
-    progress.show(0.0, "unwrapping");
-    Atlas::with_progress(scene, &layout, |_| !interrupt::asked()).map_err(|error| match error {
-        AtlasError::Option { .. } | AtlasError::TooManyPages { .. } => {
-            Usage(error.to_string()).into()
-        }
-        error => error.into(),
-    })
 }
 
 /// Removes the instances that keep their materials from an atlas.
@@ -361,7 +310,7 @@ fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
 }
 
 /// A note on triangles without texels of their own.
-fn too_thin(slivers: usize) -> Option<String> {
+pub fn too_thin(slivers: usize) -> Option<String> {
     (slivers > 0).then(|| {
         format!(
             "{slivers} triangles are too thin for texels of their own: they show their neighbours' light, or none"
@@ -504,28 +453,24 @@ impl Lights {
     }
 }
 
-/// Writes the file; returns warnings about what could not be preserved.
-fn write(
-    scene: &Scene,
+/// Writes what `export` makes of the original file, if there is one; returns warnings about what could not be preserved.
+pub fn write(
     arguments: &SceneArguments,
-    atlas: &Atlas,
-    pages: &[BakedPage],
     output: &Path,
+    export: impl FnOnce(Option<Original>) -> Result<Exported, ExportError>,
 ) -> anyhow::Result<Vec<String>> {
-    let limits = arguments.limits()?;
     let name = &arguments.scene;
     let path = PathBuf::from(name);
     let exported = if has_extension(&path, &["gltf", "glb"]) {
         let bytes = std::fs::read(&path).with_context(|| format!("{name}: cannot be read"))?;
-        let original = Original {
+        export(Some(Original {
             name,
             bytes: &bytes,
             resolver: &arguments.resolver()?,
-            limits,
-        };
-        export_bake(Some(original), scene, atlas, pages)?
+            limits: arguments.limits()?,
+        }))?
     } else {
-        export_bake(None, scene, atlas, pages)?
+        export(None)?
     };
     replace_file(output, |file| {
         std::io::Write::write_all(file, &exported.glb)
@@ -536,6 +481,8 @@ fn write(
 
 #[cfg(test)]
 mod tests {
+    use gpugi_scene::AtlasOptions;
+
     use super::*;
 
     #[test]

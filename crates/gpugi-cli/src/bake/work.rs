@@ -1,20 +1,27 @@
 //! The long-running work of a bake: its progress, timings and checkpoint.
 
-use std::io::{ErrorKind, Write};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use gpugi::bake::{Checkpoint, CheckpointKey};
 use gpugi::gpu::Gpu;
-use gpugi_scene::Scene;
 use gpugi_scene::image::replace_file;
+use gpugi_scene::{Atlas, AtlasError, AtlasOptions, Scene, TexelDensity};
 
+use super::scene::SceneOptions;
 use crate::progress::Progress;
-use crate::{Common, interrupt};
+use crate::render::print_notes;
+use crate::{Common, Usage, interrupt};
 
 /// Interval between checkpoints.
 const SAVE_EVERY: Duration = Duration::from_secs(60);
+
+/// Maximum number of texels over all pages: 16 bytes of memory each, three times as much while a checkpoint is written.
+const MOST_TEXELS: u64 = 1 << 28;
+/// Maximum number of pages, however small.
+const MOST_PAGES: u64 = 1024;
 
 /// A running bake: its results so far, and where to save them if it is stopped.
 #[derive(Debug)]
@@ -96,4 +103,80 @@ impl<'a> Work<'a> {
     pub fn forget(&self) {
         std::fs::remove_file(&self.path).ok();
     }
+}
+
+/// What decides a bake, besides the scene and the adapter: techniques, settings and options.
+type How<'a> = (&'a [String], &'a [String], &'a SceneOptions);
+
+/// Begins a bake, or resumes it: either way, its atlas is laid out.
+pub fn begin<'a>(
+    common: &Common,
+    gpu: &'a Gpu,
+    output: &Path,
+    scene: &Scene,
+    (techniques, settings, options): How<'_>,
+) -> anyhow::Result<Work<'a>> {
+    let key = format!(
+        "{:?}",
+        (
+            scene.digest(),
+            &gpu.adapter.name,
+            &gpu.adapter.driver,
+            techniques,
+            settings,
+            options.of_result()
+        )
+    );
+    // Before the bake begins: the program may be replaced while it runs.
+    let build = build_hash().context("this program's own file cannot be read")?;
+    let key = CheckpointKey::new(&build, &key);
+    let mut work = Work::new(common, gpu, output, key);
+    if options.resume && work.resume(scene)? {
+        let kept = &work.done.atlas;
+        anyhow::ensure!(
+            kept.size == options.atlas_size && kept.pages <= most_pages(kept.size),
+            "{}: its atlas is not as asked for",
+            work.path.display()
+        );
+    } else {
+        if options.resume {
+            let path = work.path.display();
+            let note = format!("{path}: there is no checkpoint yet; the bake starts");
+            print_notes(common, &[note]);
+        }
+        work.done.atlas = unwrap(scene, options, &mut work.progress)?;
+    }
+    work.timed("unwrapping");
+    Ok(work)
+}
+
+/// The hash of the running program with all its shaders.
+fn build_hash() -> io::Result<[u8; 32]> {
+    let program = std::fs::read(std::env::current_exe()?)?;
+    Ok(*blake3::hash(&program).as_bytes())
+}
+
+/// Number of pages of `size` texels per side that fit in memory.
+fn most_pages(size: u32) -> u32 {
+    (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
+}
+
+fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
+    let layout = AtlasOptions {
+        size: options.atlas_size,
+        density: match options.texel_density {
+            Some(density) => TexelDensity::PerMetre(density),
+            None => TexelDensity::OnePage,
+        },
+        gutter: options.gutter,
+        most_pages: most_pages(options.atlas_size),
+        ..AtlasOptions::default()
+    };
+    progress.show(0.0, "unwrapping");
+    Atlas::with_progress(scene, &layout, |_| !interrupt::asked()).map_err(|error| match error {
+        AtlasError::Option { .. } | AtlasError::TooManyPages { .. } => {
+            Usage(error.to_string()).into()
+        }
+        error => error.into(),
+    })
 }

@@ -6,7 +6,7 @@ mod gltf;
 use glam::Vec3;
 
 use crate::atlas::Atlas;
-use crate::{ImportError, Limits, Resolver, Scene};
+use crate::{ImportError, Limits, Resolver, Scene, TransferVectors};
 
 /// The glTF file that a scene was imported from.
 #[derive(Clone, Copy)]
@@ -116,5 +116,35 @@ pub fn export_bake(
     atlas: &Atlas,
     pages: &[BakedPage],
 ) -> Result<Exported, ExportError> {
-    gltf::bake(original, scene, atlas, pages)
+    gltf::bake(original, scene, atlas, pages, None)
+}
+
+/// How a file stores transfer vectors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TransferFormat {
+    /// 16-bit floats: 8 bytes per texel and function.
+    #[default]
+    Half,
+    /// Signed fractions in 8 bits, of a scale per function: 4 bytes per texel and function.
+    Byte,
+}
+
+/// Writes a .glb that holds `scene` and its transfer vectors, for programs that relight it: docs/relight.md. Materials
+/// stay as they are, but for a note in `extras.gpugi`; the geometry gets the texture coordinates of the vectors' atlas.
+/// `original` is as for [`export_bake`]. [`TransferVectors::geometry`] is not used: it follows from the file.
+///
+/// # Errors
+/// As [`export_bake`].
+pub fn export_transfer(
+    original: Option<Original>,
+    scene: &Scene,
+    vectors: &TransferVectors,
+    format: TransferFormat,
+) -> Result<Exported, ExportError> {
+    let atlas = &vectors.atlas;
+    let fits = vectors.check_size();
+    fits.map_err(|reason| ExportError::new("transfer vectors", reason))?;
+    let pages = vec![BakedPage::default(); atlas.pages as usize];
+    let transfer = gltf::Transfer { vectors, format };
+    gltf::bake(original, scene, atlas, &pages, Some(transfer))
 }

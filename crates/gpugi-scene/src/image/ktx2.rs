@@ -34,33 +34,66 @@ pub fn save_ktx2(path: &Path, texture: &HalfTexture) -> io::Result<()> {
 
 fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
     check_levels(texture)?;
-    let (basic, type_size) =
-        Basic::from_format(Format::R16G16B16A16_SFLOAT).map_err(io::Error::other)?;
+    let levels: Vec<u64> = texture
+        .levels
+        .iter()
+        .map(|level| (level.len() * 8) as u64)
+        .collect();
+    let head = Head {
+        format: Format::R16G16B16A16_SFLOAT,
+        size: texture.size,
+        depth: if texture.depth > 1 { texture.depth } else { 0 },
+        layers: 0,
+        faces: texture.faces,
+        level_bytes: &levels,
+    };
+    write_head(file, &head)?;
+    for texel in texture.levels.iter().rev().flatten() {
+        file.write_all(texel.map(f16::to_le_bytes).as_flattened())?;
+    }
+    Ok(())
+}
+
+/// What stands before the texels.
+pub(super) struct Head<'a> {
+    pub format: Format,
+    pub size: [u32; 2],
+    /// Slices of a 3D texture, otherwise 0.
+    pub depth: u32,
+    /// Layers of an array, otherwise 0.
+    pub layers: u32,
+    pub faces: u32,
+    /// Bytes of the levels, finest first: multiples of 8, but for the coarsest.
+    pub level_bytes: &'a [u64],
+}
+
+/// Writes everything up to the texels, which have to follow: the coarsest level first.
+pub(super) fn write_head(file: &mut impl Write, head: &Head) -> io::Result<()> {
+    let (basic, type_size) = Basic::from_format(head.format).map_err(io::Error::other)?;
     let block = Block::Basic(basic).to_vec();
     let descriptor = [&(block.len() as u32 + 4).to_le_bytes()[..], &block].concat();
     // Sorted by key, each padded to a multiple of four bytes.
     let mut values = Vec::new();
     let writer = concat!("gpugi ", env!("CARGO_PKG_VERSION"));
-    let is_solid = texture.depth > 1;
-    let orientation = if is_solid { "rdi" } else { "rd" };
+    let orientation = if head.depth > 0 { "rdi" } else { "rd" };
     for (key, value) in [("KTXorientation", orientation), ("KTXwriter", writer)] {
         let pair = format!("{key}\0{value}\0");
         values.extend((pair.len() as u32).to_le_bytes());
         values.extend(pair.as_bytes());
         values.resize(values.len().next_multiple_of(4), 0);
     }
-    let descriptor_at = Header::LENGTH + texture.levels.len() * LevelIndex::LENGTH;
+    let descriptor_at = Header::LENGTH + head.level_bytes.len() * LevelIndex::LENGTH;
     let values_at = descriptor_at + descriptor.len();
     let values_end = values_at + values.len();
     let header = Header {
-        format: Some(Format::R16G16B16A16_SFLOAT),
+        format: Some(head.format),
         type_size,
-        pixel_width: texture.size[0],
-        pixel_height: texture.size[1],
-        pixel_depth: if is_solid { texture.depth } else { 0 },
-        layer_count: 0,
-        face_count: texture.faces,
-        level_count: texture.levels.len() as u32,
+        pixel_width: head.size[0],
+        pixel_height: head.size[1],
+        pixel_depth: head.depth,
+        layer_count: head.layers,
+        face_count: head.faces,
+        level_count: head.level_bytes.len() as u32,
         supercompression_scheme: None,
         index: Index {
             dfd_byte_offset: descriptor_at as u32,
@@ -71,11 +104,10 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
             sgd_byte_length: 0,
         },
     };
-    // The coarsest level comes first in the file, and each level starts at a multiple of a texel's eight bytes.
+    // The coarsest level comes first in the file, and each level starts at a multiple of eight bytes.
     let mut at = values_end.next_multiple_of(8) as u64;
     let mut index = Vec::new();
-    for level in texture.levels.iter().rev() {
-        let byte_length = (level.len() * 8) as u64;
+    for &byte_length in head.level_bytes.iter().rev() {
         let entry = LevelIndex {
             byte_offset: at,
             byte_length,
@@ -89,11 +121,7 @@ fn write_ktx2(file: &mut impl Write, texture: &HalfTexture) -> io::Result<()> {
     file.write_all(index.as_flattened())?;
     file.write_all(&descriptor)?;
     file.write_all(&values)?;
-    file.write_all(&[0; 8][..values_end.next_multiple_of(8) - values_end])?;
-    for texel in texture.levels.iter().rev().flatten() {
-        file.write_all(texel.map(f16::to_le_bytes).as_flattened())?;
-    }
-    Ok(())
+    file.write_all(&[0; 8][..values_end.next_multiple_of(8) - values_end])
 }
 
 /// Rejects levels whose size does not match the header that will be written.

@@ -136,7 +136,7 @@ impl Baked {
 }
 
 /// Keeps exported files in the folder that `GPUGI_KEEP_EXPORTS` names, for the Khronos validator.
-fn keep(glb: &[u8]) {
+pub fn keep(glb: &[u8]) {
     if let Ok(folder) = std::env::var("GPUGI_KEEP_EXPORTS") {
         let test = std::thread::current()
             .name()

@@ -10,3 +10,4 @@ mod materials;
 mod preserved;
 mod scenes;
 mod splits;
+mod transfer;

@@ -3,7 +3,7 @@
 use gpugi_scene::{Atlas, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::{LightState, ObscuranceState};
+use super::{LightState, ObscuranceState, TransferState};
 
 /// The magic number at the start of a checkpoint.
 const MAGIC: &[u8; 16] = b"gpugi checkpoint";
@@ -19,6 +19,8 @@ pub struct Checkpoint {
     pub obscurances: Option<ObscuranceState>,
     /// Light, once begun.
     pub light: Option<LightState>,
+    /// Transfer vectors, once begun.
+    pub transfer: Option<TransferState>,
 }
 
 /// A hash of everything that decides the result of a bake.

@@ -74,7 +74,7 @@ pub(super) enum TaskResult<S> {
 }
 
 /// Saved maps of techniques, by name.
-pub(super) type SavedMaps = BTreeMap<String, Vec<u8>>;
+pub type SavedMaps = BTreeMap<String, Vec<u8>>;
 
 /// A hash of everything that decides the results of a bake's tasks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

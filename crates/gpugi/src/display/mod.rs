@@ -5,6 +5,7 @@
 //! leaves out its darkest and brightest tenth. `docs/techniques/display.md` has the equations and the operators'
 //! curves.
 
+mod comparison;
 mod present;
 mod settings;
 #[cfg(test)]
@@ -12,6 +13,7 @@ mod tests;
 #[cfg(test)]
 mod twin;
 
+pub use comparison::{Compared, Comparison};
 pub use present::Present;
 pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
 

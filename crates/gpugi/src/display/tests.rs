@@ -31,6 +31,7 @@ macro_rules! gpu {
 }
 
 mod color;
+mod comparison;
 
 /// Pixels and exposure value for radiance summed over `samples` samples.
 fn show_samples(

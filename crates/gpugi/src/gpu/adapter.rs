@@ -82,9 +82,10 @@ impl AdapterSummary {
     }
 }
 
-fn instance() -> wgpu::Instance {
+/// How gpugi creates its instance of wgpu, for programs that create one for their window.
+pub fn instance_descriptor() -> wgpu::InstanceDescriptor {
     let defaults = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    wgpu::Instance::new(wgpu::InstanceDescriptor {
+    wgpu::InstanceDescriptor {
         backends: wgpu::Backends::PRIMARY,
         // This validation adds a pass before each indirect dispatch, which costs the path tracer up to 8 percent.
         // gpugi's shaders write arguments within the limits.
@@ -96,19 +97,18 @@ fn instance() -> wgpu::Instance {
             for_device_loss: None,
         },
         ..defaults
-    })
+    }
 }
 
 /// Every adapter of this machine, best first.
 pub fn list_adapters() -> Vec<AdapterSummary> {
-    pollster::block_on(sorted_adapters())
-        .iter()
-        .map(AdapterSummary::of)
-        .collect()
+    let mut adapters = pollster::block_on(adapters());
+    sort(&mut adapters);
+    adapters.iter().map(AdapterSummary::of).collect()
 }
 
-async fn sorted_adapters() -> Vec<wgpu::Adapter> {
-    let mut adapters = instance().enumerate_adapters(wgpu::Backends::PRIMARY).await;
+/// The best first.
+fn sort(adapters: &mut [wgpu::Adapter]) {
     adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
         wgpu::DeviceType::DiscreteGpu => 0,
         wgpu::DeviceType::IntegratedGpu => 1,
@@ -116,36 +116,46 @@ async fn sorted_adapters() -> Vec<wgpu::Adapter> {
         wgpu::DeviceType::Other => 3,
         wgpu::DeviceType::Cpu => 4,
     });
-    adapters
 }
 
-pub(super) async fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, GpuError> {
-    let adapters = sorted_adapters().await;
-    let names: Vec<String> = adapters
-        .iter()
-        .map(|adapter| adapter.get_info().name)
-        .collect();
-    let fits = |info: &wgpu::AdapterInfo| match choice {
-        AdapterChoice::Best => true,
-        AdapterChoice::Software => info.device_type == wgpu::DeviceType::Cpu,
-        AdapterChoice::Discrete => info.device_type == wgpu::DeviceType::DiscreteGpu,
-        AdapterChoice::Named(name) => info.name.to_lowercase().contains(&name.to_lowercase()),
-    };
-    adapters
-        .into_iter()
-        .find(|adapter| fits(&adapter.get_info()))
-        .ok_or_else(|| GpuError::NoAdapter {
-            wanted: match choice {
-                AdapterChoice::Best => "is installed".to_owned(),
-                AdapterChoice::Software => "renders in software".to_owned(),
-                AdapterChoice::Discrete => "is a discrete GPU".to_owned(),
-                AdapterChoice::Named(name) => format!("is named {name:?}"),
-            },
-            found: if names.is_empty() {
-                "There is none at all.".to_owned()
-            } else {
-                format!("There is: {}.", names.join(", "))
-            },
-            advice: "`gpugi doctor` says what is missing and how to get it.".to_owned(),
-        })
+impl AdapterChoice {
+    /// The best of `adapters` that fits, such as those that can draw on a window.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] when none fits.
+    pub fn choose(&self, mut adapters: Vec<wgpu::Adapter>) -> Result<wgpu::Adapter, GpuError> {
+        sort(&mut adapters);
+        let names: Vec<String> = adapters
+            .iter()
+            .map(|adapter| adapter.get_info().name)
+            .collect();
+        let fits = |info: &wgpu::AdapterInfo| match self {
+            Self::Best => true,
+            Self::Software => info.device_type == wgpu::DeviceType::Cpu,
+            Self::Discrete => info.device_type == wgpu::DeviceType::DiscreteGpu,
+            Self::Named(name) => info.name.to_lowercase().contains(&name.to_lowercase()),
+        };
+        adapters
+            .into_iter()
+            .find(|adapter| fits(&adapter.get_info()))
+            .ok_or_else(|| GpuError::NoAdapter {
+                wanted: match self {
+                    Self::Best => "is installed".to_owned(),
+                    Self::Software => "renders in software".to_owned(),
+                    Self::Discrete => "is a discrete GPU".to_owned(),
+                    Self::Named(name) => format!("is named {name:?}"),
+                },
+                found: if names.is_empty() {
+                    "There is none at all.".to_owned()
+                } else {
+                    format!("There is: {}.", names.join(", "))
+                },
+                advice: "`gpugi doctor` says what is missing and how to get it.".to_owned(),
+            })
+    }
+}
+
+pub(super) async fn adapters() -> Vec<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(instance_descriptor());
+    instance.enumerate_adapters(wgpu::Backends::PRIMARY).await
 }

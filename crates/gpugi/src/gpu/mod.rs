@@ -13,7 +13,7 @@ mod shader;
 mod tests;
 mod upload;
 
-pub use adapter::{AdapterChoice, AdapterSummary, list_adapters};
+pub use adapter::{AdapterChoice, AdapterSummary, instance_descriptor, list_adapters};
 pub(crate) use blit::Blit;
 pub use error::GpuError;
 pub use frame::{Frame, Keeps, Timing, Timings};
@@ -83,33 +83,25 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::open`].
     pub async fn open_async(choice: &AdapterChoice) -> Result<Self, GpuError> {
-        let adapter = adapter::choose(choice).await?;
-        let summary = AdapterSummary::of(&adapter);
-        let uniforms_are_storage = summary.name.starts_with(UNIFORM_INLINER);
-        let has_timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let adapter = choice.choose(adapter::adapters().await)?;
         let (device, queue) = adapter
-            .request_device(&wgpu::DeviceDescriptor {
-                label: Some("gpugi"),
-                required_features: if has_timestamps {
-                    wgpu::Features::TIMESTAMP_QUERY
-                } else {
-                    wgpu::Features::empty()
-                },
-                required_limits: Self::required_limits(&adapter),
-                ..Default::default()
-            })
+            .request_device(&Self::device_descriptor(&adapter))
             .await
             .map_err(|error| GpuError::Device {
-                adapter: summary.name.clone(),
+                adapter: adapter.get_info().name,
                 reason: error.to_string(),
             })?;
-        Ok(Self::of(
-            device,
-            queue,
-            summary,
-            has_timestamps,
-            uniforms_are_storage,
-        ))
+        Ok(Self::from_device(&adapter, device, queue))
+    }
+
+    /// The device that gpugi asks of `adapter`, for programs that open it for their window ([`Gpu::from_device`]).
+    pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
+        wgpu::DeviceDescriptor {
+            label: Some("gpugi"),
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_limits: Self::required_limits(adapter),
+            ..Default::default()
+        }
     }
 
     /// Shares the device and queue of an engine. The device needs WebGPU's default limits and, on Mesa's software
@@ -117,10 +109,30 @@ impl Gpu {
     /// [`wgpu::Features::TIMESTAMP_QUERY`], passes can be timed. gpugi takes over the device's handlers of uncaptured
     /// errors and of loss; an engine that wants its own sets them afterwards and then receives gpugi's errors, too.
     pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
-        let summary = AdapterSummary::of(adapter);
-        let has_timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let uniforms_are_storage = summary.name.starts_with(UNIFORM_INLINER);
-        Self::of(device, queue, summary, has_timestamps, uniforms_are_storage)
+        let adapter = AdapterSummary::of(adapter);
+        let faults = Arc::new(Mutex::new(Faults::default()));
+        let record = faults.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+            faults.lost = Some(format!("{reason:?}: {message}"));
+        });
+        let record = faults.clone();
+        device.on_uncaptured_error(Arc::new(move |error| {
+            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+            faults.error.get_or_insert(GpuError::uncaptured(&error));
+        }));
+        Self {
+            uploads: Arc::new(Uploads::new(&device)),
+            limits: device.limits(),
+            has_timestamps: device.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+            uniforms_are_storage: adapter.name.starts_with(UNIFORM_INLINER),
+            device,
+            queue,
+            adapter,
+            faults,
+            compiling: Arc::default(),
+            allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
+        }
     }
 
     /// The limits that [`Gpu::from_device`] expects of a device of `adapter`.
@@ -139,38 +151,6 @@ impl Gpu {
             max_buffer_size: available.max_buffer_size,
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
             ..defaults
-        }
-    }
-
-    fn of(
-        device: wgpu::Device,
-        queue: wgpu::Queue,
-        adapter: AdapterSummary,
-        has_timestamps: bool,
-        uniforms_are_storage: bool,
-    ) -> Self {
-        let faults = Arc::new(Mutex::new(Faults::default()));
-        let record = faults.clone();
-        device.set_device_lost_callback(move |reason, message| {
-            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
-            faults.lost = Some(format!("{reason:?}: {message}"));
-        });
-        let record = faults.clone();
-        device.on_uncaptured_error(Arc::new(move |error| {
-            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
-            faults.error.get_or_insert(GpuError::uncaptured(&error));
-        }));
-        Self {
-            uploads: Arc::new(Uploads::new(&device)),
-            limits: device.limits(),
-            device,
-            queue,
-            adapter,
-            has_timestamps,
-            uniforms_are_storage,
-            faults,
-            compiling: Arc::default(),
-            allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
         }
     }
 

@@ -76,7 +76,7 @@ fn frames_that_never_wait_come_to_the_same_picture() {
     let mut live = Renderer::new(&gpu, &scene, [16, 16], &[]).unwrap();
     let mut waited = 0;
     while live.samples() == 0 {
-        let readiness = live.try_render_sample(camera, 1, None).unwrap();
+        let (readiness, _) = live.try_render_sample(camera, 1, None, false).unwrap();
         waited += u32::from(!readiness.is_usable());
     }
     assert!(waited > 0, "an environment's domains take a frame at least");

@@ -187,6 +187,16 @@ impl GpuScene {
         Ok(Some(atlas))
     }
 
+    /// As long as the caller keeps `atlas`, requests for pages of its size and density 0 get it. It must belong to the
+    /// scene.
+    pub(crate) fn provide_atlas(&self, atlas: &Arc<Atlas>) {
+        self.kept_atlases().shared.push(SharedAtlas {
+            size: atlas.size,
+            density: 0.0,
+            atlas: Arc::downgrade(atlas),
+        });
+    }
+
     /// Blocks until no atlas is being laid out. Not for browsers, where none ever is.
     pub(crate) fn wait_for_atlas(&self) {
         let job = self.kept_atlases().job.clone();

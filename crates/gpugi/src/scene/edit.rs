@@ -52,7 +52,8 @@ pub enum Edit {
 }
 
 impl Edit {
-    pub(super) fn apply_to(&self, scene: &mut Scene) {
+    /// Makes the same edit in a scene on the host, whose indices it must have.
+    pub fn apply_to(&self, scene: &mut Scene) {
         match self.clone() {
             Self::Instance {
                 index,

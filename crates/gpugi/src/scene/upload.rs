@@ -232,6 +232,7 @@ impl GpuScene {
                 materials: scene.materials.clone(),
                 textures: scene.textures.clone(),
                 images: scene.images.clone(),
+                transfer: scene.transfer.clone(),
                 ..Scene::new(&scene.name)
             },
         })

@@ -12,6 +12,7 @@ pub type Object = Map<String, Value>;
 const MOST_COPIED: usize = 512 << 20;
 
 /// The root of a file.
+#[derive(Clone)]
 pub struct Json {
     root: Object,
     /// Total size of all copies so far (bytes).

@@ -8,6 +8,7 @@ use super::json::{Json, Object, index, object, remove_empty};
 use super::output::Output;
 use super::textures::{LightTexture, PageTextures};
 use crate::export::ExportError;
+use crate::import::gltf::transfer;
 
 const UNLIT: &str = "KHR_materials_unlit";
 const STRENGTH: &str = "KHR_materials_emissive_strength";
@@ -181,6 +182,10 @@ fn show(
             own_extras(material).insert("lightmap".to_owned(), lightmap);
         }
     }
+    if page.has_transfer {
+        let place = json!({ "page": wanted.page, "texCoord": uv_set });
+        own_extras(material).insert(transfer::NAME.to_owned(), place);
+    }
     if let Some(texture) = page.obscurance {
         material.insert("occlusionTexture".to_owned(), reference(texture));
     }
@@ -192,7 +197,7 @@ fn show(
 }
 
 /// `extras.gpugi`. Extras that are not an object move to `extras.original`.
-fn own_extras(material: &mut Object) -> &mut Object {
+pub fn own_extras(material: &mut Object) -> &mut Object {
     let extras = material.get_mut("extras");
     if let Some(extras) = extras.filter(|extras| !extras.is_object() && !extras.is_null()) {
         *extras = json!({ "original": extras.take() });

@@ -13,6 +13,7 @@ mod parts;
 mod primitive;
 pub mod scene;
 mod textures;
+mod transfer;
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -29,6 +30,7 @@ use json::{Json, array, object, remove_empty};
 use material::Use;
 use output::Output;
 use primitive::Triangles;
+pub use transfer::Transfer;
 
 /// Limit on vertices read, counting each set of texture coordinates separately. Many nodes of a few bytes each may
 /// share one long list. The limit is more than twice what fits a .glb.
@@ -40,6 +42,7 @@ pub fn bake(
     scene: &Scene,
     atlas: &Atlas,
     pages: &[BakedPage],
+    transfer: Option<Transfer>,
 ) -> Result<Exported, ExportError> {
     if atlas.instances.len() != scene.instances.len() || atlas.pages as usize != pages.len() {
         return Err(ExportError::new(
@@ -63,7 +66,7 @@ pub fn bake(
     {
         let document = Document::read(name, bytes, resolver, &limits)?;
         let placed = placed(origins, atlas)?;
-        return Baker::new(&document, resolver)?.bake(placed, atlas, pages);
+        return Baker::new(&document, resolver)?.bake(placed, atlas, pages, transfer);
     }
     let written = scene::write(scene)?;
     let bytes = written.output.glb()?;
@@ -74,7 +77,7 @@ pub fn bake(
     };
     let document = Document::read(&scene.name, &bytes, &Nothing, &limits)?;
     let placed = placed(written.origins.into_iter(), atlas)?;
-    let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages)?;
+    let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages, transfer)?;
     exported.warnings.splice(0..0, written.warnings);
     Ok(exported)
 }
@@ -120,6 +123,7 @@ fn placed<'a>(
 
 struct Baker<'a> {
     document: &'a Document<'a>,
+    resolver: &'a dyn Resolver,
     output: Output,
     warnings: Vec<String>,
     /// For each instanced node (EXT_mesh_gpu_instancing), the nodes that replace its instances.
@@ -130,10 +134,11 @@ struct Baker<'a> {
 }
 
 impl<'a> Baker<'a> {
-    fn new(document: &'a Document<'a>, resolver: &dyn Resolver) -> Result<Self, ExportError> {
+    fn new(document: &'a Document<'a>, resolver: &'a dyn Resolver) -> Result<Self, ExportError> {
         let json = Json::parse(document.json)?;
         let mut baker = Self {
             document,
+            resolver,
             output: Output::new(json, further_chunks(document.further_chunks)),
             warnings: Vec::new(),
             standing: HashMap::new(),
@@ -150,9 +155,14 @@ impl<'a> Baker<'a> {
         placed: Placed,
         atlas: &Atlas,
         pages: &[BakedPage],
+        transfer: Option<Transfer>,
     ) -> Result<Exported, ExportError> {
+        if transfer.is_some() {
+            transfer::remove(&mut self.output.json)?;
+        }
         let root = &self.document.root;
-        let (pages, scales) = textures::add_pages(&mut self.output, atlas, pages)?;
+        let (pages, scales) =
+            textures::add_pages(&mut self.output, atlas, pages, transfer.is_some())?;
         let mut users = HashMap::new();
         for node in &root.nodes {
             *users.entry(node.mesh).or_insert(0) += 1;
@@ -246,6 +256,9 @@ impl<'a> Baker<'a> {
             self.output.json.no_longer_uses(instancing::NAME);
         }
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
+        if let Some(transfer) = transfer {
+            transfer::add(&mut self.output, transfer, self.resolver)?;
+        }
         Ok(Exported {
             glb: self.output.glb()?,
             warnings: self.warnings,

@@ -18,6 +18,7 @@ const ALIGNMENT: usize = 8;
 /// A .glb stores its length in 32 bits.
 const MOST_BYTES: usize = u32::MAX as usize;
 
+#[derive(Clone)]
 pub struct Output {
     pub json: Json,
     /// Content of the BIN chunk, buffer 0.

@@ -16,6 +16,8 @@ pub struct PageTextures {
     pub obscurance: Option<usize>,
     pub colored_obscurance: Option<usize>,
     pub light: Option<LightTexture>,
+    /// Whether the page has transfer vectors.
+    pub has_transfer: bool,
 }
 
 /// The texture for a [`BakedLight`].
@@ -40,6 +42,7 @@ pub fn add_pages(
     output: &mut Output,
     atlas: &Atlas,
     pages: &[BakedPage],
+    has_transfer: bool,
 ) -> Result<(Vec<PageTextures>, Vec<f32>), ExportError> {
     let is_empty = |page: &BakedPage| *page == BakedPage::default();
     let sampler = if pages.iter().all(is_empty) {
@@ -59,6 +62,7 @@ pub fn add_pages(
         place: String::new(),
         page: 0,
         atlas,
+        has_transfer,
         scales: vec![1.0; atlas.instances.len()],
     };
     let pages = pages.map(|(number, page)| {
@@ -77,6 +81,7 @@ struct Writer<'a> {
     place: String,
     page: usize,
     atlas: &'a Atlas,
+    has_transfer: bool,
     /// Per instance.
     scales: Vec<f32>,
 }
@@ -108,6 +113,7 @@ impl Writer<'_> {
             obscurance,
             colored_obscurance,
             light,
+            has_transfer: self.has_transfer,
         })
     }
 

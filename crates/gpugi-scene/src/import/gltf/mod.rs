@@ -17,6 +17,7 @@ mod nodes;
 mod rig;
 pub(crate) mod schema;
 mod texture;
+pub(crate) mod transfer;
 pub(crate) mod uri;
 
 use crate::{ImportError, Limits, Resolver, Scene};
@@ -33,6 +34,7 @@ pub fn import(
     let mut scene = Scene::new(name);
     let mut materials = material::read_all(&document, resolver, &mut scene)?;
     nodes::read_all(&document, &mut materials, &mut scene)?;
+    scene.transfer = transfer::read(&document, &scene)?;
     scene.warnings.extend(document.into_warnings());
     Ok(scene)
 }

@@ -38,6 +38,7 @@ pub struct Root {
     pub cameras: Vec<Camera>,
     pub skins: Vec<Skin>,
     pub animations: Vec<Animation>,
+    pub extras: Value,
 }
 
 #[derive(Debug, Default, Deserialize)]

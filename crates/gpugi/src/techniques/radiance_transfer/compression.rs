@@ -28,6 +28,7 @@ const LANES: u32 = 64;
 #[derive(Debug)]
 pub(super) struct Compression {
     settings: Settings,
+    texels: u32,
     /// The cluster of each texel.
     clusters: wgpu::Buffer,
     normals: Kernel,
@@ -86,6 +87,7 @@ impl Compression {
             mean: Kernel::with_options(gpu, &mean, "main", None, &options)?,
             assign: Kernel::with_options(gpu, &assign, "main", None, &options)?,
             settings: settings.clone(),
+            texels,
             stage: Stage::Begin,
         })
     }
@@ -116,7 +118,7 @@ impl Compression {
         match &mut self.stage {
             Stage::Begin => {
                 self.group_normals(frame, capture)?;
-                let groups = frame.read_back(&self.clusters, self.clusters.size())?;
+                let groups = frame.read_back(&self.clusters, u64::from(self.texels) * 4)?;
                 self.stage = Stage::Normals(Box::new(groups));
             }
             Stage::Normals(groups) => {
@@ -126,9 +128,9 @@ impl Compression {
                 }
             }
             Stage::Rounds(ROUNDS, _) => {
-                let read = [&self.clusters, vectors];
-                let [clusters, vectors] = read.map(|buffer| frame.read_back(buffer, buffer.size()));
-                self.stage = Stage::Vectors(Box::new([clusters?, vectors?]));
+                let clusters = frame.read_back(&self.clusters, u64::from(self.texels) * 4)?;
+                let vectors = frame.read_back(vectors, vectors.size())?;
+                self.stage = Stage::Vectors(Box::new([clusters, vectors]));
             }
             Stage::Rounds(done, means) => {
                 *done += 1;
@@ -222,12 +224,12 @@ impl Compression {
         let sum = self.sum.bind(frame.gpu, 3, &sums)?;
         let assign = self.assign.bind(frame.gpu, 3, &read)?;
         let clusters = (means.size() / 16) as u32 / MOST_FUNCTIONS;
-        let texels = (self.clusters.size() / 4) as u32;
         frame.compute("radiance-transfer.clusters", |pass| {
             let lanes = [PARTS * LANES, clusters, 1];
             self.mean.dispatch(pass, &[(3, &mean)], lanes);
             self.sum.dispatch(pass, &[(3, &sum)], [LANES, clusters, 1]);
-            self.assign.dispatch(pass, &[(3, &assign)], [texels, 1, 1]);
+            self.assign
+                .dispatch(pass, &[(3, &assign)], [self.texels, 1, 1]);
         });
         Ok(())
     }
@@ -358,6 +360,8 @@ impl Analysis {
 pub(super) struct Compressed {
     subspaces: wgpu::Buffer,
     weights: wgpu::Buffer,
+    /// Bytes of both that are in use: buffers are padded.
+    used: [u64; 2],
     /// The light times all means and basis vectors: `vec4f`.
     dots: wgpu::Buffer,
     dot: Kernel,
@@ -381,6 +385,7 @@ impl Compressed {
         Ok(Self {
             dot: kernel(&dot, "ORDER", settings.order)?,
             relight: kernel(&relight, "COMPONENTS", settings.components)?,
+            used: [&saved.subspaces, &saved.weights].map(|words| words.len() as u64 * 4),
             subspaces: gpu.storage("means and basis vectors [bytes]", &saved.subspaces)?,
             weights: gpu.storage("weights of texels [bytes]", &saved.weights)?,
             dots: gpu.buffer("light of clusters [bytes]", vectors * 16, storage)?,
@@ -426,10 +431,9 @@ impl Compressed {
     /// # Errors
     /// [`GpuError`].
     pub fn save(&self, gpu: &Gpu) -> Result<Saved, GpuError> {
-        let read = |buffer: &wgpu::Buffer| read_buffer(gpu, buffer, buffer.size());
         Ok(Saved {
-            subspaces: read(&self.subspaces)?,
-            weights: read(&self.weights)?,
+            subspaces: read_buffer(gpu, &self.subspaces, self.used[0])?,
+            weights: read_buffer(gpu, &self.weights, self.used[1])?,
         })
     }
 }

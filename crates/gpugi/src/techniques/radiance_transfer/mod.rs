@@ -13,6 +13,7 @@ mod harmonics;
 mod light;
 mod principal;
 mod settings;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod texels;
@@ -20,7 +21,7 @@ mod transfer;
 
 use std::sync::Arc;
 
-use gpugi_scene::LightKind;
+use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
 
 use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::{Receiver, View};
@@ -53,6 +54,8 @@ pub struct RadianceTransfer {
     made: Option<LitTexels>,
     /// Most texels per buffer of points; `None`: as many as fit.
     most_texels: Option<u32>,
+    /// Whether the scene's stored vectors fit it, at these versions of geometry and instances.
+    stored: Option<([u64; 2], Result<(), String>)>,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
 }
@@ -66,6 +69,33 @@ fn unfit(reason: impl std::fmt::Display) -> GpuError {
 }
 
 impl RadianceTransfer {
+    /// The transfer vectors that the scene's file holds, if they are wanted and nothing has moved since.
+    fn stored(&mut self, scene: &GpuScene) -> Option<Arc<TransferVectors>> {
+        let host = scene.host()?;
+        let vectors = host.transfer.as_ref().filter(|_| self.settings.stored);
+        let Some(vectors) = vectors else {
+            self.stored = None;
+            return None;
+        };
+        let now = [scene.versions.geometry, scene.versions.instances];
+        let (_, fit) = match self.stored.take().filter(|(versions, _)| *versions == now) {
+            Some(known) => self.stored.insert(known),
+            None => self.stored.insert((now, vectors.check(host))),
+        };
+        fit.is_ok().then(|| Arc::clone(vectors))
+    }
+
+    /// The vectors in what [`Resume::save`] gave, for a file.
+    pub(crate) fn finished(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        atlas: Arc<Atlas>,
+        saved: &[u8],
+    ) -> Result<TransferVectors, GpuError> {
+        stored::finished(gpu, scene, atlas, &self.settings, saved)
+    }
+
     /// Whether directional lights are projected: no other punctual light would be left out.
     fn has_directional_lights(&self, scene: &GpuScene) -> bool {
         let is_directional = |kind: LightKind| kind == LightKind::Directional;
@@ -80,7 +110,9 @@ impl Technique for RadianceTransfer {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
-        let pattern = format!("LD{{1,{}}}E", self.settings.bounces);
+        let stored = self.stored(scene);
+        let bounces = self.settings.with(stored.as_deref()).bounces;
+        let pattern = format!("LD{{1,{bounces}}}E");
         let of = |class| LightPaths {
             class,
             pattern: pattern.clone().into(),
@@ -107,27 +139,36 @@ impl Technique for RadianceTransfer {
         _: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        let settings = &self.settings;
-        let atlas = scene.atlas(
-            frame.gpu,
-            INFO.name,
-            settings.resolution,
-            settings.density,
-            u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES,
-        )?;
+        let stored = self.stored(scene);
+        let settings = &self.settings.with(stored.as_deref());
+        let atlas = match &stored {
+            Some(stored) => Some(Arc::clone(&stored.atlas)),
+            None => scene.atlas(
+                frame.gpu,
+                INFO.name,
+                settings.resolution,
+                settings.density,
+                u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES,
+            )?,
+        };
         let Some(atlas) = atlas else {
             return Ok(Generated::WITHOUT_ATLAS);
         };
         let is_made = |made: &LitTexels| made.serves(settings, scene, &atlas);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => LitTexels::new(
-                frame.gpu,
-                scene,
-                settings,
-                Arc::clone(&atlas),
-                self.most_texels,
-            )?,
+            None => {
+                let (atlas, most_texels) = (Arc::clone(&atlas), self.most_texels);
+                let mut made = LitTexels::new(frame.gpu, scene, settings, atlas, most_texels)?;
+                if let Some(stored) = &stored {
+                    made.transfer.follow(scene);
+                    let finished = stored::as_saved(stored);
+                    made.transfer
+                        .resume(frame.gpu, &finished, false)
+                        .map_err(unfit)?;
+                }
+                made
+            }
         };
         let generated = made.generate(
             frame,
@@ -141,7 +182,7 @@ impl Technique for RadianceTransfer {
         )?;
         self.made = Some(made);
         let mut claims = (0..scene.objects.len()).map(|object| scene.claims(object));
-        self.leaves_objects = self.settings.bounces > 1
+        self.leaves_objects = settings.bounces > 1
             && claims.any(|claims| {
                 claims.contains(Claims::INDIRECT) || claims.contains(Claims::ENVIRONMENT)
             });
@@ -166,6 +207,11 @@ impl Technique for RadianceTransfer {
             return Inspection::default();
         };
         let mut warnings = Vec::new();
+        if let Some((_, Err(reason))) = &self.stored {
+            warnings.push(format!(
+                "new transfer vectors are computed, because those of the file do not fit: {reason}"
+            ));
+        }
         if self.leaves_objects {
             warnings.push(
                 "objects that another technique lights get no light of radiance-transfer: set its bounces to 1"

@@ -1,5 +1,7 @@
 //! Settings of radiance transfer.
 
+use gpugi_scene::TransferVectors;
+
 use super::haar;
 use crate::scene::Claims;
 
@@ -49,6 +51,9 @@ crate::settings! {
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
         /// Steps per frame; each step is 4 million rays.
         pub steps: u32 = 1 => in_range(1.0, 4096.0),
+        /// Whether transfer vectors that the scene's file holds are used instead of new ones. They decide basis, order,
+        /// bounces, resolution and density.
+        pub stored: bool = true => any(),
         /// Seed of all random decisions.
         pub seed: u32 = 0 => in_range(0.0, 4_294_967_295.0),
     }
@@ -84,6 +89,17 @@ impl Settings {
             Basis::Harmonics => self.rays,
             Basis::Haar => haar::rays_per_texel(self.rays),
         }
+    }
+
+    /// What is in force if `stored` vectors are used.
+    pub(super) fn with(&self, stored: Option<&TransferVectors>) -> Self {
+        let mut settings = self.clone();
+        if let Some(stored) = stored {
+            settings.basis = Basis::Harmonics;
+            settings.order = stored.order;
+            settings.bounces = stored.bounces;
+        }
+        settings
     }
 
     /// Claims of other techniques on an object that leave it out. Indirect light of another technique joins direct

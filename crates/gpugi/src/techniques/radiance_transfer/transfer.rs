@@ -121,12 +121,15 @@ impl Transfer {
             }
         };
         let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
-        let size_of_vectors = texels * u64::from(settings.terms()) * COEFFICIENT_BYTES;
+        let vectors = vectors(
+            gpu,
+            texels * u64::from(settings.terms()) * COEFFICIENT_BYTES,
+        )?;
         Ok(Self {
             settings: settings.clone(),
             size: capture.size,
-            vectors: Some(vectors(gpu, size_of_vectors)?),
-            size_of_vectors,
+            size_of_vectors: vectors.size(),
+            vectors: Some(vectors),
             next: None,
             albedo: gpu.buffer(
                 "albedo of texels [bytes]",

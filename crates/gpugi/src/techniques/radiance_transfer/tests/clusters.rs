@@ -85,7 +85,14 @@ fn clusters_have_the_least_number_of_texels() {
 #[test]
 fn compressed_vectors_are_saved() {
     let Some(gpu) = test_gpu() else { return };
-    let settings = [("order", "3"), ("minimum", "100"), ("rays", "64")];
+    // Sizes that no buffer has without padding.
+    let settings = [
+        ("order", "3"),
+        ("minimum", "100"),
+        ("rays", "64"),
+        ("resolution", "65"),
+        ("components", "11"),
+    ];
     let scene = corner();
     let solver = solved(&gpu, &scene, &settings);
     let found = solver.texels();

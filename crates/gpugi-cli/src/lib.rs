@@ -1,0 +1,256 @@
+//! The `gpugi` command: parses arguments, calls the library and prints. A library, so that the viewer takes the same
+//! arguments.
+
+/// As the standard library's, which panics if nobody reads on: `gpugi list settings | head -1`.
+macro_rules! println {
+    ($($text:tt)*) => {
+        crate::output::print_line(format_args!($($text)*))
+    };
+}
+
+mod bake;
+mod bench;
+mod bench_edits;
+mod bench_path_tracer;
+mod bench_rays;
+mod compare;
+mod doctor;
+mod explain;
+mod interrupt;
+mod measure;
+pub mod output;
+mod progress;
+pub mod render;
+pub mod scene_argument;
+
+use clap::{Parser, Subcommand};
+use gpugi::gpu::AdapterChoice;
+
+/// Invalid arguments: exit code 2.
+#[derive(Debug)]
+pub struct Usage(pub String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// Real-time and baked global illumination on any GPU.
+#[derive(Debug, Parser)]
+#[command(
+    name = "gpugi",
+    version,
+    about,
+    after_help = "./gpugi view [SCENE] opens a window (docs/viewer.md)."
+)]
+struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Options of every command.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Common {
+    /// GPU to use: part of its name, `software` or `discrete` (default: the fastest)
+    #[arg(
+        long,
+        global = true,
+        value_name = "NAME|software|discrete",
+        default_value = "best",
+        hide_default_value = true
+    )]
+    pub adapter: AdapterChoice,
+    /// Print only errors
+    #[arg(long, global = true)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render an image of a scene
+    Render(render::Arguments),
+    /// Bake a scene's light into textures, or an environment into maps, for use in other programs
+    Bake(bake::Arguments),
+    /// Measure the error of an image against its reference
+    Compare(compare::Arguments),
+    /// Measure the error of techniques against the path tracer on the same light paths, and their cost
+    Measure(measure::Arguments),
+    /// Print a scene's contents
+    Info(scene_argument::SceneArguments),
+    /// List techniques, their settings, built-in scenes or adapters
+    List {
+        /// What to list
+        what: What,
+        /// For settings: those of this technique alone
+        technique: Option<String>,
+        /// For settings: a table for documents
+        #[arg(long)]
+        markdown: bool,
+    },
+    /// List adapters, what they lack and how to get it
+    Doctor,
+    /// Measure the GPU time of each technique
+    Bench(bench::Arguments),
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum What {
+    Techniques,
+    Settings,
+    Scenes,
+    Adapters,
+}
+
+/// Prints warnings, or with `--quiet` only errors, to the standard error.
+pub fn log_to_stderr(common: &Common) {
+    let level = if common.quiet {
+        tracing::Level::ERROR
+    } else {
+        tracing::Level::WARN
+    };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .without_time()
+        .with_target(false)
+        .init();
+}
+
+/// The exit code of a program: prints the error, if there is one.
+pub fn exit_code(result: anyhow::Result<()>) -> std::process::ExitCode {
+    match result {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("gpugi: {error:#}");
+            let wrong_arguments = error.downcast_ref::<Usage>().is_some();
+            std::process::ExitCode::from(if wrong_arguments { 2 } else { 1 })
+        }
+    }
+}
+
+/// The command, with the arguments of the process.
+pub fn main() -> std::process::ExitCode {
+    let arguments = Arguments::parse();
+    log_to_stderr(&arguments.common);
+    let common = &arguments.common;
+    let result = match &arguments.command {
+        Command::Render(render) => render::run(common, render),
+        Command::Bake(bake) => bake::run(common, bake),
+        Command::Compare(compare) => compare::run(common, compare),
+        Command::Measure(measure) => measure::run(common, measure),
+        Command::Info(scene) => scene_argument::info(scene),
+        Command::List {
+            what: What::Settings,
+            technique,
+            markdown,
+        } => list_settings(technique.as_deref(), *markdown),
+        Command::List { what, .. } => {
+            list(*what);
+            Ok(())
+        }
+        Command::Doctor => doctor::run(),
+        Command::Bench(bench) => bench::run(common, bench),
+    };
+    exit_code(result)
+}
+
+fn list(what: What) {
+    match what {
+        What::Settings => {}
+        What::Techniques => {
+            let registry = gpugi::techniques::Registry::default();
+            let infos = registry.all().iter().map(|one| one.info);
+            for info in infos.chain([&gpugi::reference::INFO]) {
+                let paths: Vec<String> = info
+                    .paths
+                    .iter()
+                    .map(|paths| format!("{} ({})", paths.pattern, paths.class))
+                    .collect();
+                println!(
+                    "{:22} {} [{}; {}]",
+                    info.name,
+                    info.summary,
+                    paths.join(", "),
+                    info.source
+                );
+            }
+        }
+        What::Scenes => {
+            for scene in gpugi_scene::builtin::SCENES {
+                println!("{:10} {}", scene.name, scene.summary);
+            }
+        }
+        What::Adapters => {
+            for adapter in gpugi::gpu::list_adapters() {
+                println!("{}", doctor::adapter_line(&adapter));
+            }
+        }
+    }
+}
+
+/// Prints what can be set: names, defaults, allowed values, help.
+fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> {
+    let registry = gpugi::techniques::Registry::default();
+    let tracer = (
+        &gpugi::reference::INFO,
+        gpugi::reference::Settings::fields(),
+    );
+    let all = registry.all().iter().map(|one| (one.info, (one.fields)()));
+    let all: Vec<_> = all.chain([tracer]).collect();
+    if let Some(name) = technique
+        && !all.iter().any(|(info, _)| info.name == name)
+    {
+        let known: Vec<&str> = all.iter().map(|(info, _)| info.name).collect();
+        let message = format!(
+            "there is no technique {name:?}; there are: {}",
+            known.join(", ")
+        );
+        return Err(Usage(message).into());
+    }
+    if markdown {
+        println!(
+            "# Settings\n\n`gpugi list settings --markdown` writes this page. Set one with `--set technique.setting=value`."
+        );
+    }
+    for (info, fields) in all {
+        if technique.is_some_and(|name| name != info.name) {
+            continue;
+        }
+        if markdown {
+            println!(
+                "\n## {}\n\n| setting | default | values | meaning |\n|---|---|---|---|",
+                info.name
+            );
+        }
+        for field in fields {
+            let default = field
+                .default
+                .as_str()
+                .map_or_else(|| field.default.to_string(), str::to_owned);
+            let mut values = field.values();
+            if !field.unit.is_empty() {
+                values = format!("{values} [{}]", field.unit).trim_start().to_owned();
+            }
+            if markdown {
+                let values = values.replace('|', "\\|");
+                println!(
+                    "| `{}` | {default} | {values} | {} |",
+                    field.name,
+                    field.help.replace('|', "\\|")
+                );
+            } else {
+                println!("{}.{}={default}", info.name, field.name);
+                if !values.is_empty() {
+                    println!("    {values}");
+                }
+                println!("    {}", field.help);
+            }
+        }
+    }
+    Ok(())
+}

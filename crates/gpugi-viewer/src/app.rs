@@ -1,0 +1,346 @@
+//! The window: the session's picture, its controls, mouse and keyboard.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use eframe::egui::{self, Color32, Key, Panel, PointerButton, Rect, ScrollArea, Sense, Ui};
+use eframe::egui_wgpu::RenderState;
+use glam::{Vec2, Vec3};
+use gpugi::display::Compared;
+use gpugi::gpu::Gpu;
+use gpugi::{LightingError, Readiness};
+use gpugi_scene::image::{save_exr, save_png};
+
+use crate::command::command;
+use crate::opening;
+use crate::panels::{self, Action};
+use crate::session::{Pick, Session};
+use crate::technique_set::TechniqueSet;
+use crate::viewer::{Start, Viewer};
+
+/// The viewer's window.
+pub struct App {
+    gpu: Gpu,
+    render_state: RenderState,
+    viewer: Viewer,
+    texture: Option<(egui::TextureId, wgpu::TextureView)>,
+    selected: Option<usize>,
+    message: Option<Message>,
+    last_frame: Instant,
+    /// Seconds per frame, smoothed.
+    frame_seconds: f32,
+}
+
+/// What people are to know.
+#[derive(Debug, Clone, PartialEq)]
+struct Message {
+    text: String,
+    is_error: bool,
+}
+
+impl App {
+    /// A window on the device of `render_state`, in which a scene is being opened.
+    pub fn new(context: &egui::Context, render_state: &RenderState, start: Start) -> Self {
+        let gpu = Gpu::from_device(
+            &render_state.adapter,
+            render_state.device.clone(),
+            render_state.queue.clone(),
+        );
+        let context = context.clone();
+        Self {
+            viewer: Viewer::new(&gpu, start, move || context.request_repaint()),
+            gpu,
+            render_state: render_state.clone(),
+            texture: None,
+            selected: None,
+            message: None,
+            last_frame: Instant::now(),
+            frame_seconds: 0.0,
+        }
+    }
+
+    /// Shows what has been opened, and begins to open what was dropped on the window.
+    fn follow_openings(&mut self, context: &egui::Context) {
+        let files = context.input(|input| input.raw.dropped_files.clone());
+        if let Some(file) = files.last() {
+            self.viewer.open_file(file.path());
+        }
+        match self.viewer.take_opened() {
+            Ok(false) => {}
+            Ok(true) => {
+                self.message = None;
+                self.selected = None;
+                if let Some(session) = self.viewer.session() {
+                    let title = format!("{} - gpugi", session.loaded().arguments[0]);
+                    context.send_viewport_cmd(egui::ViewportCommand::Title(title));
+                }
+            }
+            Err(reason) => self.complain(reason),
+        }
+    }
+
+    fn act(&mut self, context: &egui::Context, action: Action) -> Result<(), LightingError> {
+        let Some(session) = self.viewer.session() else {
+            return Ok(());
+        };
+        match action {
+            Action::Open(name) => {
+                let scene = opening::arguments_of(&name);
+                self.viewer.open(scene, &TechniqueSet::default());
+            }
+            Action::ChangeSet(set) => self.viewer.change_set(set),
+            Action::Set([technique, name, value]) => session.set(&technique, &name, &value)?,
+            Action::Edit(edit) => session.edit(&edit)?,
+            Action::Pose(seconds) => session.pose(seconds)?,
+            Action::Camera(index) => session.stand_at(index),
+            Action::CopyCommand => {
+                let command = command(session, session.loaded().renderer.size());
+                context.copy_text(command.clone());
+                self.say(command);
+            }
+            Action::Save { is_radiance } => match save(session, is_radiance) {
+                Ok(path) => self.say(format!("{} is written", path.display())),
+                Err(reason) => self.complain(reason),
+            },
+        }
+        Ok(())
+    }
+
+    fn complain(&mut self, text: String) {
+        let is_error = true;
+        self.message = Some(Message { text, is_error });
+    }
+
+    fn say(&mut self, text: String) {
+        self.message = Some(Message {
+            text,
+            is_error: false,
+        });
+    }
+
+    /// What is going on: errors, progress, samples, frames per second.
+    fn status(&mut self, ui: &mut Ui) {
+        ui.horizontal(|ui| {
+            if let Some(opening) = self.viewer.opening() {
+                ui.spinner();
+                ui.label(format!("{}: {}", opening.subject, opening.stage.get()));
+                if ui.small_button("cancel").clicked() {
+                    self.viewer.cancel();
+                }
+            }
+            if let Some(session) = self.viewer.session() {
+                let renderer = &session.loaded().renderer;
+                let text = match session.readiness() {
+                    Readiness::Pending { what, progress } => {
+                        format!("{what} {:.0} %", 100.0 * progress)
+                    }
+                    Readiness::Refining { progress } => format!("maps {:.0} %", 100.0 * progress),
+                    Readiness::Ready => format!("{} samples", renderer.samples()),
+                };
+                ui.label(text);
+                if self.frame_seconds > 0.0 {
+                    ui.label(format!("{:.0} frames/s", 1.0 / self.frame_seconds));
+                }
+            }
+            if let Some(message) = &self.message {
+                let color = if message.is_error {
+                    Color32::LIGHT_RED
+                } else {
+                    ui.visuals().text_color()
+                };
+                if ui.small_button("x").clicked() {
+                    self.message = None;
+                } else {
+                    ui.add(
+                        egui::Label::new(egui::RichText::new(&message.text).color(color))
+                            .truncate(),
+                    );
+                }
+            }
+        });
+    }
+
+    /// The picture, and what mouse and keyboard do to it.
+    fn view(&mut self, ui: &mut Ui) {
+        let rect = ui.available_rect_before_wrap();
+        let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        let seconds = self.last_frame.elapsed().as_secs_f32();
+        self.last_frame = Instant::now();
+        let Some(session) = self.viewer.session() else {
+            return;
+        };
+        steer(ui, &response, session, seconds);
+        let pixels = (rect.size() * ui.ctx().pixels_per_point()).round();
+        let window = [pixels.x, pixels.y].map(|side| (side as u32).max(1));
+        match session.frame(window, seconds) {
+            Ok(shown) => {
+                if shown.is_final {
+                    self.frame_seconds = 0.0;
+                } else {
+                    ui.ctx().request_repaint();
+                    let part = if self.frame_seconds > 0.0 { 0.1 } else { 1.0 };
+                    self.frame_seconds += part * (seconds.min(1.0) - self.frame_seconds);
+                }
+            }
+            Err(error) => {
+                self.message = Some(Message {
+                    text: error.to_string(),
+                    is_error: true,
+                })
+            }
+        }
+        for (purpose, point) in session.picked() {
+            match (purpose, point) {
+                (Pick::Focus, Some(point)) => session.camera.focus(point.position),
+                (Pick::Select, point) => self.selected = point.map(|point| point.instance as usize),
+                (Pick::Focus, None) => {}
+            }
+            ui.ctx().request_repaint();
+        }
+        let Some(picture) = session.picture() else {
+            return;
+        };
+        let texture = match &self.texture {
+            Some((texture, view)) if *view == picture.view => *texture,
+            before => {
+                let mut renderer = self.render_state.renderer.write();
+                if let Some((texture, _)) = before {
+                    renderer.free_texture(texture);
+                }
+                let filter = wgpu::FilterMode::Linear;
+                let texture =
+                    renderer.register_native_texture(&self.gpu.device, &picture.view, filter);
+                self.texture = Some((texture, picture.view.clone()));
+                texture
+            }
+        };
+        let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::Pos2::new(1.0, 1.0));
+        ui.painter().image(texture, rect, whole, Color32::WHITE);
+        if let Some(Compared::Split(split)) = &mut session.compared {
+            divider(ui, rect, split);
+        }
+    }
+}
+
+impl eframe::App for App {
+    fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
+        let context = ui.ctx().clone();
+        self.follow_openings(&context);
+        let mut actions = Vec::new();
+        Panel::bottom("status").show(ui, |ui| self.status(ui));
+        if let Some(session) = self.viewer.session() {
+            Panel::left("controls").default_size(300.0).show(ui, |ui| {
+                ScrollArea::vertical().show(ui, |ui| {
+                    panels::scene(ui, session, &mut actions);
+                    panels::picture(ui, session, &mut actions);
+                    panels::techniques(ui, session, &mut actions);
+                    panels::truth(ui, session);
+                    panels::edits(ui, &session.loaded().scene, self.selected, &mut actions);
+                    panels::performance(ui, session);
+                    panels::keys(ui);
+                });
+            });
+        }
+        for action in actions {
+            if let Err(error) = self.act(&context, action) {
+                self.message = Some(Message {
+                    text: error.to_string(),
+                    is_error: true,
+                });
+            }
+            context.request_repaint();
+        }
+        egui::CentralPanel::no_frame().show(ui, |ui| self.view(ui));
+    }
+}
+
+/// The line between the picture and the truth, to be dragged.
+fn divider(ui: &Ui, rect: Rect, split: &mut f32) {
+    let x = rect.left() + *split * rect.width();
+    let grip = Rect::from_x_y_ranges(x - 5.0..=x + 5.0, rect.y_range());
+    let response = ui.interact(grip, ui.scope_id().with("divider"), Sense::drag());
+    let response = response.on_hover_cursor(egui::CursorIcon::ResizeHorizontal);
+    if let Some(at) = response.interact_pointer_pos() {
+        *split = ((at.x - rect.left()) / rect.width()).clamp(0.02, 0.98);
+        ui.ctx().request_repaint();
+    }
+    ui.painter()
+        .vline(x, rect.y_range(), egui::Stroke::new(2.0, Color32::WHITE));
+}
+
+/// Mouse and keyboard steer the camera.
+fn steer(ui: &Ui, response: &egui::Response, session: &mut Session, seconds: f32) {
+    let height = response.rect.height().max(1.0);
+    let drag = response.drag_delta() / height;
+    let drag = Vec2::new(drag.x, drag.y);
+    let shift = ui.input(|input| input.modifiers.shift);
+    let camera = &mut session.camera;
+    if drag != Vec2::ZERO {
+        if response.dragged_by(PointerButton::Secondary) {
+            let field = camera.field_of_view().unwrap_or(60.0).to_radians();
+            camera.look(drag * field);
+        } else if response.dragged_by(PointerButton::Middle) || shift {
+            camera.pan(Vec2::new(drag.x, -drag.y));
+        } else {
+            camera.orbit(drag * std::f32::consts::PI);
+        }
+    }
+    if response.hovered() {
+        let (scroll, zoom) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
+        let factor = (-scroll / 300.0).exp() / zoom;
+        if factor != 1.0 {
+            camera.zoom(factor);
+        }
+    }
+    if !ui.ctx().egui_wants_keyboard_input() {
+        let axis = |more: Key, less: Key| {
+            ui.input(|input| {
+                f32::from(u8::from(input.key_down(more)))
+                    - f32::from(u8::from(input.key_down(less)))
+            })
+        };
+        let way = Vec3::new(
+            axis(Key::D, Key::A),
+            axis(Key::E, Key::Q),
+            axis(Key::W, Key::S),
+        );
+        if way != Vec3::ZERO {
+            let speed = if shift { 4.0 } else { 1.0 };
+            camera.fly(way * speed, seconds.min(0.1));
+        }
+        if ui.input(|input| input.key_pressed(Key::R)) {
+            session.reset_camera();
+        }
+        if ui.input(|input| input.key_pressed(Key::Space)) {
+            session.clock.is_playing = !session.clock.is_playing;
+        }
+    }
+    if let Some(at) = response.interact_pointer_pos() {
+        let place = (at - response.rect.min) / response.rect.size();
+        if response.double_clicked() {
+            session.pick(Pick::Focus, [place.x, place.y]);
+        } else if response.clicked() {
+            session.pick(Pick::Select, [place.x, place.y]);
+        }
+    }
+}
+
+/// Writes the picture into a new file of the working folder.
+fn save(session: &mut Session, is_radiance: bool) -> Result<PathBuf, String> {
+    let extension = if is_radiance { "exr" } else { "png" };
+    let path = (1..)
+        .map(|number| PathBuf::from(format!("gpugi-{number}.{extension}")))
+        .find(|path| !path.exists());
+    let path = path.ok_or("the folder is full of pictures")?;
+    let renderer = &session.loaded().renderer;
+    let [width, height] = renderer.size();
+    let failed = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    if is_radiance {
+        let radiance = renderer.radiance().map_err(|error| failed(&error))?;
+        save_exr(&path, width, height, &radiance).map_err(|error| failed(&error))?;
+    } else {
+        let pixels = renderer.pixels().map_err(|error| failed(&error))?;
+        save_png(&path, width, height, &pixels).map_err(|error| failed(&error))?;
+    }
+    Ok(path)
+}

@@ -1,0 +1,102 @@
+//! The same loop without a window: frames follow each other as fast as they can, and their times are written.
+
+use std::time::Instant;
+
+use gpugi::Readiness;
+use gpugi::gpu::Gpu;
+use serde::Serialize;
+
+use crate::script::Script;
+use crate::viewer::{Start, Viewer};
+
+/// Time from frame to frame of cameras and animations (s), so that each run shows the same.
+const STEP_SECONDS: f32 = 1.0 / 60.0;
+
+/// Times of a run's frames.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FrameTimes {
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Width and height (pixels).
+    pub size: [u32; 2],
+    /// From the start to the first picture (s).
+    pub first_picture_seconds: f64,
+    /// Middle of the times (ms).
+    pub median_ms: f64,
+    /// Time of the slowest frame (ms).
+    pub slowest_ms: f64,
+    /// The slowest frame.
+    pub slowest_frame: usize,
+    /// Time of each frame until the GPU has run it (ms).
+    pub frames_ms: Vec<f64>,
+}
+
+/// Shows `frames` frames of `size` pixels after the first picture, while `script` runs. With `samples`, more frames
+/// follow until the picture at rest has so many per pixel. The resolution stays the same.
+///
+/// # Errors
+/// Why it cannot be shown.
+pub fn run(
+    gpu: &Gpu,
+    start: Start,
+    size: [u32; 2],
+    frames: u32,
+    script: &Script,
+    samples: Option<u32>,
+) -> Result<(Viewer, FrameTimes), String> {
+    let started = Instant::now();
+    let mut viewer = Viewer::new(gpu, start, || {});
+    viewer.finish_opening()?;
+    let session = viewer.session().ok_or("there is no scene")?;
+    session.pace.is_adaptive = false;
+    session.samples = samples.unwrap_or(session.samples);
+    while !show(&mut viewer, size)? {}
+    let first_picture_seconds = started.elapsed().as_secs_f64();
+    let mut times = Vec::new();
+    for frame in 0..frames {
+        let began = Instant::now();
+        script.run(frame, &mut viewer)?;
+        viewer.take_opened()?;
+        show(&mut viewer, size)?;
+        times.push(began.elapsed().as_secs_f64() * 1e3);
+    }
+    if samples.is_some() {
+        viewer.finish_opening()?;
+        finish(&mut viewer, size)?;
+    }
+    let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+    let (slowest_frame, slowest_ms) = slowest.map_or((0, 0.0), |(frame, time)| (frame, *time));
+    let times = FrameTimes {
+        adapter: gpu.adapter.name.clone(),
+        size,
+        first_picture_seconds,
+        median_ms: gpugi_cli::output::median(times.clone()),
+        slowest_ms,
+        slowest_frame,
+        frames_ms: times,
+    };
+    Ok((viewer, times))
+}
+
+/// A frame, until the GPU has run it. Returns whether the picture changed.
+fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
+    let session = viewer.session().ok_or("nothing is on show")?;
+    let shown = session
+        .frame(size, STEP_SECONDS)
+        .map_err(|error| error.to_string())?;
+    session.gpu().wait().map_err(|error| error.to_string())?;
+    Ok(shown.is_new)
+}
+
+/// Frames until all samples of the scene at rest are there.
+fn finish(viewer: &mut Viewer, size: [u32; 2]) -> Result<(), String> {
+    loop {
+        show(viewer, size)?;
+        let session = viewer.session().ok_or("nothing is on show")?;
+        session.clock.is_playing = false;
+        let samples = session.loaded().renderer.samples();
+        if session.readiness() == Readiness::Ready && samples >= session.samples {
+            return Ok(());
+        }
+    }
+}

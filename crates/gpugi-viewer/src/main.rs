@@ -1,0 +1,183 @@
+//! `gpugi-view`: opens a window. `./gpugi view` builds and runs it.
+
+use std::process::ExitCode;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, anyhow};
+use clap::Parser;
+use eframe::egui;
+use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use gpugi::gpu::{Gpu, instance_descriptor};
+use gpugi_cli::output::{self, Format};
+use gpugi_cli::render::{parse_size, split_settings};
+use gpugi_cli::scene_argument::SceneArguments;
+use gpugi_cli::{Common, exit_code, log_to_stderr};
+use gpugi_viewer::app::App;
+use gpugi_viewer::headless;
+use gpugi_viewer::script::Script;
+use gpugi_viewer::technique_set::TechniqueSet;
+use gpugi_viewer::viewer::Start;
+
+/// Global illumination live, in a window.
+#[derive(Debug, Parser)]
+#[command(name = "gpugi view", version, about)]
+struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Width and height of the window
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = parse_size)]
+    size: [u32; 2],
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    #[arg(long)]
+    camera: Option<String>,
+    /// Techniques, separated by commas (default: what suits the scene in motion)
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    technique: Vec<String>,
+    /// A technique's setting (repeatable)
+    #[arg(long, value_name = "technique.key=value")]
+    set: Vec<String>,
+    /// Show N frames without a window
+    #[arg(long, value_name = "N")]
+    headless_frames: Option<u32>,
+    #[command(flatten)]
+    headless: Headless,
+}
+
+/// Options of a run without a window.
+#[derive(Debug, clap::Args)]
+struct Headless {
+    /// What happens in which frame (docs/viewer.md)
+    #[arg(long, value_name = "FILE", requires = "headless_frames")]
+    script: Option<PathBuf>,
+    /// Write the times of the frames
+    #[arg(long, value_name = "FILE.json", requires = "headless_frames")]
+    frame_times: Option<PathBuf>,
+    /// Write the last picture: .png (tone-mapped), .exr or .hdr (linear radiance)
+    #[arg(short, long, value_name = "FILE", requires = "headless_frames")]
+    output: Option<PathBuf>,
+    /// Add frames until the last picture has so many samples per pixel
+    #[arg(long, requires = "headless_frames", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: Option<u32>,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse_from(arguments());
+    log_to_stderr(&arguments.common);
+    exit_code(run(&arguments))
+}
+
+/// Those of the process; without any, a scene.
+fn arguments() -> Vec<String> {
+    let mut all: Vec<String> = std::env::args().collect();
+    if all.len() < 2 {
+        all.push("cornell".into());
+    }
+    all
+}
+
+fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let mut set = TechniqueSet {
+        names: (!arguments.technique.is_empty()).then(|| arguments.technique.clone()),
+        ..TechniqueSet::default()
+    };
+    for [technique, name, value] in split_settings(&arguments.set)? {
+        set.set(technique, name, value);
+    }
+    let start = Start {
+        scene: arguments.scene.clone(),
+        camera: arguments.camera.clone(),
+        set,
+    };
+    if let Some(frames) = arguments.headless_frames {
+        return run_headless(arguments, start, frames);
+    }
+    let [width, height] = arguments.size.map(|side| side as f32);
+    let viewport = egui::ViewportBuilder::default()
+        .with_app_id("gpugi")
+        .with_inner_size([width, height]);
+    let options = eframe::NativeOptions {
+        viewport,
+        wgpu_options: WgpuConfiguration {
+            wgpu_setup: WgpuSetup::CreateNew(setup(&arguments.common)),
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    let app = |context: &eframe::CreationContext<'_>| {
+        let render_state = context.wgpu_render_state.as_ref();
+        let render_state = render_state.ok_or("the window has no GPU")?;
+        let app = App::new(&context.egui_ctx, render_state, start);
+        Ok(Box::new(app) as Box<dyn eframe::App>)
+    };
+    eframe::run_native("gpugi", options, Box::new(app)).map_err(|error| anyhow!("{error}"))
+}
+
+/// Shows frames without a window.
+fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Result<()> {
+    let Headless {
+        script,
+        frame_times,
+        output,
+        samples,
+    } = &arguments.headless;
+    let script = match script {
+        Some(path) => {
+            let failed = || path.display().to_string();
+            let text = std::fs::read_to_string(path).with_context(failed)?;
+            Script::parse(&text)
+                .map_err(|reason| anyhow!(reason))
+                .with_context(failed)?
+        }
+        None => Script::default(),
+    };
+    let format = output.as_deref().map(output::format).transpose()?;
+    let files = [output, frame_times].into_iter().flatten();
+    output::check_folders(files.map(PathBuf::as_path))?;
+    let gpu = Gpu::open(&arguments.common.adapter)?;
+    let size = arguments.size;
+    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, *samples)
+        .map_err(|reason| anyhow!(reason))?;
+    if !arguments.common.quiet {
+        println!(
+            "{frames} frames of {}x{} on {}: first picture after {:.2} s, median {:.2} ms, slowest {:.2} ms (frame {})",
+            size[0],
+            size[1],
+            times.adapter,
+            times.first_picture_seconds,
+            times.median_ms,
+            times.slowest_ms,
+            times.slowest_frame,
+        );
+    }
+    if let Some(path) = frame_times {
+        output::write_json(path, &times)?;
+    }
+    if let (Some(path), Some(format), Some(session)) = (output, format, viewer.session()) {
+        let renderer = &session.loaded().renderer;
+        match format {
+            Format::Png => output::write_png(path, size, &renderer.pixels()?)?,
+            format => output::write_radiance(path, format, size, &renderer.radiance()?)?,
+        }
+    }
+    Ok(())
+}
+
+/// The adapter that was asked for, and a device as gpugi opens it.
+fn setup(common: &Common) -> WgpuSetupCreateNew {
+    let choice = common.adapter.clone();
+    WgpuSetupCreateNew {
+        instance_descriptor: instance_descriptor(),
+        native_adapter_selector: Some(std::sync::Arc::new(move |adapters, surface| {
+            let can_draw = |adapter: &&wgpu::Adapter| {
+                surface.is_none_or(|surface| adapter.is_surface_supported(surface))
+            };
+            let adapters = adapters.iter().filter(can_draw).cloned().collect();
+            choice.choose(adapters).map_err(|error| error.to_string())
+        })),
+        device_descriptor: std::sync::Arc::new(Gpu::device_descriptor),
+        ..WgpuSetupCreateNew::without_display_handle()
+    }
+}

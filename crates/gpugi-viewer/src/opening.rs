@@ -1,0 +1,165 @@
+//! Scenes to open: read, uploaded and given a renderer on another thread.
+
+use std::path::{Path, PathBuf};
+
+use gpugi::gpu::Gpu;
+use gpugi_cli::scene_argument::{self, SceneArguments};
+use gpugi_scene::{Scene, import_environment};
+
+use crate::session::Loaded;
+use crate::task::Task;
+use crate::technique_set::TechniqueSet;
+
+/// A scene on its way, or why there is none.
+pub type Opening = Task<Result<Loaded, String>>;
+
+/// The arguments that select the scene `name` alone.
+pub fn arguments_of(name: &str) -> SceneArguments {
+    SceneArguments {
+        scene: name.to_owned(),
+        detail: 1,
+        environment: None,
+        time: 0.0,
+        without: String::new(),
+        files_from: None,
+        limits: String::new(),
+    }
+}
+
+/// What dropping a file means: a scene to open in place of the one on show, or an environment for it.
+pub fn dropped(current: &SceneArguments, file: &Path) -> SceneArguments {
+    let extension = file.extension().unwrap_or_default().to_string_lossy();
+    let is_image = ["hdr", "exr", "ktx2", "png", "jpg", "jpeg"]
+        .iter()
+        .any(|image| extension.eq_ignore_ascii_case(image));
+    if is_image {
+        SceneArguments {
+            environment: Some(PathBuf::from(file)),
+            ..current.clone()
+        }
+    } else {
+        SceneArguments {
+            limits: current.limits.clone(),
+            ..arguments_of(&file.to_string_lossy())
+        }
+    }
+}
+
+/// Opens a scene with the techniques of `set`.
+pub fn open(
+    gpu: &Gpu,
+    arguments: &SceneArguments,
+    set: &TechniqueSet,
+    size: [u32; 2],
+    done: impl FnOnce() + Send + 'static,
+) -> Opening {
+    let (gpu, arguments, set) = (gpu.clone(), arguments.clone(), set.clone());
+    Task::start(&arguments.scene.clone(), done, move |stage| {
+        stage.set("reading");
+        let (scene, notes) =
+            scene_argument::load(&arguments).map_err(|error| format!("{error:#}"))?;
+        stage.set("uploading");
+        renderer(&gpu, scene, set, size, in_words(&arguments), notes)
+    })
+}
+
+/// The scene on show in the environment of `arguments`.
+pub fn change_environment(
+    gpu: &Gpu,
+    current: &Loaded,
+    arguments: &SceneArguments,
+    size: [u32; 2],
+    done: impl FnOnce() + Send + 'static,
+) -> Opening {
+    let (gpu, arguments) = (gpu.clone(), arguments.clone());
+    let (mut scene, set) = (current.scene.clone(), current.set.clone());
+    let notes = current.notes.clone();
+    let file = arguments.environment.clone().unwrap_or_default();
+    Task::start(&file.display().to_string(), done, move |stage| {
+        stage.set("reading");
+        let limits = arguments.limits().map_err(|error| format!("{error:#}"))?;
+        let environment = import_environment(&file, &limits);
+        scene.environment = Some(environment.map_err(|error| error.to_string())?);
+        stage.set("uploading");
+        renderer(&gpu, scene, set, size, in_words(&arguments), notes)
+    })
+}
+
+/// The scene on show with the techniques of `set`.
+pub fn change_set(
+    gpu: &Gpu,
+    current: &Loaded,
+    set: TechniqueSet,
+    size: [u32; 2],
+    done: impl FnOnce() + Send + 'static,
+) -> Opening {
+    let (gpu, scene) = (gpu.clone(), current.scene.clone());
+    let (arguments, notes) = (current.arguments.clone(), current.notes.clone());
+    Task::start("techniques", done, move |stage| {
+        stage.set("uploading");
+        renderer(&gpu, scene, set, size, arguments, notes)
+    })
+}
+
+fn renderer(
+    gpu: &Gpu,
+    scene: Scene,
+    set: TechniqueSet,
+    size: [u32; 2],
+    arguments: Vec<String>,
+    notes: Vec<String>,
+) -> Result<Loaded, String> {
+    let renderer = set.renderer(gpu, &scene, size);
+    Ok(Loaded {
+        arguments,
+        renderer: renderer.map_err(|error| error.to_string())?,
+        scene,
+        set,
+        notes,
+    })
+}
+
+/// The arguments as they are written on the command line.
+fn in_words(arguments: &SceneArguments) -> Vec<String> {
+    let mut words = vec![arguments.scene.clone()];
+    let mut option = |name: &str, value: Option<String>| {
+        words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
+    };
+    let text = |text: &str| (!text.is_empty()).then(|| text.to_owned());
+    let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+    let is_set = |is_set: bool, value: String| is_set.then_some(value);
+    option(
+        "--detail",
+        is_set(arguments.detail != 1, arguments.detail.to_string()),
+    );
+    option("--environment", path(&arguments.environment));
+    option(
+        "--time",
+        is_set(arguments.time != 0.0, arguments.time.to_string()),
+    );
+    option("--without", text(&arguments.without));
+    option("--files-from", path(&arguments.files_from));
+    option("--limits", text(&arguments.limits));
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_that_are_dropped_are_environments_and_other_files_scenes() {
+        let current = SceneArguments {
+            limits: "side=64".into(),
+            detail: 3,
+            ..arguments_of("spheres")
+        };
+        let sky = dropped(&current, Path::new("a/Sky.EXR"));
+        assert_eq!(
+            in_words(&sky).join(" "),
+            "spheres --detail 3 --environment a/Sky.EXR --limits side=64"
+        );
+        let scene = dropped(&sky, Path::new("b/cube.glb"));
+        assert_eq!(in_words(&scene).join(" "), "b/cube.glb --limits side=64");
+    }
+}

@@ -1,0 +1,187 @@
+//! The pace of frames: how many pixels a moving picture has, and how much work on maps a frame does, so that frames
+//! keep the rate that was asked for.
+
+use gpugi::lighting::Budget;
+
+/// Each step of the resolution has this part of the pixels per side of the one before.
+const STEP: f32 = 0.84;
+/// Steps down to about an eighth of the side.
+const MOST_STEPS: u32 = 12;
+/// Fast frames after which the resolution rises by a step.
+const PATIENCE: u32 = 12;
+/// Longest time of a frame when nothing moves (s): input waits for it.
+const STILL_SECONDS: f32 = 0.2;
+/// Limits of the budget, in units of [`Budget`].
+const UNITS: [u64; 2] = [20_000, 1 << 40];
+
+/// Chooses resolution and budget by the times of frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pace {
+    /// Frames per second that are wanted in motion.
+    pub target_rate: f32,
+    /// Most pixels of the picture per pixel of the window, along a side.
+    pub scale: f32,
+    /// Whether pictures may have fewer pixels, so that frames are fast enough.
+    pub is_adaptive: bool,
+    in_motion: Resolution,
+    at_rest: Resolution,
+    units: u64,
+}
+
+/// A resolution that follows the times of frames.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Resolution {
+    /// Below the most pixels.
+    steps: u32,
+    fast_frames: u32,
+    /// By how much the last frame was too slow; 0 if it was not.
+    slow: f32,
+}
+
+impl Resolution {
+    /// Takes notice of a frame by its time as a part of the time that is due.
+    fn measure(&mut self, ratio: f32) {
+        self.fast_frames = if ratio < 0.7 { self.fast_frames + 1 } else { 0 };
+        let slow = if ratio > 1.25 { ratio } else { 0.0 };
+        // A single slow frame may be a pipeline that is compiled.
+        let both = slow.min(self.slow);
+        self.slow = slow;
+        if both > 0.0 && self.steps < MOST_STEPS {
+            // The time follows the number of pixels: as many steps at once as that takes.
+            let steps = (0.5 * both.ln() / -STEP.ln()).ceil() as u32;
+            self.steps = (self.steps + steps.max(1)).min(MOST_STEPS);
+            self.slow = 0.0;
+        } else if self.fast_frames >= PATIENCE && self.steps > 0 {
+            self.steps -= 1;
+            self.fast_frames = 0;
+        }
+    }
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self {
+            target_rate: 30.0,
+            scale: 1.0,
+            is_adaptive: true,
+            in_motion: Resolution::default(),
+            at_rest: Resolution::default(),
+            units: 4_000_000,
+        }
+    }
+}
+
+impl Pace {
+    /// Takes notice of a frame that took `seconds` and did `work` on maps; `is_moving`: its picture was in motion.
+    pub fn measure(&mut self, seconds: f32, work: u64, is_moving: bool) {
+        let due = 1.0 / self.target_rate.max(1.0);
+        let ratio = seconds / due;
+        // Work on maps gives way first: pixels are seen at once.
+        let [least, most] = UNITS;
+        if work > 0 && ratio > 1.2 && self.units > least {
+            let part = (1.0 / ratio).max(0.25);
+            self.units = ((work.min(self.units) as f32 * part) as u64).clamp(least, most);
+            return;
+        }
+        if work >= self.units && ratio < 1.0 {
+            self.units = (self.units + self.units / 4).clamp(least, most);
+        }
+        if is_moving {
+            self.in_motion.measure(ratio);
+        } else {
+            self.at_rest.measure(seconds / STILL_SECONDS.max(due));
+        }
+    }
+
+    /// Work on maps that the next frame may do.
+    pub fn budget(&self) -> Budget {
+        Budget::units(self.units)
+    }
+
+    /// Pixels of the picture in a window of `size` pixels.
+    pub fn size(&self, size: [u32; 2], is_moving: bool) -> [u32; 2] {
+        let steps = match (self.is_adaptive, is_moving) {
+            (false, _) => 0,
+            (true, true) => self.in_motion.steps,
+            (true, false) => self.at_rest.steps,
+        };
+        let scale = self.scale * STEP.powi(steps as i32);
+        size.map(|side| ((side as f32 * scale).round() as u32).max(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames whose time follows the number of pixels: `seconds` at full size.
+    fn frames(pace: &mut Pace, seconds: f32, count: u32) -> f32 {
+        let mut last = 0.0;
+        for _ in 0..count {
+            let [width, height] = pace.size([1000, 1000], true);
+            last = seconds * (width * height) as f32 / 1e6;
+            pace.measure(last, 0, true);
+        }
+        last
+    }
+
+    #[test]
+    fn moving_pictures_keep_the_rate_and_still_ones_their_pixels() {
+        let mut pace = Pace::default();
+        let last = frames(&mut pace, 0.3, 10);
+        assert!(last < 1.25 / pace.target_rate, "{last}");
+        assert_eq!(pace.size([1000, 500], false), [1000, 500]);
+        // The way back, on a faster machine.
+        frames(&mut pace, 0.005, 400);
+        assert_eq!(pace.size([1000, 500], true), [1000, 500]);
+        frames(&mut pace, 0.3, 10);
+        pace.is_adaptive = false;
+        assert_eq!(pace.size([1000, 500], true), [1000, 500]);
+    }
+
+    #[test]
+    fn still_pictures_give_up_pixels_only_when_input_would_wait_long() {
+        let mut pace = Pace::default();
+        for seconds in [0.15, 3.0, 0.15] {
+            pace.measure(seconds, 0, false);
+        }
+        assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
+        pace.measure(2.0, 0, false);
+        pace.measure(2.0, 0, false);
+        let [width, height] = pace.size([1000, 1000], false);
+        let seconds = 2.0 * (width * height) as f32 / 1e6;
+        assert!(seconds < 1.25 * STILL_SECONDS, "{seconds}");
+        assert_eq!(pace.size([1000, 1000], true), [1000, 1000]);
+    }
+
+    #[test]
+    fn the_resolution_does_not_swing() {
+        let mut pace = Pace::default();
+        frames(&mut pace, 0.1, 100);
+        let settled = pace.size([1000, 1000], true);
+        frames(&mut pace, 0.1, 100);
+        assert_eq!(pace.size([1000, 1000], true), settled);
+    }
+
+    #[test]
+    fn maps_give_way_before_pixels() {
+        let mut pace = Pace::default();
+        let units = pace.units;
+        pace.measure(0.2, units, true);
+        assert!(pace.units < units / 2);
+        assert_eq!(pace.size([64, 64], true), [64, 64]);
+        for _ in 0..40 {
+            pace.measure(0.01, pace.units, true);
+        }
+        assert!(pace.units > units);
+    }
+
+    #[test]
+    fn a_picture_has_pixels() {
+        let mut pace = Pace::default();
+        frames(&mut pace, 1e6, 50);
+        assert_eq!(pace.size([1, 3], true)[0], 1);
+        pace.measure(f32::NAN, 0, true);
+        assert!(pace.size([0, 0], true).iter().all(|&side| side > 0));
+    }
+}

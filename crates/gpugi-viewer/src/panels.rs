@@ -1,0 +1,351 @@
+//! The controls beside the picture. They show the session and say what is to be done.
+
+mod edits;
+mod settings;
+
+use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
+use gpugi::display::{Compared, Exposure, ToneMap};
+use gpugi::scene::Edit;
+use gpugi::techniques::Registry;
+use gpugi_scene::builtin;
+
+use crate::session::Session;
+use crate::technique_set::{Preset, TechniqueSet};
+
+pub use edits::edits;
+
+/// What people asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// To open a built-in scene.
+    Open(String),
+    /// To light the scene with other techniques.
+    ChangeSet(TechniqueSet),
+    /// To change a setting: technique, name, value.
+    Set([String; 3]),
+    /// To edit the scene.
+    Edit(Edit),
+    /// To pose the scene (s).
+    Pose(f32),
+    /// To stand where a camera of the scene stands.
+    Camera(usize),
+    /// To copy the command line that renders what is seen.
+    CopyCommand,
+    /// To write the picture as PNG, or its radiance as EXR.
+    Save {
+        /// Whether as EXR.
+        is_radiance: bool,
+    },
+}
+
+/// Scene, cameras and animation.
+pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
+    CollapsingHeader::new("Scene")
+        .default_open(true)
+        .show(ui, |ui| {
+            let loaded = session.loaded();
+            let name = loaded.arguments.first().cloned().unwrap_or_default();
+            ComboBox::from_id_salt("scene")
+                .width(ui.available_width())
+                .selected_text(name.clone())
+                .show_ui(ui, |ui| {
+                    for one in builtin::SCENES {
+                        let label = ui.selectable_label(one.name == name, one.name);
+                        if label.on_hover_text(one.summary).clicked() {
+                            actions.push(Action::Open(one.name.to_owned()));
+                        }
+                    }
+                });
+            ui.weak("or drop a .glb, .gltf, .obj, .ply; an .exr or .hdr as environment");
+            for note in &loaded.notes {
+                ui.weak(note);
+            }
+            let cameras = &loaded.scene.cameras;
+            if !cameras.is_empty() {
+                ui.horizontal_wrapped(|ui| {
+                    for (index, camera) in cameras.iter().enumerate() {
+                        let text = match camera.name.as_str() {
+                            "" => format!("camera {index}"),
+                            name => name.to_owned(),
+                        };
+                        let button = ui.small_button(text).on_hover_text("Stand there");
+                        if button.clicked() {
+                            actions.push(Action::Camera(index));
+                        }
+                    }
+                });
+            }
+            let duration = loaded.scene.rig.as_ref().map_or(0.0, |rig| rig.duration());
+            if duration > 0.0 {
+                ui.horizontal(|ui| {
+                    let clock = &mut session.clock;
+                    let text = if clock.is_playing { "pause" } else { "play" };
+                    if ui.button(text).clicked() {
+                        clock.is_playing = !clock.is_playing;
+                    }
+                    let mut seconds = clock.seconds.rem_euclid(duration);
+                    let slider = Slider::new(&mut seconds, 0.0..=duration).suffix(" s");
+                    if ui.add(slider).changed() {
+                        actions.push(Action::Pose(seconds));
+                    }
+                });
+            }
+        });
+}
+
+/// Exposure, tone mapping, lens, resolution and what is done with the picture.
+pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
+    CollapsingHeader::new("Picture")
+        .default_open(true)
+        .show(ui, |ui| {
+            let display = &mut session.display;
+            ui.horizontal(|ui| {
+                let mut is_automatic = display.exposure == Exposure::Auto;
+                let mut value = match display.exposure {
+                    Exposure::Manual(value) => value,
+                    Exposure::Auto => 0.0,
+                };
+                ui.label("exposure");
+                ui.checkbox(&mut is_automatic, "auto");
+                ui.add_enabled(
+                    !is_automatic,
+                    Slider::new(&mut value, -10.0..=10.0).suffix(" EV"),
+                );
+                display.exposure = if is_automatic {
+                    Exposure::Auto
+                } else {
+                    Exposure::Manual(value)
+                };
+            });
+            ui.horizontal(|ui| {
+                ui.label("tone map");
+                ComboBox::from_id_salt("tone map")
+                    .selected_text(display.tone_map.name())
+                    .show_ui(ui, |ui| {
+                        for one in ToneMap::ALL {
+                            ui.selectable_value(&mut display.tone_map, one, one.name());
+                        }
+                    });
+            });
+            if let Some(mut degrees) = session.camera.field_of_view() {
+                let slider = Slider::new(&mut degrees, 5.0..=120.0)
+                    .text("field of view")
+                    .suffix("°");
+                if ui.add(slider).changed() {
+                    session.camera.set_field_of_view(degrees);
+                }
+            }
+            let pace = &mut session.pace;
+            ui.add(Slider::new(&mut pace.scale, 0.1..=2.0).text("resolution"))
+                .on_hover_text("Pixels of the picture per pixel of the window, along a side");
+            ui.horizontal(|ui| {
+                ui.checkbox(&mut pace.is_adaptive, "fewer, for")
+                    .on_hover_text(
+                        "As few pixels as the rate takes in motion, and as a responsive window takes at rest",
+                    );
+                ui.add(
+                    DragValue::new(&mut pace.target_rate)
+                        .range(5.0..=240.0)
+                        .suffix(" frames/s"),
+                );
+            });
+            ui.horizontal(|ui| {
+                ui.add(DragValue::new(&mut session.samples).range(1..=65_536));
+                ui.label("samples per pixel at rest");
+            });
+            ui.horizontal_wrapped(|ui| {
+                if ui.button("save PNG").clicked() {
+                    actions.push(Action::Save { is_radiance: false });
+                }
+                if ui.button("save EXR").clicked() {
+                    actions.push(Action::Save { is_radiance: true });
+                }
+                let button = ui.button("copy as command");
+                if button
+                    .on_hover_text("The command line that renders this picture")
+                    .clicked()
+                {
+                    actions.push(Action::CopyCommand);
+                }
+            });
+        });
+}
+
+/// Techniques and their settings.
+pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
+    CollapsingHeader::new("Techniques")
+        .default_open(true)
+        .show(ui, |ui| {
+            let loaded = session.loaded();
+            ui.horizontal(|ui| {
+                for (preset, text, help) in [
+                    (
+                        Preset::Live,
+                        "for motion",
+                        "What suits this scene while things move",
+                    ),
+                    (
+                        Preset::Still,
+                        "for a still",
+                        "What `gpugi render` takes: maps take longer",
+                    ),
+                ] {
+                    let is_chosen = loaded.set.names.is_none() && loaded.set.preset == preset;
+                    if ui
+                        .selectable_label(is_chosen, text)
+                        .on_hover_text(help)
+                        .clicked()
+                        && !is_chosen
+                    {
+                        actions.push(Action::ChangeSet(TechniqueSet {
+                            preset,
+                            ..TechniqueSet::default()
+                        }));
+                    }
+                }
+            });
+            let in_use = session.technique_names();
+            for one in Registry::default().all() {
+                let name = one.info.name;
+                let technique = session.technique(name);
+                let mut is_on = technique.is_some();
+                let id = ui.make_persistent_id(name);
+                egui::collapsing_header::CollapsingState::load_with_default_open(
+                    ui.ctx(),
+                    id,
+                    false,
+                )
+                .show_header(ui, |ui| {
+                    let summary = format!("{}\n{}", one.info.summary, one.info.source);
+                    if ui
+                        .checkbox(&mut is_on, name)
+                        .on_hover_text(summary)
+                        .changed()
+                    {
+                        actions.push(Action::ChangeSet(loaded.set.toggled(&in_use, name)));
+                    }
+                })
+                .body(|ui| {
+                    let Some(technique) = technique else {
+                        let paths: Vec<String> = one.info.paths.iter().map(path).collect();
+                        ui.weak(format!("off; can add {}", paths.join(", ")));
+                        return;
+                    };
+                    let paths = loaded.renderer.light_paths_of(name);
+                    let paths: Vec<String> = paths.iter().map(path).collect();
+                    ui.weak(format!("adds {}", paths.join(", ")));
+                    settings::settings(ui, technique, actions);
+                });
+            }
+            for missing in loaded.renderer.left_out() {
+                ui.weak(format!("not in this picture: {missing}"));
+            }
+        });
+}
+
+fn path(paths: &gpugi::light_paths::LightPaths) -> String {
+    format!("{} ({})", paths.pattern, paths.class)
+}
+
+/// The path tracer beside the picture.
+pub fn truth(ui: &mut Ui, session: &mut Session) {
+    CollapsingHeader::new("Truth").show(ui, |ui| {
+        let split = match session.compared {
+            Some(Compared::Split(split)) => split,
+            _ => 0.5,
+        };
+        ui.horizontal(|ui| {
+            let choices = [
+                (None, "off"),
+                (Some(Compared::Split(split)), "split"),
+                (Some(Compared::Error), "error"),
+            ];
+            for (choice, text) in choices {
+                ui.selectable_value(&mut session.compared, choice, text);
+            }
+        });
+        if session.compared.is_none() {
+            ui.weak("the path tracer beside the picture");
+            return;
+        }
+        if session.compared == Some(Compared::Error) {
+            ui.weak("part of rel-mse: 1e-4 black, 1e-3 blue, 1e-2 red, 1e-1 yellow, 1 white");
+        }
+        match session.reference() {
+            Some(reference) => ui.label(format!(
+                "path tracer: {} samples, estimated rel-mse {:.1e}",
+                reference.samples, reference.noise
+            )),
+            None => ui.label("the path tracer begins when nothing moves"),
+        };
+    });
+}
+
+/// Times and memory.
+pub fn performance(ui: &mut Ui, session: &mut Session) {
+    let header = CollapsingHeader::new("Performance").show(ui, |ui| {
+        let renderer = &session.loaded().renderer;
+        let [width, height] = renderer.size();
+        ui.label(format!(
+            "{width} x {height} pixels on {}",
+            session.gpu().adapter.name
+        ));
+        let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        egui::Grid::new("memory")
+            .striped(true)
+            .num_columns(2)
+            .show(ui, |ui| {
+                let mut row = |name: &str, bytes: u64| {
+                    ui.label(name);
+                    ui.label(format!("{:.1} MiB", mebibytes(bytes)));
+                    ui.end_row();
+                };
+                row("scene", renderer.scene().bytes);
+                row("picture", renderer.picture_bytes());
+                for map in renderer.maps() {
+                    row(&map.name, map.bytes());
+                }
+                row("to make maps", renderer.work_bytes());
+            });
+        if !session.gpu().has_timestamps {
+            ui.weak("this GPU tells no times of passes");
+            return;
+        }
+        let times = session.pass_times.longest_first();
+        let sum: f64 = times.iter().map(|(_, milliseconds)| milliseconds).sum();
+        ui.strong(format!("{sum:.2} ms of the GPU per frame"));
+        egui::Grid::new("passes")
+            .striped(true)
+            .num_columns(2)
+            .show(ui, |ui| {
+                for (pass, milliseconds) in times {
+                    ui.label(pass);
+                    ui.label(format!("{milliseconds:.3} ms"));
+                    ui.end_row();
+                }
+            });
+    });
+    session.is_timed = header.body_returned.is_some();
+}
+
+/// What mouse and keyboard do.
+pub fn keys(ui: &mut Ui) {
+    CollapsingHeader::new("Mouse and keys").show(ui, |ui| {
+        for (keys, help) in [
+            ("drag", "orbit"),
+            ("right drag", "look around"),
+            ("middle or shift drag", "pan"),
+            ("wheel, pinch", "nearer, farther"),
+            ("W A S D, Q E", "fly; with shift faster"),
+            ("click", "select an object"),
+            ("double click", "turn there, and orbit around it"),
+            ("R", "back to where the camera stood"),
+            ("space", "play or pause the animation"),
+        ] {
+            ui.horizontal(|ui| {
+                ui.strong(keys);
+                ui.label(help);
+            });
+        }
+    });
+}

@@ -1,0 +1,230 @@
+//! Scripts: what happens in which frame of a run without a window.
+
+use std::path::PathBuf;
+
+use glam::{Vec2, Vec3};
+use gpugi::scene::Edit;
+
+use crate::opening;
+use crate::technique_set::TechniqueSet;
+use crate::viewer::Viewer;
+
+/// What happens.
+#[derive(Debug, Clone, PartialEq)]
+enum Step {
+    /// Turns the camera around its target (degrees).
+    Orbit(Vec2),
+    /// Shifts the view (heights of the picture).
+    Pan(Vec2),
+    /// Goes nearer or farther, by a factor.
+    Zoom(f32),
+    /// Goes back to where the camera stood.
+    Reset,
+    /// Opens a file or a built-in scene.
+    Open(String),
+    /// Lights the scene with these techniques.
+    Techniques(Vec<String>),
+    /// Changes a setting: technique, name, value.
+    Set([String; 3]),
+    /// Moves a light to a place (m).
+    MoveLight(usize, Vec3),
+    /// Moves an object by a way (m).
+    MoveObject(usize, Vec3),
+    /// Turns the environment (degrees).
+    TurnEnvironment(f32),
+    /// Runs the animation, or stops it.
+    Play(bool),
+}
+
+/// Steps with the frames before which they happen.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Script(Vec<(u32, Step)>);
+
+impl Script {
+    /// Reads a script: a line per step, with the number of the frame, what happens, and its values. Empty lines and
+    /// those that begin with `#` say nothing.
+    ///
+    /// # Errors
+    /// A sentence with the number of the line.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mut steps = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let step = parse_step(&words).ok_or_else(|| {
+                format!(
+                    "line {}: {line:?}: expected a frame and one of: {HELP}",
+                    index + 1
+                )
+            })?;
+            steps.push(step);
+        }
+        Ok(Self(steps))
+    }
+
+    /// Does what happens before a frame.
+    ///
+    /// # Errors
+    /// Why it cannot be done.
+    pub fn run(&self, frame: u32, viewer: &mut Viewer) -> Result<(), String> {
+        for (_, step) in self.0.iter().filter(|(at, _)| *at == frame) {
+            run_step(step, viewer).map_err(|reason| format!("frame {frame}: {reason}"))?;
+        }
+        Ok(())
+    }
+}
+
+const HELP: &str = "orbit RIGHT UP (degrees), pan RIGHT UP (heights), zoom FACTOR, reset, open FILE|SCENE, \
+    technique NAME,..., set TECHNIQUE.KEY=VALUE, light INDEX X Y Z (m), move INDEX X Y Z (m), \
+    environment DEGREES, play, pause";
+
+fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
+    let (frame, rest) = words.split_first()?;
+    let (&what, values) = rest.split_first()?;
+    let number = |index: usize| {
+        let value = values.get(index)?.parse::<f32>().ok()?;
+        value.is_finite().then_some(value)
+    };
+    let pair = || Some(Vec2::new(number(0)?, number(1)?));
+    let vector = || Some(Vec3::new(number(1)?, number(2)?, number(3)?));
+    let index = || values.first()?.parse::<usize>().ok();
+    let (count, step) = match what {
+        "orbit" => (2, Step::Orbit(pair()?)),
+        "pan" => (2, Step::Pan(pair()?)),
+        "zoom" => (1, Step::Zoom(number(0).filter(|factor| *factor > 0.0)?)),
+        "reset" => (0, Step::Reset),
+        "open" => (1, Step::Open(values.first()?.to_string())),
+        "technique" => {
+            let names = values.first()?.split(',').map(str::to_owned);
+            (1, Step::Techniques(names.collect()))
+        }
+        "set" => {
+            let (path, value) = values.first()?.split_once('=')?;
+            let (technique, name) = path.split_once('.')?;
+            (1, Step::Set([technique, name, value].map(str::to_owned)))
+        }
+        "light" => (4, Step::MoveLight(index()?, vector()?)),
+        "move" => (4, Step::MoveObject(index()?, vector()?)),
+        "environment" => (1, Step::TurnEnvironment(number(0)?)),
+        "play" => (0, Step::Play(true)),
+        "pause" => (0, Step::Play(false)),
+        _ => return None,
+    };
+    (values.len() == count).then_some((frame.parse().ok()?, step))
+}
+
+fn run_step(step: &Step, viewer: &mut Viewer) -> Result<(), String> {
+    if let Step::Open(name) = step {
+        let file = PathBuf::from(name);
+        if file.extension().is_some() {
+            viewer.open_file(&file);
+        } else {
+            viewer.open(opening::arguments_of(name), &TechniqueSet::default());
+        }
+        return Ok(());
+    }
+    let Some(session) = viewer.session() else {
+        return Err("nothing is on show yet".into());
+    };
+    if let Step::Techniques(names) = step {
+        let set = TechniqueSet {
+            names: Some(names.clone()),
+            ..session.loaded().set.clone()
+        };
+        viewer.change_set(set);
+        return Ok(());
+    }
+    let scene = &session.loaded().scene;
+    let done = match step {
+        Step::Open(_) | Step::Techniques(_) => Ok(()),
+        Step::Orbit(degrees) => {
+            session.camera.orbit(degrees.map(f32::to_radians));
+            Ok(())
+        }
+        Step::Pan(heights) => {
+            session.camera.pan(*heights);
+            Ok(())
+        }
+        Step::Zoom(factor) => {
+            session.camera.zoom(*factor);
+            Ok(())
+        }
+        Step::Reset => {
+            session.reset_camera();
+            Ok(())
+        }
+        Step::Play(is_playing) => {
+            session.clock.is_playing = *is_playing;
+            Ok(())
+        }
+        Step::Set([technique, name, value]) => session.set(technique, name, value),
+        Step::MoveLight(index, place) => {
+            let light = scene.lights.get(*index).cloned();
+            let mut light = light.ok_or("there is no such light")?;
+            light.world_from_light.w_axis = place.extend(1.0);
+            session.edit(&Edit::Light {
+                index: *index,
+                light,
+            })
+        }
+        Step::MoveObject(index, way) => {
+            let instance = scene.instances.get(*index);
+            let mut place = instance.ok_or("there is no such object")?.world_from_mesh;
+            place.w_axis += way.extend(0.0);
+            session.edit(&Edit::Instance {
+                index: *index,
+                world_from_mesh: place,
+            })
+        }
+        Step::TurnEnvironment(degrees) => {
+            let environment = scene.environment.clone();
+            let mut environment = environment.ok_or("there is no environment")?;
+            environment.rotation = degrees.to_radians();
+            session.edit(&Edit::Environment(environment))
+        }
+    };
+    done.map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_frames_and_steps() {
+        let text =
+            "# a walk\n0 play\n\n  3 orbit 10 -5\n4 set shadow-map.taps=16\n5 light 1 0 2 -1\n";
+        let Script(steps) = Script::parse(text).unwrap();
+        let set = ["shadow-map", "taps", "16"].map(str::to_owned);
+        assert_eq!(
+            steps,
+            [
+                (0, Step::Play(true)),
+                (3, Step::Orbit(Vec2::new(10.0, -5.0))),
+                (4, Step::Set(set)),
+                (5, Step::MoveLight(1, Vec3::new(0.0, 2.0, -1.0))),
+            ]
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        for wrong in [
+            "jump",
+            "1",
+            "1 orbit 3",
+            "1 orbit 3 nan",
+            "1 zoom 0",
+            "1 play 3",
+            "-1 play",
+            "1 set taps=3",
+            "1 light one 0 0 0",
+        ] {
+            let error = Script::parse(&format!("0 play\n{wrong}")).unwrap_err();
+            assert!(error.starts_with("line 2:"), "{error}");
+        }
+    }
+}

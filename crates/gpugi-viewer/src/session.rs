@@ -1,0 +1,447 @@
+//! What is seen: a scene, its renderer and a camera, and the loop that shows frame after frame. It knows nothing of
+//! windows, so that tests and headless runs drive the same loop.
+
+use gpugi::capture::VisiblePoint;
+use std::sync::Arc;
+
+use gpugi::display::{Compared, Comparison, DisplaySettings, Present};
+use gpugi::gpu::{Frame, Gpu, GpuError, ReadBack};
+use gpugi::scene::Edit;
+use gpugi::techniques::Technique;
+use gpugi::{LightingError, Readiness, Renderer};
+use gpugi_scene::{Camera, Scene};
+
+use crate::camera_control::CameraControl;
+use crate::pace::Pace;
+use crate::technique_set::TechniqueSet;
+use crate::timings::PassTimes;
+use crate::truth::{Reference, Truth, View};
+
+/// Time at rest after which a picture gets all its pixels (s).
+const REST_SECONDS: f32 = 0.2;
+
+/// Format of the picture, as egui wants it.
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// A scene that is ready to be shown.
+#[derive(Debug)]
+pub struct Loaded {
+    /// The arguments of `gpugi render` that select the scene.
+    pub arguments: Vec<String>,
+    /// The scene.
+    pub scene: Scene,
+    /// Its renderer.
+    pub renderer: Renderer,
+    /// Its techniques.
+    pub set: TechniqueSet,
+    /// What is to be known about it, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// A texture with the last picture.
+#[derive(Debug)]
+pub struct Picture {
+    /// The texture's view.
+    pub view: wgpu::TextureView,
+    /// Width and height (pixels).
+    pub size: [u32; 2],
+}
+
+/// Animation of the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Clock {
+    /// Whether it runs.
+    pub is_playing: bool,
+    /// Time of the pose (s).
+    pub seconds: f32,
+}
+
+/// What a frame did.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shown {
+    /// Whether the picture changed.
+    pub is_new: bool,
+    /// Whether another frame would change nothing.
+    pub is_final: bool,
+}
+
+/// A scene on show.
+pub struct Session {
+    gpu: Gpu,
+    present: Present,
+    loaded: Loaded,
+    /// Where the camera stood before somebody steered.
+    first: Camera,
+    /// The camera.
+    pub camera: CameraControl,
+    /// Exposure and tone mapping.
+    pub display: DisplaySettings,
+    /// Pace of frames.
+    pub pace: Pace,
+    /// Samples per pixel of a picture at rest.
+    pub samples: u32,
+    /// The animation.
+    pub clock: Clock,
+    /// Whether passes are timed.
+    pub is_timed: bool,
+    /// GPU times of passes.
+    pub pass_times: PassTimes,
+    /// What is shown of the path tracer's picture beside it, if anything.
+    pub compared: Option<Compared>,
+    truth: Option<Truth>,
+    /// Samples that the truth takes per pixel.
+    pub truth_samples: u32,
+    reference: Option<(Reference, Comparison)>,
+    /// Wakes the window when the truth has become better.
+    wake: Arc<dyn Fn() + Send + Sync>,
+    /// Counts changes of the scene.
+    version: u64,
+    readiness: Readiness,
+    picture: Option<Picture>,
+    displayed: (DisplaySettings, Option<Compared>),
+    is_edited: bool,
+    at_rest: f32,
+    /// Whether the last frame, if it rendered, was in motion.
+    was_moving: Option<bool>,
+    picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
+}
+
+/// What a click was for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pick {
+    /// To turn the camera there.
+    Focus,
+    /// To select the object.
+    Select,
+}
+
+impl Session {
+    /// Shows `loaded` as `camera` sees it. `wake` is called when there is something new to show.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn new(
+        gpu: &Gpu,
+        loaded: Loaded,
+        camera: &Camera,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Self, LightingError> {
+        Ok(Self {
+            gpu: gpu.clone(),
+            present: Present::new(gpu, FORMAT)?,
+            first: camera.clone(),
+            camera: CameraControl::new(camera, &loaded.scene.bounds()),
+            display: DisplaySettings::default(),
+            pace: Pace::default(),
+            samples: 64,
+            clock: Clock::default(),
+            is_timed: false,
+            pass_times: PassTimes::default(),
+            compared: None,
+            truth: None,
+            truth_samples: 1024,
+            reference: None,
+            wake: Arc::new(wake),
+            version: 0,
+            readiness: Readiness::Refining { progress: 0.0 },
+            picture: None,
+            displayed: (DisplaySettings::default(), None),
+            is_edited: true,
+            at_rest: 0.0,
+            was_moving: None,
+            picks: Vec::new(),
+            loaded,
+        })
+    }
+
+    /// Shows another scene as `camera` sees it; exposure, pace and the like stay.
+    pub fn open(&mut self, loaded: Loaded, camera: &Camera) {
+        self.first = camera.clone();
+        self.camera = CameraControl::new(camera, &loaded.scene.bounds());
+        self.clock = Clock::default();
+        self.take(loaded);
+    }
+
+    /// Shows the same scene with another renderer, from where the camera stands. `scene` is the scene as it is by now:
+    /// what was edited meanwhile is edited there, too.
+    ///
+    /// # Errors
+    /// [`LightingError`]; what was on show stays.
+    pub fn replace(&mut self, mut loaded: Loaded, scene: Scene) -> Result<(), LightingError> {
+        loaded.renderer.update(&scene)?;
+        loaded.scene = scene;
+        self.take(loaded);
+        Ok(())
+    }
+
+    fn take(&mut self, loaded: Loaded) {
+        self.loaded = loaded;
+        self.readiness = Readiness::Refining { progress: 0.0 };
+        self.changed();
+        self.pass_times.clear();
+        self.picks.clear();
+    }
+
+    /// Stands where a camera of the scene stands.
+    pub fn stand_at(&mut self, camera: usize) {
+        if let Some(camera) = self.loaded.scene.cameras.get(camera) {
+            self.first = camera.clone();
+            self.reset_camera();
+        }
+    }
+
+    /// Goes back to where the camera stood before somebody steered.
+    pub fn reset_camera(&mut self) {
+        self.camera = CameraControl::new(&self.first, &self.loaded.scene.bounds());
+        self.is_edited = true;
+    }
+
+    /// The scene as it is now, with its techniques and where it comes from.
+    pub fn loaded(&self) -> &Loaded {
+        &self.loaded
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// The last picture.
+    pub fn picture(&self) -> Option<&Picture> {
+        self.picture.as_ref()
+    }
+
+    /// How far the maps are.
+    pub fn readiness(&self) -> Readiness {
+        self.readiness
+    }
+
+    /// Changes the scene.
+    ///
+    /// # Errors
+    /// [`LightingError`]; the scene is as before then.
+    pub fn edit(&mut self, edit: &Edit) -> Result<(), LightingError> {
+        self.loaded.renderer.edit(std::slice::from_ref(edit))?;
+        edit.apply_to(&mut self.loaded.scene);
+        self.changed();
+        Ok(())
+    }
+
+    /// Changes a setting of a technique in use.
+    ///
+    /// # Errors
+    /// [`LightingError`]; the setting is as before then.
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
+        self.loaded.renderer.set(technique, name, value)?;
+        self.loaded.set.set(technique, name, value);
+        self.is_edited = true;
+        Ok(())
+    }
+
+    /// The technique, if it is in use.
+    pub fn technique(&self, name: &str) -> Option<&dyn Technique> {
+        let mut all = self.loaded.renderer.techniques().iter();
+        let found = all.find(|one| one.info().name == name);
+        found.map(AsRef::as_ref)
+    }
+
+    /// Names of the techniques in use.
+    pub fn technique_names(&self) -> Vec<&'static str> {
+        let all = self.loaded.renderer.techniques().iter();
+        all.map(|one| one.info().name).collect()
+    }
+
+    /// Poses the scene at a time of its animation (s).
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn pose(&mut self, seconds: f32) -> Result<(), LightingError> {
+        self.clock.seconds = seconds;
+        self.loaded.scene.pose(seconds);
+        self.loaded.renderer.update(&self.loaded.scene)?;
+        self.changed();
+        Ok(())
+    }
+
+    /// Notes that the scene is another one now.
+    fn changed(&mut self) {
+        self.version += 1;
+        self.is_edited = true;
+    }
+
+    /// Asks what is seen at a place of the picture (0 to 1 from the top left); [`Session::picked`] answers later.
+    pub fn pick(&mut self, purpose: Pick, place: [f32; 2]) {
+        let renderer = &self.loaded.renderer;
+        if renderer.samples() == 0 {
+            return;
+        }
+        let size = renderer.size();
+        let pixel = [0, 1].map(|axis| {
+            let at = (place[axis].clamp(0.0, 1.0) * size[axis] as f32) as u32;
+            at.min(size[axis] - 1)
+        });
+        if let Ok(pick) = renderer.pick(pixel) {
+            self.picks.push((purpose, pick));
+        }
+    }
+
+    /// What was picked, as far as it is known by now.
+    pub fn picked(&mut self) -> Vec<(Pick, Option<VisiblePoint>)> {
+        let mut picked = Vec::new();
+        self.picks.retain(|(purpose, pick)| match pick.get() {
+            None => true,
+            Some(point) => {
+                picked.push((*purpose, point.ok().flatten()));
+                false
+            }
+        });
+        picked
+    }
+
+    /// The next frame, for a window of `window` pixels, `seconds` after the one before. Never waits for the GPU.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn frame(&mut self, window: [u32; 2], seconds: f32) -> Result<Shown, LightingError> {
+        if let Some(was_moving) = self.was_moving {
+            let work = self.loaded.renderer.work();
+            self.pace.measure(seconds, work, was_moving);
+        }
+        if self.clock.is_playing {
+            self.pose(self.clock.seconds + seconds.min(0.25))?;
+        }
+        let is_moving = self.camera.advance(seconds.min(0.1)) | self.is_edited;
+        self.is_edited = false;
+        self.at_rest = if is_moving {
+            0.0
+        } else {
+            self.at_rest + seconds
+        };
+        let is_moving_still = self.at_rest < REST_SECONDS;
+        let size = self.pace.size(window, is_moving_still);
+        let renderer = &mut self.loaded.renderer;
+        if size != renderer.size() {
+            renderer.resize(size)?;
+        }
+        if is_moving || self.readiness != Readiness::Ready {
+            renderer.restart();
+        }
+        self.pass_times.update();
+        self.was_moving = None;
+        let is_truth_new = self.follow_truth(is_moving_still)?;
+        let renderer = &mut self.loaded.renderer;
+        let reference = self.reference.as_ref().map(|(_, comparison)| comparison);
+        let compared = self.compared.zip(reference);
+        let to_display = (self.display, compared.map(|(compared, _)| compared));
+        let mut shown = Shown::default();
+        if renderer.samples() < self.samples {
+            let is_timed = self.is_timed && self.pass_times.wants_more();
+            renderer.set_budget(self.pace.budget());
+            let display = compared.is_none().then_some(&self.display);
+            let camera = self.camera.camera();
+            let (readiness, timings) =
+                renderer.try_render_sample(&camera, self.samples, display, is_timed)?;
+            self.readiness = readiness;
+            shown.is_new = readiness.is_usable();
+            self.was_moving = shown.is_new.then_some(is_moving_still);
+            if is_timed {
+                self.pass_times.follow(timings);
+            }
+        } else if self.displayed != to_display || is_truth_new {
+            shown.is_new = true;
+            if compared.is_none() {
+                renderer.display(&self.display)?;
+            }
+        } else {
+            shown.is_final = self.picks.is_empty();
+        }
+        if shown.is_new {
+            if let Some((compared, comparison)) = compared {
+                renderer.display_compared(comparison, compared, &self.display)?;
+            }
+            self.displayed = to_display;
+            self.show()?;
+        }
+        Ok(shown)
+    }
+
+    /// Asks for the truth of a picture at rest and takes what there is of it. Returns whether there is something new.
+    fn follow_truth(&mut self, is_moving: bool) -> Result<bool, LightingError> {
+        if self.compared.is_none() {
+            let was_shown = self.reference.take().is_some();
+            self.truth = None;
+            return Ok(was_shown);
+        }
+        let truth = self.truth.get_or_insert_with(|| {
+            let wake = self.wake.clone();
+            Truth::start(&self.gpu.adapter.name, move || wake())
+        });
+        let camera = self.camera.camera();
+        let size = self.loaded.renderer.size();
+        let is_asked = |view: &View| view.is_of(self.version, &camera, size);
+        if !truth.asked().is_some_and(is_asked) {
+            let was_shown = self.reference.take().is_some();
+            if !is_moving {
+                truth.ask(View {
+                    scene: Arc::new(self.loaded.scene.clone()),
+                    version: self.version,
+                    camera,
+                    size,
+                    samples: self.truth_samples,
+                });
+            }
+            return Ok(was_shown);
+        }
+        let latest = truth.latest().map_err(|reason| {
+            self.compared = None;
+            let pass = "path-tracer".into();
+            LightingError::Gpu(GpuError::Pass { pass, reason })
+        })?;
+        let Some(reference) = latest else {
+            return Ok(false);
+        };
+        let comparison = match self.reference.take() {
+            Some((_, comparison)) if comparison.size() == size => comparison,
+            _ => Comparison::new(&self.gpu, size)?,
+        };
+        comparison.set_reference(&self.gpu, &reference.radiance);
+        self.reference = Some((reference, comparison));
+        Ok(true)
+    }
+
+    /// The path tracer's picture, if it is of what is seen.
+    pub fn reference(&self) -> Option<&Reference> {
+        self.reference.as_ref().map(|(reference, _)| reference)
+    }
+
+    /// Draws the renderer's picture onto the texture.
+    fn show(&mut self) -> Result<(), LightingError> {
+        let renderer = &self.loaded.renderer;
+        let size = renderer.size();
+        if self.picture.as_ref().is_none_or(|one| one.size != size) {
+            let texture = self.gpu.texture(&wgpu::TextureDescriptor {
+                label: Some("viewer.picture"),
+                size: wgpu::Extent3d {
+                    width: size[0],
+                    height: size[1],
+                    depth_or_array_layers: 1,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format: FORMAT,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                    | wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            })?;
+            let view = texture.create_view(&Default::default());
+            self.picture = Some(Picture { view, size });
+        }
+        let mut frame = Frame::new(&self.gpu, false);
+        if let Some(picture) = &self.picture {
+            renderer.present(&mut frame, &self.present, &picture.view)?;
+        }
+        frame.submit()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,108 @@
+//! Work that takes longer than a frame: on another thread, with its stage to show, and given up when it is dropped.
+
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+/// What a task says about itself.
+#[derive(Debug, Clone, Default)]
+pub struct Stage(Arc<Mutex<&'static str>>);
+
+impl Stage {
+    /// Says what the task does now.
+    pub fn set(&self, stage: &'static str) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
+    }
+
+    /// What the task does now.
+    pub fn get(&self) -> &'static str {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A running task. Dropped before its end, its result is dropped, too.
+#[derive(Debug)]
+pub struct Task<T> {
+    /// What it works on, such as the name of a file.
+    pub subject: String,
+    /// What it does now.
+    pub stage: Stage,
+    result: Receiver<T>,
+}
+
+impl<T: Send + 'static> Task<T> {
+    /// Starts `work` on a thread. `done` is called after its end, to wake the window.
+    pub fn start(
+        subject: &str,
+        done: impl FnOnce() + Send + 'static,
+        work: impl FnOnce(&Stage) -> T + Send + 'static,
+    ) -> Self {
+        let stage = Stage::default();
+        let (sender, result) = channel();
+        let own_stage = stage.clone();
+        thread::spawn(move || {
+            let result = work(&own_stage);
+            // Nobody waits for it any more.
+            let _ = sender.send(result);
+            done();
+        });
+        Self {
+            subject: subject.to_owned(),
+            stage,
+            result,
+        }
+    }
+
+    /// The result, once: `Some(None)` if the thread ended without one.
+    pub fn result(&self) -> Option<Option<T>> {
+        match self.result.try_recv() {
+            Ok(result) => Some(Some(result)),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => Some(None),
+        }
+    }
+
+    /// Waits for the result.
+    pub fn wait(&self) -> Option<T> {
+        self.result.recv().ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_says_what_it_does_and_hands_over_its_result() {
+        let (go, wait) = channel();
+        let (woken, wakes) = channel();
+        let task = Task::start(
+            "three",
+            move || woken.send(()).unwrap(),
+            move |stage| {
+                stage.set("counting");
+                wait.recv().unwrap();
+                3
+            },
+        );
+        assert_eq!(task.result(), None);
+        go.send(()).unwrap();
+        wakes.recv().unwrap();
+        assert_eq!(task.stage.get(), "counting");
+        assert_eq!(task.result(), Some(Some(3)));
+    }
+
+    #[test]
+    fn a_task_that_is_dropped_is_given_up() {
+        let (go, wait) = channel::<()>();
+        let (woken, wakes) = channel();
+        let task = Task::start(
+            "nothing",
+            move || woken.send(()).unwrap(),
+            move |_| wait.recv(),
+        );
+        drop(task);
+        go.send(()).unwrap();
+        wakes.recv().unwrap();
+    }
+}

@@ -1,0 +1,118 @@
+//! Which techniques light the scene, and with which settings.
+
+use std::collections::BTreeMap;
+
+use gpugi::gpu::Gpu;
+use gpugi::techniques::Registry;
+use gpugi::{LightingError, Purpose, Renderer, default_set};
+use gpugi_scene::Scene;
+
+/// The techniques that people chose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Preset {
+    /// The scene's default set for frames in motion.
+    #[default]
+    Live,
+    /// The scene's default set for a still picture.
+    Still,
+}
+
+impl Preset {
+    /// What its light is for.
+    pub fn purpose(self) -> Purpose {
+        match self {
+            Self::Live => Purpose::LiveView,
+            Self::Still => Purpose::StillPicture,
+        }
+    }
+}
+
+/// Techniques and the settings that differ from those of the preset, or from their defaults.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TechniqueSet {
+    /// What applies where no techniques are named.
+    pub preset: Preset,
+    /// The names of the techniques, if people chose them.
+    pub names: Option<Vec<String>>,
+    /// Values by technique and setting.
+    pub settings: BTreeMap<String, BTreeMap<String, String>>,
+}
+
+impl TechniqueSet {
+    /// A renderer of `scene` with these techniques. Settings of techniques that are not in use wait.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn renderer(
+        &self,
+        gpu: &Gpu,
+        scene: &Scene,
+        size: [u32; 2],
+    ) -> Result<Renderer, LightingError> {
+        let registry = Registry::default();
+        let mut renderer = match &self.names {
+            Some(names) if names.is_empty() => {
+                let none = gpugi::default_set::DefaultSet::default();
+                Renderer::with_set(gpu, scene, size, &none, &registry)?
+            }
+            Some(names) => Renderer::new(gpu, scene, size, names)?,
+            None => {
+                let set = default_set(scene, &gpu.adapter, self.preset.purpose(), &registry);
+                Renderer::with_set(gpu, scene, size, &set, &registry)?
+            }
+        };
+        let techniques = renderer.techniques().iter();
+        let in_use: Vec<&str> = techniques.map(|one| one.info().name).collect();
+        for (technique, settings) in &self.settings {
+            if in_use.contains(&technique.as_str()) {
+                for (name, value) in settings {
+                    renderer.set(technique, name, value)?;
+                }
+            }
+        }
+        Ok(renderer)
+    }
+
+    /// The set with one technique more or less than those `in_use`.
+    pub fn toggled(&self, in_use: &[&str], technique: &str) -> Self {
+        let mut names: Vec<String> = in_use.iter().map(|&name| name.to_owned()).collect();
+        if in_use.contains(&technique) {
+            names.retain(|name| name != technique);
+        } else {
+            names.push(technique.to_owned());
+        }
+        Self {
+            names: Some(names),
+            ..self.clone()
+        }
+    }
+
+    /// Remembers a setting.
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) {
+        let settings = self.settings.entry(technique.to_owned()).or_default();
+        settings.insert(name.to_owned(), value.to_owned());
+    }
+
+    /// Forgets the settings of a technique.
+    pub fn reset(&mut self, technique: &str) {
+        self.settings.remove(technique);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn toggling_names_the_techniques_and_keeps_their_settings() {
+        let mut set = TechniqueSet::default();
+        set.set("radiosity", "resolution", "64");
+        let more = set.toggled(&["shadow-map"], "radiosity");
+        assert_eq!(more.names.as_deref().unwrap(), ["shadow-map", "radiosity"]);
+        assert_eq!(more.settings, set.settings);
+        let less = more.toggled(&["shadow-map", "radiosity"], "shadow-map");
+        assert_eq!(less.names.unwrap(), ["radiosity"]);
+        set.reset("radiosity");
+        assert_eq!(set, TechniqueSet::default());
+    }
+}

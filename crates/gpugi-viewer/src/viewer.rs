@@ -1,0 +1,178 @@
+//! The viewer without a window: what is on show, and what is being opened to take its place.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use gpugi::gpu::Gpu;
+use gpugi_cli::scene_argument::{self, SceneArguments};
+
+use crate::opening::{self, Opening};
+use crate::session::{Loaded, Session};
+use crate::technique_set::TechniqueSet;
+
+/// How the viewer starts.
+#[derive(Debug, Clone)]
+pub struct Start {
+    /// The scene.
+    pub scene: SceneArguments,
+    /// The camera, as `gpugi render --camera`.
+    pub camera: Option<String>,
+    /// Its techniques.
+    pub set: TechniqueSet,
+}
+
+/// What is being opened.
+#[derive(Debug, Clone)]
+enum Kind {
+    /// Another scene.
+    Scene(SceneArguments),
+    /// Another environment for the scene on show.
+    Environment(SceneArguments),
+    /// Other techniques for the scene on show.
+    Techniques,
+}
+
+/// What is on show, and what is being opened.
+pub struct Viewer {
+    gpu: Gpu,
+    /// The camera of the first scene.
+    camera: Option<String>,
+    /// What selects the scene on show.
+    scene: SceneArguments,
+    session: Option<Session>,
+    opening: Option<(Opening, Kind)>,
+    wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Viewer {
+    /// Begins to open a scene. `wake` is called, on other threads, when there is something new to show.
+    pub fn new(gpu: &Gpu, start: Start, wake: impl Fn() + Send + Sync + 'static) -> Self {
+        let mut viewer = Self {
+            gpu: gpu.clone(),
+            camera: start.camera,
+            scene: start.scene.clone(),
+            session: None,
+            opening: None,
+            wake: Arc::new(wake),
+        };
+        viewer.open(start.scene, &start.set);
+        viewer
+    }
+
+    /// The scene on show.
+    pub fn session(&mut self) -> Option<&mut Session> {
+        self.session.as_mut()
+    }
+
+    /// What is being opened.
+    pub fn opening(&self) -> Option<&Opening> {
+        self.opening.as_ref().map(|(opening, _)| opening)
+    }
+
+    /// Begins to open a scene; what is on show stays until it is ready.
+    pub fn open(&mut self, scene: SceneArguments, set: &TechniqueSet) {
+        let wake = self.wake.clone();
+        let opening = opening::open(&self.gpu, &scene, set, self.size(), move || wake());
+        self.opening = Some((opening, Kind::Scene(scene)));
+    }
+
+    /// Begins to open a file: a scene, or an environment for the scene on show.
+    pub fn open_file(&mut self, file: &Path) {
+        let scene = opening::dropped(&self.scene, file);
+        let (Some(session), true) = (&self.session, scene.environment.is_some()) else {
+            self.open(scene, &TechniqueSet::default());
+            return;
+        };
+        let wake = self.wake.clone();
+        let done = move || wake();
+        let opening =
+            opening::change_environment(&self.gpu, session.loaded(), &scene, self.size(), done);
+        self.opening = Some((opening, Kind::Environment(scene)));
+    }
+
+    /// Begins to light the scene on show with other techniques.
+    pub fn change_set(&mut self, set: TechniqueSet) {
+        let Some(session) = &self.session else { return };
+        let wake = self.wake.clone();
+        let done = move || wake();
+        let opening = opening::change_set(&self.gpu, session.loaded(), set, self.size(), done);
+        self.opening = Some((opening, Kind::Techniques));
+    }
+
+    /// Gives up what is being opened.
+    pub fn cancel(&mut self) {
+        self.opening = None;
+    }
+
+    /// Shows what has been opened, if it is ready. Returns whether something took place.
+    ///
+    /// # Errors
+    /// Why it cannot be shown; what was on show stays.
+    pub fn take_opened(&mut self) -> Result<bool, String> {
+        let Some(result) = self.opening().and_then(Opening::result) else {
+            return Ok(false);
+        };
+        self.take(result).map(|()| true)
+    }
+
+    /// As [`Viewer::take_opened`], and waits for it.
+    ///
+    /// # Errors
+    /// As [`Viewer::take_opened`].
+    pub fn finish_opening(&mut self) -> Result<(), String> {
+        match self.opening().map(Opening::wait) {
+            Some(result) => self.take(result),
+            None => Ok(()),
+        }
+    }
+
+    fn take(&mut self, result: Option<Result<Loaded, String>>) -> Result<(), String> {
+        let Some((_, kind)) = self.opening.take() else {
+            return Ok(());
+        };
+        let loaded = result.unwrap_or_else(|| Err("gpugi failed; please report it".into()))?;
+        match (kind, &mut self.session) {
+            (Kind::Scene(scene), _) => {
+                self.show(loaded)?;
+                self.scene = scene;
+            }
+            (Kind::Environment(scene), Some(session)) => {
+                let mut edited = session.loaded().scene.clone();
+                edited.environment = loaded.scene.environment.clone();
+                session
+                    .replace(loaded, edited)
+                    .map_err(|error| error.to_string())?;
+                self.scene = scene;
+            }
+            (Kind::Techniques, Some(session)) => {
+                let edited = session.loaded().scene.clone();
+                session
+                    .replace(loaded, edited)
+                    .map_err(|error| error.to_string())?;
+            }
+            (Kind::Environment(_) | Kind::Techniques, None) => {}
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, loaded: Loaded) -> Result<(), String> {
+        let choice = self.camera.take();
+        let camera = scene_argument::camera(&loaded.scene, choice.as_deref(), 4.0 / 3.0);
+        let camera = camera.map_err(|error| format!("{error:#}"))?;
+        match &mut self.session {
+            Some(session) => session.open(loaded, &camera),
+            None => {
+                let wake = self.wake.clone();
+                let session = Session::new(&self.gpu, loaded, &camera, move || wake());
+                self.session = Some(session.map_err(|error| error.to_string())?);
+            }
+        }
+        Ok(())
+    }
+
+    /// Size of the picture (pixels).
+    fn size(&self) -> [u32; 2] {
+        let session = self.session.as_ref();
+        session.map_or([64, 64], |session| session.loaded().renderer.size())
+    }
+}

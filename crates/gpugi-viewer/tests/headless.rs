@@ -1,0 +1,231 @@
+//! The viewer's loop without a window: its pictures are those of the library, whatever happened before.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use gpugi::Renderer;
+use gpugi::display::Compared;
+use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi_scene::Scene;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::image::save_exr;
+use gpugi_viewer::command::command;
+use gpugi_viewer::headless;
+use gpugi_viewer::opening::arguments_of;
+use gpugi_viewer::script::Script;
+use gpugi_viewer::session::{Pick, Session};
+use gpugi_viewer::technique_set::TechniqueSet;
+use gpugi_viewer::viewer::{Start, Viewer};
+
+const SIZE: [u32; 2] = [48, 32];
+const SAMPLES: u32 = 4;
+
+/// The best adapter. `None` only if GPUGI_SKIP_GPU=1 allows it.
+fn open() -> Option<Gpu> {
+    match Gpu::open(&AdapterChoice::Best) {
+        Ok(gpu) => Some(gpu),
+        Err(_) if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") => None,
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn start(scene: &str, techniques: &[&str]) -> Start {
+    let names = techniques.iter().map(|&name| name.to_owned()).collect();
+    Start {
+        scene: arguments_of(scene),
+        camera: None,
+        set: TechniqueSet {
+            names: Some(names),
+            ..TechniqueSet::default()
+        },
+    }
+}
+
+/// What the viewer shows after a script.
+fn shown(gpu: &Gpu, start: Start, script: &str) -> (Viewer, Vec<f32>) {
+    let script = Script::parse(script).unwrap();
+    let (mut viewer, times) = headless::run(gpu, start, SIZE, 6, &script, Some(SAMPLES)).unwrap();
+    assert_eq!(times.frames_ms.len(), 6);
+    assert!(times.slowest_ms >= times.median_ms);
+    let session = viewer.session().unwrap();
+    let radiance = session.loaded().renderer.radiance().unwrap();
+    (viewer, radiance)
+}
+
+/// What `gpugi render` shows.
+fn rendered(gpu: &Gpu, scene: &Scene, techniques: &[&str]) -> Vec<f32> {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, SIZE, &names).unwrap();
+    let camera = &scene.cameras[0];
+    let go_on = |_, _| ControlFlow::Continue(());
+    renderer.converge(camera, false, go_on).unwrap();
+    for _ in 0..SAMPLES {
+        renderer
+            .render_sample(camera, SAMPLES, None, false)
+            .unwrap();
+    }
+    renderer.radiance().unwrap()
+}
+
+/// Mean of (a - b)^2 / (b^2 + 0.01).
+fn rel_mse(a: &[f32], b: &[f32]) -> f32 {
+    let squares = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).powi(2) / (b * b + 0.01));
+    squares.sum::<f32>() / b.len() as f32
+}
+
+fn assert_same(shown: &[f32], expected: &[f32]) {
+    let error = rel_mse(shown, expected);
+    assert!(error < 1e-4, "rel-mse {error}");
+}
+
+#[test]
+fn a_picture_at_rest_is_that_of_render() {
+    let Some(gpu) = open() else { return };
+    let scene = builtin("room", 1).unwrap();
+    let script = "0 orbit 20 10\n2 zoom 0.7\n4 reset";
+    let (_, picture) = shown(&gpu, start("room", &["shadow-map"]), script);
+    assert_same(&picture, &rendered(&gpu, &scene, &["shadow-map"]));
+}
+
+#[test]
+fn edits_and_other_techniques_show_what_they_would_from_the_start() {
+    let Some(gpu) = open() else { return };
+    let mut scene = builtin("room", 1).unwrap();
+    scene.lights[0].world_from_light.w_axis.x += 0.4;
+    let place = scene.lights[0].position();
+    let script = format!(
+        "5 technique shadow-map\n5 light 0 {} {} {}",
+        place.x, place.y, place.z
+    );
+    let (mut viewer, picture) = shown(&gpu, start("room", &[]), &script);
+    assert_eq!(viewer.session().unwrap().technique_names(), ["shadow-map"]);
+    let expected = rendered(&gpu, &scene, &["shadow-map"]);
+    assert_same(&picture, &expected);
+    // The edit came while the techniques were on their way. Without it, it is another picture.
+    let unmoved = rendered(&gpu, &builtin("room", 1).unwrap(), &["shadow-map"]);
+    assert!(rel_mse(&unmoved, &expected) > 1e-3);
+}
+
+#[test]
+fn what_cannot_be_opened_leaves_what_was_there() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let broken = std::env::temp_dir().join(format!("gpugi-viewer-{}.glb", std::process::id()));
+    std::fs::write(&broken, b"glTF is not what this is").unwrap();
+    for file in [&broken, Path::new("there-is-no-such.glb")] {
+        viewer.open_file(file);
+        let reason = viewer.finish_opening().unwrap_err();
+        let name = file.file_name().unwrap().to_string_lossy().into_owned();
+        assert!(reason.contains(&name), "{reason}");
+    }
+    std::fs::remove_file(&broken).unwrap();
+    // Both add the light of the environment.
+    let overlapping = ["image-based-lighting", "radiance-transfer"].map(str::to_owned);
+    viewer.change_set(TechniqueSet {
+        names: Some(overlapping.to_vec()),
+        ..TechniqueSet::default()
+    });
+    let reason = viewer.finish_opening().unwrap_err();
+    assert!(
+        reason.contains("image-based-lighting and radiance-transfer both add"),
+        "{reason}"
+    );
+    let session = viewer.session().unwrap();
+    assert_eq!(session.loaded().arguments, ["room"]);
+    assert_eq!(session.technique_names(), ["shadow-map"]);
+    assert!(
+        !session.frame(SIZE, 0.0).unwrap().is_new,
+        "the picture is still complete"
+    );
+    assert!(session.set("shadow-map", "taps", "many").is_err());
+}
+
+#[test]
+fn an_environment_that_is_dropped_lights_the_edited_scene() {
+    let Some(gpu) = open() else { return };
+    let script = "3 light 0 0.1 1.5 0.2";
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), script);
+    let sky = std::env::temp_dir().join(format!("gpugi-viewer-{}.exr", std::process::id()));
+    save_exr(&sky, 4, 2, &[0.5; 4 * 2 * 3]).unwrap();
+    viewer.open_file(&sky);
+    viewer.finish_opening().unwrap();
+    std::fs::remove_file(&sky).unwrap();
+    let session = viewer.session().unwrap();
+    let scene = &session.loaded().scene;
+    assert_eq!(scene.environment.as_ref().unwrap().image.width, 4);
+    assert_eq!(scene.lights[0].position().to_array(), [0.1, 1.5, 0.2]);
+    let command = command(session, SIZE);
+    assert!(command.contains("--environment"), "{command}");
+    assert!(session.frame(SIZE, 0.0).is_ok());
+}
+
+#[test]
+fn an_opening_that_is_cancelled_changes_nothing() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    viewer.open(arguments_of("cornell"), &TechniqueSet::default());
+    viewer.cancel();
+    assert!(viewer.opening().is_none());
+    viewer.finish_opening().unwrap();
+    assert_eq!(viewer.session().unwrap().loaded().arguments, ["room"]);
+}
+
+/// Frames at rest until `done`.
+fn frames_until(session: &mut Session, done: impl Fn(&mut Session) -> bool) {
+    for _ in 0..10_000 {
+        session.frame(SIZE, 0.1).unwrap();
+        session.gpu().wait().unwrap();
+        if done(session) {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    panic!("it never comes");
+}
+
+#[test]
+fn the_truth_arrives_beside_the_picture_and_goes_when_the_camera_moves() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("cornell", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    let alone = session.loaded().renderer.pixels().unwrap();
+    session.truth_samples = 4;
+    session.compared = Some(Compared::Split(0.5));
+    frames_until(session, |session| {
+        session.reference().is_some_and(|one| one.samples == 4)
+    });
+    frames_until(session, |session| {
+        session.frame(SIZE, 0.1).unwrap().is_final
+    });
+    let split = session.loaded().renderer.pixels().unwrap();
+    assert_ne!(split, alone);
+    session.camera.zoom(0.5);
+    session.frame(SIZE, 0.02).unwrap();
+    assert!(session.reference().is_none());
+    session.compared = None;
+    session.reset_camera();
+    frames_until(session, |session| {
+        session.loaded().renderer.samples() == SAMPLES
+    });
+    session.frame(SIZE, 0.1).unwrap();
+    assert_eq!(session.loaded().renderer.pixels().unwrap(), alone);
+}
+
+#[test]
+fn a_click_finds_the_object_under_it() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    session.pick(Pick::Select, [0.5, 0.5]);
+    session.gpu().wait().unwrap();
+    let picked = session.picked();
+    let points = session.loaded().renderer.surface_points().unwrap();
+    let middle = (SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) as usize;
+    let expected = points[middle].as_ref().unwrap().instance;
+    assert_eq!(picked.len(), 1);
+    assert_eq!(picked[0].1.as_ref().unwrap().instance, expected);
+    assert!(session.picked().is_empty());
+}
