@@ -96,6 +96,35 @@ fn a_room_under_a_smooth_sky_is_the_path_tracers() {
     }
 }
 
+/// A block on a floor under a sky with a small sun.
+fn sunlit_block() -> Scene {
+    let mut scene = Scene::new("sunlit block");
+    let floor = quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 1);
+    let block = cuboid(vec3(-0.4, 0.0, -0.4), vec3(0.1, 0.5, 0.1), 1);
+    for mesh in [floor, block] {
+        place(&mut scene, mesh, Material::matt("wall", Vec3::splat(0.7)));
+    }
+    scene.environment = Some(Environment::default_sky());
+    scene
+}
+
+/// A hundred wavelets hold the shadow of the sun, which 36 harmonics blur.
+#[test]
+fn a_sunlit_block_is_the_path_tracers_in_wavelets() {
+    let Some(gpu) = gpu() else { return };
+    let scene = sunlit_block();
+    let errors = ["basis=harmonics", "basis=haar"].map(|basis| {
+        let settings = [basis, "resolution=64", "rays=1024", "steps=64"];
+        let names = ["radiance-transfer"];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 32, "radiance-transfer", &settings);
+        let found = measured(&gpu, &scene, &camera(), &mut renderer, [8, 512]);
+        println!("{basis}: rel-mse {:.1e}", rel_mse(&found));
+        rel_mse(&found)
+    });
+    let [harmonics, wavelets] = errors;
+    assert!(wavelets < 0.01 && 2.0 * wavelets < harmonics, "{errors:?}");
+}
+
 /// A bake of the open room.
 fn transfer_bake<'a>(gpu: &Gpu, scene: &'a Scene) -> TransferBake<'a> {
     let options = AtlasOptions {
@@ -140,6 +169,10 @@ fn stored_vectors_light_as_new_ones() {
     }
     let unfinished = transfer_bake(&gpu, &scene).finish();
     assert!(unfinished.is_err());
+    for (name, value) in [("basis", "haar"), ("compressed", "true")] {
+        let refused = transfer_bake(&gpu, &scene).set(name, value);
+        assert!(refused.is_err(), "{name}");
+    }
 
     let mut traced = renderer(&gpu, &["radiance-transfer"], &["bounces=3"]);
     let traced = picture(&mut traced, &camera()).radiance;
@@ -239,6 +272,8 @@ fn what_does_not_fit_is_refused() {
         ("order", "9"),
         ("bounces", "0"),
         ("rays", "0"),
+        ("basis", "cosines"),
+        ("coefficients", "5"),
     ] {
         let refused = renderer.set("radiance-transfer", name, value);
         assert!(

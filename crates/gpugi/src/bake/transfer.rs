@@ -73,8 +73,11 @@ impl<'a> TransferBake<'a> {
     /// follow from the atlas.
     ///
     /// # Errors
-    /// Those of [`Lighting::set`].
+    /// Those of [`Lighting::set`], and for vectors that files do not hold: wavelets and compressed ones.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), LightingError> {
+        if matches!((name, value), ("basis", "haar") | ("compressed", "true")) {
+            return Err(unfit("files hold harmonics that are not compressed"));
+        }
         self.solver.set(radiance_transfer::INFO.name, name, value)
     }
 

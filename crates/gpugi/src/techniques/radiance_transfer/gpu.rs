@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Work` of transfer.wesl.
+/// `Work` of rays.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Work {
@@ -16,7 +16,7 @@ pub struct Work {
     pub padding_2: u32,
 }
 
-/// `Directional` of light.wesl.
+/// `Directional` of directional.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Directional {
@@ -34,3 +34,8 @@ pub const LANES: u32 = 64;
 
 /// Bytes of one coefficient of a transfer vector.
 pub const COEFFICIENT_BYTES: u64 = 8;
+
+/// Texels per side of the cube that the environment is projected from, and of all faces: `SIDE` and `CUBE_TEXELS` of
+/// haar/wavelets.wesl.
+pub const CUBE_SIDE: u32 = 64;
+pub const CUBE_TEXELS: u32 = 6 * CUBE_SIDE * CUBE_SIDE;

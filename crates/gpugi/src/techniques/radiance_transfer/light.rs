@@ -1,41 +1,38 @@
-//! The light that transfer vectors are multiplied by, in spherical harmonics.
+//! The light that transfer vectors are multiplied by.
 
 use bytemuck::Zeroable;
 use gpugi_scene::LightKind;
 use wgpu::BindingResource::TextureView;
 
-use super::gpu::{Directional, MOST_FUNCTIONS};
+use super::gpu::{CUBE_SIDE, CUBE_TEXELS, Directional, MOST_FUNCTIONS};
+use super::{Basis, Settings, haar, harmonics};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Side of the cube that the environment is projected from (texels).
-const CUBE_SIDE: u32 = 64;
-/// `WORKGROUPS` of project.wesl, and its lanes.
-const PROJECT_WORKGROUPS: u32 = 96;
-const PROJECT_LANES: u32 = 64;
 /// Lookups of the environment's image that filling the cube takes per texel, roughly.
 const LOOKUPS_PER_TEXEL: u64 = 64;
 
-/// The light of a scene in spherical harmonics.
+/// The light of a scene, in the functions of the transfer vectors.
 #[derive(Debug)]
 pub(super) struct Light {
-    functions: u32,
-    /// The environment's radiance.
+    /// The environment's radiance without intensity: for harmonics as in its image, for wavelets turned.
     cube: wgpu::Texture,
-    /// Coefficients of the environment without rotation and intensity.
-    environment: wgpu::Buffer,
     /// Coefficients of all light: `vec4f` per function.
     pub coefficients: wgpu::Buffer,
     fill: (Kernel, wgpu::BindGroup),
-    project: (Kernel, wgpu::BindGroup),
-    sum: (Kernel, wgpu::BindGroup),
-    turn: Kernel,
-    window: (Kernel, wgpu::BindGroup),
-    /// Version of the environment's image that was projected.
-    projected: Option<u64>,
+    projection: Projection,
+    /// Versions of the image, and for wavelets of its rotation, that the cube holds.
+    filled: Option<[u64; 2]>,
     /// Versions of environment, sky and lights, and what was made of them.
     lit: Option<([u64; 3], Made)>,
+}
+
+/// Kernels of a basis.
+#[derive(Debug)]
+enum Projection {
+    Harmonics(Box<harmonics::Projection>),
+    Wavelets(haar::Projection),
 }
 
 /// What is made of a scene's light.
@@ -48,7 +45,7 @@ pub(super) struct Made {
 }
 
 impl Light {
-    pub fn new(gpu: &Gpu, scene: &GpuScene, order: u32) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let cube = gpu.texture(&wgpu::TextureDescriptor {
             label: Some("radiance-transfer.environment"),
             size: wgpu::Extent3d {
@@ -64,52 +61,37 @@ impl Light {
             view_formats: &[],
         })?;
         let faces = cube.create_view(&Default::default());
-        let bytes = u64::from(MOST_FUNCTIONS) * 16;
+        let buffer = |functions: u32, usage| {
+            let bytes = u64::from(functions) * 16;
+            gpu.buffer("coefficients of the light [bytes]", bytes, usage)
+        };
         let storage = wgpu::BufferUsages::STORAGE;
-        let environment = gpu.buffer("environment in harmonics [bytes]", bytes, storage)?;
-        let coefficients = gpu.buffer(
-            "light in harmonics [bytes]",
-            bytes,
-            storage | wgpu::BufferUsages::UNIFORM,
-        )?;
+        let (coefficients, projection) = match settings.basis {
+            Basis::Harmonics => {
+                let light = buffer(MOST_FUNCTIONS, storage | wgpu::BufferUsages::UNIFORM)?;
+                let of = harmonics::Projection::new(gpu, scene, settings.order, &faces, &light)?;
+                (light, Projection::Harmonics(Box::new(of)))
+            }
+            Basis::Haar => {
+                let light = buffer(CUBE_TEXELS, storage)?;
+                let of = haar::Projection::new(gpu, scene, &faces, &light)?;
+                (light, Projection::Wavelets(of))
+            }
+        };
+        let is_turned = matches!(projection, Projection::Wavelets(_));
         let options = KernelOptions {
-            constants: &[("ORDER", f64::from(order))],
+            constants: &[("IS_TURNED", f64::from(u8::from(is_turned)))],
             ..Default::default()
         };
-        let fill = Kernel::new(
-            gpu,
-            &shader!("prefiltered.radiance"),
-            "main",
-            Some(&scene.layout),
-        )?;
-        let project = shader!("techniques.radiance_transfer.project");
-        let kernel = |entry| Kernel::with_options(gpu, &project, entry, None, &options);
-        let (project, sum) = (kernel("main")?, kernel("sum")?);
-        let parts = u64::from(PROJECT_WORKGROUPS) * bytes;
-        let parts = gpu.buffer("parts of the environment [bytes]", parts, storage)?;
-        let turn = shader!("techniques.radiance_transfer.light");
-        let window = shader!("techniques.radiance_transfer.window");
-        let window = Kernel::with_options(gpu, &window, "main", None, &options)?;
-        let light = ("light", coefficients.as_entire_binding());
-        let window_group = window.bind(gpu, 3, &[light])?;
-        let radiance = ("radiance", TextureView(&faces));
-        let fill_group = fill.bind(gpu, 3, std::slice::from_ref(&radiance))?;
-        let parts = ("parts", parts.as_entire_binding());
-        let into = ("environment", environment.as_entire_binding());
-        let project_group = [radiance, parts, into];
-        let sum_group = sum.bind(gpu, 3, &project_group)?;
-        let project_group = project.bind(gpu, 3, &project_group)?;
+        let fill = shader!("prefiltered.radiance");
+        let fill = Kernel::with_options(gpu, &fill, "main", Some(&scene.layout), &options)?;
+        let fill_group = fill.bind(gpu, 3, &[("radiance", TextureView(&faces))])?;
         Ok(Self {
-            functions: order * order,
-            turn: Kernel::with_options(gpu, &turn, "main", Some(&scene.layout), &options)?,
             fill: (fill, fill_group),
-            project: (project, project_group),
-            sum: (sum, sum_group),
-            window: (window, window_group),
             cube,
-            environment,
             coefficients,
-            projected: None,
+            projection,
+            filled: None,
             lit: None,
         })
     }
@@ -120,11 +102,24 @@ impl Light {
             .cube
             .format()
             .theoretical_memory_footprint(self.cube.size());
-        cube + self.environment.size() + self.coefficients.size()
+        let work = match &self.projection {
+            Projection::Harmonics(of) => of.bytes(),
+            Projection::Wavelets(_) => 0,
+        };
+        cube + work + self.coefficients.size()
+    }
+
+    /// Size of the coefficients as a picture (texels).
+    pub fn map_size(&self) -> [u32; 2] {
+        match self.projection {
+            Projection::Harmonics(_) => [MOST_FUNCTIONS, 1],
+            Projection::Wavelets(_) => haar::MAP_SIZE,
+        }
     }
 
     /// Brings the coefficients up to date, and returns the work if there was any: passes `radiance-transfer.project`,
-    /// when the environment's image has changed, `radiance-transfer.light` and `radiance-transfer.window`.
+    /// when the environment's image has changed, for wavelets also when it has turned, `radiance-transfer.light` and
+    /// `radiance-transfer.window`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -140,48 +135,40 @@ impl Light {
             return Ok(None);
         }
         self.lit = now;
-        let texels = 6 * u64::from(CUBE_SIDE).pow(2);
-        let mut work = 0;
-        if self.projected != Some(versions.environment) {
-            self.projected = Some(versions.environment);
-            work += texels * (LOOKUPS_PER_TEXEL + u64::from(self.functions));
+        let mut work = 1;
+        let sky = match self.projection {
+            Projection::Harmonics(_) => 0,
+            Projection::Wavelets(_) => versions.sky,
+        };
+        if self.filled != Some([versions.environment, sky]) {
+            self.filled = Some([versions.environment, sky]);
+            work += u64::from(CUBE_TEXELS) * LOOKUPS_PER_TEXEL;
             frame.compute("radiance-transfer.project", |pass| {
                 let (kernel, group) = &self.fill;
                 let groups = [(0, &scene.bind_group), (3, group)];
                 kernel.dispatch(pass, &groups, [CUBE_SIDE, CUBE_SIDE, 6]);
-                for ((kernel, group), workgroups) in
-                    [(&self.project, PROJECT_WORKGROUPS), (&self.sum, 1)]
-                {
-                    let lanes = workgroups * PROJECT_LANES;
-                    kernel.dispatch(pass, &[(3, group)], [lanes, 1, 1]);
-                }
             });
+            if let Projection::Harmonics(of) = &self.projection {
+                work += u64::from(CUBE_TEXELS) * u64::from(of.functions());
+                of.project(frame);
+            }
         }
         let directionals = if made.directional_lights {
             directionals(scene)
         } else {
             vec![Directional::zeroed()]
         };
-        let gpu = frame.gpu;
-        let directionals = gpu.storage("directional lights [bytes]", &directionals)?;
-        let light = [
-            ("environment", self.environment.as_entire_binding()),
-            ("directionals", directionals.as_entire_binding()),
-        ];
-        let light = self.turn.bind(gpu, 1, &light)?;
-        let into = [("light", self.coefficients.as_entire_binding())];
-        let into = self.turn.bind(gpu, 3, &into)?;
-        frame.compute("radiance-transfer.light", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &light), (3, &into)];
-            self.turn.dispatch(pass, &groups, [MOST_FUNCTIONS, 1, 1]);
-        });
-        if made.window {
-            frame.compute("radiance-transfer.window", |pass| {
-                let (kernel, group) = &self.window;
-                kernel.dispatch(pass, &[(3, group)], [1, 1, 1]);
-            });
+        let directionals = frame
+            .gpu
+            .storage("directional lights [bytes]", &directionals)?;
+        match &self.projection {
+            Projection::Harmonics(of) => of.sum(frame, scene, &directionals, made)?,
+            Projection::Wavelets(of) => {
+                work += u64::from(CUBE_TEXELS);
+                of.sum(frame, scene, &directionals)?;
+            }
         }
-        Ok(Some(work + 1))
+        Ok(Some(work))
     }
 }
 

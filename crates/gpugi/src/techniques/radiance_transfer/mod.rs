@@ -1,13 +1,17 @@
 //! Precomputed radiance transfer: how much of the light from each direction leaves each texel of a still scene, in
-//! spherical harmonics, so that its environment and directional lights may change at the cost of a dot product per
-//! texel (tutorial sections 7, 7.1 and 7.2).
+//! spherical harmonics or Haar wavelets, so that its environment and directional lights may change at the cost of a dot
+//! product per texel (tutorial sections 7, 7.1 and 7.2).
 //!
 //! Generate: rays find the transfer vectors of an atlas's texels, a few steps per frame, bounce by bounce; the
 //! environment is projected to the same functions, and the dot products of both are the irradiance of the texels.
 //! Gather: looks up the irradiance at a point's place in the atlas. docs/techniques/radiance-transfer.md.
 
+mod compression;
 pub(crate) mod gpu;
+mod haar;
+mod harmonics;
 mod light;
+mod principal;
 mod settings;
 mod stored;
 #[cfg(test)]
@@ -18,7 +22,6 @@ mod transfer;
 use std::sync::Arc;
 
 use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
-use serde::{Deserialize, Serialize};
 
 use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
 use crate::capture::{Receiver, View};
@@ -26,8 +29,8 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-pub use settings::Settings;
-use texels::LitTexels;
+pub use settings::{Basis, Settings};
+use texels::{LitTexels, Saved};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -55,13 +58,6 @@ pub struct RadianceTransfer {
     stored: Option<([u64; 2], Result<(), String>)>,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
-}
-
-/// What [`Resume::save`] stores.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Saved {
-    revision: u64,
-    transfer: transfer::Saved,
 }
 
 /// Error for saved progress that does not fit.
@@ -152,7 +148,7 @@ impl Technique for RadianceTransfer {
                 INFO.name,
                 settings.resolution,
                 settings.density,
-                u64::from(settings.functions()) * gpu::COEFFICIENT_BYTES,
+                u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES,
             )?,
         };
         let Some(atlas) = atlas else {
@@ -167,7 +163,9 @@ impl Technique for RadianceTransfer {
                 if let Some(stored) = &stored {
                     made.transfer.follow(scene);
                     let finished = stored::as_saved(stored);
-                    made.transfer.resume(frame.gpu, &finished).map_err(unfit)?;
+                    made.transfer
+                        .resume(frame.gpu, &finished, false)
+                        .map_err(unfit)?;
                 }
                 made
             }
@@ -237,12 +235,8 @@ impl Resume for RadianceTransfer {
         let Some(made) = &self.made else {
             return Ok(None);
         };
-        let Some(transfer) = made.transfer.save(gpu)? else {
+        let Some(saved) = made.save(gpu)? else {
             return Ok(None);
-        };
-        let saved = Saved {
-            revision: made.revision,
-            transfer,
         };
         postcard::to_allocvec(&saved).map(Some).map_err(unfit)
     }
@@ -252,10 +246,7 @@ impl Resume for RadianceTransfer {
         let Some(made) = &mut self.made else {
             return Ok(false);
         };
-        made.transfer.resume(gpu, &saved.transfer).map_err(unfit)?;
-        if saved.transfer.bounces > 0 {
-            made.restore(gpu, saved.revision)?;
-        }
+        made.resume(gpu, &saved).map_err(unfit)?;
         Ok(true)
     }
 }

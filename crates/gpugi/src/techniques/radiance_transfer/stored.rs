@@ -7,7 +7,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Scene, TransferVectors};
 use half::f16;
 
-use super::{Saved, Settings, transfer, unfit};
+use super::{Basis, Saved, Settings, transfer, unfit};
 use crate::capture::Target;
 use crate::capture::atlas::Dilation;
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
@@ -48,7 +48,7 @@ pub(super) fn as_saved(vectors: &TransferVectors) -> transfer::Saved {
 /// them. The hash of the geometry is left to the file's writer. Waits for the GPU.
 ///
 /// # Errors
-/// [`GpuError`], also if `saved` is of other texels or unfinished.
+/// [`GpuError`], also if `saved` is of other texels, unfinished, compressed or of wavelets.
 pub(crate) fn finished(
     gpu: &Gpu,
     scene: &Scene,
@@ -56,9 +56,12 @@ pub(crate) fn finished(
     settings: &Settings,
     saved: &[u8],
 ) -> Result<TransferVectors, GpuError> {
+    if settings.basis != Basis::Harmonics || settings.is_compressed() {
+        return Err(unfit("files hold harmonics that are not compressed"));
+    }
     let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
     let saved = saved.transfer;
-    let functions = settings.functions() as usize;
+    let functions = settings.terms() as usize;
     let page = (atlas.size as usize).pow(2);
     let texels = page * atlas.pages as usize;
     if saved.bounces != settings.bounces || saved.vectors.len() < texels * functions * WORDS {

@@ -1,6 +1,8 @@
 //! Tests transfer vectors and light against closed forms, and that progress may stop and continue anywhere.
 
+mod clusters;
 mod harmonics;
+mod wavelets;
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -129,7 +131,7 @@ impl Solver {
         let term = |(words, light): (&[u32], &Vec3)| {
             PI * *light * vec3(half(words[0]), half(words[0] >> 16), half(words[1]))
         };
-        let functions = self.transfer.settings.functions() as usize;
+        let functions = self.transfer.settings.terms() as usize;
         let texels = vectors.chunks(2 * functions);
         self.with_points(texels.map(|words| words.chunks(2).zip(&light).map(term).sum()))
     }
@@ -157,7 +159,8 @@ impl Solver {
 
     /// All transfer vectors, as they are stored.
     fn vectors(&self) -> Vec<u32> {
-        let vectors = &self.transfer.made.as_ref().unwrap().transfer.vectors;
+        let made = self.transfer.made.as_ref().unwrap();
+        let vectors = made.transfer.vectors().expect("vectors");
         read_buffer(&self.gpu, vectors, vectors.size()).unwrap()
     }
 

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
+use serde::{Deserialize, Serialize};
 
-use super::gpu::MOST_FUNCTIONS;
+use super::compression::{self, Compressed, Compression};
 use super::light::{Light, Made};
-use super::transfer::Transfer;
-use super::{INFO, Settings};
+use super::transfer::{self, Transfer};
+use super::{Basis, INFO, Settings};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
 };
@@ -18,6 +19,15 @@ use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Earlier, Generated, Map, Texels};
 
+/// Progress that was saved.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Saved {
+    pub revision: u64,
+    pub transfer: transfer::Saved,
+    /// Instead of vectors, once these are compressed.
+    pub compressed: Option<compression::Saved>,
+}
+
 /// The texels of an atlas, and their light.
 #[derive(Debug)]
 pub(super) struct LitTexels {
@@ -26,7 +36,12 @@ pub(super) struct LitTexels {
     passages: [bool; 2],
     pub capture: AtlasCapture,
     leaks: LeakTest,
+    settings: Settings,
     pub transfer: Transfer,
+    /// Work toward compressed vectors.
+    compression: Option<Compression>,
+    /// Compressed vectors, once they are ready.
+    compressed: Option<Compressed>,
     pub light: Light,
     /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
     pub irradiance: Target,
@@ -60,11 +75,20 @@ impl LitTexels {
         let lookup = AtlasLookup::new(gpu, host, &atlas)?;
         let size = [atlas.size, atlas.size * atlas.pages];
         let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let (relight, length) = match settings.basis {
+            Basis::Harmonics => (
+                shader!("techniques.radiance_transfer.relight"),
+                ("ORDER", f64::from(settings.order)),
+            ),
+            Basis::Haar => (
+                shader!("techniques.radiance_transfer.haar.relight"),
+                ("TERMS", f64::from(settings.coefficients)),
+            ),
+        };
         let options = KernelOptions {
-            constants: &[("ORDER", f64::from(settings.order))],
+            constants: &[length],
             ..Default::default()
         };
-        let relight = shader!("techniques.radiance_transfer.relight");
         let gather = shader!("capture.atlas.gather");
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
         let kept = [
@@ -74,8 +98,11 @@ impl LitTexels {
         Ok(Self {
             passages: scene.passages(),
             leaks: LeakTest::new(gpu, scene, &capture)?,
+            settings: settings.clone(),
+            compression: None,
+            compressed: None,
             transfer: Transfer::new(gpu, scene, settings, &capture, &lookup)?,
-            light: Light::new(gpu, scene, settings.order)?,
+            light: Light::new(gpu, scene, settings)?,
             relight: Kernel::with_options(gpu, &relight, "main", None, &options)?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
@@ -107,7 +134,9 @@ impl LitTexels {
     ) -> Result<Generated, GpuError> {
         self.capture.record(frame, scene)?;
         self.leaks.record(frame, scene, &self.capture);
-        self.transfer.follow(scene);
+        if self.transfer.follow(scene) {
+            self.compression = None;
+        }
         let bounces = self.transfer.bounces();
         for _ in 0..steps {
             if self.transfer.is_done() || !earlier.may_step() {
@@ -115,7 +144,11 @@ impl LitTexels {
             }
             earlier.count(self.transfer.step(frame, scene, &self.capture)?);
         }
-        let has_improved = self.transfer.bounces() > bounces;
+        let mut has_improved = self.transfer.bounces() > bounces;
+        if has_improved {
+            self.compressed = None;
+        }
+        has_improved |= self.compress(frame, earlier)?;
         let changed = self.light.follow(frame, scene, made_of_light)?;
         if let Some(work) = changed {
             earlier.count(work);
@@ -129,13 +162,101 @@ impl LitTexels {
         }
         Ok(Generated {
             revision: self.revision,
-            progress: self.transfer.progress(),
+            progress: self.progress(),
             pending: (!self.is_lit).then_some("the first bounce of light"),
         })
     }
 
+    /// Part of the work that is done (0 to 1).
+    fn progress(&self) -> f32 {
+        let vectors = self.transfer.progress();
+        if !self.settings.is_compressed() {
+            return vectors;
+        }
+        let compression = self.compression.as_ref().map(Compression::progress);
+        let is_done = self.transfer.is_done() && self.compressed.is_some();
+        let compressed = compression.unwrap_or(f32::from(u8::from(is_done)));
+        let bounces = self.settings.bounces as f32;
+        (vectors * bounces + compressed) / (bounces + 1.0)
+    }
+
+    /// Takes a step toward compressed vectors, if they are asked for, and returns whether they have become ready.
+    fn compress(
+        &mut self,
+        frame: &mut Frame<'_>,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<bool, GpuError> {
+        let is_wanted = self.settings.is_compressed() && self.compressed.is_none();
+        let vectors = self.transfer.vectors();
+        let Some(vectors) = vectors.filter(|_| is_wanted && self.transfer.is_done()) else {
+            return Ok(false);
+        };
+        if !earlier.may_step() {
+            return Ok(false);
+        }
+        let texels = self.irradiance.radiance.size() / 16;
+        let mut compression = match self.compression.take() {
+            Some(compression) => compression,
+            None => Compression::new(frame.gpu, &self.settings, texels as u32)?,
+        };
+        let saved = compression.step(frame, &self.capture, vectors)?;
+        earlier.count(texels * u64::from(self.settings.clusters));
+        match &saved {
+            Some(saved) => {
+                self.compressed = Some(Compressed::new(frame.gpu, &self.settings, saved)?);
+                self.transfer.free_vectors();
+            }
+            None => self.compression = Some(compression),
+        }
+        Ok(saved.is_some())
+    }
+
+    /// Saved progress; `None` while there is none. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn save(&self, gpu: &Gpu) -> Result<Option<Saved>, GpuError> {
+        let Some(transfer) = self.transfer.save(gpu)? else {
+            return Ok(None);
+        };
+        // After a change, compressed vectors remain until there are others.
+        let compressed = self.compressed.as_ref();
+        let compressed = compressed.filter(|_| self.transfer.vectors().is_none());
+        let compressed = compressed.map(|one| one.save(gpu)).transpose()?;
+        Ok(Some(Saved {
+            revision: self.revision,
+            transfer,
+            compressed,
+        }))
+    }
+
+    /// Continues from saved progress.
+    ///
+    /// # Errors
+    /// Why it does not fit these texels.
+    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
+        let texels = self.irradiance.radiance.size() / 16;
+        let fits = |one: &compression::Saved| {
+            self.settings.is_compressed() && one.fits(&self.settings, texels)
+        };
+        if !saved.compressed.as_ref().is_none_or(fits) {
+            return Err("other clusters".into());
+        }
+        let text = |error: GpuError| error.to_string();
+        let is_compressed = saved.compressed.is_some();
+        self.transfer.resume(gpu, &saved.transfer, is_compressed)?;
+        let compressed = saved.compressed.as_ref();
+        let compressed = compressed.map(|one| Compressed::new(gpu, &self.settings, one));
+        self.compressed = compressed.transpose().map_err(text)?;
+        self.compression = None;
+        if saved.transfer.bounces > 0 {
+            self.restore(gpu, saved.revision).map_err(text)?;
+        }
+        Ok(())
+    }
+
     /// Lights the texels by transfer vectors that were restored, as [`LitTexels::generate`] left them at `revision`.
-    pub fn restore(&mut self, gpu: &Gpu, revision: u64) -> Result<(), GpuError> {
+    fn restore(&mut self, gpu: &Gpu, revision: u64) -> Result<(), GpuError> {
         let mut frame = Frame::new(gpu, false);
         self.relight(&mut frame)?;
         frame.submit()?;
@@ -149,18 +270,23 @@ impl LitTexels {
     /// `capture.atlas.seams`.
     fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let factors = [
-            ("light", self.light.coefficients.as_entire_binding()),
-            ("transfer", self.transfer.vectors.as_entire_binding()),
-        ];
-        let factors = self.relight.bind(gpu, 1, &factors)?;
-        let into = [("irradiance", self.irradiance.radiance.as_entire_binding())];
-        let into = self.relight.bind(gpu, 3, &into)?;
-        let texels = (self.irradiance.radiance.size() / 16) as u32;
-        frame.compute("radiance-transfer.relight", |pass| {
-            let groups = [(1, &factors), (3, &into)];
-            self.relight.dispatch(pass, &groups, [texels, 1, 1]);
-        });
+        let (light, irradiance) = (&self.light.coefficients, &self.irradiance.radiance);
+        if let Some(compressed) = &self.compressed {
+            compressed.relight(frame, light, irradiance)?;
+        } else if let Some(vectors) = self.transfer.vectors() {
+            let factors = [
+                ("light", light.as_entire_binding()),
+                ("transfer", vectors.as_entire_binding()),
+            ];
+            let factors = self.relight.bind(gpu, 1, &factors)?;
+            let into = [("irradiance", irradiance.as_entire_binding())];
+            let into = self.relight.bind(gpu, 3, &into)?;
+            let texels = (irradiance.size() / 16) as u32;
+            frame.compute("radiance-transfer.relight", |pass| {
+                let groups = [(1, &factors), (3, &into)];
+                self.relight.dispatch(pass, &groups, [texels, 1, 1]);
+            });
+        }
         self.dilation.record(frame, &self.irradiance)?;
         self.seams.record(frame);
         Ok(())
@@ -191,7 +317,7 @@ impl LitTexels {
         let size = [self.capture.size, self.capture.size * self.capture.pages];
         vec![
             map("irradiance", &self.irradiance.radiance, size),
-            map("light", &self.light.coefficients, [MOST_FUNCTIONS, 1]),
+            map("light", &self.light.coefficients, self.light.map_size()),
         ]
     }
 
@@ -199,6 +325,7 @@ impl LitTexels {
     pub fn work_bytes(&self) -> u64 {
         let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
         let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
-        self.capture.bytes + self.transfer.bytes() + self.light.bytes() + around
+        let compressed = self.compressed.as_ref().map_or(0, Compressed::bytes);
+        self.capture.bytes + self.transfer.bytes() + compressed + self.light.bytes() + around
     }
 }

@@ -5,12 +5,11 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 use serde::{Deserialize, Serialize};
 
-use super::Settings;
-use super::gpu::{COEFFICIENT_BYTES, LANES, Work};
+use super::gpu::{COEFFICIENT_BYTES, Work};
+use super::{Basis, Settings, haar, harmonics};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::scene::GpuScene;
-use crate::shader;
 
 /// Rays per step: about 40 ms on a small GPU.
 const RAYS_OF_STEP: u32 = 1 << 22;
@@ -20,18 +19,54 @@ const RAYS_OF_STEP: u32 = 1 << 22;
 pub(super) struct Transfer {
     settings: Settings,
     size: u32,
-    /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl.
-    pub vectors: wgpu::Buffer,
+    /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl or haar/wavelets.wesl.
+    /// `None` once they are compressed.
+    vectors: Option<wgpu::Buffer>,
+    /// Their size (bytes).
+    size_of_vectors: u64,
     /// The same with one bounce more, while that is computed.
     next: Option<wgpu::Buffer>,
     albedo: wgpu::Buffer,
-    first_bounce: Kernel,
-    further_bounces: Kernel,
-    /// Bind group of the atlas lookup.
-    corners: wgpu::BindGroup,
+    rays: Rays,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
     state: State,
+}
+
+/// Kernels of a basis.
+#[derive(Debug)]
+enum Rays {
+    Harmonics(Box<harmonics::Rays>),
+    Wavelets(Box<haar::Rays>),
+}
+
+/// Texels whose vectors are computed in one step.
+pub(super) struct Tile<'a> {
+    /// Their [`Work`].
+    pub work: wgpu::Buffer,
+    /// The surface points of all texels of their piece.
+    pub piece: &'a wgpu::Buffer,
+    pub points: u32,
+    pub is_first_bounce: bool,
+}
+
+impl Tile<'_> {
+    /// Bindings of group 1.
+    pub fn bindings(&self) -> [(&'static str, wgpu::BindingResource<'_>); 2] {
+        [
+            ("work", self.work.as_entire_binding()),
+            ("points", self.piece.as_entire_binding()),
+        ]
+    }
+}
+
+/// What a step reads and writes, for all texels.
+pub(super) struct Vectors<'a> {
+    /// Vectors with one bounce less.
+    pub before: &'a wgpu::Buffer,
+    pub after: &'a wgpu::Buffer,
+    /// Diffuse albedo, rgb9e5; written with the first bounce.
+    pub albedo: &'a wgpu::Buffer,
 }
 
 /// How far the vectors are.
@@ -64,39 +99,45 @@ impl Transfer {
         capture: &AtlasCapture,
         lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
-        let shader = shader!("techniques.radiance_transfer.transfer");
-        let order = ("ORDER", f64::from(settings.order));
-        let kernel = |is_first: bool| {
-            let is_first = ("IS_FIRST", f64::from(u8::from(is_first)));
-            scene.ray_kernel(gpu, &shader, &[order, is_first])
-        };
-        let (first_bounce, further_bounces) = (kernel(true)?, kernel(false)?);
-        let corners = [("atlas", lookup.words.as_entire_binding())];
-        let at_once = (RAYS_OF_STEP / settings.rays).max(1);
+        let rays_per_texel = settings.rays_per_texel();
+        let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
         let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
             let count = piece.points.count;
             let firsts = (0..count).step_by(at_once as usize);
             firsts.map(move |first| (number, first..count.min(first + at_once)))
         };
         let pieces = capture.pieces().iter().enumerate();
+        let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
+        let rays = match settings.basis {
+            Basis::Harmonics => {
+                let rays = harmonics::Rays::new(gpu, scene, settings, lookup)?;
+                Rays::Harmonics(Box::new(rays))
+            }
+            Basis::Haar => {
+                let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
+                let most = most.unwrap_or(1);
+                let rays = haar::Rays::new(gpu, scene, settings, lookup, most)?;
+                Rays::Wavelets(Box::new(rays))
+            }
+        };
         let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
+        let vectors = vectors(
+            gpu,
+            texels * u64::from(settings.terms()) * COEFFICIENT_BYTES,
+        )?;
         Ok(Self {
             settings: settings.clone(),
             size: capture.size,
-            vectors: vectors(
-                gpu,
-                texels * u64::from(settings.functions()) * COEFFICIENT_BYTES,
-            )?,
+            size_of_vectors: vectors.size(),
+            vectors: Some(vectors),
             next: None,
             albedo: gpu.buffer(
                 "albedo of texels [bytes]",
                 texels * 4,
                 wgpu::BufferUsages::STORAGE,
             )?,
-            corners: further_bounces.bind(gpu, 2, &corners)?,
-            first_bounce,
-            further_bounces,
-            tiles: pieces.flat_map(tiles_of).collect(),
+            rays,
+            tiles,
             state: State::default(),
         })
     }
@@ -108,8 +149,12 @@ impl Transfer {
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        let next = self.next.as_ref().map_or(0, wgpu::Buffer::size);
-        self.vectors.size() + next + self.albedo.size()
+        let size = |buffer: &Option<wgpu::Buffer>| buffer.as_ref().map_or(0, wgpu::Buffer::size);
+        let work = match &self.rays {
+            Rays::Harmonics(_) => 0,
+            Rays::Wavelets(rays) => rays.bytes(),
+        };
+        size(&self.vectors) + size(&self.next) + self.albedo.size() + work
     }
 
     /// Bounces that are done.
@@ -129,15 +174,28 @@ impl Transfer {
         (done + u64::from(self.state.tiles)) as f32 / all.max(1) as f32
     }
 
-    /// Restarts if geometry or materials have changed. The vectors remain until the first bounce is done.
-    pub fn follow(&mut self, scene: &GpuScene) {
+    /// The vectors with the bounces that are done; `None` once they are compressed.
+    pub fn vectors(&self) -> Option<&wgpu::Buffer> {
+        self.vectors.as_ref()
+    }
+
+    /// Frees the vectors, which have been compressed.
+    pub fn free_vectors(&mut self) {
+        self.vectors = None;
+    }
+
+    /// Restarts if geometry or materials have changed, and returns whether they have. The vectors remain until the
+    /// first bounce is done.
+    pub fn follow(&mut self, scene: &GpuScene) -> bool {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
-        if self.state.made != now {
+        let has_changed = self.state.made != now;
+        if has_changed {
             self.state = State {
                 made: now,
                 ..State::default()
             };
         }
+        has_changed
     }
 
     /// Computes the next bounce of one tile, and returns its number of rays: pass `radiance-transfer.rays`.
@@ -153,7 +211,11 @@ impl Transfer {
         let gpu = frame.gpu;
         let next = match self.next.take() {
             Some(next) => next,
-            None => vectors(gpu, self.vectors.size())?,
+            None => vectors(gpu, self.size_of_vectors)?,
+        };
+        let before = match self.vectors.take() {
+            Some(before) => before,
+            None => vectors(gpu, self.size_of_vectors)?,
         };
         if self.state.tiles == 0 {
             // Texels may have lost their points since.
@@ -170,36 +232,25 @@ impl Transfer {
                 seed: self.settings.seed,
                 ..Work::zeroed()
             };
-            let work = gpu.uniform("radiance transfer", &work)?;
-            let kernel = if self.state.bounces == 0 {
-                &self.first_bounce
-            } else {
-                &self.further_bounces
+            let tile = Tile {
+                work: gpu.uniform("radiance transfer", &work)?,
+                piece: &piece.points.points,
+                points: points.len() as u32,
+                is_first_bounce: self.state.bounces == 0,
             };
-            let of_points = [
-                ("work", work.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
-            ];
-            let of_texels = [
-                ("before", self.vectors.as_entire_binding()),
-                ("after", next.as_entire_binding()),
-                ("albedo", self.albedo.as_entire_binding()),
-            ];
-            let of_points = kernel.bind(gpu, 1, &of_points)?;
-            let of_texels = kernel.bind(gpu, 3, &of_texels)?;
-            frame.compute("radiance-transfer.rays", |pass| {
-                let groups = [
-                    (0, &scene.ray_bind_group),
-                    (1, &of_points),
-                    (2, &self.corners),
-                    (3, &of_texels),
-                ];
-                let lanes = points.len() as u32 * LANES;
-                kernel.dispatch(pass, &groups, [lanes, 1, 1]);
-            });
-            rays = points.len() as u64 * u64::from(self.settings.rays);
+            let vectors = Vectors {
+                before: &before,
+                after: &next,
+                albedo: &self.albedo,
+            };
+            match &self.rays {
+                Rays::Harmonics(rays) => rays.record(frame, scene, &tile, &vectors)?,
+                Rays::Wavelets(rays) => rays.record(frame, scene, &tile, &vectors)?,
+            }
+            rays = points.len() as u64 * u64::from(self.settings.rays_per_texel());
             self.state.tiles += 1;
         }
+        self.vectors = Some(before);
         self.next = Some(next);
         if self.state.tiles as usize == self.tiles.len() {
             self.end_bounce();
@@ -210,11 +261,11 @@ impl Transfer {
     /// All tiles are done: the vectors have one bounce more.
     fn end_bounce(&mut self) {
         if let Some(next) = self.next.take() {
-            let before = std::mem::replace(&mut self.vectors, next);
+            let before = self.vectors.replace(next);
             self.state.bounces += 1;
             self.state.tiles = 0;
             if !self.is_done() {
-                self.next = Some(before);
+                self.next = before;
             }
         }
     }
@@ -233,34 +284,37 @@ impl Transfer {
         Ok(Some(Saved {
             bounces,
             tiles,
-            vectors: read(&self.vectors)?,
+            vectors: self
+                .vectors
+                .as_ref()
+                .map(read)
+                .transpose()?
+                .unwrap_or_default(),
             next: next.map(read).transpose()?.unwrap_or_default(),
             albedo: read(&self.albedo)?,
         }))
     }
 
-    /// Continues from saved progress.
+    /// Continues from saved progress, which has no vectors if they are compressed.
     ///
     /// # Errors
     /// Why it does not fit these texels.
-    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
+    pub fn resume(&mut self, gpu: &Gpu, saved: &Saved, is_compressed: bool) -> Result<(), String> {
         let is_of_steps = if saved.bounces < self.settings.bounces {
             (saved.tiles as usize) < self.tiles.len()
         } else {
             saved.bounces == self.settings.bounces && saved.tiles == 0
         };
-        if !is_of_steps {
+        if !is_of_steps || (is_compressed && saved.bounces < self.settings.bounces) {
             return Err("another number of steps".into());
         }
-        let is_of = |words: &[u32], buffer: &wgpu::Buffer| words.len() as u64 * 4 == buffer.size();
         let has_next = saved.tiles > 0;
-        if !is_of(&saved.vectors, &self.vectors)
-            || !is_of(&saved.albedo, &self.albedo)
-            || if has_next {
-                !is_of(&saved.next, &self.vectors)
-            } else {
-                !saved.next.is_empty()
-            }
+        let is_whole = |words: &[u32], exists: bool, size: u64| {
+            words.len() as u64 * 4 == if exists { size } else { 0 }
+        };
+        if !is_whole(&saved.vectors, !is_compressed, self.size_of_vectors)
+            || !is_whole(&saved.next, has_next, self.size_of_vectors)
+            || !is_whole(&saved.albedo, true, self.albedo.size())
         {
             return Err("other texels".into());
         }
@@ -272,18 +326,22 @@ impl Transfer {
         {
             return Err("coefficients that are not finite".into());
         }
-        gpu.write(&self.vectors, 0, &saved.vectors);
-        gpu.write(&self.albedo, 0, &saved.albedo);
-        if has_next {
-            let next = match self.next.take() {
-                Some(next) => next,
-                None => vectors(gpu, self.vectors.size()).map_err(|error| error.to_string())?,
+        let write = |into: &mut Option<wgpu::Buffer>, words: &[u32]| {
+            if words.is_empty() {
+                *into = None;
+                return Ok(());
+            }
+            let buffer = match into.take() {
+                Some(buffer) => buffer,
+                None => vectors(gpu, self.size_of_vectors).map_err(|error| error.to_string())?,
             };
-            gpu.write(&next, 0, &saved.next);
-            self.next = Some(next);
-        } else {
-            self.next = None;
-        }
+            gpu.write(&buffer, 0, words);
+            *into = Some(buffer);
+            Ok::<_, String>(())
+        };
+        write(&mut self.vectors, &saved.vectors)?;
+        write(&mut self.next, &saved.next)?;
+        gpu.write(&self.albedo, 0, &saved.albedo);
         self.state.bounces = saved.bounces;
         self.state.tiles = saved.tiles;
         Ok(())
@@ -291,7 +349,7 @@ impl Transfer {
 }
 
 /// Whether both 16-bit floats in a word are finite.
-fn are_finite(word: u32) -> bool {
+pub(super) fn are_finite(word: u32) -> bool {
     const EXPONENT: u32 = 0x7c00;
     [word, word >> 16]
         .iter()
