@@ -126,7 +126,9 @@ impl LightPathMaps {
             earlier.count(self.panes.step(frame, scene, &self.capture)?);
             if self.panes.is_done() {
                 self.complete(frame)?;
-                self.revision += u64::from(self.lit.take().is_some());
+                // What texels hold now is no light: it is replaced below.
+                self.lit = None;
+                self.revision += 1;
             }
         }
         let now = LitAs {
@@ -135,7 +137,7 @@ impl LightPathMaps {
             revision: earlier.revision,
         };
         let mut is_current = self.panes.is_done() && self.lit.as_ref() == Some(&now);
-        if self.panes.is_done() && !is_current && earlier.may_step() {
+        if self.panes.is_done() && !is_current && (self.lit.is_none() || earlier.may_step()) {
             let entries = &self.panes.points.receiver;
             earlier.gather(frame, scene, entries, false)?;
             self.weigh(frame)?;
@@ -150,7 +152,8 @@ impl LightPathMaps {
         Ok(Generated {
             revision: self.revision,
             progress: if is_current { 1.0 } else { done * 0.999 },
-            pending: self.lit.is_none().then_some("light path maps"),
+            // The picture needs no indirect light to show the direct.
+            pending: None,
         })
     }
 

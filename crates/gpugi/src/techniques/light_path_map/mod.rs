@@ -78,7 +78,8 @@ impl Technique for LightPathMap {
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         let pattern = match self.settings.depth {
             Settings::DEEPEST => ALL.to_owned(),
-            depth => format!("LD{{2,{}}}E", depth + 2),
+            // Rays to near surfaces add a reflection.
+            depth => format!("LD{{2,{}}}E", depth + 3),
         };
         let mut paths = Vec::new();
         for class in LightClass::ALL {
@@ -118,7 +119,8 @@ impl Technique for LightPathMap {
             INFO.name,
             settings.resolution,
             settings.density,
-            u64::from(settings.near_rays) * gpu::NEAR_BYTES,
+            // Or four floats, of irradiance.
+            (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16),
         )?;
         let Some(atlas) = atlas else {
             return Ok(Generated::WITHOUT_ATLAS);

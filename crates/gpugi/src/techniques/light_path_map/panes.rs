@@ -22,8 +22,8 @@ const LIGHTS_PER_WALK: u64 = 3;
 /// brightens a texel more than one at that distance.
 const BOUNDED_DISTANCES: f32 = 4.0;
 
-/// How often near surfaces light each other.
-const NEAR_BOUNCES: u32 = 3;
+/// How often near surfaces light each other, where light may be reflected any number of times.
+const NEAR_BOUNCES: u32 = 8;
 
 /// Panes in one buffer.
 #[derive(Debug)]
@@ -175,7 +175,9 @@ impl Panes {
     pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
         if self.made != now {
-            self.points.choose(gpu, scene, &self.settings);
+            if self.made.map(|[geometry, _]| geometry) != Some(scene.versions.geometry) {
+                self.points.choose(gpu, scene, &self.settings);
+            }
             self.made = now;
             self.steps = 0;
         }
@@ -369,7 +371,11 @@ impl Panes {
         ];
         let from = kernel.bind(gpu, 1, &from)?;
         let mut before = &self.lit[0];
-        for bounce in 0..NEAR_BOUNCES {
+        let bounces = match self.settings.depth {
+            Settings::DEEPEST => NEAR_BOUNCES,
+            _ => 1,
+        };
+        for bounce in 0..bounces {
             let after = &self.lit[1 + bounce as usize % 2];
             let to = [
                 ("before", before.as_entire_binding()),
