@@ -104,8 +104,11 @@ async function picture(chromium, site, query, path) {
         writeHdr(path, width, height, Float32Array.from(rows.reverse().flatMap((row) => [...row])));
     } finally {
         if (browser) {
-            const ended = new Promise((done) => browser.on('exit', done));
-            process.kill(-browser.pid, 'SIGKILL');
+            try {
+                process.kill(-browser.pid, 'SIGKILL');
+            } catch {
+                // It has ended by itself.
+            }
             await ended;
         }
         rmSync(profile, { recursive: true, force: true, maxRetries: 5 });

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use blake3::Hasher;
+use blake3::{Hash, Hasher};
 use half::f16;
 
-use crate::{Atlas, Scene};
+use crate::{Atlas, Mesh, Scene};
 
 /// Bands of spherical harmonics that transfer vectors may have.
 pub const ORDERS: std::ops::RangeInclusive<u32> = 2..=8;
@@ -87,15 +87,15 @@ impl TransferVectors {
 /// are shared does not matter.
 pub fn geometry(scene: &Scene, atlas: &Atlas) -> [u8; 32] {
     let mut hasher = Hasher::new();
+    // Once per mesh: a short file may place a large mesh any number of times.
+    let mut meshes: Vec<Option<Hash>> = vec![None; scene.meshes.len()];
     for (instance, place) in scene.instances.iter().zip(&atlas.instances) {
-        let mesh = &scene.meshes[instance.mesh];
+        let of_mesh =
+            meshes[instance.mesh].get_or_insert_with(|| triangles(&scene.meshes[instance.mesh]));
         hasher.update(bytemuck::cast_slice(
             &instance.world_from_mesh.to_cols_array(),
         ));
-        hasher.update(&(mesh.indices.len() as u64).to_le_bytes());
-        for &index in &mesh.indices {
-            hasher.update(bytemuck::bytes_of(&mesh.positions[index as usize]));
-        }
+        hasher.update(of_mesh.as_bytes());
         let page = place.as_ref().map_or(u32::MAX, |place| place.page);
         hasher.update(&page.to_le_bytes());
         if let Some(place) = place {
@@ -103,4 +103,13 @@ pub fn geometry(scene: &Scene, atlas: &Atlas) -> [u8; 32] {
         }
     }
     *hasher.finalize().as_bytes()
+}
+
+/// BLAKE3 of a mesh's triangles: the positions of their corners.
+fn triangles(mesh: &Mesh) -> Hash {
+    let mut hasher = Hasher::new();
+    for &index in &mesh.indices {
+        hasher.update(bytemuck::bytes_of(&mesh.positions[index as usize]));
+    }
+    hasher.finalize()
 }

@@ -227,13 +227,17 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         self.follow_openings(&context);
         let mut actions = Vec::new();
+        let is_opening = self.viewer.opening().is_some();
         Panel::bottom("status").show(ui, |ui| self.status(ui));
         if let Some(session) = self.viewer.session() {
             Panel::left("controls").default_size(300.0).show(ui, |ui| {
                 ScrollArea::vertical().show(ui, |ui| {
                     panels::scene(ui, session, &mut actions);
                     panels::picture(ui, session, &mut actions);
-                    panels::techniques(ui, session, &mut actions);
+                    // What is set while something is opened would be lost.
+                    ui.add_enabled_ui(!is_opening, |ui| {
+                        panels::techniques(ui, session, &mut actions);
+                    });
                     panels::truth(ui, session);
                     panels::edits(ui, &session.loaded().scene, self.selected, &mut actions);
                     panels::performance(ui, session);

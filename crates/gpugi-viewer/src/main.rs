@@ -1,18 +1,20 @@
 //! `gpugi-view`: opens a window. `./gpugi view` builds and runs it.
 
-use std::process::ExitCode;
-
+use std::ffi::OsString;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use anyhow::{Context, anyhow};
 use clap::Parser;
+use clap::error::ErrorKind;
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use gpugi::gpu::{Gpu, instance_descriptor};
+use gpugi::techniques::Registry;
 use gpugi_cli::output::{self, Format};
 use gpugi_cli::render::{parse_size, split_settings};
 use gpugi_cli::scene_argument::SceneArguments;
-use gpugi_cli::{Common, exit_code, log_to_stderr};
+use gpugi_cli::{Common, Usage, exit_code, log_to_stderr};
 use gpugi_viewer::app::App;
 use gpugi_viewer::headless;
 use gpugi_viewer::script::Script;
@@ -64,18 +66,20 @@ struct Headless {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse_from(arguments());
+    let arguments = arguments();
     log_to_stderr(&arguments.common);
     exit_code(run(&arguments))
 }
 
-/// Those of the process; without any, a scene.
-fn arguments() -> Vec<String> {
-    let mut all: Vec<String> = std::env::args().collect();
-    if all.len() < 2 {
-        all.push("cornell".into());
-    }
-    all
+/// Those of the process; without a scene, the Cornell box.
+fn arguments() -> Arguments {
+    let all = || std::env::args_os();
+    Arguments::try_parse_from(all()).unwrap_or_else(|error| match error.kind() {
+        ErrorKind::MissingRequiredArgument => {
+            Arguments::parse_from(all().chain([OsString::from("cornell")]))
+        }
+        _ => error.exit(),
+    })
 }
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -83,7 +87,12 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
         names: (!arguments.technique.is_empty()).then(|| arguments.technique.clone()),
         ..TechniqueSet::default()
     };
+    let registry = Registry::default();
     for [technique, name, value] in split_settings(&arguments.set)? {
+        if registry.find(technique).is_none() {
+            let message = format!("--set {technique}.{name}: there is no technique {technique:?}");
+            return Err(Usage(message).into());
+        }
         set.set(technique, name, value);
     }
     let start = Start {

@@ -119,7 +119,7 @@ fn renderer(
     })
 }
 
-/// The arguments as they are written on the command line.
+/// The arguments as they are written on the command line, without the time, which goes on.
 fn in_words(arguments: &SceneArguments) -> Vec<String> {
     let mut words = vec![arguments.scene.clone()];
     let mut option = |name: &str, value: Option<String>| {
@@ -133,10 +133,6 @@ fn in_words(arguments: &SceneArguments) -> Vec<String> {
         is_set(arguments.detail != 1, arguments.detail.to_string()),
     );
     option("--environment", path(&arguments.environment));
-    option(
-        "--time",
-        is_set(arguments.time != 0.0, arguments.time.to_string()),
-    );
     option("--without", text(&arguments.without));
     option("--files-from", path(&arguments.files_from));
     option("--limits", text(&arguments.limits));

@@ -129,6 +129,7 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
             });
             if let Some(mut degrees) = session.camera.field_of_view() {
                 let slider = Slider::new(&mut degrees, 5.0..=120.0)
+                    .clamping(egui::SliderClamping::Edits)
                     .text("field of view")
                     .suffix("°");
                 if ui.add(slider).changed() {
@@ -145,7 +146,7 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                     );
                 ui.add(
                     DragValue::new(&mut pace.target_rate)
-                        .range(5.0..=240.0)
+                        .range(5.0..=60.0)
                         .suffix(" frames/s"),
                 );
             });

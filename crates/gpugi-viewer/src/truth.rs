@@ -2,8 +2,8 @@
 //! for it.
 
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -54,7 +54,8 @@ pub struct Reference {
 #[derive(Debug)]
 pub struct Truth {
     requests: Sender<(u64, View)>,
-    answers: Receiver<Result<Reference, String>>,
+    /// The newest: pictures that nobody looks at take no memory.
+    answer: Arc<Mutex<Option<Result<Reference, String>>>>,
     asked: Option<View>,
     number: u64,
 }
@@ -63,13 +64,17 @@ impl Truth {
     /// Starts the thread, on an adapter by its name. `wake` is called whenever the picture is better.
     pub fn start(adapter: &str, wake: impl Fn() + Send + 'static) -> Self {
         let (requests, to_do) = channel();
-        let (done, answers) = channel();
+        let answer = Arc::new(Mutex::new(None));
+        let slot = Arc::downgrade(&answer);
         let choice = AdapterChoice::Named(adapter.to_owned());
         thread::spawn(move || {
             let answer = |answer| {
-                let is_wanted = done.send(answer).is_ok();
+                let Some(slot) = slot.upgrade() else {
+                    return false;
+                };
+                *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(answer);
                 wake();
-                is_wanted
+                true
             };
             if let Err(error) = work(&choice, &to_do, &answer) {
                 answer(Err(error.to_string()));
@@ -77,7 +82,7 @@ impl Truth {
         });
         Self {
             requests,
-            answers,
+            answer,
             asked: None,
             number: 0,
         }
@@ -101,14 +106,9 @@ impl Truth {
     /// # Errors
     /// Why there will be none.
     pub fn latest(&self) -> Result<Option<Reference>, String> {
-        let mut latest = None;
-        for answer in self.answers.try_iter() {
-            let reference = answer?;
-            if reference.number == self.number {
-                latest = Some(reference);
-            }
-        }
-        Ok(latest)
+        let mut slot = self.answer.lock().unwrap_or_else(PoisonError::into_inner);
+        let latest = slot.take().transpose()?;
+        Ok(latest.filter(|one| one.number == self.number))
     }
 }
 

@@ -134,6 +134,9 @@ impl Viewer {
         match (kind, &mut self.session) {
             (Kind::Scene(scene), _) => {
                 self.show(loaded)?;
+                if let Some(session) = &mut self.session {
+                    session.clock.seconds = scene.time;
+                }
                 self.scene = scene;
             }
             (Kind::Environment(scene), Some(session)) => {

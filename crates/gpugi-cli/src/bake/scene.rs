@@ -74,9 +74,10 @@ pub struct SceneOptions {
     /// Texels per metre, in as many pages as needed (default: as many texels as fit one page)
     #[arg(long, value_name = "N")]
     pub texel_density: Option<f32>,
-    /// Width and height of a page (texels)
-    #[arg(long, value_name = "TEXELS", default_value_t = 1024)]
-    pub atlas_size: u32,
+    /// Width and height of a page (texels; default: 1024, and for transfer vectors as many of them as fit the GPU's
+    /// buffers)
+    #[arg(long, value_name = "TEXELS")]
+    pub atlas_size: Option<u32>,
     /// Minimum number of empty texels between charts
     #[arg(long, value_name = "TEXELS", default_value_t = 2)]
     pub gutter: u32,
@@ -121,6 +122,11 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
+    /// Width and height of a page [texels].
+    pub fn page_size(&self) -> u32 {
+        self.atlas_size.unwrap_or(1024)
+    }
+
     /// Those that decide the result.
     pub fn of_result(&self) -> Self {
         Self {

@@ -27,6 +27,9 @@ pub enum Format {
     Byte,
 }
 
+/// Of a texel: three 16-bit floats and padding.
+const BYTES_PER_FUNCTION: u64 = 8;
+
 /// Settings that the options of the atlas take the place of.
 const OF_ATLAS: [(&str, &str); 2] = [
     ("resolution", "--atlas-size"),
@@ -67,6 +70,14 @@ pub fn run(
     crate::output::check_folders([output])?;
     let (scene, mut notes) = scene_argument::load(arguments)?;
     let gpu = Gpu::open(&common.adapter)?;
+    let options = &SceneOptions {
+        atlas_size: Some(
+            options
+                .atlas_size
+                .unwrap_or_else(|| page_size(&gpu, &settings_of)),
+        ),
+        ..options.clone()
+    };
     interrupt::catch();
     let techniques = [NAME.to_owned()];
     let mut work = begin(
@@ -124,4 +135,17 @@ pub fn run(
         );
     }
     Ok(())
+}
+
+/// The largest page, of 1024 texels per side at most, whose vectors fit a binding of the GPU.
+fn page_size(gpu: &Gpu, settings: &[[&str; 3]]) -> u32 {
+    let order = settings.iter().find(|[_, key, _]| *key == "order");
+    let order = order.and_then(|[_, _, value]| value.parse().ok());
+    let functions = order.unwrap_or(6_u64).min(8).pow(2);
+    let limits = gpu.limits();
+    let bytes = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    let fits = |size: &u32| u64::from(*size).pow(2) * functions * BYTES_PER_FUNCTION <= bytes;
+    [1024, 512].into_iter().find(fits).unwrap_or(256)
 }

@@ -134,7 +134,7 @@ pub fn begin<'a>(
     if options.resume && work.resume(scene)? {
         let kept = &work.done.atlas;
         anyhow::ensure!(
-            kept.size == options.atlas_size && kept.pages <= most_pages(kept.size),
+            kept.size == options.page_size() && kept.pages <= most_pages(kept.size),
             "{}: its atlas is not as asked for",
             work.path.display()
         );
@@ -163,13 +163,13 @@ fn most_pages(size: u32) -> u32 {
 
 fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
     let layout = AtlasOptions {
-        size: options.atlas_size,
+        size: options.page_size(),
         density: match options.texel_density {
             Some(density) => TexelDensity::PerMetre(density),
             None => TexelDensity::OnePage,
         },
         gutter: options.gutter,
-        most_pages: most_pages(options.atlas_size),
+        most_pages: most_pages(options.page_size()),
         ..AtlasOptions::default()
     };
     progress.show(0.0, "unwrapping");

@@ -1,6 +1,6 @@
 //! Controls that edit the scene: lights, environment, the selected object and its material.
 
-use eframe::egui::{CollapsingHeader, DragValue, Slider, Ui};
+use eframe::egui::{CollapsingHeader, DragValue, Slider, SliderClamping, Ui};
 use glam::{Mat3, Mat4, Quat, Vec3};
 use gpugi::scene::Edit;
 use gpugi_scene::{Light, LightKind, Scene};
@@ -21,7 +21,9 @@ pub fn edits(ui: &mut Ui, scene: &Scene, selected: Option<usize>, actions: &mut 
                         .suffix("°"),
                 )
                 .changed();
-            let intensity = Slider::new(&mut environment.intensity, 0.0..=10.0).text("intensity");
+            let intensity = Slider::new(&mut environment.intensity, 0.0..=10.0)
+                .clamping(SliderClamping::Edits)
+                .text("intensity");
             changed |= ui.add(intensity).changed();
             if changed {
                 environment.rotation = degrees.to_radians();
@@ -150,9 +152,9 @@ fn light_controls(ui: &mut Ui, light: &Light, diagonal: f32) -> Option<Light> {
         let toward = -direction;
         let mut around = toward.x.atan2(toward.z).to_degrees();
         let mut above = toward.y.clamp(-1.0, 1.0).asin().to_degrees();
-        let slider = Slider::new(&mut around, -180.0..=180.0);
+        let slider = Slider::new(&mut around, -180.0..=180.0).clamping(SliderClamping::Edits);
         let mut turned = ui.add(slider.text("from around").suffix("°")).changed();
-        let slider = Slider::new(&mut above, -89.0..=89.0);
+        let slider = Slider::new(&mut above, -90.0..=90.0).clamping(SliderClamping::Edits);
         turned |= ui.add(slider.text("from above").suffix("°")).changed();
         // Only what is dragged: other angles would be rounded.
         if turned {

@@ -157,9 +157,7 @@ impl<'a> Baker<'a> {
         pages: &[BakedPage],
         transfer: Option<Transfer>,
     ) -> Result<Exported, ExportError> {
-        if transfer.is_some() {
-            transfer::remove(&mut self.output.json)?;
-        }
+        transfer::remove(&mut self.output.json)?;
         let root = &self.document.root;
         let (pages, scales) =
             textures::add_pages(&mut self.output, atlas, pages, transfer.is_some())?;

@@ -90,9 +90,13 @@ fn geometry_of(
     vectors: &TransferVectors,
     resolver: &dyn Resolver,
 ) -> Result<[u8; 32], ExportError> {
+    // The original has been read within its limits.
     let limits = Limits {
         scene_bytes: u64::MAX,
         expansion: u64::MAX,
+        file_bytes: u64::MAX,
+        image_bytes: u64::MAX,
+        image_side: u32::MAX,
         ..Limits::default()
     };
     let glb = output.clone().glb()?;

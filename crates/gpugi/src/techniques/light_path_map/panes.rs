@@ -175,9 +175,7 @@ impl Panes {
     pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
         if self.made != now {
-            if self.made.map(|[geometry, _]| geometry) != Some(scene.versions.geometry) {
-                self.points.choose(gpu, scene, &self.settings);
-            }
+            self.points.choose(gpu, scene, &self.settings);
             self.made = now;
             self.steps = 0;
         }

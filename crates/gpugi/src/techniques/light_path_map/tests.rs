@@ -334,6 +334,10 @@ fn panes_follow_the_scene() {
     let Some(gpu) = test_gpu() else { return };
     let settings = [("entries", "256"), ("clusters", "8"), ("steps", "3")];
     let mut solver = Solver::new(&gpu, &closed_box(0.5), &settings);
+    assert!(
+        solver.frame().pending.is_some(),
+        "there is an atlas already"
+    );
     let begun = solver.frame();
     assert!(begun.progress < 1.0 && begun.pending.is_none());
     let mut solver = solver.solve();
