@@ -70,14 +70,11 @@ pub fn run(
     crate::output::check_folders([output])?;
     let (scene, mut notes) = scene_argument::load(arguments)?;
     let gpu = Gpu::open(&common.adapter)?;
-    let options = &SceneOptions {
-        atlas_size: Some(
-            options
-                .atlas_size
-                .unwrap_or_else(|| page_size(&gpu, &settings_of)),
-        ),
-        ..options.clone()
-    };
+    let mut options = options.clone();
+    options
+        .atlas_size
+        .get_or_insert_with(|| page_size(&gpu, &settings_of));
+    let options = &options;
     interrupt::catch();
     let techniques = [NAME.to_owned()];
     let mut work = begin(

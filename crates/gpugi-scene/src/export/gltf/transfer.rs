@@ -97,7 +97,6 @@ fn geometry_of(
         file_bytes: u64::MAX,
         image_bytes: u64::MAX,
         image_side: u32::MAX,
-        ..Limits::default()
     };
     let glb = output.clone().glb()?;
     let scene = crate::import::gltf::import("baked.glb", &glb, resolver, &limits)?;
