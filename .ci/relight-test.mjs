@@ -104,6 +104,8 @@ async function picture(chromium, site, query, path) {
         writeHdr(path, width, height, Float32Array.from(rows.reverse().flatMap((row) => [...row])));
     } finally {
         if (browser) {
+            const hasEnded = browser.exitCode !== null || browser.signalCode !== null;
+            const ended = hasEnded || new Promise((done) => browser.on('exit', done));
             try {
                 process.kill(-browser.pid, 'SIGKILL');
             } catch {
