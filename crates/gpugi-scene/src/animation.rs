@@ -332,8 +332,8 @@ impl Rig {
 }
 
 impl Scene {
-    /// Moves everything to `time_seconds`: instances, lights, cameras and meshes that deform. Animations loop. Does
-    /// nothing without a rig. Values that would not be finite are not written.
+    /// Moves everything to `time_seconds`: instances, lights, cameras, media and meshes that deform. Animations loop.
+    /// Does nothing without a rig. Values that would not be finite are not written, nor boxes of media without volume.
     pub fn pose(&mut self, time_seconds: f32) {
         let Some(rig) = &self.rig else {
             return;
@@ -354,6 +354,16 @@ impl Scene {
         }
         for camera in &mut self.cameras {
             place(&mut camera.world_from_view, camera.node, rigid);
+        }
+        for medium in &mut self.media {
+            if let Some(world_from_box) = &mut medium.world_from_box {
+                let before = *world_from_box;
+                place(world_from_box, medium.node, |world| world);
+                // A box without volume holds nothing, and has no inverse.
+                if !world_from_box.inverse().is_finite() {
+                    *world_from_box = before;
+                }
+            }
         }
         let skins: Vec<Vec<Mat4>> = rig.skins.iter().map(|skin| skin.matrices(&pose)).collect();
         for deformer in &rig.deformers {

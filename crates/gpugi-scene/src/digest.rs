@@ -12,12 +12,13 @@ use bytemuck::NoUninit;
 use glam::{Affine2, Mat4};
 
 use crate::{
-    AlphaMode, Camera, Environment, Image, Instance, Light, LightKind, Material, MaterialModel,
-    Mesh, Pixels, Projection, Scene, Texture, TextureRef, Volume, Wrap,
+    AlphaMode, Camera, DensityGrid, Environment, Image, Instance, Light, LightKind, Material,
+    MaterialModel, Medium, Mesh, PhaseFunction, Pixels, Projection, Scene, Texture, TextureRef,
+    Volume, Wrap,
 };
 
 impl Scene {
-    /// BLAKE3 of meshes, instances, materials, textures, images, lights and environment. Scenes that hold the same
+    /// BLAKE3 of meshes, instances, materials, textures, images, lights, environment and media. Scenes that hold the same
     /// values, and hence look the same from everywhere, have equal digests on all machines with the same byte order.
     pub fn digest(&self) -> [u8; 32] {
         let Self {
@@ -30,6 +31,7 @@ impl Scene {
             lights,
             cameras: _,
             environment,
+            media,
             rig: _,
             transfer: _,
             warnings: _,
@@ -42,6 +44,7 @@ impl Scene {
         images.feed(&mut hasher);
         lights.feed(&mut hasher);
         environment.feed(&mut hasher);
+        media.feed(&mut hasher);
         *hasher.finalize().as_bytes()
     }
 }
@@ -338,6 +341,40 @@ impl Feed for Light {
         range.feed(hasher);
         radius.feed(hasher);
         world_from_light.feed(hasher);
+    }
+}
+
+impl Feed for Medium {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self {
+            name: _,
+            world_from_box,
+            extinction,
+            albedo,
+            phase,
+            emission,
+            density,
+            node: _,
+        } = self;
+        world_from_box.feed(hasher);
+        let (kind, g) = match phase {
+            PhaseFunction::HenyeyGreenstein(g) => (0.0, *g),
+            PhaseFunction::CornetteShanks(g) => (1.0, *g),
+        };
+        plain(
+            hasher,
+            &[*extinction, *albedo, *emission].map(|v| v.to_array()),
+        );
+        plain(hasher, &[kind, g]);
+        density.feed(hasher);
+    }
+}
+
+impl Feed for DensityGrid {
+    fn feed(&self, hasher: &mut Hasher) {
+        let Self { size, values } = self;
+        plain(hasher, size);
+        list(hasher, values);
     }
 }
 

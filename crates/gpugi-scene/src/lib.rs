@@ -16,6 +16,7 @@ pub mod image;
 pub mod import;
 pub mod light;
 pub mod material;
+pub mod medium;
 pub mod mesh;
 pub mod names;
 pub mod normals;
@@ -26,7 +27,7 @@ pub mod simplify;
 pub mod tangents;
 pub mod transfer;
 
-pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, TexelDensity};
+pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, Side, TexelDensity};
 pub use camera::{Camera, Projection};
 pub use error::ImportError;
 pub use image::{Image, Pixels};
@@ -35,6 +36,7 @@ pub use import::{
 };
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
+pub use medium::{DensityGrid, Medium, PhaseFunction};
 pub use mesh::Mesh;
 pub use names::Name;
 pub use provoking::{ProvokingMesh, provoking_order};

@@ -6,7 +6,9 @@ use glam::{Mat4, Vec3};
 
 use crate::animation::Rig;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
-use crate::{AlphaMode, Camera, Image, Light, LightKind, Material, Mesh, Texture, TransferVectors};
+use crate::{
+    AlphaMode, Camera, Image, Light, LightKind, Material, Medium, Mesh, Texture, TransferVectors,
+};
 
 /// A placed mesh. Several instances may share a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,9 +55,25 @@ impl Environment {
     /// A clear sky with a low sun behind the viewer's left shoulder, and grey ground. Lights scenes that have no light
     /// of their own.
     pub fn default_sky() -> Self {
+        let sun = Vec3::new(-0.45, 0.65, 0.6).normalize();
+        Self::procedural("default sky", |direction| {
+            // A sun disc of 5 degrees radius: small enough to cast distinct shadows, wide enough for the texel grid.
+            let toward_sun = direction.dot(sun);
+            let disc = if toward_sun > 0.9962 { 180.0 } else { 0.0 };
+            let glow = toward_sun.max(0.0).powi(64) * 0.8;
+            clear_sky_radiance(direction) + Vec3::new(1.0, 0.92, 0.8) * (disc + glow)
+        })
+    }
+
+    /// The same sky without its sun.
+    pub(crate) fn clear_sky() -> Self {
+        Self::procedural("clear sky", clear_sky_radiance)
+    }
+
+    /// An environment with the given radiance by direction.
+    fn procedural(name: &str, radiance: impl Fn(Vec3) -> Vec3) -> Self {
         const WIDTH: u32 = 256;
         const HEIGHT: u32 = 128;
-        let sun = Vec3::new(-0.45, 0.65, 0.6).normalize();
         let mut texels = Vec::with_capacity((WIDTH * HEIGHT * 4) as usize);
         for y in 0..HEIGHT {
             let theta = std::f32::consts::PI * (y as f32 + 0.5) / HEIGHT as f32;
@@ -66,24 +84,13 @@ impl Environment {
                     theta.cos(),
                     -phi.cos() * theta.sin(),
                 );
-                let color = if direction.y > 0.0 {
-                    let height = direction.y.sqrt();
-                    Vec3::new(0.75, 0.85, 1.0).lerp(Vec3::new(0.18, 0.36, 0.8), height)
-                } else {
-                    Vec3::splat(0.22)
-                };
-                // A sun disc of 5 degrees radius: small enough to cast distinct shadows, wide enough for the texel
-                // grid.
-                let toward_sun = direction.dot(sun);
-                let disc = if toward_sun > 0.9962 { 180.0 } else { 0.0 };
-                let glow = toward_sun.max(0.0).powi(64) * 0.8;
-                let radiance = color + Vec3::new(1.0, 0.92, 0.8) * (disc + glow);
+                let radiance = radiance(direction);
                 texels.extend([radiance.x, radiance.y, radiance.z, 1.0]);
             }
         }
         Self {
             image: Arc::new(Image {
-                name: "default sky".to_owned(),
+                name: name.to_owned(),
                 width: WIDTH,
                 height: HEIGHT,
                 pixels: crate::Pixels::Rgba32Float(texels),
@@ -91,6 +98,16 @@ impl Environment {
             rotation: 0.0,
             intensity: 1.0,
         }
+    }
+}
+
+/// Radiance of a clear sky above grey ground.
+fn clear_sky_radiance(direction: Vec3) -> Vec3 {
+    if direction.y > 0.0 {
+        let height = direction.y.sqrt();
+        Vec3::new(0.75, 0.85, 1.0).lerp(Vec3::new(0.18, 0.36, 0.8), height)
+    } else {
+        Vec3::splat(0.22)
     }
 }
 
@@ -190,6 +207,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Light from infinitely far away.
     pub environment: Option<Environment>,
+    /// Fog, smoke and clouds.
+    pub media: Vec<Medium>,
     /// Animation data: see [`Scene::pose`].
     pub rig: Option<Rig>,
     /// Transfer vectors that the file holds: those of the scene as it was imported.
@@ -221,6 +240,8 @@ pub struct Statistics {
     pub directional_lights: usize,
     /// Emissive triangles after instancing.
     pub emissive_triangles: u64,
+    /// Media.
+    pub media: usize,
     /// Cameras.
     pub cameras: usize,
     /// Whether there is an environment.
@@ -277,14 +298,16 @@ impl Scene {
         self.instances.len() - 1
     }
 
-    /// Removes the instances and lights that `list` names ([`is_named_by`]). Meshes and materials stay.
+    /// Removes the instances, lights and media that `list` names ([`is_named_by`]). Meshes and materials stay.
     ///
     /// # Errors
     /// [`UnknownObject`] if a name in the list matches no object; the scene is then unchanged.
     pub fn remove(&mut self, list: &str) -> Result<(), UnknownObject> {
         let instances = self.instances.iter().map(|instance| instance.name.as_str());
         let lights = self.lights.iter().map(|light| light.name.as_str());
-        check_names(list, instances.chain(lights))?;
+        let media = self.media.iter().map(|medium| medium.name.as_str());
+        check_names(list, instances.chain(lights).chain(media))?;
+        self.media.retain(|medium| !is_named_by(&medium.name, list));
         self.lights.retain(|light| !is_named_by(&light.name, list));
         let mut kept = 0;
         let new_index: Vec<Option<usize>> = (self.instances.iter())
@@ -309,12 +332,17 @@ impl Scene {
         Ok(())
     }
 
-    /// Bounding box of all instances.
+    /// Bounding box of all instances and of the boxes of media.
     pub fn bounds(&self) -> Bounds {
         let mesh_bounds: Vec<Bounds> = self.meshes.iter().map(|mesh| mesh.bounds()).collect();
-        self.instances.iter().fold(Bounds::EMPTY, |all, instance| {
-            all.union(mesh_bounds[instance.mesh].transformed(&instance.world_from_mesh))
-        })
+        let instances = self
+            .instances
+            .iter()
+            .map(|one| mesh_bounds[one.mesh].transformed(&one.world_from_mesh));
+        let media = self.media.iter().filter_map(Medium::bounds);
+        instances
+            .chain(media)
+            .fold(Bounds::EMPTY, |all, bounds| all.union(bounds))
     }
 
     /// Whether anything in the scene emits light.
@@ -325,6 +353,10 @@ impl Scene {
                 .instances
                 .iter()
                 .any(|instance| self.materials[instance.material].emissive != Vec3::ZERO)
+            || self
+                .media
+                .iter()
+                .any(|medium| medium.emission != Vec3::ZERO)
     }
 
     /// Counts and sizes of the scene's contents.
@@ -359,6 +391,7 @@ impl Scene {
                 .filter(|instance| self.materials[instance.material].emissive != Vec3::ZERO)
                 .map(triangles)
                 .sum(),
+            media: self.media.len(),
             cameras: self.cameras.len(),
             environment: self.environment.is_some(),
             animated: self.rig.is_some(),
@@ -377,6 +410,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PhaseFunction;
     use crate::animation::Deformer;
     use crate::light::LightKind;
 
@@ -404,6 +438,18 @@ mod tests {
             let light = Light::new(name, LightKind::Point, Vec3::ONE);
             scene.lights.push(light);
         }
+        for name in ["fog", "second fog"] {
+            scene.media.push(Medium {
+                name: name.into(),
+                world_from_box: None,
+                extinction: Vec3::ONE,
+                albedo: Vec3::ONE,
+                phase: PhaseFunction::HenyeyGreenstein(0.0),
+                emission: Vec3::ZERO,
+                density: None,
+                node: None,
+            });
+        }
         let before = scene.clone();
         assert!(scene.remove("second,fourth").is_err());
         assert_eq!(scene, before);
@@ -414,6 +460,8 @@ mod tests {
         assert_eq!(names, ["first", "third"]);
         let lights: Vec<_> = scene.lights.iter().map(|one| &one.name).collect();
         assert_eq!(lights, ["lamp"]);
+        let media: Vec<_> = scene.media.iter().map(|one| &one.name).collect();
+        assert_eq!(media, ["fog"]);
         let deformers = &scene.rig.as_ref().unwrap().deformers;
         let bent: Vec<_> = deformers
             .iter()

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use glam::{Mat4, Quat, Vec2, Vec3};
 use gpugi_scene::atlas::{
-    Atlas, AtlasError, AtlasOptions, InstanceUvs, NO_CHART, Seams, SecondSetFault, TexelDensity,
-    check_second_set,
+    Atlas, AtlasError, AtlasOptions, InstanceUvs, NO_CHART, Seams, SecondSetFault, Side,
+    TexelDensity, check_second_set,
 };
 use gpugi_scene::builtin::{builtin, shapes};
 use gpugi_scene::{Material, Mesh, Scene};
@@ -56,13 +56,12 @@ fn assert_sound(name: &str, scene: &Scene, atlas: &Atlas, gutter: u32) {
     atlas
         .check(scene)
         .unwrap_or_else(|reason| panic!("{name}: {reason}"));
-    let mut owners: HashMap<(u32, u32, u32), (usize, u32)> = HashMap::new();
+    let mut owners: HashMap<(u32, u32, u32), (usize, Side, u32)> = HashMap::new();
     // Samples inside triangles: a sample in two is an overlap within a chart.
     const FINER: u32 = 3;
     let mut samples: HashMap<(u32, u32, u32), u32> = HashMap::new();
     let (mut overlapped, mut sampled) = (0, 0);
-    for (index, uvs) in atlas.instances.iter().enumerate() {
-        let Some(uvs) = uvs else { continue };
+    for (index, side, uvs) in atlas.sides() {
         for (corners, chart) in triangles(uvs) {
             if chart == NO_CHART {
                 let extent = corners[1].distance(corners[0]) + corners[2].distance(corners[0]);
@@ -71,8 +70,9 @@ fn assert_sound(name: &str, scene: &Scene, atlas: &Atlas, gutter: u32) {
             }
             assert!(doubled_area(corners) > 0.0, "{name}: mirrored");
             for (x, y) in touched(corners, atlas.size) {
-                let owner = *owners.entry((uvs.page, x, y)).or_insert((index, chart));
-                assert_eq!(owner, (index, chart), "{name}: two charts touch {x}, {y}");
+                let own = (index, side, chart);
+                let owner = *owners.entry((uvs.page, x, y)).or_insert(own);
+                assert_eq!(owner, own, "{name}: two charts touch {x}, {y}");
             }
             let size = (atlas.size * FINER) as f32;
             let texels = corners.map(|uv| uv * size);
@@ -142,6 +142,46 @@ fn builtin_scenes_fit_a_page_without_overlap() {
         assert_sound(name, &scene, &atlas, options.gutter);
         assert_eq!(atlas, Atlas::new(&scene, &options).unwrap(), "{name}");
     }
+}
+
+#[test]
+fn backs_of_open_double_sided_meshes_have_texels_of_their_own() {
+    let mut scene = Scene::new("sheets");
+    let matt = Material::matt("grey", Vec3::splat(0.5));
+    let single = scene.add_material(matt.clone());
+    let double = scene.add_material(Material {
+        double_sided: true,
+        ..matt
+    });
+    let sheet = scene.add_mesh(shapes::quad(Vec3::ZERO, Vec3::X, Vec3::Y, 2));
+    let closed = scene.add_mesh(shapes::cuboid(Vec3::ZERO, Vec3::ONE, 1));
+    let smaller = Mat4::from_scale(Vec3::splat(0.75));
+    for (mesh, material, matrix) in [
+        (sheet, single, Mat4::IDENTITY),
+        (sheet, double, Mat4::IDENTITY),
+        (closed, double, Mat4::IDENTITY),
+        (sheet, double, smaller),
+    ] {
+        scene.add_instance("", mesh, material, matrix);
+    }
+    let backs = AtlasOptions {
+        backs: true,
+        ..small()
+    };
+    let atlas = Atlas::new(&scene, &backs).unwrap();
+    assert_sound("sheets", &scene, &atlas, backs.gutter);
+    let with_back: Vec<bool> = atlas.backs.iter().map(Option::is_some).collect();
+    assert_eq!(with_back, [false, true, false, true]);
+    for index in [1, 3] {
+        let sides = [&atlas.instances, &atlas.backs].map(|of| of[index].as_ref().unwrap());
+        let [front, back] = sides.map(|uvs| texel_area(uvs, atlas.size));
+        assert!((front / back - 1.0).abs() < 1e-3, "{front} {back}");
+    }
+    let fronts = Atlas::new(&scene, &small()).unwrap();
+    assert_eq!(fronts.sides().count(), 4);
+    let mut other = atlas.clone();
+    other.backs[1].as_mut().unwrap().corners.pop();
+    assert!(other.check(&scene).is_err());
 }
 
 #[test]

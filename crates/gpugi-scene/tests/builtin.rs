@@ -73,6 +73,9 @@ fn every_scene_is_complete() {
         for texture in &scene.textures {
             assert!(texture.image < scene.images.len());
         }
+        for medium in &scene.media {
+            assert_eq!(medium.check(), Ok(()));
+        }
         for image in &scene.images {
             assert_eq!(image.byte_size(), (image.width * image.height * 4) as usize);
         }

@@ -42,6 +42,7 @@ fuzz_target!(|bytes: &[u8]| {
             size: 1,
             pages: 1,
             instances: instances.collect(),
+            backs: Vec::new(),
         };
         let page = BakedPage {
             obscurance: Some(vec![0.5]),

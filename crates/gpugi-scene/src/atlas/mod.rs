@@ -44,6 +44,18 @@ pub struct Atlas {
     pub pages: u32,
     /// Per scene instance; `None` if the instance has no area, or nothing but slivers, and so is not in the atlas.
     pub instances: Vec<Option<InstanceUvs>>,
+    /// The same for the backs of surfaces, with the charts of their fronts; `None` where a back has no texels. Empty if
+    /// none has.
+    pub backs: Vec<Option<InstanceUvs>>,
+}
+
+/// A side of an instance's surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Where the corners of triangles run counter-clockwise in mesh space.
+    Front,
+    /// The other.
+    Back,
 }
 
 /// Where one instance lies. All of it is in one page. No two triangles overlap, and none is mirrored: the corners run
@@ -83,6 +95,8 @@ pub struct AtlasOptions {
     pub most_pages: u32,
     /// Whether valid second texture coordinates define the charts.
     pub use_second_set: bool,
+    /// Whether open double-sided meshes, such as leaves and curtains, also have texels for the backs of their surfaces.
+    pub backs: bool,
 }
 
 impl Default for AtlasOptions {
@@ -93,6 +107,7 @@ impl Default for AtlasOptions {
             gutter: 2,
             most_pages: 64,
             use_second_set: true,
+            backs: false,
         }
     }
 }
@@ -120,13 +135,14 @@ impl Atlas {
         goes_on: impl Fn(f32) -> bool + Sync,
     ) -> Result<Self, AtlasError> {
         check_options(options)?;
-        let (shapes, shape_of) = shapes(scene)?;
+        let (shapes, [fronts, backs]) = shapes(scene, options.backs)?;
         check_area(&shapes, options)?;
         if shapes.is_empty() {
             return Ok(Self {
                 size: options.size,
                 pages: 0,
                 instances: vec![None; scene.instances.len()],
+                backs: Vec::new(),
             });
         }
         let second_sets: Vec<Option<&[[f32; 2]]>> = shapes
@@ -180,18 +196,24 @@ impl Atlas {
         // If everything fits one page, the unwrapper crops that page to its used part.
         let page = Vec2::new(unwrapped.width as f32, unwrapped.height as f32);
         let scale = page / options.size as f32;
-        let instances = shape_of
-            .iter()
-            .map(|place| {
-                let &(shape, number) = place.as_ref()?;
-                placed(&unwrapped.meshes[shape], number, scale)
-            })
-            .collect();
+        let place = |place: &Option<(usize, usize)>| {
+            let &(shape, number) = place.as_ref()?;
+            placed(&unwrapped.meshes[shape], number, scale)
+        };
         Ok(Self {
             size: options.size,
             pages: unwrapped.page_count,
-            instances,
+            instances: fronts.iter().map(place).collect(),
+            backs: backs.iter().map(place).collect(),
         })
+    }
+
+    /// Everything that lies in the atlas: the number of its instance, which side of it, and where it lies.
+    pub fn sides(&self) -> impl Iterator<Item = (usize, Side, &InstanceUvs)> {
+        let fronts = self.instances.iter().zip(std::iter::repeat(Side::Front));
+        let backs = self.backs.iter().zip(std::iter::repeat(Side::Back));
+        let numbered = fronts.enumerate().chain(backs.enumerate());
+        numbered.filter_map(|(index, (uvs, side))| Some((index, side, uvs.as_ref()?)))
     }
 
     /// Triangles of the scene, in all instances, that are too thin for texels of their own: those without a chart, and
@@ -220,8 +242,15 @@ impl Atlas {
         if !(1..=LARGEST_PAGE).contains(&self.size) {
             return Err(format!("pages of {} texels a side", self.size));
         }
-        for (number, (uvs, instance)) in self.instances.iter().zip(&scene.instances).enumerate() {
-            let Some(uvs) = uvs else { continue };
+        if self.backs.len() > scene.instances.len() {
+            return Err(format!(
+                "the atlas has the backs of {} instances, the scene {}",
+                self.backs.len(),
+                scene.instances.len()
+            ));
+        }
+        for (number, _, uvs) in self.sides() {
+            let instance = &scene.instances[number];
             let indices = scene.meshes[instance.mesh].indices.len();
             if uvs.corners.len() != indices || uvs.charts.len() * 3 != indices {
                 return Err(format!(
@@ -276,14 +305,16 @@ fn check_options(options: &AtlasOptions) -> Result<(), AtlasError> {
     Ok(())
 }
 
-/// What is unwrapped, each shape once; and per instance, its shape and its number among the instances of that shape.
-type Shapes = (Vec<Shape>, Vec<Option<(usize, usize)>>);
+/// What is unwrapped, each shape once; and for the front and the back of each instance, its shape and its number among
+/// all that have that shape.
+type Shapes = (Vec<Shape>, [Vec<Option<(usize, usize)>>; 2]);
 
-fn shapes(scene: &Scene) -> Result<Shapes, AtlasError> {
+fn shapes(scene: &Scene, with_backs: bool) -> Result<Shapes, AtlasError> {
     let mut shapes: Vec<Shape> = Vec::new();
     let mut numbers = HashMap::new();
     let mut checked = vec![false; scene.meshes.len()];
-    let mut shape_of = Vec::with_capacity(scene.instances.len());
+    let mut is_open = vec![None; scene.meshes.len()];
+    let [mut fronts, mut backs] = [const { Vec::new() }; 2];
     for (index, instance) in scene.instances.iter().enumerate() {
         let mesh = &scene.meshes[instance.mesh];
         if !checked[instance.mesh] {
@@ -300,21 +331,28 @@ fn shapes(scene: &Scene) -> Result<Shapes, AtlasError> {
             reason,
         };
         let Some((key, shape)) = Shape::new(instance, mesh).map_err(refused)? else {
-            shape_of.push(None);
+            fronts.push(None);
+            backs.push(None);
             continue;
         };
+        let has_back = with_backs
+            && scene.materials[instance.material].double_sided
+            && *is_open[instance.mesh].get_or_insert_with(|| !mesh.is_closed());
         let number = *numbers.entry(key).or_insert(shapes.len());
+        let (area, scale) = (shape.area, shape.scales[0]);
         if number == shapes.len() {
             shapes.push(shape.with_positions(mesh));
-            shape_of.push(Some((number, 0)));
-        } else {
-            let known = &mut shapes[number];
-            known.area += shape.area;
-            known.scales.extend(shape.scales);
-            shape_of.push(Some((number, known.scales.len() - 1)));
         }
+        let known = &mut shapes[number];
+        let mut add = || {
+            known.area += area;
+            known.scales.push(scale);
+            Some((number, known.scales.len() - 1))
+        };
+        fronts.push(add());
+        backs.push(has_back.then(&mut add).flatten());
     }
-    Ok((shapes, shape_of))
+    Ok((shapes, [fronts, backs]))
 }
 
 /// Rejects what cannot fit before any work is done.

@@ -48,8 +48,8 @@ impl Seams {
         };
         let mut numbers = HashMap::new();
         let mut edges_of: HashMap<usize, Vec<Edge>> = HashMap::new();
-        for (uvs, instance) in atlas.instances.iter().zip(&scene.instances) {
-            let Some(uvs) = uvs else { continue };
+        for (index, _, uvs) in atlas.sides() {
+            let instance = &scene.instances[index];
             let edges = edges_of
                 .entry(instance.mesh)
                 .or_insert_with(|| smooth_edges(&scene.meshes[instance.mesh]));

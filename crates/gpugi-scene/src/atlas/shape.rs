@@ -60,7 +60,7 @@ impl Shape {
         Ok(Some((key, shape)))
     }
 
-    /// Adds the positions to the shape.
+    /// The shape with its positions, and without instances.
     pub fn with_positions(self, mesh: &Mesh) -> Self {
         let stretched = |position: &glam::Vec3| (self.stretch * position.as_dvec3()).as_vec3();
         Self {
@@ -69,6 +69,8 @@ impl Shape {
                 .iter()
                 .map(|position| stretched(position).to_array())
                 .collect(),
+            scales: Vec::new(),
+            area: 0.0,
             ..self
         }
     }

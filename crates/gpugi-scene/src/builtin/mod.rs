@@ -3,7 +3,9 @@
 pub mod shapes;
 
 mod chamber;
+mod cloud;
 mod cornell;
+mod fog_room;
 mod glass_room;
 mod ornaments;
 mod room;
@@ -72,6 +74,16 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "window-room",
         summary: "hotel room of walls without thickness, in centimetres, that sees sky and sun through one window",
         build: window_room::build,
+    },
+    BuiltinScene {
+        name: "cloud",
+        summary: "a cloud over a plain, under sky and sun",
+        build: cloud::build,
+    },
+    BuiltinScene {
+        name: "fog-room",
+        summary: "coloured room full of fog, with a spot's shaft of light and a mirror sphere",
+        build: fog_room::build,
     },
 ];
 

@@ -87,7 +87,7 @@ impl ExportError {
 }
 
 /// Writes `scene` as a .glb: one node per instance, materials as far as glTF and its extensions can express them,
-/// punctual lights and cameras. Environment and animation are left out, with a warning.
+/// punctual lights, cameras and media. Environment and animation are left out, with a warning.
 ///
 /// # Errors
 /// If the file would exceed 4 GiB.
@@ -104,7 +104,7 @@ pub fn export_scene(scene: &Scene) -> Result<Exported, ExportError> {
 /// If there is an `original`, from which `scene` was imported, everything in that file stays as it is except what the
 /// bake must change: the instances that the atlas holds get their own materials, texture coordinates and, where the
 /// atlas has cuts, vertices. Their other attributes, including skins and morph targets, are copied bit for bit.
-/// External buffers and images of the original are embedded; geometry that is no longer used stays in the file.
+/// External buffers, images and densities of the original are embedded; geometry that is no longer used stays in the file.
 /// Whatever the atlas does not hold stays unchanged, including what was removed from `scene` after the import. Without
 /// an original, the scene is first written as by [`export_scene`].
 ///

@@ -162,14 +162,15 @@ fn check_levels(texture: &HalfTexture) -> io::Result<()> {
 
 /// Storage format of a channel.
 #[derive(Clone, Copy, PartialEq)]
-enum Channel {
+pub(super) enum Channel {
     Byte { srgb: bool },
     Half,
     Float,
 }
 
 impl Channel {
-    fn size(self) -> usize {
+    /// Bytes per texel.
+    pub fn size(self) -> usize {
         match self {
             Self::Byte { .. } => 1,
             Self::Half => 2,
@@ -245,7 +246,7 @@ struct Layout {
 }
 
 /// The content of level 0, if it lies within the file.
-fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
+pub(super) fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
     let entry = bytes.get(Header::LENGTH..)?.first_chunk()?;
     let level = LevelIndex::from_bytes(entry);
     let start = usize::try_from(level.byte_offset).ok()?;
@@ -253,14 +254,11 @@ fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(start..start.checked_add(length)?)
 }
 
-/// `texel`: bytes per decoded texel.
-fn decode(
+/// The header of a file without supercompression, and the channels of its texels.
+pub(super) fn stored_texels(
     name: &str,
     bytes: &[u8],
-    limits: &ImageLimits,
-    texel: u64,
-    convert: impl Fn(&Layout, &[u8]) -> Result<Pixels, ImportError>,
-) -> Result<Image, ImportError> {
+) -> Result<(Header, usize, Channel), ImportError> {
     let error = |reason: String| ImportError::new(name, "header", reason);
     // Without the crate's reader, which also reads the descriptor, and panics at some.
     let header = bytes.first_chunk::<{ Header::LENGTH }>();
@@ -270,11 +268,6 @@ fn decode(
         return Err(error(format!(
             "supercompression {scheme:?} is not supported; store the texels as they are"
         )));
-    }
-    if stored.pixel_depth > 1 || stored.layer_count > 1 || stored.face_count != 1 {
-        return Err(error(
-            "volumes, arrays and cube maps are no 2D image".to_owned(),
-        ));
     }
     let byte = |srgb| Channel::Byte { srgb };
     let (channels, channel) = match stored.format {
@@ -305,6 +298,25 @@ fn decode(
             ));
         }
     };
+    Ok((stored, channels, channel))
+}
+
+/// `texel`: bytes per decoded texel.
+fn decode(
+    name: &str,
+    bytes: &[u8],
+    limits: &ImageLimits,
+    texel: u64,
+    convert: impl Fn(&Layout, &[u8]) -> Result<Pixels, ImportError>,
+) -> Result<Image, ImportError> {
+    let (stored, channels, channel) = stored_texels(name, bytes)?;
+    if stored.pixel_depth > 1 || stored.layer_count > 1 || stored.face_count != 1 {
+        return Err(ImportError::new(
+            name,
+            "header",
+            "volumes, arrays and cube maps are no 2D image",
+        ));
+    }
     let layout = Layout {
         size: (stored.pixel_width, stored.pixel_height.max(1)),
         channels,

@@ -44,6 +44,7 @@ pub fn atlas(scene: &Scene, mut uv: impl FnMut(usize, u32) -> Vec2) -> Atlas {
         size: SIZE,
         pages: 1,
         instances,
+        backs: Vec::new(),
     }
 }
 

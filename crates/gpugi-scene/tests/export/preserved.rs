@@ -2,6 +2,8 @@
 
 use base64::Engine;
 use gpugi_scene::Scene;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::export::export_scene;
 use serde_json::{Value, json};
 
 use crate::baking::{Baked, assert_mapped, bake, obscured, shredded, try_bake, whole};
@@ -139,6 +141,33 @@ fn what_only_baked_instances_use_changes_in_place() {
     assert_eq!(baked.json["meshes"].as_array().unwrap().len(), 1);
     assert_eq!(baked.json["materials"].as_array().unwrap().len(), 1);
     assert_eq!(baked.json["materials"][0]["extras"], json!({ "mine": 1 }));
+}
+
+#[test]
+fn densities_beside_come_into_the_file() {
+    let mut cloud = builtin("cloud", 1).unwrap();
+    cloud.media.truncate(1);
+    let written = Baked::new(&export_scene(&cloud).unwrap().glb);
+    let nodes = written.json["nodes"].as_array().unwrap();
+    let medium = nodes
+        .iter()
+        .find_map(|node| node.pointer("/extras/gpugi/medium"));
+    let medium = medium.unwrap().clone();
+    let (_, data) = medium["density"].as_str().unwrap().split_once(',').unwrap();
+    let volume = base64::engine::general_purpose::STANDARD
+        .decode(data)
+        .unwrap();
+
+    let mut file = File::triangle();
+    file.json["nodes"][0]["extras"] = json!({ "gpugi": { "medium": medium } });
+    file.json["nodes"][0]["extras"]["gpugi"]["medium"]["density"] = json!("a%20b.ktx2");
+    let files = Files([("a b.ktx2".to_owned(), volume)].into());
+    let limits = gpugi_scene::Limits::default();
+    let scene = gpugi_scene::import("test.glb", &file.glb(), &files, &limits).unwrap();
+    assert_eq!(scene.media[0].density, cloud.media[0].density);
+    let exported = try_bake(&file.glb(), &files, &scene, &shredded(&scene), obscured()).unwrap();
+    assert_eq!(exported.warnings, [""; 0]);
+    assert_eq!(Baked::new(&exported.glb).scene.media, scene.media);
 }
 
 #[test]

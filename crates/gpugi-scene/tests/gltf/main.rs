@@ -7,6 +7,7 @@ mod geometry;
 mod hostile;
 mod images;
 mod materials;
+mod media;
 #[cfg(feature = "meshopt")]
 mod meshopt;
 mod nodes;

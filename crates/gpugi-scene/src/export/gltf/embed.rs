@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
+use base64::Engine;
 use serde_json::{Value, json};
 
-use super::json::{Object, index};
+use super::json::{Object, array, index};
 use super::output::Output;
 use crate::Resolver;
 use crate::export::ExportError;
@@ -140,6 +141,41 @@ pub fn images(
         json.shift_remove("uri");
         json.insert("bufferView".to_owned(), json!(view));
         json.insert("mimeType".to_owned(), kind);
+    }
+    Ok(())
+}
+
+/// Embeds the densities of media that are separate files. What many media share is copied, within the limit on copies.
+pub fn densities(
+    output: &mut Output,
+    resolver: &dyn Resolver,
+    warnings: &mut Vec<String>,
+) -> Result<(), ExportError> {
+    const DENSITY: &str = "/extras/gpugi/medium/density";
+    for list in ["nodes", "scenes"] {
+        for index in 0..output.json.list(list).len() {
+            let density = output.json.list(list)[index].pointer(DENSITY);
+            let uri = density.and_then(Value::as_str).map(str::to_owned);
+            let Some(uri) = uri.filter(|uri| !uri.starts_with("data:")) else {
+                continue;
+            };
+            let place = format!("{list}[{index}]");
+            let bytes = match uri::read(&uri, resolver) {
+                Ok(bytes) => bytes,
+                Err(reason) => {
+                    warnings.push(format!(
+                        "{place}: its density stays a file beside: {reason}"
+                    ));
+                    continue;
+                }
+            };
+            let data = base64::engine::general_purpose::STANDARD.encode(bytes);
+            output.json.charge(data.len(), || place)?;
+            let values = array(output.json.root(), list)?;
+            if let Some(density) = values[index].pointer_mut(DENSITY) {
+                *density = json!(format!("data:image/ktx2;base64,{data}"));
+            }
+        }
     }
     Ok(())
 }

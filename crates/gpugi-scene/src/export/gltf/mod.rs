@@ -147,6 +147,7 @@ impl<'a> Baker<'a> {
         };
         embed::buffers(document, &mut baker.output, &mut baker.warnings)?;
         embed::images(&mut baker.output, resolver, &mut baker.warnings)?;
+        embed::densities(&mut baker.output, resolver, &mut baker.warnings)?;
         Ok(baker)
     }
 

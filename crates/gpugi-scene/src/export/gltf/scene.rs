@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use base64::Engine;
 use glam::{Affine2, Mat4, Vec2, Vec3};
 use image::ExtendedColorType;
 use serde_json::{Value, json};
@@ -10,9 +11,10 @@ use super::json::{Json, Object, array, object};
 use super::output::Output;
 use super::textures::png;
 use crate::export::ExportError;
+use crate::image::encode_volume;
 use crate::{
-    AlphaMode, Bounds, Camera, Image, Light, LightKind, Material, MaterialModel, Mesh, Name,
-    Origin, Pixels, Projection, Scene, TextureRef, Wrap,
+    AlphaMode, Bounds, Camera, Image, Light, LightKind, Material, MaterialModel, Medium, Mesh,
+    Name, Origin, PhaseFunction, Pixels, Projection, Scene, TextureRef, Wrap,
 };
 
 const LIGHTS: &str = "KHR_lights_punctual";
@@ -36,6 +38,7 @@ pub fn write(scene: &Scene) -> Result<Written, ExportError> {
         nodes: Vec::new(),
         geometries: HashMap::new(),
         meshes: HashMap::new(),
+        everywhere: None,
     };
     writer.textures()?;
     for material in &scene.materials {
@@ -67,6 +70,9 @@ pub fn write(scene: &Scene) -> Result<Written, ExportError> {
     for light in &scene.lights {
         writer.light(light)?;
     }
+    for medium in &scene.media {
+        writer.medium(medium)?;
+    }
     if scene.environment.is_some() {
         writer
             .warnings
@@ -78,7 +84,11 @@ pub fn write(scene: &Scene) -> Result<Written, ExportError> {
             .push("what moves is written as it stands".to_owned());
     }
     let json = &mut writer.output.json;
-    json.push("scenes", json!({ "nodes": writer.nodes }))?;
+    let mut nodes = json!({ "nodes": writer.nodes });
+    if let Some(extras) = writer.everywhere {
+        nodes["extras"] = extras;
+    }
+    json.push("scenes", nodes)?;
     json.root().insert("scene".to_owned(), json!(0));
     Ok(Written {
         output: writer.output,
@@ -96,6 +106,8 @@ struct Writer<'a> {
     geometries: HashMap<usize, (Value, usize)>,
     /// glTF meshes, per scene mesh and material.
     meshes: HashMap<(usize, usize), usize>,
+    /// Extras of the scene: the medium that fills everything.
+    everywhere: Option<Value>,
 }
 
 impl Writer<'_> {
@@ -389,6 +401,35 @@ impl Writer<'_> {
         };
         let index = self.output.json.push("cameras", projection)?;
         self.node(&camera.name, camera.world_from_view, "camera", index.into())?;
+        Ok(())
+    }
+
+    fn medium(&mut self, medium: &Medium) -> Result<(), ExportError> {
+        let (phase, g) = match medium.phase {
+            PhaseFunction::HenyeyGreenstein(g) => ("henyey-greenstein", g),
+            PhaseFunction::CornetteShanks(g) => ("cornette-shanks", g),
+        };
+        let mut json = json!({
+            "extinction": medium.extinction.to_array(), "albedo": medium.albedo.to_array(),
+            "phase": phase, "g": g, "emission": medium.emission.to_array(),
+        });
+        if let Some(density) = &medium.density {
+            let file = encode_volume(density)
+                .map_err(|error| ExportError::new(medium.name.as_str(), error))?;
+            let data = base64::engine::general_purpose::STANDARD.encode(file);
+            json["density"] = json!(format!("data:image/ktx2;base64,{data}"));
+        }
+        let extras = json!({ "gpugi": { "medium": json } });
+        match medium.world_from_box {
+            Some(place) => {
+                self.node(&medium.name, place, "extras", extras)?;
+            }
+            None if self.everywhere.is_none() => self.everywhere = Some(extras),
+            None => self.warnings.push(format!(
+                "medium {:?} is left out: a file has one medium that fills everything",
+                medium.name.beginning()
+            )),
+        }
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! glTF 2.0: JSON and binary files with geometry, materials, lights, cameras and animations.
 //!
 //! All files take the same path. [`document`] locates the bytes, [`accessor`] reads numbers from them, and [`geometry`]
-//! builds a mesh per primitive. [`material`] and [`texture`] build surfaces. [`nodes`] places everything, repeatedly
+//! builds a mesh per primitive. [`material`] and [`texture`] build surfaces. [`media`] reads fog and clouds. [`nodes`] places everything, repeatedly
 //! where [`instancing`] requires it, and [`rig`] reads skins and animations. A file that breaks a rule causes an error
 //! that names the JSON path; an optional feature that is not supported causes a warning.
 
@@ -11,6 +11,7 @@ mod extras;
 pub(crate) mod geometry;
 pub(crate) mod instancing;
 mod material;
+mod media;
 #[cfg(feature = "meshopt")]
 mod meshopt;
 mod nodes;
@@ -33,7 +34,7 @@ pub fn import(
     let document = Document::read(name, bytes, resolver, limits)?;
     let mut scene = Scene::new(name);
     let mut materials = material::read_all(&document, resolver, &mut scene)?;
-    nodes::read_all(&document, &mut materials, &mut scene)?;
+    nodes::read_all(&document, resolver, &mut materials, &mut scene)?;
     scene.transfer = transfer::read(&document, &scene)?;
     scene.warnings.extend(document.into_warnings());
     Ok(scene)

@@ -8,13 +8,15 @@ use super::document::Document;
 use super::geometry::{self, Geometry};
 use super::instancing::{self, Instancing};
 use super::material::Materials;
+use super::media::Media;
 use super::{extras, rig, schema};
 use crate::animation::{
     Deformer, JOINT_BYTES, MorphTarget, Node, Rig, Transform, rigid, unit_rotation,
 };
 use crate::import::quoted;
 use crate::{
-    Camera, ImportError, Instance, Light, LightKind, Mesh, Name, Origin, Projection, Scene,
+    Camera, ImportError, Instance, Light, LightKind, Mesh, Name, Origin, Projection, Resolver,
+    Scene,
 };
 
 /// Memory of an instance (bytes); names are shared. Two short lists in a file can multiply to a huge number of
@@ -24,9 +26,10 @@ pub const INSTANCE_BYTES: usize = size_of::<Instance>();
 /// Memory of a morph target's weight (bytes), at rest and posed.
 const WEIGHT_BYTES: usize = 8;
 
-/// Adds instances, lights and cameras to `scene`, and a rig if anything moves.
+/// Adds instances, lights, cameras and media to `scene`, and a rig if anything moves.
 pub fn read_all(
     document: &Document,
+    resolver: &dyn Resolver,
     materials: &mut Materials,
     scene: &mut Scene,
 ) -> Result<(), ImportError> {
@@ -36,6 +39,7 @@ pub fn read_all(
         rig: hierarchy(document)?,
         geometries: HashMap::new(),
         instancing: Instancing::default(),
+        media: Media::new(document, resolver),
     };
     rig::read_skins(document, &mut placer.rig)?;
     rig::read_animations(document, &mut placer.rig)?;
@@ -49,6 +53,11 @@ pub fn read_all(
         }
         placer.place(carrier, world_from_node, &place, scene)?;
     }
+    if let Some((index, source)) = default_scene(document)? {
+        let place = format!("scenes[{index}]");
+        let medium = (placer.media).read(&source.extras, &place, "fog".into(), None, None)?;
+        scene.media.extend(medium);
+    }
     if placer.rig.moves() {
         scene.rig = Some(placer.rig);
         scene.pose(0.0);
@@ -56,6 +65,7 @@ pub fn read_all(
         let (instances, lights) = (scene.instances.iter_mut(), scene.lights.iter_mut());
         instances.for_each(|instance| instance.node = None);
         lights.for_each(|light| light.node = None);
+        scene.media.iter_mut().for_each(|medium| medium.node = None);
         scene
             .cameras
             .iter_mut()
@@ -167,18 +177,25 @@ fn weights(
     Ok(weights.clone())
 }
 
+/// The default scene with its index; otherwise the first scene, if there are any.
+fn default_scene<'a>(
+    document: &'a Document,
+) -> Result<Option<(usize, &'a schema::SceneNodes)>, ImportError> {
+    let root = &document.root;
+    Ok(match root.scene {
+        Some(index) => Some((index, document.get(&root.scenes, "scene", index, "scene")?)),
+        None => root.scenes.first().map(|scene| (0, scene)),
+    })
+}
+
 /// The nodes of the default scene, parents first. If there is no default scene, those of the first scene; if there are
 /// no scenes, all nodes.
 fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportError> {
     let root = &document.root;
-    let scene = match root.scene {
-        Some(scene) => Some(document.get(&root.scenes, "scene", scene, "scene")?),
-        None => root.scenes.first(),
-    };
-    let Some(scene) = scene else {
+    let Some((index, scene)) = default_scene(document)? else {
         return Ok(rig.order.clone());
     };
-    let place = format!("scenes[{}].nodes", root.scene.unwrap_or(0));
+    let place = format!("scenes[{index}].nodes");
     let mut is_in_scene = vec![false; rig.nodes.len()];
     for &node in &scene.nodes {
         document.get(&root.nodes, "node", node, &place)?;
@@ -210,6 +227,7 @@ struct Placer<'a> {
     /// Primitives, by glTF mesh.
     geometries: HashMap<usize, Vec<Loaded>>,
     instancing: Instancing,
+    media: Media<'a>,
 }
 
 impl Placer<'_> {
@@ -244,6 +262,11 @@ impl Placer<'_> {
         if number.is_some() {
             return Ok(());
         }
+        let medium_name = || format!("medium {}", scene.media.len()).into();
+        let name = node.name.clone().unwrap_or_else(medium_name);
+        let box_of_node = Some(world_from_node);
+        let medium = (self.media).read(&node.extras, place, name, box_of_node, Some(index))?;
+        scene.media.extend(medium);
         if let Some(camera) = node.camera {
             let place = format!("{place}.camera");
             let source = document.get(&root.cameras, "camera", camera, &place)?;

@@ -100,6 +100,7 @@ impl Default for Spot {
 #[serde(default)]
 pub struct SceneNodes {
     pub nodes: Vec<usize>,
+    pub extras: Value,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -121,6 +122,7 @@ pub struct Node {
     #[serde(deserialize_with = "finite")]
     pub weights: Option<Vec<f32>>,
     pub extensions: NodeExtensions,
+    pub extras: Value,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -184,6 +184,7 @@ pub fn atlas(
         size,
         pages,
         instances,
+        backs: Vec::new(),
     })
 }
 
