@@ -7,6 +7,13 @@ use glam::Vec2;
 pub const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 pub const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
+/// Powers of the root of x^4 = x + 1, for three dimensions.
+pub const R3: [f64; 3] = [
+    0.819_172_513_396_164_4,
+    0.671_043_606_703_789_2,
+    0.549_700_477_901_970_3,
+];
+
 /// Point `index` of an additive sequence that begins at zero.
 pub fn additive<const N: usize>(steps: [f64; N], index: u32) -> [f64; N] {
     steps.map(|step| (step * f64::from(index)).fract())

@@ -12,16 +12,16 @@ pub(super) const MAX_STATES: usize = 1024;
 const MAX_STEPS: usize = 4096;
 
 const LIGHT: usize = 0;
-/// Columns of D, G and S.
-const LOBES: [usize; 3] = [1, 2, 3];
-const EYE: usize = 4;
+/// Columns of D, G, S and V.
+const LOBES: [usize; 4] = [1, 2, 3, 4];
+const EYE: usize = 5;
 
 /// The paths of a pattern, read from the eye to the light, which is the order in which a path tracer visits them. This
 /// is the smallest deterministic automaton of the reversed language. State 0 is the start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PathAutomaton {
-    /// The next state per state and symbol; symbols are in the order L, D, G, S, E.
-    pub transitions: Vec<[u32; 5]>,
+    /// The next state per state and symbol; symbols are in the order L, D, G, S, V, E.
+    pub transitions: Vec<[u32; SYMBOLS.len()]>,
     /// Whether a path may end in each state.
     pub accepting: Vec<bool>,
     /// The state that no transition leaves and in which no path may end. `None` if every prefix can be completed.
@@ -30,7 +30,7 @@ pub struct PathAutomaton {
 
 impl PathAutomaton {
     /// Words per state in [`words`](Self::words).
-    pub const WORDS_PER_STATE: usize = 6;
+    pub const WORDS_PER_STATE: usize = SYMBOLS.len() + 1;
 
     /// Compiles a pattern.
     ///
@@ -71,7 +71,7 @@ impl PathAutomaton {
         self.accepting[state]
     }
 
-    /// Maximum number of vertices between light and eye over the pattern's paths of the form `L[DGS]*E`. `None` if
+    /// Maximum number of vertices between light and eye over the pattern's paths of the form `L[DGSV]*E`. `None` if
     /// there is no maximum; 0 if there is no such path.
     pub fn most_vertices(&self) -> Option<u32> {
         // A path that visits a state twice can be lengthened indefinitely if the light can be reached from that state.
@@ -104,7 +104,7 @@ impl PathAutomaton {
     }
 
     /// The automaton for a shader, with [`WORDS_PER_STATE`](Self::WORDS_PER_STATE) words per state: the next state
-    /// after L, D, G, S and E, then flags. Flag bit 0 means accepting, which matters after the last symbol. Bit 1
+    /// after L, D, G, S, V and E, then flags. Flag bit 0 means accepting, which matters after the last symbol. Bit 1
     /// means dead: no continuation is accepted. State 0 is the start.
     pub fn words(&self) -> Vec<u32> {
         let mut words = Vec::with_capacity(self.transitions.len() * Self::WORDS_PER_STATE);
@@ -118,7 +118,7 @@ impl PathAutomaton {
     }
 }
 
-/// A shortest path L[DGS]*E, written from the light to the eye, for which `is_wanted` returns true. The argument of
+/// A shortest path L[DGSV]*E, written from the light to the eye, for which `is_wanted` returns true. The argument of
 /// `is_wanted` tells which automata accept the path.
 pub(super) fn shortest_path(
     automata: &[PathAutomaton],

@@ -1,8 +1,8 @@
 //! The light that a technique adds: a light class and a pattern over Heckbert's path symbols ("Adaptive radiosity
 //! textures for bidirectional ray tracing", 1990).
 //!
-//! The symbols are L light, D diffuse lobe, G glossy lobe, S ideal lobe, E eye. A pattern is a regular expression over
-//! them, such as `LS+[DG]E`, with `.`, classes (`[DG]`, `[^S]`), groups, `|`, `*`, `+`, `?` and counts up to 32 (`{2}`,
+//! The symbols are L light, D diffuse lobe, G glossy lobe, S ideal lobe, V scattering in a medium, E eye. A pattern is a
+//! regular expression over them, such as `LS+[DG]E`, with `.`, classes (`[DG]`, `[^S]`), groups, `|`, `*`, `+`, `?` and counts up to 32 (`{2}`,
 //! `{2,}`, `{2,4}`). It must match the whole path.
 
 mod automaton;
@@ -28,7 +28,7 @@ const ALL: &str = "L.*E";
 pub enum LightClass {
     /// Point, spot and directional lights.
     Punctual,
-    /// Emissive triangles.
+    /// Emissive triangles and media.
     Area,
     /// The environment.
     Environment,
@@ -186,7 +186,7 @@ pub fn never_found(covered: &[LightPaths]) -> Option<String> {
 }
 
 /// Describes the light that a set of techniques leaves out, for the light classes that a scene has and for the `lobes`
-/// of its surfaces, some of `DGS`. Each entry is a few words for human readers.
+/// of its surfaces and media, some of `DGSV`. Each entry is a few words for human readers.
 ///
 /// # Panics
 /// See [`overlap`].
@@ -216,7 +216,7 @@ pub fn left_out(covered: &[LightPaths], present: &[LightClass], lobes: &str) -> 
 }
 
 /// Kinds of light in words, each with its shortest path.
-const WORDS: [(&str, &str); 7] = [
+const WORDS: [(&str, &str); 9] = [
     ("LDE", "direct light on diffuse surfaces"),
     ("LGE", "highlights of lights on glossy surfaces"),
     ("LSE", "lights seen in mirrors and through glass"),
@@ -224,6 +224,8 @@ const WORDS: [(&str, &str); 7] = [
     ("LSDE", "caustics"),
     ("LDGE", "lit surroundings seen in gloss"),
     ("LDSE", "lit surroundings seen in mirrors and through glass"),
+    ("LVE", "light scattered once by media"),
+    ("LVVE", "light scattered repeatedly by media"),
 ];
 
 /// Describes light paths in words for human readers, with the light classes of each kind of light among `present`:

@@ -3,14 +3,14 @@
 //! ```text
 //! pattern  = sequence ('|' sequence)*
 //! sequence = (atom repetition?)*
-//! atom     = 'L' | 'D' | 'G' | 'S' | 'E' | '.' | '[' '^'? symbol+ ']' | '(' pattern ')'
+//! atom     = 'L' | 'D' | 'G' | 'S' | 'V' | 'E' | '.' | '[' '^'? symbol+ ']' | '(' pattern ')'
 //! repetition = '*' | '+' | '?' | '{m}' | '{m,}' | '{m,n}'
 //! ```
 
 use super::automaton::MAX_STATES;
 
 /// The symbols of a path, in the order of the automaton's columns.
-pub(super) const SYMBOLS: [char; 5] = ['L', 'D', 'G', 'S', 'E'];
+pub(super) const SYMBOLS: [char; 6] = ['L', 'D', 'G', 'S', 'V', 'E'];
 
 /// Maximum length of a pattern (characters). It bounds the parser's recursion.
 const MAX_LENGTH: usize = 256;
@@ -143,7 +143,7 @@ impl Parser {
             None if matches!(self.peek(), Some('*' | '+' | '?' | '{')) => {
                 Err(self.error("nothing to repeat before it".into()))
             }
-            None => Err(self.unexpected("a symbol (L, D, G, S, E), '.', '[' or '('")),
+            None => Err(self.unexpected("a symbol (L, D, G, S, V, E), '.', '[' or '('")),
         }
     }
 
@@ -161,7 +161,7 @@ impl Parser {
             set |= bit;
         }
         if set == 0 || self.peek() != Some(']') {
-            return Err(self.unexpected("a symbol (L, D, G, S, E) or ']' after symbols"));
+            return Err(self.unexpected("a symbol (L, D, G, S, V, E) or ']' after symbols"));
         }
         if is_negated {
             set = all_symbols() & !set;

@@ -115,9 +115,9 @@ fn shader_words_hold_the_automaton() {
             .iter()
             .fold(0, |state, column| words[state * row + column] as usize)
             * row
-            + 5
+            + 6
     };
-    let [light, diffuse, glossy, ideal, eye] = [0, 1, 2, 3, 4];
+    let [light, diffuse, glossy, ideal, eye] = [0, 1, 2, 3, 5];
     assert_eq!(words[walk(&[])], 0);
     assert_eq!(words[walk(&[eye, glossy, ideal])], 0);
     assert_eq!(words[walk(&[eye, glossy, ideal, light])], 1);
@@ -132,7 +132,16 @@ fn shader_words_hold_the_automaton() {
 #[test]
 fn a_partition_takes_every_path_once() {
     let whole = PathFilter::default();
-    let parts = ["LE", "L[DG]E", "LSE", "L.+SE", "L.*S[DG]E", "L.*[DG]{2}E"];
+    let parts = [
+        "LE",
+        "L[DG]E",
+        "LSE",
+        "L.+SE",
+        "L.*S[DG]E",
+        "L.*[DG]{2}E",
+        "L.*VE",
+        "L.*V[DG]E",
+    ];
     let parts = parts.map(|part| PathAutomaton::compile(part).unwrap());
     for word in words(6) {
         let is_path = word.len() >= 2
@@ -140,7 +149,7 @@ fn a_partition_takes_every_path_once() {
             && word.ends_with('E')
             && word[1..word.len() - 1]
                 .chars()
-                .all(|one| "DGS".contains(one));
+                .all(|one| "DGSV".contains(one));
         if is_path {
             let count = parts.iter().filter(|part| part.accepts(&word)).count();
             assert_eq!(count, 1, "{word}");
@@ -167,7 +176,7 @@ fn what_is_no_pattern_is_refused_with_the_place() {
         ("[D", 3),
         ("[D-G]", 3),
         ("[.]", 2),
-        ("[^LDGSE]", 8),
+        ("[^LDGSVE]", 9),
         ("D**", 3),
         ("D+?", 3),
         ("D{2}{3}", 5),
@@ -193,7 +202,7 @@ fn what_is_no_pattern_is_refused_with_the_place() {
     let message = PathFilter::new("LXE").unwrap_err().to_string();
     assert_eq!(
         message,
-        "light path pattern, character 2: found 'X', wanted a symbol (L, D, G, S, E), '.', '[' or '('"
+        "light path pattern, character 2: found 'X', wanted a symbol (L, D, G, S, V, E), '.', '[' or '('"
     );
 }
 
@@ -303,6 +312,10 @@ fn what_is_left_out_is_named() {
         of_lobes("DG"),
         ["LGE (area)", "indirect light, such as LGDE (area)"]
     );
+    assert_eq!(
+        of_lobes("DV"),
+        ["LVE (area)", "indirect light, such as LVDE (area)"]
+    );
 }
 
 #[test]
@@ -388,11 +401,11 @@ fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
     let more = [
         paths(Environment, "L[DG]E"),
         paths(Environment, "LSE"),
-        paths(Area, "L.E"),
+        paths(Area, "L[DGS]E"),
     ];
     assert_eq!(
         parts(&more, &[Area, Environment]),
-        [part(&[Area, Environment], "LE|L.E")]
+        [part(&[Area, Environment], "LE|L[DGS]E")]
     );
     assert_eq!(parts(&more, &[]), []);
 }

@@ -3,7 +3,7 @@
 use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
 
 use crate::gpu::GpuError;
-use crate::scene::check_environment;
+use crate::scene::{check_environment, check_media};
 
 /// Rejects images without pixels, and scenes that would silently make the whole image infinite or black.
 pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
@@ -46,6 +46,7 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
             ));
         }
     }
+    check_media(scene)?;
     check_environment(scene.environment.as_ref())?;
     if let Some(environment) = &scene.environment
         && let Pixels::Rgba32Float(values) = &environment.image.pixels

@@ -11,6 +11,8 @@ mod check;
 #[cfg(test)]
 mod light_tests;
 mod lights;
+#[cfg(test)]
+mod media_tests;
 mod photons;
 mod settings;
 mod sky;
@@ -33,7 +35,7 @@ use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
-use crate::scene::GpuScene;
+use crate::scene::{GpuScene, media_words};
 use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
@@ -205,7 +207,8 @@ impl PathTracer {
         let solids = surroundings::solids(scene);
         let mut has_lamps = false;
         let mut photons = None;
-        if has_photons {
+        // Photons do not know media.
+        if has_photons && scene.media.is_empty() {
             let spheres = photons::spheres(scene, &table.rows);
             has_lamps = photons::mark_lamps(&spheres, &mut table.rows);
             photons = Photons::new(
@@ -219,6 +222,7 @@ impl PathTracer {
             )?;
         }
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
+        constants.push(("HAS_MEDIA", flag(!scene.media.is_empty())));
         let noise_kernel = Kernel::with_options(
             gpu,
             &shader!("reference.noise"),
@@ -240,6 +244,7 @@ impl PathTracer {
         let rows = gpu.storage("path-tracer.lights [bytes]", rows)?;
         let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
         let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
+        let media = gpu.storage("path-tracer.media [bytes]", &media_words(scene))?;
         let wavefront = Wavefront::new(
             gpu,
             &on_gpu,
@@ -252,6 +257,7 @@ impl PathTracer {
                 ("lights", &rows),
                 ("emitter_rows", &emitter_rows),
                 ("sky_grid", &sky),
+                ("media", &media),
             ],
         )?;
         let tiles = tiles(

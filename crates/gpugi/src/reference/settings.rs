@@ -10,7 +10,7 @@ crate::settings! {
         pub max_bounces: u32 = 64 => in_range(0.0, 4096.0),
         /// Vertex from which on Russian roulette may end a path.
         pub roulette_after: u32 = 4 => in_range(1.0, 4096.0),
-        /// Light paths to keep: a regular expression over L light, D diffuse, G glossy, S specular, E eye.
+        /// Light paths to keep: a regular expression over L light, D diffuse, G glossy, S specular, V medium, E eye.
         pub paths: String = "L.*E".to_owned() => any(),
         /// Light classes, separated by commas: punctual, area, environment.
         pub lights: String = "punctual,area,environment".to_owned() => any(),

@@ -65,6 +65,7 @@ impl Job {
                 TexelDensity::OnePage
             },
             most_pages,
+            backs: true,
             ..AtlasOptions::default()
         };
         let result = Arc::new(OnceLock::new());

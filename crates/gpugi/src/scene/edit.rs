@@ -7,6 +7,7 @@ use gpugi_scene::{AlphaMode, Environment, Instance, Light, Material, Mesh, Scene
 
 use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texture};
+use super::media::check_media;
 use super::motion::{moved, same_meshes};
 use super::rows::{is_mirrored, set_place, texture_slots};
 use super::upload::{are_same, is_same_image, is_see_through};
@@ -84,6 +85,7 @@ impl GpuScene {
         let mut after = Scene {
             lights: self.lights.clone(),
             environment: self.environment.clone(),
+            media: self.media.clone(),
             ..self.host.clone()
         };
         for edit in edits {
@@ -101,6 +103,7 @@ impl GpuScene {
     /// As [`GpuScene::new`].
     pub fn update(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
         check_environment(after.environment.as_ref())?;
+        check_media(after)?;
         match self.edits_to(after) {
             Some(edits) if edits.iter().all(|edit| self.can_apply(edit)) => {
                 self.apply(gpu, &edits)?;
@@ -111,10 +114,15 @@ impl GpuScene {
             self.lights.clone_from(&after.lights);
             self.versions.lights += 1;
         }
+        if self.media != after.media {
+            self.media.clone_from(&after.media);
+            self.versions.media += 1;
+        }
         Ok(())
     }
 
-    /// The edits that lead to `after`, except for its lights; `None` if the number of things or the textures differ.
+    /// The edits that lead to `after`, except for its lights and media; `None` if the number of things or the textures
+    /// differ.
     fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
         let before = &self.host;
         let made_of = |one: &Instance| (one.mesh, one.material);
@@ -416,6 +424,7 @@ impl GpuScene {
         let topology = meshes || instances || materials || mirrored(before) != mirrored(after);
         let lights = self.lights != after.lights || materials || instances;
         let texels = !is_same_image(self.environment.as_ref(), after.environment.as_ref());
+        let media = self.media != after.media;
         let sky = |one: Option<&Environment>| one.map(|one| (one.rotation, one.intensity));
         let sky = sky(self.environment.as_ref()) != sky(after.environment.as_ref());
 
@@ -446,6 +455,7 @@ impl GpuScene {
                 lights: grown(versions.lights, lights || emitters),
                 sky: grown(versions.sky, sky),
                 environment: grown(versions.environment, texels),
+                media: grown(versions.media, media),
                 topology: grown(versions.topology, topology),
                 meshes: grown(versions.meshes, triangles),
                 instances: grown(versions.instances, instances),

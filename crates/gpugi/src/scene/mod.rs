@@ -13,6 +13,7 @@ mod environment;
 mod geometry;
 pub(crate) mod gpu;
 mod images;
+mod media;
 mod motion;
 mod objects;
 #[cfg(test)]
@@ -29,7 +30,7 @@ mod upload;
 
 use std::sync::Arc;
 
-use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Scene};
+use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Medium, Scene};
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use atlases::Atlases;
@@ -41,6 +42,7 @@ pub(crate) use emitters::has_emitters;
 pub(crate) use environment::check_environment;
 use geometry::Geometry;
 use images::ImageArrays;
+pub(crate) use media::{check_media, media_words};
 pub use motion::Placement;
 use objects::seen_class;
 pub use objects::{Claims, Object};
@@ -106,6 +108,8 @@ pub struct Versions {
     pub sky: u64,
     /// Only the environment's texels.
     pub environment: u64,
+    /// [`GpuScene::media`].
+    pub media: u64,
     /// Which triangles there are and how they are drawn, however they move.
     pub topology: u64,
     /// Which triangles each instance has, however it moves and whatever it is made of.
@@ -141,6 +145,8 @@ pub struct GpuScene {
     pub emitters: Vec<Emitter>,
     /// The environment.
     pub environment: Option<Environment>,
+    /// Fog, smoke and clouds, checked.
+    pub media: Vec<Medium>,
     /// Whether any instance has a material with alpha.
     pub has_alpha: bool,
     /// Counts of changes.
@@ -273,7 +279,7 @@ impl GpuScene {
         objects.any(|object| object.is_smooth && object.is_transmissive)
     }
 
-    /// Lobes of the surfaces, as far as the factors of materials tell: some of `DGS`.
+    /// Lobes of the surfaces, as far as the factors of materials tell, and V if there are media: some of `DGSV`.
     pub fn lobes(&self) -> String {
         let materials = self.host.instances.iter().map(|instance| instance.material);
         let mut has = [false; 3];
@@ -282,8 +288,10 @@ impl GpuScene {
             has = [0, 1, 2].map(|one| has[one] || lobes[one]);
         }
         let lobes = "DGS".chars().zip(has);
+        let media = (!self.media.is_empty()).then_some('V');
         lobes
             .filter_map(|(lobe, has)| has.then_some(lobe))
+            .chain(media)
             .collect()
     }
 
@@ -354,6 +362,7 @@ impl GpuScene {
         self.versions.lights += 1;
         self.versions.sky += 1;
         self.versions.environment += 1;
+        self.versions.media += 1;
         self.versions.topology += 1;
         self.versions.instances += 1;
     }

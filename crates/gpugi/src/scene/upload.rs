@@ -12,6 +12,7 @@ use super::emitters::emitters;
 use super::environment::{check_environment, environment_texture};
 use super::geometry::{Geometry, PlacedMesh};
 use super::images::{ImageArrays, images_used};
+use super::media::check_media;
 use super::rays::{Rays, hierarchy_buffer};
 use super::rows::instance_row;
 use super::tables::Tables;
@@ -31,6 +32,7 @@ impl GpuScene {
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
         check_environment(scene.environment.as_ref())?;
+        check_media(scene)?;
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -204,6 +206,7 @@ impl GpuScene {
             draw_of,
             bounds_tree,
             environment: scene.environment.clone(),
+            media: scene.media.clone(),
             has_alpha: scene
                 .instances
                 .iter()
@@ -214,6 +217,7 @@ impl GpuScene {
                 lights: 1,
                 sky: 1,
                 environment: 1,
+                media: 1,
                 objects: 1,
                 topology: 1,
                 meshes: 1,

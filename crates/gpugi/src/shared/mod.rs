@@ -6,5 +6,6 @@ mod cube_tests;
 mod impostor_cpu;
 mod impostor_tests;
 mod octahedral_tests;
+mod phase_tests;
 mod sampling_tests;
 mod sobol_tests;

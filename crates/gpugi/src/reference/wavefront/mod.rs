@@ -57,6 +57,7 @@ pub(super) struct Wavefront {
     shade: Stage,
     resolve: Kernel,
     resolve_pool: wgpu::BindGroup,
+    media: wgpu::BindGroup,
     lights: wgpu::BindGroup,
     pool: wgpu::Buffer,
     /// Workgroup counts of `trace` and `shade`, written by `plan`.
@@ -96,7 +97,8 @@ fn bind(
 
 impl Wavefront {
     /// Kernels and memory for images of `pixels` pixels. `constants` are those of path_state.wesl and bvh.wesl;
-    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows` and `sky_grid`.
+    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows`, `sky_grid`
+    /// and `media`.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
@@ -136,7 +138,9 @@ impl Wavefront {
                 constants,
                 // Worth 3 to 7 percent on an H200. Indices are in range: those of the scene's tables because the host
                 // wrote them, those of the traversal's stack because the host knows its depth, and those of the pool
-                // because `plan` respects its capacity. Loops terminate: traversal because a hierarchy is a tree.
+                // because `plan` respects its capacity, and those of media because they are clamped to grids that
+                // the host wrote. Loops terminate: traversal because a hierarchy is a tree, and tracking after a number
+                // of steps.
                 unchecked: true,
             };
             let kernel =
@@ -155,6 +159,7 @@ impl Wavefront {
             .copied()
             .filter(|(name, _)| *name != "SCENE_HAS_ALPHA")
             .collect();
+        let trace = hot(shader!("reference.wavefront.trace"), &rays)?;
         let shade = hot(shader!("reference.wavefront.shade"), &surfaces)?;
         Ok(Self {
             lights: bind(
@@ -165,7 +170,8 @@ impl Wavefront {
                 &["lights", "emitter_rows", "sky_grid"],
             )?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,
-            trace: hot(shader!("reference.wavefront.trace"), &rays)?,
+            media: bind(gpu, &trace.kernel, 2, &all, &["media"])?,
+            trace,
             shade,
             resolve_pool: bind(gpu, &resolve, 3, &all, &["pool"])?,
             resolve,
@@ -250,7 +256,7 @@ impl Wavefront {
         let scene = (0, &scene.ray_bind_group);
         plan.kernel
             .dispatch(pass, &[(1, &plan.own), (3, &plan.pool)], [1, 1, 1]);
-        let groups = [scene, (1, &trace.own), (3, &trace.pool)];
+        let groups = [scene, (1, &trace.own), (2, &self.media), (3, &trace.pool)];
         trace
             .kernel
             .dispatch_indirect(pass, &groups, &self.arguments, 0);
