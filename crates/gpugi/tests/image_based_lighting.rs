@@ -358,12 +358,30 @@ fn light_passes_windows() {
     // caustics claims the pane, and brings the lamp's light back, but not the sky's.
     let lamp = Light::new("lamp", LightKind::Point, Vec3::splat(1e-6));
     scene.lights.push(lamp.aimed(Vec3::Y, Vec3::ZERO));
-    let names = ["image-based-lighting", "caustics"].map(str::to_owned);
-    let mut renderer = Renderer::new(&gpu, &scene, [32, 32], &names).expect("a renderer");
-    for (name, value) in [("per-sample", "true"), ("resolution", "256")] {
+    let camera = Camera::look_at("", vec3(0.0, 1.0, 0.9), vec3(0.0, 0.8, -1.0), 1.2);
+    let with_caustics = ["image-based-lighting", "caustics"];
+    let ratio = share_of_energy(&gpu, &scene, &camera, &with_caustics, "maps");
+    println!("behind a window, {ratio} of the path tracer's energy");
+    assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
+}
+
+/// Energy of a picture as a fraction of the path tracer's.
+fn share_of_energy(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    techniques: &[&str],
+    visibility: &str,
+) -> f32 {
+    let names: Vec<String> = techniques.iter().map(|&name| name.to_owned()).collect();
+    let mut renderer = Renderer::new(gpu, scene, [32, 32], &names).expect("a renderer");
+    for (name, value) in [
+        ("per-sample", "true"),
+        ("resolution", "256"),
+        ("visibility", visibility),
+    ] {
         renderer.set(&names[0], name, value).expect("a setting");
     }
-    let camera = Camera::look_at("", vec3(0.0, 1.0, 0.9), vec3(0.0, 0.8, -1.0), 1.2);
     let options = Options {
         samples: 32,
         reference: Quality {
@@ -373,10 +391,54 @@ fn light_passes_windows() {
         ..Options::default()
     };
     let mut go_on = |_: &_| ControlFlow::Continue(());
-    let measured = measure(&gpu, &scene, &camera, &mut renderer, &options, &mut go_on);
+    let measured = measure(gpu, scene, camera, &mut renderer, &options, &mut go_on);
     let measured = measured.expect("a measurement");
     let energy = |radiance: &[f32]| radiance.iter().sum::<f32>();
-    let ratio = energy(&measured.radiance) / energy(&measured.truth.radiance);
+    energy(&measured.radiance) / energy(&measured.truth.radiance)
+}
+
+/// Rays leave no light behind walls without thickness, and pass glass as depth maps do.
+#[test]
+fn rays_find_the_shadows_of_the_sky() {
+    let Some(gpu) = gpu() else { return };
+    let settings = [("visibility", "rays")];
+    // Scenes are uploaded with rays for ray-tracing, which has no object here.
+    let names = ["image-based-lighting", "ray-tracing"].map(str::to_owned);
+    let room = under(closed_room(), environment(|_, _| 1.0));
+    let mut renderer = Renderer::new(&gpu, &room, [128, 128], &names).expect("a renderer");
+    for (name, value) in settings {
+        renderer.set(&names[0], name, value).expect("a setting");
+    }
+    let middle = vec3(0.0, 130.0, 0.0);
+    let camera = Camera::look_at("", vec3(100.0, 190.0, 100.0), middle, 1.9);
+    let inside = common::picture(&mut renderer, &camera);
+    assert!(inside.lit().count() > 16_000);
+    let most = inside.lit().map(|lit| lit.radiance.max_element());
+    assert_eq!(most.fold(0.0, f32::max), 0.0);
+
+    let pane = Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        base_color: vec3(0.9, 0.6, 0.3).extend(1.0),
+        ..Material::default()
+    };
+    let camera = Camera::look_at("", vec3(0.0, 1.0, 0.9), vec3(0.0, 0.8, -1.0), 1.2);
+    let names = ["image-based-lighting", "ray-tracing"];
+    let ratio = share_of_energy(&gpu, &glazed(pane), &camera, &names, "rays");
     println!("behind a window, {ratio} of the path tracer's energy");
-    assert!((ratio - 1.0).abs() < 0.05, "{ratio}");
+    assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
+
+    // Without a technique that brings rays, the error says which.
+    let names = ["image-based-lighting".to_owned()];
+    let mut renderer = Renderer::new(&gpu, &room, [8, 8], &names).expect("a renderer");
+    renderer
+        .set(&names[0], "visibility", "rays")
+        .expect("a setting");
+    let error = renderer
+        .render_sample(&camera, 1, None, false)
+        .expect_err("no rays");
+    assert!(
+        error.to_string().contains("radiosity or ray-tracing"),
+        "{error}"
+    );
 }

@@ -46,7 +46,7 @@ pub struct Domain {
     pub lit_solid_angle: f32,
 }
 
-/// `Direction` of gather.wesl.
+/// `Direction` of domain_light.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Direction {
@@ -66,7 +66,7 @@ pub struct DirectionMap {
     pub scale: [f32; 4],
 }
 
-/// `Range` of gather.wesl.
+/// `Range` of domain_light.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Range {

@@ -11,6 +11,7 @@ mod domains;
 mod draws;
 pub(crate) mod gpu;
 mod ratio;
+mod rays;
 mod survey;
 #[cfg(test)]
 mod tests;
@@ -20,6 +21,7 @@ pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use draws::{CellsOfSky, CellsOnTheWay};
 use glam::{Mat3, Vec3};
 use ratio::RatioPass;
+use rays::RayGather;
 use survey::Survey;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
@@ -67,6 +69,16 @@ crate::choices! {
     }
 }
 
+crate::choices! {
+    /// How it is found whether a point sees the environment in a direction.
+    pub enum Visibility {
+        /// By a depth map of the direction.
+        Maps = "maps",
+        /// By a ray: exact.
+        Rays = "rays",
+    }
+}
+
 crate::settings! {
     /// Settings of image-based lighting.
     pub struct Settings {
@@ -79,6 +91,9 @@ crate::settings! {
         /// How the average reflectivity of a domain is found: sample, in its direction; lobe, the mean of each lobe;
         /// ratio, prefiltered light times the fraction that the domains see.
         pub reflectivity: Reflectivity = Reflectivity::Lobe => any(),
+        /// How it is found whether a point sees the environment in a direction: maps, by a depth map of the direction;
+        /// rays, exactly, by a ray from each point.
+        pub visibility: Visibility = Visibility::Maps => any(),
         /// Side of each direction's depth map.
         pub resolution: u32 = 512 => in_range(16.0, 4096.0).unit("texels"),
         /// Memory for depth maps. Maps that do not fit together are drawn and gathered batch by batch, again in every
@@ -108,6 +123,8 @@ pub struct ImageBasedLighting {
     /// The same, on its way from the GPU.
     on_the_way: Option<SourcesOnTheWay>,
     batches: Batches,
+    /// For [`Visibility::Rays`], once generated.
+    rays: Option<RayGather>,
     /// With [`Settings::per_sample`], what the camera sees of the environment.
     survey: Survey,
     /// Largest side of an atlas (texels).
@@ -175,6 +192,7 @@ impl ImageBasedLighting {
             on_the_way: None,
             survey: Survey::new(gpu, batches.has_transmittance())?,
             batches,
+            rays: None,
             atlas_side: ATLAS_SIDE,
             ratio: None,
             settings,
@@ -313,6 +331,16 @@ impl Technique for ImageBasedLighting {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
             self.survey = Survey::new(frame.gpu, has_see_through)?;
         }
+        let traces_rays = self.settings.visibility == Visibility::Rays;
+        if !traces_rays {
+            self.rays = None;
+        } else if !self
+            .rays
+            .as_ref()
+            .is_some_and(|rays| rays.suits(scene, reflectivity))
+        {
+            self.rays = Some(RayGather::new(frame.gpu, scene, reflectivity)?);
+        }
         let maps = DepthMaps {
             atlas_side: self.atlas_side,
             memory: u64::from(self.settings.memory) << 20,
@@ -369,8 +397,12 @@ impl Technique for ImageBasedLighting {
             self.revision += 1;
             of_maps.revision += 1;
         }
-        self.batches
-            .generate(frame, scene, &directions, &views, &maps)?;
+        if let Some(rays) = &mut self.rays {
+            rays.set(frame.gpu, &directions)?;
+        } else {
+            self.batches
+                .generate(frame, scene, &directions, &views, &maps)?;
+        }
         self.made = Some(made);
         Ok(of_maps)
     }
@@ -382,12 +414,17 @@ impl Technique for ImageBasedLighting {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Some(ratio) = &mut self.ratio else {
-            return self.batches.gather(frame, scene, receiver);
+        let sums = match &mut self.ratio {
+            Some(ratio) => &ratio.begin(frame, receiver)?,
+            None => receiver,
         };
-        let sums = ratio.begin(frame, receiver)?;
-        self.batches.gather(frame, scene, &sums)?;
-        ratio.apply(frame, scene, receiver)?;
+        match &mut self.rays {
+            Some(rays) => rays.gather(frame, scene, sums)?,
+            None => self.batches.gather(frame, scene, sums)?,
+        }
+        if let Some(ratio) = &mut self.ratio {
+            ratio.apply(frame, scene, receiver)?;
+        }
         Ok(())
     }
 
