@@ -5,15 +5,17 @@ mod common;
 use std::sync::Arc;
 
 use common::{gpu, measured, picture, place, rel_mse, renderer_of};
-use glam::{Vec3, vec3};
+use glam::{Mat4, Vec3, vec3};
 use gpugi::bake::{Bake, TransferBake};
 use gpugi::gpu::Gpu;
 use gpugi::{LightingError, Renderer};
-use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::transfer::geometry;
 use gpugi_scene::{
-    Atlas, AtlasOptions, Camera, Environment, Image, Material, Pixels, Scene, TransferVectors,
+    Atlas, AtlasOptions, Camera, Environment, Image, Material, MaterialModel, Pixels, Scene,
+    TransferVectors,
 };
 
 /// A smooth sky: spherical harmonics of order 6 hold nearly all of it.
@@ -125,6 +127,135 @@ fn a_sunlit_block_is_the_path_tracers_in_wavelets() {
     assert!(wavelets < 0.01 && 2.0 * wavelets < harmonics, "{errors:?}");
 }
 
+/// The teapot of a material, on a matt plane under the smooth sky.
+fn glossy_teapot(material: Material) -> Scene {
+    let mut scene = builtin("teapot", 1).expect("a teapot");
+    scene.remove("panel,spot").expect("its lights");
+    scene.materials[0] = Material {
+        double_sided: true,
+        ..material
+    };
+    scene.environment = Some(smooth_sky());
+    scene
+}
+
+/// Phong's lobe of exponent 20, GGX of roughness 0.4 on a metal and on a dielectric.
+fn glossy_materials() -> [Material; 3] {
+    let red = vec3(0.55, 0.16, 0.08);
+    [
+        Material {
+            model: MaterialModel::Phong {
+                kd: 0.5 * red,
+                ks: Vec3::splat(0.5),
+                shininess: 20.0,
+            },
+            ..Material::default()
+        },
+        Material::metal("metal", vec3(0.95, 0.78, 0.45), 0.4),
+        Material {
+            base_color: red.extend(1.0),
+            roughness: 0.4,
+            ..Material::default()
+        },
+    ]
+}
+
+#[test]
+fn a_glossy_teapot_is_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let bounces = ["bounces=1", "bounces=2", "bounces=1"];
+    for (material, bounces) in glossy_materials().into_iter().zip(bounces) {
+        let scene = glossy_teapot(material);
+        let settings = [
+            bounces,
+            "glossy=teapot",
+            "resolution=128",
+            "rays=128",
+            "steps=4096",
+        ];
+        let names = ["radiance-transfer"];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 48, names[0], &settings);
+        let found = measured(&gpu, &scene, &scene.cameras[0], &mut renderer, [4, 256]);
+        let sum = |of: &[f32]| of.iter().sum::<f32>();
+        let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
+        let error = rel_mse(&found);
+        println!("{bounces}: rel-mse {error:.1e}, {ratio:.4} of the light");
+        assert!(error < 0.02, "{bounces}: {error}");
+        assert!((ratio - 1.0).abs() < 0.03, "{bounces}: {ratio}");
+        let warnings = renderer.warnings();
+        assert!(
+            warnings
+                .iter()
+                .any(|one| one.contains("glossy texels take")),
+            "{warnings:?}"
+        );
+    }
+}
+
+/// Glossy objects are those of the list that have a glossy lobe; their paths exclude other techniques'.
+#[test]
+fn glossy_objects_are_chosen() {
+    let Some(gpu) = gpu() else { return };
+    let [phong, ..] = glossy_materials();
+    let scene = glossy_teapot(phong);
+    let names = ["radiance-transfer"];
+    let mut renderer = renderer_of(&gpu, &scene, &names, 16, names[0], &["bounces=2"]);
+    let left_out = renderer.left_out().join("; ");
+    assert!(left_out.contains("LGE"), "{left_out}");
+    for (list, is_added) in [("plane", false), ("tea*", true), ("plane,teapot", true)] {
+        let set = renderer.set(names[0], "glossy", list);
+        set.expect("an object's name");
+        let left_out = renderer.left_out().join("; ");
+        assert_eq!(!left_out.contains("LGE"), is_added, "{list}: {left_out}");
+    }
+    let unknown = renderer.set(names[0], "glossy", "kettle");
+    assert!(unknown.is_err());
+}
+
+/// A ball above a floor of 32 x 32 cells, under the smooth sky.
+fn ball_on_floor(material: Material) -> Scene {
+    let mut scene = Scene::new("ball on floor");
+    let floor = quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 32);
+    place(
+        &mut scene,
+        floor,
+        Material::matt("floor", vec3(0.7, 0.5, 0.3)),
+    );
+    let ball = place(&mut scene, sphere(0.35, 32), material);
+    scene.instances[ball].name = "ball".into();
+    scene.instances[ball].world_from_mesh = Mat4::from_translation(vec3(0.1, 0.45, 0.0));
+    scene.environment = Some(smooth_sky());
+    scene
+}
+
+/// What fine meshes keep at vertices is what an atlas keeps, with reflected light and glossy lobes.
+#[test]
+fn fine_meshes_are_lit_at_vertices() {
+    let Some(gpu) = gpu() else { return };
+    let [phong, ..] = glossy_materials();
+    let scene = ball_on_floor(phong);
+    let found = ["at=texels", "at=vertices"].map(|at| {
+        let settings = [
+            at,
+            "glossy=ball",
+            "bounces=3",
+            "resolution=96",
+            "rays=256",
+            "steps=4096",
+        ];
+        let names = ["radiance-transfer"];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 48, names[0], &settings);
+        let found = measured(&gpu, &scene, &camera(), &mut renderer, [4, 512]);
+        println!("{at}: rel-mse {:.1e}", rel_mse(&found));
+        found
+    });
+    let [texels, vertices] = &found;
+    let between = error(&vertices.radiance, &texels.radiance);
+    println!("between them {between:.1e}");
+    assert!(rel_mse(vertices) < 0.01, "{}", rel_mse(vertices));
+    assert!(between < 0.005, "{between}");
+}
+
 /// A bake of the open room.
 fn transfer_bake<'a>(gpu: &Gpu, scene: &'a Scene) -> TransferBake<'a> {
     let options = AtlasOptions {
@@ -169,7 +300,12 @@ fn stored_vectors_light_as_new_ones() {
     }
     let unfinished = transfer_bake(&gpu, &scene).finish();
     assert!(unfinished.is_err());
-    for (name, value) in [("basis", "haar"), ("compressed", "true")] {
+    for (name, value) in [
+        ("basis", "haar"),
+        ("compressed", "true"),
+        ("glossy", "*"),
+        ("at", "vertices"),
+    ] {
         let refused = transfer_bake(&gpu, &scene).set(name, value);
         assert!(refused.is_err(), "{name}");
     }

@@ -73,10 +73,18 @@ impl<'a> TransferBake<'a> {
     /// follow from the atlas.
     ///
     /// # Errors
-    /// Those of [`Lighting::set`], and for vectors that files do not hold: wavelets and compressed ones.
+    /// Those of [`Lighting::set`], and for what files do not hold: wavelets, compressed vectors, those of vertices, and
+    /// matrices.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), LightingError> {
-        if matches!((name, value), ("basis", "haar") | ("compressed", "true")) {
-            return Err(unfit("files hold harmonics that are not compressed"));
+        let is_glossy = name == "glossy" && !value.is_empty();
+        let refused = [
+            ("basis", "haar"),
+            ("compressed", "true"),
+            ("at", "vertices"),
+        ];
+        if is_glossy || refused.contains(&(name, value)) {
+            let held = "files hold harmonics of texels that are not compressed, and no matrices";
+            return Err(unfit(held));
         }
         self.solver.set(radiance_transfer::INFO.name, name, value)
     }

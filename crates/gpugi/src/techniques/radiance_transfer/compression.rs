@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Settings;
 use super::gpu::{MOST_FUNCTIONS, Work};
+use super::places::Places;
 use super::principal::{Subspace, mean};
 use super::transfer::are_finite;
-use crate::capture::atlas::AtlasCapture;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, read_buffer};
 use crate::shader;
 
@@ -112,12 +112,12 @@ impl Compression {
     pub fn step(
         &mut self,
         frame: &mut Frame<'_>,
-        capture: &AtlasCapture,
+        places: &Places,
         vectors: &wgpu::Buffer,
     ) -> Result<Option<Saved>, GpuError> {
         match &mut self.stage {
             Stage::Begin => {
-                self.group_normals(frame, capture)?;
+                self.group_normals(frame, places)?;
                 let groups = frame.read_back(&self.clusters, u64::from(self.texels) * 4)?;
                 self.stage = Stage::Normals(Box::new(groups));
             }
@@ -154,26 +154,25 @@ impl Compression {
         Ok(None)
     }
 
-    fn group_normals(&self, frame: &mut Frame<'_>, capture: &AtlasCapture) -> Result<(), GpuError> {
+    fn group_normals(&self, frame: &mut Frame<'_>, places: &Places) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let into = [("clusters", self.clusters.as_entire_binding())];
         let into = self.normals.bind(gpu, 3, &into)?;
-        for piece in capture.pieces() {
+        for piece in places.pieces() {
             let work = Work {
-                first_texel: piece.rows.start * capture.size,
-                end_point: piece.points.count,
+                first_texel: piece.first,
+                end_point: piece.count,
                 ..bytemuck::Zeroable::zeroed()
             };
             let work = gpu.uniform("points of a piece", &work)?;
             let of_points = [
                 ("work", work.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
+                ("points", piece.points.as_entire_binding()),
             ];
             let of_points = self.normals.bind(gpu, 1, &of_points)?;
             frame.compute("radiance-transfer.clusters", |pass| {
                 let groups = [(1, &of_points), (3, &into)];
-                self.normals
-                    .dispatch(pass, &groups, [piece.points.count, 1, 1]);
+                self.normals.dispatch(pass, &groups, [piece.count, 1, 1]);
             });
         }
         Ok(())

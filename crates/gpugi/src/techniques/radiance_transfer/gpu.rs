@@ -16,6 +16,30 @@ pub struct Work {
     pub padding_2: u32,
 }
 
+/// `Work` of glossy/matrices.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct MatrixWork {
+    pub first_texel: u32,
+    pub first_slot: u32,
+    pub end_slot: u32,
+    pub slots: u32,
+    pub rays: u32,
+    pub seed: u32,
+    pub padding_0: u32,
+    pub padding_1: u32,
+}
+
+/// `Slots` of glossy/relight.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Slots {
+    pub count: u32,
+    pub first_word: u32,
+    pub padding_0: u32,
+    pub padding_1: u32,
+}
+
 /// `Directional` of directional.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

@@ -5,8 +5,8 @@ use wgpu::BindingResource::TextureView;
 
 use super::Settings;
 use super::gpu::{CUBE_SIDE, CUBE_TEXELS};
+use super::places::Places;
 use super::transfer::{Tile, Vectors};
-use crate::capture::atlas::AtlasLookup;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -39,7 +39,7 @@ impl Rays {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        lookup: &AtlasLookup,
+        places: &Places,
         most_points: u32,
     ) -> Result<Self, GpuError> {
         let bytes = u64::from(most_points) * u64::from(CUBE_TEXELS) * 16;
@@ -55,8 +55,8 @@ impl Rays {
         let select = shader!("techniques.radiance_transfer.haar.select");
         let visibility = shader!("techniques.radiance_transfer.haar.visibility");
         let reflect = shader!("techniques.radiance_transfer.haar.reflect");
-        let reflect = scene.ray_kernel(gpu, &reflect, &terms)?;
-        let corners = [("atlas", lookup.words.as_entire_binding())];
+        let reflect = scene.ray_kernel(gpu, &reflect, &[terms[0], places.constant()])?;
+        let corners = [("atlas", places.lookup().as_entire_binding())];
         let of_tile = [("dense", dense.as_entire_binding())];
         let transform_group = transform.bind(gpu, 3, &of_tile)?;
         Ok(Self {

@@ -5,8 +5,8 @@ use wgpu::BindingResource::TextureView;
 use super::Settings;
 use super::gpu::{LANES, MOST_FUNCTIONS};
 use super::light::Made;
+use super::places::Places;
 use super::transfer::{Tile, Vectors};
-use crate::capture::atlas::AtlasLookup;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -29,16 +29,16 @@ impl Rays {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        lookup: &AtlasLookup,
+        places: &Places,
     ) -> Result<Self, GpuError> {
         let shader = shader!("techniques.radiance_transfer.transfer");
         let order = ("ORDER", f64::from(settings.order));
         let kernel = |is_first: bool| {
             let is_first = ("IS_FIRST", f64::from(u8::from(is_first)));
-            scene.ray_kernel(gpu, &shader, &[order, is_first])
+            scene.ray_kernel(gpu, &shader, &[order, is_first, places.constant()])
         };
         let (first_bounce, further_bounces) = (kernel(true)?, kernel(false)?);
-        let corners = [("atlas", lookup.words.as_entire_binding())];
+        let corners = [("atlas", places.lookup().as_entire_binding())];
         Ok(Self {
             corners: further_bounces.bind(gpu, 2, &corners)?,
             first_bounce,

@@ -7,10 +7,12 @@
 //! Gather: looks up the irradiance at a point's place in the atlas. docs/techniques/radiance-transfer.md.
 
 mod compression;
+mod glossy;
 pub(crate) mod gpu;
 mod haar;
 mod harmonics;
 mod light;
+mod places;
 mod principal;
 mod settings;
 mod stored;
@@ -18,6 +20,7 @@ mod stored;
 mod tests;
 mod texels;
 mod transfer;
+mod vertices;
 
 use std::sync::Arc;
 
@@ -29,17 +32,18 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-pub use settings::{Basis, Settings};
+use glossy::{Glossy, GlossyObject};
+pub use settings::{At, Basis, Settings};
 use texels::{LitTexels, Saved};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
     name: "radiance-transfer",
-    summary: "light of a changing environment on diffuse surfaces of a still scene, by precomputed transfer vectors",
+    summary: "light of a changing environment on diffuse and glossy surfaces of a still scene, by precomputed transfer",
     source: "tutorial sections 7, 7.1 and 7.2; Sloan, Kautz and Snyder 2002",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "LD+E"),
-        LightPaths::new(LightClass::Environment, "LD+E"),
+        LightPaths::new(LightClass::Punctual, "LD*[DG]E"),
+        LightPaths::new(LightClass::Environment, "LD*[DG]E"),
     ],
     // Unwrapping takes too long for a live view.
     suits: |_| false,
@@ -52,6 +56,8 @@ pub const INFO: Info = Info {
 pub struct RadianceTransfer {
     settings: Settings,
     made: Option<LitTexels>,
+    /// Objects whose texels have transfer matrices.
+    glossy: Vec<GlossyObject>,
     /// Most texels per buffer of points; `None`: as many as fit.
     most_texels: Option<u32>,
     /// Whether the scene's stored vectors fit it, at these versions of geometry and instances.
@@ -72,7 +78,8 @@ impl RadianceTransfer {
     /// The transfer vectors that the scene's file holds, if they are wanted and nothing has moved since.
     fn stored(&mut self, scene: &GpuScene) -> Option<Arc<TransferVectors>> {
         let host = scene.host()?;
-        let vectors = host.transfer.as_ref().filter(|_| self.settings.stored);
+        let vectors = host.transfer.as_ref();
+        let vectors = vectors.filter(|_| self.settings.may_be_stored());
         let Some(vectors) = vectors else {
             self.stored = None;
             return None;
@@ -112,7 +119,12 @@ impl Technique for RadianceTransfer {
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         let stored = self.stored(scene);
         let bounces = self.settings.with(stored.as_deref()).bounces;
-        let pattern = format!("LD{{1,{bounces}}}E");
+        self.glossy = glossy::objects(&self.settings, scene);
+        let pattern = if self.glossy.is_empty() {
+            format!("LD{{1,{bounces}}}E")
+        } else {
+            format!("LD{{0,{}}}[DG]E", bounces - 1)
+        };
         let of = |class| LightPaths {
             class,
             pattern: pattern.clone().into(),
@@ -121,7 +133,10 @@ impl Technique for RadianceTransfer {
         if self.has_directional_lights(scene) {
             paths.push(of(LightClass::Punctual));
         }
-        Plan::adding(paths, scene)
+        Plan {
+            object_names: self.settings.glossy.clone(),
+            ..Plan::adding(paths, scene)
+        }
     }
 
     fn settings(&self) -> &dyn SettingSet {
@@ -143,23 +158,29 @@ impl Technique for RadianceTransfer {
         let settings = &self.settings.with(stored.as_deref());
         let atlas = match &stored {
             Some(stored) => Some(Arc::clone(&stored.atlas)),
-            None => scene.atlas(
-                frame.gpu,
-                INFO.name,
-                settings.resolution,
-                settings.density,
-                u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES,
-            )?,
+            None if settings.at == At::Vertices => None,
+            None => {
+                let bytes = u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES;
+                let (size, density) = (settings.resolution, settings.density);
+                let atlas = scene.atlas(frame.gpu, INFO.name, size, density, bytes)?;
+                if atlas.is_none() {
+                    return Ok(Generated::WITHOUT_ATLAS);
+                }
+                atlas
+            }
         };
-        let Some(atlas) = atlas else {
-            return Ok(Generated::WITHOUT_ATLAS);
-        };
-        let is_made = |made: &LitTexels| made.serves(settings, scene, &atlas);
+        let is_made = |made: &LitTexels| made.serves(settings, &self.glossy, scene, atlas.as_ref());
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
             None => {
-                let (atlas, most_texels) = (Arc::clone(&atlas), self.most_texels);
-                let mut made = LitTexels::new(frame.gpu, scene, settings, atlas, most_texels)?;
+                let mut made = LitTexels::new(
+                    frame.gpu,
+                    scene,
+                    settings,
+                    &self.glossy,
+                    atlas,
+                    self.most_texels,
+                )?;
                 if let Some(stored) = &stored {
                     made.transfer.follow(scene);
                     let finished = stored::as_saved(stored);
@@ -212,6 +233,7 @@ impl Technique for RadianceTransfer {
                 "new transfer vectors are computed, because those of the file do not fit: {reason}"
             ));
         }
+        warnings.extend(made.transfer.glossy.as_ref().map(Glossy::described));
         if self.leaves_objects {
             warnings.push(
                 "objects that another technique lights get no light of radiance-transfer: set its bounces to 1"

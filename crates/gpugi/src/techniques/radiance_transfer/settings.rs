@@ -15,9 +15,22 @@ crate::choices! {
     }
 }
 
+crate::choices! {
+    /// Points that have transfer vectors.
+    pub enum At {
+        /// The texels of an atlas.
+        Texels = "texels",
+        /// The vertices of all meshes.
+        Vertices = "vertices",
+    }
+}
+
 crate::settings! {
     /// Settings of radiance transfer.
     pub struct Settings {
+        /// Points that have transfer vectors: texels, those of an atlas; vertices, those of all meshes, which need no
+        /// atlas but show no shadow finer than their triangles.
+        pub at: At = At::Texels => any(),
         /// Functions of the direction that light is a sum of: harmonics, spherical harmonics; haar, Haar wavelets on a
         /// cube map of 64 texels per side, for small, bright lights.
         pub basis: Basis = Basis::Harmonics => any(),
@@ -36,6 +49,9 @@ crate::settings! {
         /// Whether the higher bands of the light are damped until it is negative in no direction: no ringing around
         /// small lights, but softer shadows. Harmonics only.
         pub window: bool = false => any(),
+        /// Objects whose glossy lobes reflect the light, too: names separated by commas, * stands for any characters.
+        /// Each of their texels keeps a transfer matrix: 10 KiB for order 6. Harmonics only.
+        pub glossy: String = String::new() => any(),
         /// Whether texels are clustered by their coefficients, and each keeps weights of its cluster's principal
         /// components (CPCA). Harmonics only.
         pub compressed: bool = false => any(),
@@ -68,6 +84,11 @@ impl Settings {
         }
     }
 
+    /// Whether objects are chosen for glossy reflection.
+    pub(super) fn is_glossy(&self) -> bool {
+        !self.glossy.is_empty() && self.basis == Basis::Harmonics
+    }
+
     /// Whether texels keep weights instead of coefficients.
     pub(super) fn is_compressed(&self) -> bool {
         self.compressed && self.basis == Basis::Harmonics
@@ -81,6 +102,11 @@ impl Settings {
     /// 32-bit words of a cluster's mean and basis vectors.
     pub(super) fn words_of_cluster(&self) -> usize {
         2 * self.terms() as usize * (self.components as usize + 1)
+    }
+
+    /// Whether vectors of a file may be used: files hold those of texels, and no matrices.
+    pub(super) fn may_be_stored(&self) -> bool {
+        self.stored && self.at == At::Texels && !self.is_glossy()
     }
 
     /// Rays per texel and bounce.

@@ -7,7 +7,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Scene, TransferVectors};
 use half::f16;
 
-use super::{Basis, Saved, Settings, transfer, unfit};
+use super::{At, Basis, Saved, Settings, transfer, unfit};
 use crate::capture::Target;
 use crate::capture::atlas::Dilation;
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
@@ -40,6 +40,7 @@ pub(super) fn as_saved(vectors: &TransferVectors) -> transfer::Saved {
         vectors: whole(words),
         next: Vec::new(),
         albedo: whole(vec![0; texels]),
+        matrices: Vec::new(),
     }
 }
 
@@ -56,8 +57,11 @@ pub(crate) fn finished(
     settings: &Settings,
     saved: &[u8],
 ) -> Result<TransferVectors, GpuError> {
-    if settings.basis != Basis::Harmonics || settings.is_compressed() {
-        return Err(unfit("files hold harmonics that are not compressed"));
+    let is_of_vertices = settings.at == At::Vertices;
+    if settings.basis != Basis::Harmonics || settings.is_compressed() || is_of_vertices {
+        return Err(unfit(
+            "files hold harmonics of texels that are not compressed",
+        ));
     }
     let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
     let saved = saved.transfer;

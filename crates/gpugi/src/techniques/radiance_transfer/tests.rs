@@ -1,6 +1,7 @@
 //! Tests transfer vectors and light against closed forms, and that progress may stop and continue anywhere.
 
 mod clusters;
+mod glossy;
 mod harmonics;
 mod wavelets;
 
@@ -13,7 +14,7 @@ use gpugi_scene::{Camera, Environment, Image, Light, LightKind, Material, Mesh, 
 
 use super::{RadianceTransfer, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
-use crate::gpu::{Frame, Gpu, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::impostor::Impostors;
 use crate::prefiltered::Environments;
 use crate::scene::{Edit, GpuScene};
@@ -90,6 +91,10 @@ impl Solver {
 
     /// One frame.
     fn frame(&mut self) -> Generated {
+        self.try_frame().unwrap()
+    }
+
+    fn try_frame(&mut self) -> Result<Generated, GpuError> {
         self.scene.wait_for_atlas();
         let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
         let view = View::new(&camera, [8, 8], Vec2::ZERO, 0, 0, 1.0);
@@ -105,10 +110,9 @@ impl Solver {
             true,
         );
         let (transfer, scene) = (&mut self.transfer, &self.scene);
-        let generated = transfer.generate(&mut frame, scene, &view, &mut earlier);
-        let generated = generated.unwrap();
-        frame.submit().unwrap();
-        generated
+        let generated = transfer.generate(&mut frame, scene, &view, &mut earlier)?;
+        frame.submit()?;
+        Ok(generated)
     }
 
     /// Frames until the transfer vectors are final.
@@ -139,7 +143,7 @@ impl Solver {
     /// The texels that have points, with a value each.
     fn with_points(&self, values: impl Iterator<Item = Vec3>) -> Vec<(Point, Vec3)> {
         let made = self.transfer.made.as_ref().unwrap();
-        let points = made.capture.points();
+        let points = made.places.capture().expect("texels").points();
         let points = points.flat_map(|points| read_points(&self.gpu, &self.scene, points));
         let texels = points.zip(values);
         texels
@@ -198,6 +202,36 @@ fn constant_linear_and_quadratic_light_is_exact_on_a_sphere_and_a_plane() {
         let error = worst(&solver.unfiltered(), PI, expected);
         println!("order {order}: {error}");
         assert!(error < 0.006, "{error}");
+    }
+}
+
+/// The same at vertices: points are the vertices of the meshes, in order.
+#[test]
+fn constant_linear_and_quadratic_light_is_exact_at_vertices() {
+    let Some(gpu) = test_gpu() else { return };
+    let band = |x: f32| 1.0 + 0.8 * x + 0.9 * (1.5 * x * x - 0.5);
+    let environment = sky(256, 0, |direction| Vec3::splat(band(direction.dot(A))));
+    let expected = |normal: &Vec3| {
+        let x = normal.dot(A);
+        PI * (1.0 + 0.8 * x * 2.0 / 3.0 + 0.9 * (1.5 * x * x - 0.5) / 4.0)
+    };
+    let plane = quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 4);
+    for mesh in [sphere(1.0, 32), plane] {
+        let normals = mesh.normals.clone();
+        let scene = scene_of([mesh], Some(environment.clone()));
+        let solver = Solver::new(&gpu, &scene, &[("at", "vertices")]).solve();
+        let made = solver.transfer.made.as_ref().unwrap();
+        let found = solver.floats(&made.irradiance.radiance);
+        // At its poles, the sphere has vertices without a triangle.
+        let pairs = normals.iter().zip(&found);
+        let pairs: Vec<_> = pairs.filter(|(_, found)| found[3] == 1.0).collect();
+        let errors = pairs
+            .iter()
+            .map(|(normal, found)| (found[0] - expected(normal)).abs());
+        let worst = errors.fold(0.0, f32::max) / PI;
+        println!("{worst} at {} of {} vertices", pairs.len(), normals.len());
+        assert!(pairs.len() + 4 > normals.len() && worst < 0.006, "{worst}");
+        assert_eq!(found[normals.len()][3], 0.0);
     }
 }
 

@@ -1,4 +1,4 @@
-//! The texels of a scene's atlas, their transfer vectors, and the irradiance that these give under the present light.
+//! Texels or vertices, their transfer vectors, and the irradiance that these give under the present light.
 
 use std::sync::Arc;
 
@@ -7,12 +7,12 @@ use gpugi_scene::atlas::Seams;
 use serde::{Deserialize, Serialize};
 
 use super::compression::{self, Compressed, Compression};
+use super::glossy::{Glossy, GlossyObject};
 use super::light::{Light, Made};
+use super::places::Places;
 use super::transfer::{self, Transfer};
 use super::{Basis, INFO, Settings};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
-};
+use crate::capture::atlas::{Dilation, SeamFilter, TexelGather};
 use crate::capture::{Receiver, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
@@ -28,14 +28,12 @@ pub(super) struct Saved {
     pub compressed: Option<compression::Saved>,
 }
 
-/// The texels of an atlas, and their light.
+/// Texels or vertices, and their light.
 #[derive(Debug)]
 pub(super) struct LitTexels {
-    atlas: Arc<Atlas>,
+    pub places: Places,
     /// [`GpuScene::passages`] that the passes were compiled for.
     passages: [bool; 2],
-    pub capture: AtlasCapture,
-    leaks: LeakTest,
     settings: Settings,
     pub transfer: Transfer,
     /// Work toward compressed vectors.
@@ -45,10 +43,9 @@ pub(super) struct LitTexels {
     pub light: Light,
     /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
     pub irradiance: Target,
-    lookup_bytes: u64,
     relight: Kernel,
-    dilation: Dilation,
-    seams: SeamFilter,
+    /// Passes that fill texels without a point and make seams agree.
+    around: Option<(Dilation, SeamFilter)>,
     gather: TexelGather,
     /// Whether the irradiance was computed once.
     is_lit: bool,
@@ -60,20 +57,12 @@ impl LitTexels {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        atlas: Arc<Atlas>,
+        glossy: &[GlossyObject],
+        atlas: Option<Arc<Atlas>>,
         most_texels: Option<u32>,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason: "there is an atlas, but no scene that it is one of".into(),
-        })?;
-        let options = AtlasCaptureOptions {
-            most_texels: most_texels.unwrap_or(u32::MAX),
-            ..AtlasCaptureOptions::default()
-        };
-        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
-        let size = [atlas.size, atlas.size * atlas.pages];
+        let places = Places::new(gpu, scene, atlas, most_texels)?;
+        let size = places.map_size();
         let irradiance = Target::new(gpu, size[0] * size[1])?;
         let (relight, length) = match settings.basis {
             Basis::Harmonics => (
@@ -92,35 +81,55 @@ impl LitTexels {
         let gather = shader!("capture.atlas.gather");
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
         let kept = [
-            ("atlas", lookup.words.as_entire_binding()),
+            ("atlas", places.lookup().as_entire_binding()),
             ("irradiance", irradiance.radiance.as_entire_binding()),
         ];
+        let light = Light::new(gpu, scene, settings)?;
+        let glossy = if glossy.is_empty() {
+            None
+        } else {
+            let light = &light.coefficients;
+            Some(Glossy::new(gpu, scene, settings, glossy, &places, light)?)
+        };
+        let around = match (&places, scene.host()) {
+            (Places::Texels(texels), Some(host)) => {
+                let seams = Seams::new(host, &texels.atlas);
+                let seams = SeamFilter::new(gpu, &seams, &irradiance)?;
+                Some((Dilation::new(gpu, size)?, seams))
+            }
+            _ => None,
+        };
         Ok(Self {
             passages: scene.passages(),
-            leaks: LeakTest::new(gpu, scene, &capture)?,
             settings: settings.clone(),
             compression: None,
             compressed: None,
-            transfer: Transfer::new(gpu, scene, settings, &capture, &lookup)?,
-            light: Light::new(gpu, scene, settings)?,
+            transfer: Transfer::new(gpu, scene, settings, &places, glossy)?,
+            light,
             relight: Kernel::with_options(gpu, &relight, "main", None, &options)?,
-            dilation: Dilation::new(gpu, size)?,
-            seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
-            gather: TexelGather::new(gpu, scene, &gather, &[left_out], &kept)?,
-            lookup_bytes: lookup.words.size(),
+            around,
+            gather: TexelGather::new(gpu, scene, &gather, &[left_out, places.constant()], &kept)?,
             irradiance,
-            capture,
-            atlas,
+            places,
             is_lit: false,
             revision: 0,
         })
     }
 
-    /// Whether these are the texels of the atlas, with transfer vectors of the settings.
-    pub fn serves(&self, settings: &Settings, scene: &GpuScene, atlas: &Arc<Atlas>) -> bool {
-        Arc::ptr_eq(&self.atlas, atlas)
+    /// Whether these are the texels of the atlas, or without one the vertices, with transfer vectors of the settings
+    /// and matrices of the objects.
+    pub fn serves(
+        &self,
+        settings: &Settings,
+        glossy: &[GlossyObject],
+        scene: &GpuScene,
+        atlas: Option<&Arc<Atlas>>,
+    ) -> bool {
+        let made = self.transfer.glossy.as_ref();
+        self.places.serves(scene, atlas)
             && self.passages == scene.passages()
             && self.transfer.is_of(settings)
+            && made.map_or(glossy.is_empty(), |made| made.is_of(glossy))
     }
 
     /// Takes steps toward the transfer vectors, and lights the texels if these or the light have changed.
@@ -132,8 +141,7 @@ impl LitTexels {
         made_of_light: Made,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        self.capture.record(frame, scene)?;
-        self.leaks.record(frame, scene, &self.capture);
+        self.places.record(frame, scene)?;
         if self.transfer.follow(scene) {
             self.compression = None;
         }
@@ -142,7 +150,7 @@ impl LitTexels {
             if self.transfer.is_done() || !earlier.may_step() {
                 break;
             }
-            earlier.count(self.transfer.step(frame, scene, &self.capture)?);
+            earlier.count(self.transfer.step(frame, scene, &self.places)?);
         }
         let mut has_improved = self.transfer.bounces() > bounces;
         if has_improved {
@@ -199,7 +207,7 @@ impl LitTexels {
             Some(compression) => compression,
             None => Compression::new(frame.gpu, &self.settings, texels as u32)?,
         };
-        let saved = compression.step(frame, &self.capture, vectors)?;
+        let saved = compression.step(frame, &self.places, vectors)?;
         earlier.count(texels * u64::from(self.settings.clusters));
         match &saved {
             Some(saved) => {
@@ -266,8 +274,8 @@ impl LitTexels {
         Ok(())
     }
 
-    /// Multiplies transfer vectors and light: passes `radiance-transfer.relight`, `capture.atlas.dilate` and
-    /// `capture.atlas.seams`.
+    /// Multiplies transfer vectors, and matrices, and light: passes `radiance-transfer.relight`,
+    /// `radiance-transfer.glossy`, `capture.atlas.dilate` and `capture.atlas.seams`.
     fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let (light, irradiance) = (&self.light.coefficients, &self.irradiance.radiance);
@@ -287,20 +295,30 @@ impl LitTexels {
                 self.relight.dispatch(pass, &groups, [texels, 1, 1]);
             });
         }
-        self.dilation.record(frame, &self.irradiance)?;
-        self.seams.record(frame);
+        if let Some(glossy) = &self.transfer.glossy {
+            glossy.relight(frame);
+        }
+        if let Some((dilation, seams)) = &self.around {
+            dilation.record(frame, &self.irradiance)?;
+            seams.record(frame);
+        }
         Ok(())
     }
 
-    /// Adds the light at the receiver's points: pass `radiance-transfer.gather`.
+    /// Adds the light at the receiver's points: passes `radiance-transfer.gather` and
+    /// `radiance-transfer.glossy-gather`.
     pub fn gather(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (name, texels) = ("radiance-transfer.gather", Some(&self.capture));
-        self.gather.record(frame, name, scene, texels, receiver)
+        let (name, texels) = ("radiance-transfer.gather", self.places.capture());
+        self.gather.record(frame, name, scene, texels, receiver)?;
+        match &mut self.transfer.glossy {
+            Some(glossy) => glossy.gather(frame, scene, texels, receiver),
+            None => Ok(()),
+        }
     }
 
     /// Irradiance of all rows, and the coefficients of the light.
@@ -314,7 +332,7 @@ impl LitTexels {
                 is_number: false,
             },
         };
-        let size = [self.capture.size, self.capture.size * self.capture.pages];
+        let size = self.places.map_size();
         vec![
             map("irradiance", &self.irradiance.radiance, size),
             map("light", &self.light.coefficients, self.light.map_size()),
@@ -323,9 +341,9 @@ impl LitTexels {
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
-        let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
-        let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
+        let around = self.around.as_ref();
+        let around = around.map_or(0, |(dilation, seams)| dilation.bytes() + seams.bytes);
         let compressed = self.compressed.as_ref().map_or(0, Compressed::bytes);
-        self.capture.bytes + self.transfer.bytes() + compressed + self.light.bytes() + around
+        self.places.bytes() + self.transfer.bytes() + compressed + self.light.bytes() + around
     }
 }

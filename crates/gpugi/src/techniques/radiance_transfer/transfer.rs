@@ -5,9 +5,10 @@ use std::ops::Range;
 use bytemuck::Zeroable;
 use serde::{Deserialize, Serialize};
 
+use super::glossy::Glossy;
 use super::gpu::{COEFFICIENT_BYTES, Work};
+use super::places::{Piece, Places};
 use super::{Basis, Settings, haar, harmonics};
-use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::scene::GpuScene;
 
@@ -18,7 +19,6 @@ const RAYS_OF_STEP: u32 = 1 << 22;
 #[derive(Debug)]
 pub(super) struct Transfer {
     settings: Settings,
-    size: u32,
     /// Coefficients of all texels with the bounces that are done: `vec2u` of coefficients.wesl or haar/wavelets.wesl.
     /// `None` once they are compressed.
     vectors: Option<wgpu::Buffer>,
@@ -30,6 +30,8 @@ pub(super) struct Transfer {
     rays: Rays,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
+    /// Matrices of glossy texels, which follow the tiles of the last bounce.
+    pub glossy: Option<Glossy>,
     state: State,
 }
 
@@ -76,7 +78,7 @@ pub(super) struct State {
     pub made: Option<[u64; 2]>,
     /// Bounces that are done.
     pub bounces: u32,
-    /// Tiles of the next bounce that are done.
+    /// Tiles of the next bounce that are done, those of matrices among them.
     pub tiles: u32,
 }
 
@@ -89,6 +91,8 @@ pub(super) struct Saved {
     /// Empty if no tile of the next bounce is done.
     pub next: Vec<u32>,
     pub albedo: Vec<u32>,
+    /// Transfer matrices; empty if none is begun.
+    pub matrices: Vec<Vec<u32>>,
 }
 
 impl Transfer {
@@ -96,38 +100,38 @@ impl Transfer {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        capture: &AtlasCapture,
-        lookup: &AtlasLookup,
+        places: &Places,
+        glossy: Option<Glossy>,
     ) -> Result<Self, GpuError> {
         let rays_per_texel = settings.rays_per_texel();
         let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
-        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
-            let count = piece.points.count;
+        let tiles_of = |(number, piece): (usize, Piece<'_>)| {
+            let count = piece.count;
             let firsts = (0..count).step_by(at_once as usize);
             firsts.map(move |first| (number, first..count.min(first + at_once)))
         };
-        let pieces = capture.pieces().iter().enumerate();
+        let pieces = places.pieces().into_iter().enumerate();
         let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
         let rays = match settings.basis {
             Basis::Harmonics => {
-                let rays = harmonics::Rays::new(gpu, scene, settings, lookup)?;
+                let rays = harmonics::Rays::new(gpu, scene, settings, places)?;
                 Rays::Harmonics(Box::new(rays))
             }
             Basis::Haar => {
                 let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
                 let most = most.unwrap_or(1);
-                let rays = haar::Rays::new(gpu, scene, settings, lookup, most)?;
+                let rays = haar::Rays::new(gpu, scene, settings, places, most)?;
                 Rays::Wavelets(Box::new(rays))
             }
         };
-        let texels = u64::from(capture.size).pow(2) * u64::from(capture.pages);
+        let [width, height] = places.map_size().map(u64::from);
+        let texels = width * height;
         let vectors = vectors(
             gpu,
             texels * u64::from(settings.terms()) * COEFFICIENT_BYTES,
         )?;
         Ok(Self {
             settings: settings.clone(),
-            size: capture.size,
             size_of_vectors: vectors.size(),
             vectors: Some(vectors),
             next: None,
@@ -138,6 +142,7 @@ impl Transfer {
             )?,
             rays,
             tiles,
+            glossy,
             state: State::default(),
         })
     }
@@ -154,7 +159,8 @@ impl Transfer {
             Rays::Harmonics(_) => 0,
             Rays::Wavelets(rays) => rays.bytes(),
         };
-        size(&self.vectors) + size(&self.next) + self.albedo.size() + work
+        let matrices = self.glossy.as_ref().map_or(0, Glossy::bytes);
+        size(&self.vectors) + size(&self.next) + self.albedo.size() + work + matrices
     }
 
     /// Bounces that are done.
@@ -169,9 +175,20 @@ impl Transfer {
 
     /// Part of the work that is done (0 to 1).
     pub fn progress(&self) -> f32 {
-        let all = u64::from(self.settings.bounces) * self.tiles.len() as u64;
-        let done = u64::from(self.state.bounces) * self.tiles.len() as u64;
-        (done + u64::from(self.state.tiles)) as f32 / all.max(1) as f32
+        if self.is_done() {
+            return 1.0;
+        }
+        let matrices = self.glossy.as_ref().map_or(0, Glossy::steps);
+        let all = self.settings.bounces * self.tiles.len() as u32 + matrices;
+        let done = self.state.bounces * self.tiles.len() as u32 + self.state.tiles;
+        done as f32 / all.max(1) as f32
+    }
+
+    /// Tiles of the next bounce.
+    fn tiles_of_bounce(&self) -> u32 {
+        let is_last = self.state.bounces + 1 == self.settings.bounces;
+        let glossy = self.glossy.as_ref().filter(|_| is_last);
+        self.tiles.len() as u32 + glossy.map_or(0, Glossy::steps)
     }
 
     /// The vectors with the bounces that are done; `None` once they are compressed.
@@ -206,7 +223,7 @@ impl Transfer {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        capture: &AtlasCapture,
+        places: &Places,
     ) -> Result<u64, GpuError> {
         let gpu = frame.gpu;
         let next = match self.next.take() {
@@ -221,11 +238,16 @@ impl Transfer {
             // Texels may have lost their points since.
             frame.clear(&next);
         }
+        let vectors = Vectors {
+            before: &before,
+            after: &next,
+            albedo: &self.albedo,
+        };
         let mut rays = 0;
         if let Some((piece, points)) = self.tiles.get(self.state.tiles as usize) {
-            let piece = &capture.pieces()[*piece];
+            let piece = places.pieces()[*piece];
             let work = Work {
-                first_texel: piece.rows.start * self.size,
+                first_texel: piece.first,
                 first_point: points.start,
                 end_point: points.end,
                 rays: self.settings.rays,
@@ -234,25 +256,23 @@ impl Transfer {
             };
             let tile = Tile {
                 work: gpu.uniform("radiance transfer", &work)?,
-                piece: &piece.points.points,
+                piece: piece.points,
                 points: points.len() as u32,
                 is_first_bounce: self.state.bounces == 0,
-            };
-            let vectors = Vectors {
-                before: &before,
-                after: &next,
-                albedo: &self.albedo,
             };
             match &self.rays {
                 Rays::Harmonics(rays) => rays.record(frame, scene, &tile, &vectors)?,
                 Rays::Wavelets(rays) => rays.record(frame, scene, &tile, &vectors)?,
             }
             rays = points.len() as u64 * u64::from(self.settings.rays_per_texel());
-            self.state.tiles += 1;
+        } else if let Some(glossy) = &self.glossy {
+            let step = self.state.tiles - self.tiles.len() as u32;
+            rays = glossy.record(frame, scene, places, step, &vectors)?;
         }
+        self.state.tiles += 1;
         self.vectors = Some(before);
         self.next = Some(next);
-        if self.state.tiles as usize == self.tiles.len() {
+        if self.state.tiles >= self.tiles_of_bounce() {
             self.end_bounce();
         }
         Ok(rays)
@@ -292,7 +312,16 @@ impl Transfer {
                 .unwrap_or_default(),
             next: next.map(read).transpose()?.unwrap_or_default(),
             albedo: read(&self.albedo)?,
+            matrices: match &self.glossy {
+                Some(glossy) if self.has_matrices(bounces, tiles) => glossy.save(gpu)?,
+                _ => Vec::new(),
+            },
         }))
+    }
+
+    /// Whether matrices are begun when so many bounces, and tiles of the next, are done.
+    fn has_matrices(&self, bounces: u32, tiles: u32) -> bool {
+        bounces == self.settings.bounces || tiles as usize > self.tiles.len()
     }
 
     /// Continues from saved progress, which has no vectors if they are compressed.
@@ -301,7 +330,9 @@ impl Transfer {
     /// Why it does not fit these texels.
     pub fn resume(&mut self, gpu: &Gpu, saved: &Saved, is_compressed: bool) -> Result<(), String> {
         let is_of_steps = if saved.bounces < self.settings.bounces {
-            (saved.tiles as usize) < self.tiles.len()
+            let matrices = self.glossy.as_ref();
+            let matrices = matrices.filter(|_| saved.bounces + 1 == self.settings.bounces);
+            saved.tiles < self.tiles.len() as u32 + matrices.map_or(0, Glossy::steps)
         } else {
             saved.bounces == self.settings.bounces && saved.tiles == 0
         };
@@ -318,10 +349,16 @@ impl Transfer {
         {
             return Err("other texels".into());
         }
+        let glossy = self.glossy.as_ref();
+        let glossy = glossy.filter(|_| self.has_matrices(saved.bounces, saved.tiles));
+        if !glossy.map_or(saved.matrices.is_empty(), |one| one.fits(&saved.matrices)) {
+            return Err("other matrices".into());
+        }
         if !saved
             .vectors
             .iter()
             .chain(&saved.next)
+            .chain(saved.matrices.iter().flatten())
             .all(|&word| are_finite(word))
         {
             return Err("coefficients that are not finite".into());
@@ -342,6 +379,9 @@ impl Transfer {
         write(&mut self.vectors, &saved.vectors)?;
         write(&mut self.next, &saved.next)?;
         gpu.write(&self.albedo, 0, &saved.albedo);
+        if let Some(glossy) = glossy {
+            glossy.resume(gpu, &saved.matrices);
+        }
         self.state.bounces = saved.bounces;
         self.state.tiles = saved.tiles;
         Ok(())
