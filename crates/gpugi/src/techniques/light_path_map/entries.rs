@@ -1,4 +1,4 @@
-//! Entry points, and their clusters.
+//! Entry points, their clusters, and light samples.
 
 use glam::{Mat3, Vec2, Vec3};
 use gpugi_scene::Scene;
@@ -23,6 +23,10 @@ pub(super) struct Entries {
     pub entries: Vec<Entry>,
     /// First entry point of each cluster, and behind the last one the number of all.
     pub firsts: Vec<u32>,
+    /// Further points at which the light is sampled, cluster by cluster.
+    pub samples: Vec<Entry>,
+    /// First light sample of each cluster, counted from the first entry point, and behind the last one the end of all.
+    pub first_samples: Vec<u32>,
     /// Area that each entry point stands for (m^2).
     pub area: f32,
     /// Distance that counts as much as normals which differ by 1 (m).
@@ -41,31 +45,36 @@ struct Triangle {
 const ROUNDS: u32 = 16;
 
 impl Entries {
-    /// `count` points, spread evenly over the scene's surfaces, in `clusters` clusters; fewer where the scene has no
-    /// surfaces.
-    pub fn new(scene: &Scene, count: u32, clusters: u32) -> Self {
-        let (entries, area) = spread(scene, count);
+    /// `count` points, spread evenly over the scene's surfaces, in `clusters` clusters, and `samples` light samples;
+    /// none of them where the scene has no surfaces.
+    pub fn new(scene: &Scene, count: u32, samples: u32, clusters: u32) -> Self {
+        let (triangles, sums) = triangles(scene);
+        let all = sums.last().copied().unwrap_or(0.0);
+        if triangles.is_empty() || !(all as f32).is_finite() {
+            return Self::default();
+        }
         // About the radius of a cluster: a right angle counts as much as being 1.4 radii apart.
-        let normal_scale = (area / std::f32::consts::PI / clusters as f32).sqrt();
-        let sites: Vec<[f32; 6]> = entries
-            .iter()
-            .map(|entry| {
-                let ([x, y, z], normal) = (entry.position.to_array(), entry.normal * normal_scale);
-                [x, y, z, normal.x, normal.y, normal.z]
-            })
-            .collect();
+        let normal_scale = (all as f32 / std::f32::consts::PI / clusters as f32).sqrt();
+        let site = |entry: &Entry| {
+            let ([x, y, z], normal) = (entry.position.to_array(), entry.normal * normal_scale);
+            [x, y, z, normal.x, normal.y, normal.z]
+        };
+        let entries = spread(&triangles, &sums, count);
+        let sites: Vec<[f32; 6]> = entries.iter().map(site).collect();
         let mut groups = halves(&sites, (0..entries.len()).collect(), clusters as usize);
         refine(&sites, &mut groups);
-        let mut firsts = vec![0];
-        let mut sorted = Vec::with_capacity(entries.len());
-        for group in groups {
-            sorted.extend(group.iter().map(|&index| entries[index]));
-            firsts.push(sorted.len() as u32);
-        }
+        let (sorted, firsts) = by_group(&entries, &groups, 0);
+        let samples = spread(&triangles, &sums, samples);
+        let sites_of_samples: Vec<[f32; 6]> = samples.iter().map(site).collect();
+        let means: Vec<[f32; 6]> = groups.iter().map(|group| mean(&sites, group)).collect();
+        let (samples, first_samples) =
+            by_group(&samples, &nearest(&sites_of_samples, &means), sorted.len());
         Self {
             entries: sorted,
             firsts,
-            area: area / count as f32,
+            samples,
+            first_samples,
+            area: (all / f64::from(count)) as f32,
             normal_scale,
         }
     }
@@ -73,6 +82,11 @@ impl Entries {
     /// Number of clusters.
     pub fn clusters(&self) -> u32 {
         self.firsts.len().saturating_sub(1) as u32
+    }
+
+    /// Entry points, then light samples.
+    pub fn points(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().chain(&self.samples)
     }
 
     /// The entry points with the numbers of their clusters.
@@ -115,14 +129,21 @@ fn triangles(scene: &Scene) -> (Vec<Triangle>, Vec<f64>) {
     (triangles, sums)
 }
 
-/// `count` points by area, and the area of all surfaces (m^2): the points of Hammersley's set choose a triangle by
-/// their first coordinate, and a place in it by what is left of that coordinate and by the second one.
-fn spread(scene: &Scene, count: u32) -> (Vec<Entry>, f32) {
-    let (triangles, sums) = triangles(scene);
-    let all = sums.last().copied().unwrap_or(0.0);
-    if triangles.is_empty() || !(all as f32).is_finite() {
-        return (Vec::new(), 0.0);
+/// The points sorted by their groups, and the first of each group, counted from `start`, with the end of all.
+fn by_group(points: &[Entry], groups: &[Vec<usize>], start: usize) -> (Vec<Entry>, Vec<u32>) {
+    let mut firsts = vec![start as u32];
+    let mut sorted = Vec::with_capacity(points.len());
+    for group in groups {
+        sorted.extend(group.iter().map(|&index| points[index]));
+        firsts.push((start + sorted.len()) as u32);
     }
+    (sorted, firsts)
+}
+
+/// `count` points by area: those of Hammersley's set choose a triangle by their first coordinate, and a place in it by
+/// what is left of that coordinate and by the second one. `sums`: sums of the triangles' areas (m^2).
+fn spread(triangles: &[Triangle], sums: &[f64], count: u32) -> Vec<Entry> {
+    let all = sums.last().copied().unwrap_or(0.0);
     let entry = |index: u32| {
         let at = (f64::from(index) + 0.5) / f64::from(count) * all;
         let chosen = sums.partition_point(|&sum| sum <= at).min(sums.len() - 1);
@@ -140,7 +161,7 @@ fn spread(scene: &Scene, count: u32) -> (Vec<Entry>, f32) {
             barycentrics,
         }
     };
-    ((0..count).map(entry).collect(), all as f32)
+    (0..count).map(entry).collect()
 }
 
 /// Barycentrics that are evenly distributed if the coordinates are (Heitz 2019).
@@ -178,25 +199,48 @@ fn halves(sites: &[[f32; 6]], mut group: Vec<usize>, parts: usize) -> Vec<Vec<us
     groups
 }
 
+/// The sites by the nearest of the means.
+fn nearest(sites: &[[f32; 6]], means: &[[f32; 6]]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); means.len()];
+    // Means by their place along the longest axis: the search goes outward from the site, and ends where that distance
+    // alone is too far.
+    let extent = |&axis: &usize| {
+        let values = means.iter().map(|mean| mean[axis]);
+        values.clone().fold(f32::MIN, f32::max) - values.fold(f32::MAX, f32::min)
+    };
+    let axis = (0..3)
+        .max_by(|a, b| extent(a).total_cmp(&extent(b)))
+        .unwrap_or(0);
+    let mut order: Vec<usize> = (0..means.len()).collect();
+    order.sort_by(|&a, &b| means[a][axis].total_cmp(&means[b][axis]));
+    for (index, site) in sites.iter().enumerate() {
+        let (mut found, mut least) = (0, f32::INFINITY);
+        let middle = order.partition_point(|&number| means[number][axis] < site[axis]);
+        let mut look = |numbers: &mut dyn Iterator<Item = &usize>| {
+            for &number in numbers {
+                let mean = &means[number];
+                if (site[axis] - mean[axis]).powi(2) > least {
+                    break;
+                }
+                let apart = site.iter().zip(mean).map(|(a, b)| (a - b) * (a - b));
+                let squared: f32 = apart.sum();
+                if squared < least || (squared == least && number < found) {
+                    (found, least) = (number, squared);
+                }
+            }
+        };
+        look(&mut order[middle..].iter());
+        look(&mut order[..middle].iter().rev());
+        groups[found].push(index);
+    }
+    groups
+}
+
 /// Lloyd's iteration of k-means. A group that runs empty takes half of the largest one.
 fn refine(sites: &[[f32; 6]], groups: &mut [Vec<usize>]) {
     for _ in 0..ROUNDS {
         let means: Vec<[f32; 6]> = groups.iter().map(|group| mean(sites, group)).collect();
-        let mut moved: Vec<Vec<usize>> = vec![Vec::new(); groups.len()];
-        for (index, site) in sites.iter().enumerate() {
-            let squared = |mean: &[f32; 6]| -> f32 {
-                let apart = site.iter().zip(mean).map(|(a, b)| (a - b) * (a - b));
-                apart.sum()
-            };
-            let (mut nearest, mut least) = (0, f32::INFINITY);
-            for (number, mean) in means.iter().enumerate() {
-                let distance = squared(mean);
-                if distance < least {
-                    (nearest, least) = (number, distance);
-                }
-            }
-            moved[nearest].push(index);
-        }
+        let mut moved = nearest(sites, &means);
         while let Some(empty) = moved.iter().position(Vec::is_empty) {
             let largest = moved.iter_mut().max_by_key(|group| group.len());
             let Some(largest) = largest.filter(|group| group.len() > 1) else {

@@ -1,4 +1,4 @@
-//! Entry points on the GPU: a receiver, which earlier techniques light.
+//! Entry points and light samples on the GPU: a receiver, which earlier techniques light.
 
 use bytemuck::Zeroable;
 
@@ -12,14 +12,14 @@ use crate::shader;
 /// Points per row of their hit records.
 pub(super) const WIDTH: u32 = 128;
 
-/// Entry points.
+/// Entry points, and light samples behind them.
 #[derive(Debug)]
 pub(super) struct EntryPoints {
     /// What the host knows of them.
     pub entries: Entries,
     /// The points, and their irradiance (W/m^2).
     pub receiver: Receiver,
-    /// First entry point of each cluster, and behind the last one the number of all.
+    /// First entry point of each cluster, and behind the last one the end of all; then the same of light samples.
     pub firsts: wgpu::Buffer,
     places: wgpu::Buffer,
     hits: wgpu::TextureView,
@@ -30,7 +30,7 @@ impl EntryPoints {
     /// Room for the entry points of a scene.
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let storage = wgpu::BufferUsages::STORAGE;
-        let rows = settings.entries.div_ceil(WIDTH);
+        let rows = (settings.entries * settings.light_samples).div_ceil(WIDTH);
         let count = WIDTH * rows;
         let hits = gpu.texture(&wgpu::TextureDescriptor {
             label: Some("hits of entry points"),
@@ -64,7 +64,7 @@ impl EntryPoints {
             output,
             slots: Default::default(),
         };
-        let firsts = u64::from(settings.clusters) * 4 + 4;
+        let firsts = 2 * (u64::from(settings.clusters) + 1) * 4;
         Ok(Self {
             entries: Entries::default(),
             receiver: Receiver::new(&points, &Target::new(gpu, count)?),
@@ -94,16 +94,20 @@ impl EntryPoints {
     /// Chooses the points anew, on the scene's surfaces as they are.
     pub fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, settings: &Settings) {
         self.entries = match scene.host() {
-            Some(host) => Entries::new(host, settings.entries, settings.clusters),
+            Some(host) => {
+                let samples = settings.entries * (settings.light_samples - 1);
+                Entries::new(host, settings.entries, samples, settings.clusters)
+            }
             None => Entries::default(),
         };
-        let entries = self.entries.entries.iter();
+        let entries = self.entries.points();
         let places = entries.map(|entry| {
             let [u, v] = entry.barycentrics.to_array().map(f32::to_bits);
             [entry.instance, entry.triangle, u, v]
         });
         gpu.write(&self.places, 0, &places.collect::<Vec<_>>());
-        gpu.write(&self.firsts, 0, &self.entries.firsts);
+        let firsts = [&self.entries.firsts[..], &self.entries.first_samples].concat();
+        gpu.write(&self.firsts, 0, &firsts);
     }
 
     /// Captures the points: pass `light-path-map.entries`. `work`: `Work` of light_path.wesl.

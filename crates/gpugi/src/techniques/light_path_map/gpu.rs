@@ -11,6 +11,7 @@ pub struct Work {
     pub end_point: u32,
     pub texels: u32,
     pub entries: u32,
+    pub points: u32,
     pub first_entry: u32,
     pub end_entry: u32,
     pub cluster: u32,
@@ -38,10 +39,12 @@ pub struct Site {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Sum {
+    pub size: u32,
     pub texels: u32,
     pub first_pane: u32,
     pub end_pane: u32,
     pub slots: u32,
+    pub stride: u32,
     pub is_last: u32,
 }
 
@@ -51,6 +54,7 @@ pub struct Sum {
 pub struct Choice {
     pub clusters: u32,
     pub panes: u32,
+    pub left_out: f32,
 }
 
 /// Bytes of `Slot` of sum.wesl.
@@ -62,5 +66,8 @@ pub const VIRTUAL_LIGHT_BYTES: u64 = 32;
 /// Bytes of a near surface of a texel.
 pub const NEAR_BYTES: u64 = 8;
 
-/// Lanes of the workgroup that averages a cluster's light, or sums a pane.
+/// Texels per side of a tile of sum.wesl.
+pub const TILE: u32 = 8;
+
+/// Lanes of the workgroup that averages a cluster's light, and of those with one lane per texel of a tile.
 pub const LANES: u32 = 64;

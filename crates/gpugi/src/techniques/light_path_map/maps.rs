@@ -6,7 +6,7 @@ use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
 
 use super::gpu::{Choice, LANES, SLOT_BYTES};
-use super::panes::Panes;
+use super::panes::{Panes, count_tiles};
 use super::{INFO, Settings, entry_points};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
@@ -36,8 +36,8 @@ pub(super) struct LightPathMaps {
     pub panes: Panes,
     /// Mean irradiance of each cluster (W/m^2).
     pub weights: wgpu::Buffer,
-    /// `Slot` of sum.wesl: the panes that are added.
-    slots: wgpu::Buffer,
+    /// `Slot` of sum.wesl: the panes that are added, tile by tile.
+    pub slots: wgpu::Buffer,
     /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
     pub irradiance: Target,
     lookup_bytes: u64,
@@ -85,7 +85,10 @@ impl LightPathMaps {
             leaks: LeakTest::new(gpu, scene, &capture)?,
             panes: Panes::new(gpu, scene, settings, &capture, &lookup)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,
-            slots: buffer("panes to add [bytes]", (clusters + 1) * SLOT_BYTES)?,
+            slots: buffer(
+                "panes to add [bytes]",
+                count_tiles(&capture) * (clusters + 1) * SLOT_BYTES,
+            )?,
             weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
             choose: kernel(shader!("techniques.light_path_map.choose"))?,
             relight: kernel(shader!("techniques.light_path_map.relight"))?,
@@ -163,9 +166,8 @@ impl LightPathMaps {
         let ones = (0..clusters).map(|pane| [1.0, 1.0, 1.0, f32::from_bits(pane)]);
         let ones: Vec<[f32; 4]> = ones.collect();
         let ones = frame.gpu.storage("all panes [bytes]", &ones)?;
-        self.sum(frame, &ones, clusters)?;
-        let sum = &self.irradiance.radiance;
-        self.panes.complete(frame, &self.capture, sum)
+        self.sum(frame, &ones, clusters, 0)?;
+        self.panes.complete(frame, &self.irradiance.radiance)
     }
 
     /// Weighs the clusters by the light at their entry points: pass `light-path-map.weigh`.
@@ -192,12 +194,13 @@ impl LightPathMaps {
         Ok(())
     }
 
-    /// Chooses the panes to add: pass `light-path-map.choose`.
+    /// Chooses the panes to add in each tile: pass `light-path-map.choose`.
     fn choose(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let chosen = Choice {
             clusters: self.panes.points.entries.clusters(),
             panes: self.added(settings),
+            left_out: settings.left_out,
         };
         let chosen = gpu.uniform("choice of panes", &chosen)?;
         let from = [
@@ -209,13 +212,13 @@ impl LightPathMaps {
         let to = [("slots", self.slots.as_entire_binding())];
         let to = self.choose.bind(gpu, 3, &to)?;
         frame.compute("light-path-map.choose", |pass| {
-            self.choose
-                .dispatch(pass, &[(1, &from), (3, &to)], [LANES, 1, 1]);
+            let lanes = self.panes.lanes();
+            self.choose.dispatch(pass, &[(1, &from), (3, &to)], lanes);
         });
         Ok(())
     }
 
-    /// Panes of clusters that are added.
+    /// Panes of clusters that are added in a tile, at most.
     fn added(&self, settings: &Settings) -> u32 {
         let clusters = self.panes.points.entries.clusters();
         match settings.panes {
@@ -230,27 +233,33 @@ impl LightPathMaps {
     /// [`GpuError`].
     pub fn relight(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
         self.choose(frame, settings)?;
-        self.sum(frame, &self.slots, self.added(settings) + 1)
+        let count = self.added(settings) + 1;
+        self.sum(frame, &self.slots, count, count)
     }
 
-    /// Sums panes: pass `light-path-map.relight`.
-    fn sum(&self, frame: &mut Frame<'_>, slots: &wgpu::Buffer, count: u32) -> Result<(), GpuError> {
+    /// Sums up to `count` panes per tile, whose slots are `stride` apart: pass `light-path-map.relight`.
+    fn sum(
+        &self,
+        frame: &mut Frame<'_>,
+        slots: &wgpu::Buffer,
+        count: u32,
+        stride: u32,
+    ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         for sheet in &self.panes.sheets {
-            let of_sheet = gpu.uniform("sheet", &self.panes.sum_of(sheet, count))?;
+            let of_sheet = gpu.uniform("sheet", &self.panes.sum_of(sheet, count, stride))?;
             let from = [
                 ("sheet", of_sheet.as_entire_binding()),
                 ("slots", slots.as_entire_binding()),
                 ("panes", sheet.words.as_entire_binding()),
-                ("owners", self.panes.owners.as_entire_binding()),
+                ("areas", self.panes.areas.as_entire_binding()),
             ];
             let from = self.relight.bind(gpu, 1, &from)?;
             let to = [("irradiance", self.irradiance.radiance.as_entire_binding())];
             let to = self.relight.bind(gpu, 3, &to)?;
             frame.compute("light-path-map.relight", |pass| {
-                let texels = self.panes.texels;
-                self.relight
-                    .dispatch(pass, &[(1, &from), (3, &to)], [texels, 1, 1]);
+                let lanes = self.panes.lanes();
+                self.relight.dispatch(pass, &[(1, &from), (3, &to)], lanes);
             });
         }
         Ok(())
@@ -267,7 +276,8 @@ impl LightPathMaps {
         self.gather.record(frame, name, scene, texels, receiver)
     }
 
-    /// Positions of entry points, irradiance of all rows, weights of clusters and clusters of texels.
+    /// Positions of entry points, irradiance of all rows, weights of clusters, clusters of texels, and panes below each
+    /// other, sheet by sheet.
     pub fn maps(&self) -> Vec<Map> {
         let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| Map {
             name: format!("{}.{name}", INFO.name),
@@ -275,30 +285,36 @@ impl LightPathMaps {
                 buffer: buffer.clone(),
                 size,
                 stride,
-                is_number: stride == 4,
+                is_number: name == "clusters",
             },
         };
         let size = [self.capture.size, self.capture.size * self.capture.pages];
         let clusters = (self.weights.size() / 16) as u32;
         let entries = &self.panes.points.receiver.points.points;
+        let count = self.panes.points.entries.entries.len() as u32;
         let of_entries = [
             entry_points::WIDTH,
-            (entries.size() / SURFACE_POINT_BYTES) as u32 / entry_points::WIDTH,
+            count.div_ceil(entry_points::WIDTH).max(1),
         ];
-        vec![
+        let mut maps = vec![
             // A surface point begins with its position.
             map("entries", entries, of_entries, SURFACE_POINT_BYTES),
             map("irradiance", &self.irradiance.radiance, size, 16),
             map("weights", &self.weights, [clusters, 1], 16),
             map("clusters", &self.panes.owners, size, 4),
-        ]
+        ];
+        for sheet in &self.panes.sheets {
+            let name = format!("panes-{}", sheet.panes.start);
+            let count = sheet.panes.len() as u32;
+            maps.push(map(&name, &sheet.words, [size[0], size[1] * count], 4));
+        }
+        maps
     }
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
         let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
-        let sheets = self.panes.sheets.iter().map(|sheet| sheet.words.size());
         let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
-        self.capture.bytes + self.panes.work_bytes() + sheets.sum::<u64>() + around
+        self.capture.bytes + self.panes.work_bytes() + self.slots.size() + around
     }
 }

@@ -6,7 +6,7 @@ use bytemuck::Zeroable;
 
 use super::Settings;
 use super::entry_points::EntryPoints;
-use super::gpu::{NEAR_BYTES, Site, Sum, VIRTUAL_LIGHT_BYTES, Work};
+use super::gpu::{Choice, LANES, NEAR_BYTES, Site, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
@@ -17,6 +17,9 @@ const RAYS_OF_STEP: u64 = 1 << 22;
 
 /// Virtual lights of a walk, roughly, for the size of steps: those of a mean albedo of 3/4.
 const LIGHTS_PER_WALK: u64 = 3;
+
+/// Entry points whose distance to a texel takes about as long as a ray.
+const COMPARED_PER_RAY: u64 = 64;
 
 /// The geometric term is bounded so that no virtual light within this many times the distance between entry points
 /// brightens a texel more than one at that distance.
@@ -58,11 +61,13 @@ pub(super) struct Panes {
     lights: wgpu::Buffer,
     /// The cluster of each texel, `NOTHING` where it has no point.
     pub owners: wgpu::Buffer,
+    /// Area of each texel (m^2), 0 where it has no point.
+    pub areas: wgpu::Buffer,
     near: wgpu::Buffer,
     /// Light of one cluster: by virtual lights, then with near surfaces, in turn.
     lit: [wgpu::Buffer; 3],
     pub sheets: Vec<Sheet>,
-    /// Power that arrives through each pane.
+    /// What each pane brings to each tile of texels, as energy.wesl has it.
     pub energies: wgpu::Buffer,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
@@ -110,6 +115,7 @@ impl Panes {
                 VIRTUAL_LIGHT_BYTES,
             )?,
             owners: buffer("clusters of texels [bytes]", texels.into(), 4)?,
+            areas: buffer("areas of texels [bytes]", texels.into(), 4)?,
             near: buffer(
                 "near surfaces [bytes]",
                 u64::from(texels) * u64::from(settings.near_rays),
@@ -119,7 +125,7 @@ impl Panes {
             sheets: sheets(gpu, texels, settings.clusters + 1)?,
             energies: buffer(
                 "energy of panes [bytes]",
-                (settings.clusters + 1).into(),
+                count_tiles(capture) * u64::from(settings.clusters + 1),
                 16,
             )?,
             tiles: capture
@@ -141,7 +147,8 @@ impl Panes {
     /// Bytes of all buffers but the sheets.
     pub fn work_bytes(&self) -> u64 {
         let lit = self.lit.iter().map(wgpu::Buffer::size).sum::<u64>();
-        lit + self.lights.size() + self.owners.size() + self.near.size() + self.points.bytes()
+        let of_texels = self.owners.size() + self.areas.size() + self.near.size();
+        lit + self.lights.size() + of_texels + self.energies.size() + self.points.bytes()
     }
 
     /// Steps until all panes are done: entry points and walks; per tile owners and near surfaces; per cluster and tile
@@ -189,6 +196,7 @@ impl Panes {
         Work {
             texels: self.texels,
             entries: entries.entries.len() as u32,
+            points: entries.points().count() as u32,
             walks: self.settings.walks,
             depth: self.settings.depth,
             near_rays: self.settings.near_rays,
@@ -296,7 +304,11 @@ impl Panes {
             ("sites", sites.as_entire_binding()),
         ];
         let from = owners.bind(gpu, 1, &from)?;
-        let to = owners.bind(gpu, 3, &[("owners", self.owners.as_entire_binding())])?;
+        let to = [
+            ("owners", self.owners.as_entire_binding()),
+            ("areas", self.areas.as_entire_binding()),
+        ];
+        let to = owners.bind(gpu, 3, &to)?;
         frame.compute("light-path-map.owners", |pass| {
             owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
         });
@@ -313,7 +325,9 @@ impl Panes {
             ];
             near.dispatch(pass, &groups, [count, 1, 1]);
         });
-        Ok(u64::from(count) * u64::from(self.settings.near_rays))
+        let rays = u64::from(self.settings.near_rays);
+        let compared = entries.entries.len() as u64;
+        Ok(u64::from(count) * (rays + compared / COMPARED_PER_RAY))
     }
 
     /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
@@ -412,56 +426,62 @@ impl Panes {
         Ok(())
     }
 
-    /// Stores the sum of all panes, which `sum` holds, behind them, and finds the power of each: passes
+    /// Stores the sum of all panes, which `sum` holds, behind them, and finds what each brings to each tile: passes
     /// `light-path-map.store` and `light-path-map.energy`.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn complete(
-        &self,
-        frame: &mut Frame<'_>,
-        capture: &AtlasCapture,
-        sum: &wgpu::Buffer,
-    ) -> Result<(), GpuError> {
+    pub fn complete(&self, frame: &mut Frame<'_>, sum: &wgpu::Buffer) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        self.store(frame, self.points.entries.clusters(), sum)?;
-        frame.clear(&self.energies);
+        let clusters = self.points.entries.clusters();
+        self.store(frame, clusters, sum)?;
+        let chosen = Choice {
+            clusters,
+            ..Choice::zeroed()
+        };
+        let chosen = gpu.uniform("clusters", &chosen)?;
         let kernel = &self.kernels.energy;
         for sheet in &self.sheets {
-            let of_sheet = gpu.uniform("sheet", &self.sum_of(sheet, 0))?;
-            for piece in capture.pieces() {
-                let work = Work {
-                    first_texel: piece.rows.start * self.size,
-                    end_point: piece.points.count,
-                    ..self.work()
-                };
-                let work = gpu.uniform("light path map", &work)?;
-                let from = [
-                    ("work", work.as_entire_binding()),
-                    ("sheet", of_sheet.as_entire_binding()),
-                    ("points", piece.points.points.as_entire_binding()),
-                    ("panes", sheet.words.as_entire_binding()),
-                ];
-                let from = kernel.bind(gpu, 1, &from)?;
-                let to = [("energies", self.energies.as_entire_binding())];
-                let to = kernel.bind(gpu, 3, &to)?;
+            let of_sheet = gpu.uniform("sheet", &self.sum_of(sheet, 0, 0))?;
+            let from = [
+                ("sheet", of_sheet.as_entire_binding()),
+                ("chosen", chosen.as_entire_binding()),
+                ("areas", self.areas.as_entire_binding()),
+                ("panes", sheet.words.as_entire_binding()),
+                ("all", sum.as_entire_binding()),
+            ];
+            let from = kernel.bind(gpu, 1, &from)?;
+            let to = [("energies", self.energies.as_entire_binding())];
+            let to = kernel.bind(gpu, 3, &to)?;
+            let [x, y, _] = self.lanes();
+            // The scene may have fewer clusters than there is room for.
+            let panes = sheet.panes.end.min(clusters + 1) - sheet.panes.start.min(clusters + 1);
+            if panes > 0 {
                 frame.compute("light-path-map.energy", |pass| {
-                    let lanes = sheet.panes.len() as u32 * super::gpu::LANES;
-                    kernel.dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
+                    kernel.dispatch(pass, &[(1, &from), (3, &to)], [x, y, panes]);
                 });
             }
         }
         Ok(())
     }
 
-    /// Parameters of passes over a sheet, of which up to `slots` panes are added.
-    pub fn sum_of(&self, sheet: &Sheet, slots: u32) -> Sum {
+    /// Invocations of passes with one workgroup per tile of texels.
+    pub fn lanes(&self) -> [u32; 3] {
+        let [columns, rows] = tiles(self.size, self.texels / self.size);
+        [columns * LANES, rows, 1]
+    }
+
+    /// Parameters of passes over a sheet, of which up to `slots` panes are added per tile, whose slots are `stride`
+    /// apart.
+    pub fn sum_of(&self, sheet: &Sheet, slots: u32, stride: u32) -> Sum {
         let is_last = sheet.panes.contains(&self.points.entries.clusters());
         Sum {
+            size: self.size,
             texels: self.texels,
             first_pane: sheet.panes.start,
             end_pane: sheet.panes.end,
             slots,
+            stride,
             is_last: u32::from(is_last),
         }
     }
@@ -522,6 +542,17 @@ impl Kernels {
             energy: plain(shader!("techniques.light_path_map.energy"))?,
         })
     }
+}
+
+/// Columns and rows of tiles.
+fn tiles(width: u32, height: u32) -> [u32; 2] {
+    [width, height].map(|side| side.div_ceil(TILE))
+}
+
+/// Tiles of all pages.
+pub(super) fn count_tiles(capture: &AtlasCapture) -> u64 {
+    let [columns, rows] = tiles(capture.size, capture.size * capture.pages);
+    u64::from(columns) * u64::from(rows)
 }
 
 /// As many sheets as the adapter's limits ask for.

@@ -5,15 +5,19 @@ crate::settings! {
     pub struct Settings {
         /// Points, spread evenly over the surfaces, at which direct light enters.
         pub entries: u32 = 4096 => in_range(16.0, 16_384.0),
+        /// Points per entry point at which the light is sampled, the entry point included.
+        pub light_samples: u32 = 4 => in_range(1.0, 16.0),
         /// Random walks from each entry point.
         pub walks: u32 = 2 => in_range(1.0, 16.0),
         /// Most surfaces that a walk visits after its entry point; 0: light of one reflection only.
         pub depth: u32 = 32 => in_range(0.0, 32.0),
         /// Clusters of entry points, and panes.
         pub clusters: u32 = 256 => in_range(1.0, 1024.0),
-        /// Panes that are added whenever the light changes, those of the brightest clusters; the rest shares one. 0:
-        /// all.
+        /// Most panes that are added in a tile of 8 x 8 texels whenever the light changes, those that matter most there;
+        /// the rest shares one. 0: all.
         pub panes: u32 = 0 => in_range(0.0, 1024.0),
+        /// Part of a tile's light that may be in the wrong place in it, for fewer panes.
+        pub left_out: f32 = 0.005 => in_range(0.0, 1.0),
         /// Short rays per texel, for the light of near surfaces.
         pub near_rays: u32 = 32 => in_range(1.0, 256.0),
         /// Side of the atlas's pages.
@@ -35,6 +39,7 @@ impl Settings {
     pub(super) fn has_panes_of(&self, other: &Self) -> bool {
         let of = |one: &Self| Self {
             panes: 0,
+            left_out: 0.0,
             steps: 1,
             ..one.clone()
         };
