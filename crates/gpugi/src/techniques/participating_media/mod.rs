@@ -1,0 +1,295 @@
+//! Participating media: multiple scattering in fog, smoke and clouds by an illumination network (tutorial section 7.4).
+//!
+//! Generate: media become particles. Each looks in D directions, and finds the next particle, a surface or the sky
+//! there. Light that arrives at the particles spreads along these links, some iterations per frame. Gather: rays from
+//! the eye sum what particles scatter toward it, and dim what is behind. docs/techniques/participating-media.md.
+
+mod cells;
+pub(crate) mod gpu;
+mod network;
+mod particles;
+mod phase_matrix;
+mod seen;
+#[cfg(test)]
+mod tests;
+
+use gpugi_scene::Bounds;
+
+use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use crate::capture::{Output, Receiver, View};
+use crate::gpu::{Frame, GpuError};
+use crate::light_paths::{LightClass, LightPaths};
+use crate::lights::gpu::LightSample;
+use crate::lights::samples::{on_emitters, punctual};
+use crate::scene::{Claims, GpuScene, Versions};
+use crate::settings::SettingSet;
+use network::{Kernels, Network};
+use particles::Particles;
+use seen::Seen;
+
+/// Name, summary, source and light paths of the technique.
+pub const INFO: Info = Info {
+    name: "participating-media",
+    summary: "multiple scattering in fog, smoke and clouds, by links between particles",
+    source: "tutorial section 7.4; Szirmay-Kalos, Sbert and Umenhoffer 2005",
+    paths: &[
+        LightPaths::new(LightClass::Punctual, "LV+E"),
+        LightPaths::new(LightClass::Area, "LV+E"),
+        LightPaths::new(LightClass::Environment, "LV+E"),
+    ],
+    suits: |scene| !scene.media.is_empty(),
+    keeps_texels: true,
+    lights_points: false,
+};
+
+crate::settings! {
+    /// Settings of participating-media.
+    pub struct Settings {
+        /// Particles of all media together.
+        pub particles: u32 = 1024 => in_range(16.0, 65536.0),
+        /// Directions in which each particle sees others.
+        pub directions: u32 = 128 => in_range(8.0, 512.0).power_of_two(),
+        /// Iterations of the network per frame: in each, light spreads to the next particles.
+        pub iterations: u32 = 1 => in_range(1.0, 64.0),
+        /// Iterations after which the light of a still scene is final; 0: single scattering of lights alone.
+        pub most_iterations: u32 = 64 => in_range(0.0, 1024.0),
+        /// Points on each view ray at which media are sampled.
+        pub steps: u32 = 64 => in_range(1.0, 1024.0),
+        /// Sample points on all area lights together.
+        pub area_samples: u32 = 16 => in_range(1.0, 4096.0),
+    }
+}
+
+/// What particles are made from.
+#[derive(Debug, Clone, PartialEq)]
+struct MadeFrom {
+    media: u64,
+    /// What a medium that fills everything fills.
+    bounds: Option<Bounds>,
+    particles: u32,
+    directions: u32,
+    /// Light samples.
+    lights: usize,
+}
+
+/// Particles, their light, and how they are seen.
+#[derive(Debug)]
+struct Made {
+    from: MadeFrom,
+    network: Network,
+    seen: Option<(u32, Seen)>,
+    /// What visibility and light were computed for.
+    looked: Option<[u64; 2]>,
+    lit: Option<(Versions, u32)>,
+}
+
+/// Participating media.
+#[derive(Debug, Default)]
+pub struct ParticipatingMedia {
+    settings: Settings,
+    kernels: Option<([(&'static str, f64); 1], Kernels)>,
+    made: Option<Made>,
+    /// Iterations so far since the light was final, and how often it became better.
+    progress: u32,
+    revision: u64,
+}
+
+impl ParticipatingMedia {
+    /// The lights of the scene as samples.
+    fn lights(&self, scene: &GpuScene) -> Vec<LightSample> {
+        let punctual = scene.lights.iter().map(punctual);
+        let area = on_emitters(&scene.emitters, self.settings.area_samples, 0);
+        punctual.chain(area).collect()
+    }
+
+    fn made_from(&self, scene: &GpuScene, lights: usize) -> MadeFrom {
+        let fills_everything = scene.media.iter().any(|one| one.world_from_box.is_none());
+        MadeFrom {
+            media: scene.versions.media,
+            bounds: fills_everything.then_some(scene.bounds),
+            particles: self.settings.particles,
+            directions: self.settings.directions,
+            lights,
+        }
+    }
+}
+
+impl Technique for ParticipatingMedia {
+    fn info(&self) -> &'static Info {
+        &INFO
+    }
+
+    fn settings(&self) -> &dyn SettingSet {
+        &self.settings
+    }
+
+    fn settings_mut(&mut self) -> &mut dyn SettingSet {
+        &mut self.settings
+    }
+
+    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
+        let paths = if scene.media.is_empty() {
+            &[]
+        } else {
+            INFO.paths
+        };
+        Plan {
+            lookups: self.settings.steps,
+            ..Plan::adding(paths, scene)
+        }
+    }
+
+    fn generate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        _: &View,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<Generated, GpuError> {
+        let gpu = frame.gpu;
+        if scene.media.is_empty() {
+            self.made = None;
+            return Ok(Generated::FINAL);
+        }
+        if !scene.has_rays() {
+            return Err(GpuError::Pass {
+                pass: INFO.name.into(),
+                reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
+            });
+        }
+        let constants = scene.ray_constants();
+        if self.kernels.as_ref().is_none_or(|(of, _)| *of != constants) {
+            self.kernels = Some((constants, Kernels::new(gpu, scene)?));
+            self.made = None;
+        }
+        let Some((_, kernels)) = &self.kernels else {
+            return Ok(Generated::FINAL);
+        };
+        let lights = self.lights(scene);
+        let from = self.made_from(scene, lights.len());
+        if self.made.as_ref().is_none_or(|made| made.from != from) {
+            let particles = Particles::new(&scene.media, from.particles, &scene.bounds);
+            self.made = None;
+            if !particles.media.is_empty() {
+                let network = Network::new(gpu, kernels, &particles, from.directions, &lights)?;
+                self.made = Some(Made {
+                    from,
+                    network,
+                    seen: None,
+                    looked: None,
+                    lit: None,
+                });
+            }
+        }
+        let Some(made) = &mut self.made else {
+            return Ok(Generated::FINAL);
+        };
+        let steps = self.settings.steps;
+        if made.seen.as_ref().is_none_or(|(of, _)| *of != steps) {
+            made.seen = Some((steps, Seen::new(gpu, scene, &made.network, steps)?));
+        }
+        let Versions {
+            geometry,
+            materials,
+            ..
+        } = scene.versions;
+        if made.looked != Some([geometry, materials]) {
+            earlier.count(made.network.look(frame, scene, kernels));
+            made.looked = Some([geometry, materials]);
+            self.progress = 0;
+        }
+        let lit = (scene.versions, self.settings.area_samples);
+        if made.lit != Some(lit) {
+            made.network.set_lights(gpu, &lights);
+            earlier.count(made.network.light(frame, scene, kernels));
+            made.lit = Some(lit);
+            self.progress = 0;
+        }
+        let most = self.settings.most_iterations;
+        let wanted = self
+            .settings
+            .iterations
+            .min(most.saturating_sub(self.progress));
+        for _ in 0..wanted {
+            if !earlier.may_step() {
+                break;
+            }
+            earlier.count(made.network.iterate(frame, kernels));
+            self.progress += 1;
+        }
+        self.revision += u64::from(wanted > 0);
+        Ok(Generated {
+            revision: self.revision,
+            progress: if self.progress < most {
+                self.progress as f32 / most as f32
+            } else {
+                1.0
+            },
+            pending: None,
+        })
+    }
+
+    fn behind(
+        &mut self,
+        frame: &mut Frame<'_>,
+        receiver: &Receiver,
+    ) -> Result<Option<Receiver>, GpuError> {
+        if receiver.points.output != Output::RadianceToEye {
+            return Ok(None);
+        }
+        match &mut self.made {
+            Some(Made {
+                network,
+                seen: Some((_, seen)),
+                ..
+            }) => seen.begin(frame, receiver, network).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    fn gather(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        _: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        match &mut self.made {
+            Some(Made {
+                network,
+                seen: Some((_, seen)),
+                ..
+            }) if receiver.points.output == Output::RadianceToEye => {
+                seen.end(frame, scene, receiver, network)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn inspect(&self) -> Inspection {
+        let Some(Made { network, .. }) = &self.made else {
+            return Inspection::default();
+        };
+        let size = [network.values.directions, network.values.particles];
+        let map = |name: &str, buffer: &wgpu::Buffer, is_number| Map {
+            name: format!("participating-media.{name}"),
+            texels: Texels::Buffer {
+                buffer: buffer.clone(),
+                size,
+                stride: 16,
+                is_number,
+            },
+        };
+        let maps = vec![
+            map("visibility", &network.visible, true),
+            map("emitted", &network.emitted, false),
+            map("incoming", network.latest(), false),
+        ];
+        let shown: u64 = maps.iter().map(Map::bytes).sum();
+        Inspection {
+            work_bytes: network.bytes() - shown,
+            maps,
+            warnings: Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,350 @@
+//! The illumination network on the GPU: particles, what they see, and what arrives at them.
+
+use bytemuck::Zeroable;
+
+use super::gpu;
+use super::particles::Particles;
+use super::phase_matrix::phase_matrix;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::lights::gpu::LightSample;
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// The passes over particles and directions.
+#[derive(Debug)]
+pub struct Kernels {
+    visibility: Kernel,
+    arriving: Kernel,
+    emit: Kernel,
+    sky: Kernel,
+    scatter: Kernel,
+    transport: Kernel,
+}
+
+impl Kernels {
+    /// Compiles the passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
+        Ok(Self {
+            visibility: scene.ray_kernel(
+                gpu,
+                &shader!("techniques.participating_media.visibility"),
+                &[],
+            )?,
+            arriving: scene.ray_kernel(
+                gpu,
+                &shader!("techniques.participating_media.arriving"),
+                &[],
+            )?,
+            emit: plain(shader!("techniques.participating_media.emit"))?,
+            sky: Kernel::new(
+                gpu,
+                &shader!("techniques.participating_media.sky"),
+                "main",
+                Some(&scene.layout),
+            )?,
+            scatter: plain(shader!("techniques.participating_media.scatter"))?,
+            transport: plain(shader!("techniques.participating_media.transport"))?,
+        })
+    }
+}
+
+/// The arrays of a network, and the bind groups of its passes.
+#[derive(Debug)]
+pub struct Network {
+    pub values: gpu::Network,
+    pub uniform: wgpu::Buffer,
+    pub media: wgpu::Buffer,
+    pub densities: wgpu::Buffer,
+    pub particles: wgpu::Buffer,
+    pub neighbours: wgpu::Buffer,
+    /// Light samples.
+    pub lights: wgpu::Buffer,
+    /// [particle x lights + light].
+    pub arriving: wgpu::Buffer,
+    /// What each particle sees: [particle x directions + direction], as all that follow.
+    pub visible: wgpu::Buffer,
+    pub emitted: wgpu::Buffer,
+    pub source: wgpu::Buffer,
+    /// Radiance that arrives, of even and of odd iterations.
+    pub incoming: [wgpu::Buffer; 2],
+    pub sky: wgpu::Buffer,
+    pub phase_matrices: wgpu::Buffer,
+    cells: wgpu::Buffer,
+    groups: Groups,
+    /// Iterations so far: the last one wrote `incoming[iterations % 2]`.
+    pub iterations: u32,
+}
+
+#[derive(Debug)]
+struct Groups {
+    visibility: [wgpu::BindGroup; 2],
+    arriving: [wgpu::BindGroup; 2],
+    emit: [wgpu::BindGroup; 2],
+    sky: wgpu::BindGroup,
+    scatter: [[wgpu::BindGroup; 2]; 2],
+    transport: [wgpu::BindGroup; 2],
+}
+
+impl Network {
+    /// Allocates and uploads the network of `directions` directions among particles, for light samples.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(
+        gpu: &Gpu,
+        kernels: &Kernels,
+        made: &Particles,
+        directions: u32,
+        lights: &[LightSample],
+    ) -> Result<Self, GpuError> {
+        let particles = made.particles.len() as u32;
+        let values = gpu::Network {
+            particles,
+            directions,
+            lights: lights.len() as u32,
+            nodes: made.neighbours.len() as u32,
+            cells_origin: made.cells.origin.to_array(),
+            cell_side: made.cells.side,
+            cell_counts: made.cells.counts.to_array(),
+            padding: 0,
+        };
+        let storage = wgpu::BufferUsages::STORAGE;
+        let entries = u64::from(particles) * u64::from(directions) * 16;
+        let array = |label: &str| gpu.buffer(label, entries, storage);
+        let phases = made.phases.iter();
+        let matrices = phases.flat_map(|&phase| phase_matrix(phase, directions));
+        let matrices: Vec<f32> = matrices.collect();
+        let reached = u64::from(particles) * lights.len() as u64 * 16;
+        let uniform = gpu.uniform("illumination network", &values)?;
+        let media = gpu.storage("media", &made.media)?;
+        let densities = gpu.storage("densities [bytes]", &made.densities)?;
+        let rows = gpu.storage("particles", some(&made.particles, &Zeroable::zeroed()))?;
+        let cells = gpu.storage("cells of particles", &made.cells.lists)?;
+        let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
+        let arriving = gpu.buffer("light that arrives at particles [bytes]", reached, storage)?;
+        let visible = array("visibility network [bytes]")?;
+        let emitted = array("light emitted by particles [bytes]")?;
+        let source = array("sources of particles [bytes]")?;
+        let incoming = [
+            array("illumination network [bytes]")?,
+            array("illumination network [bytes]")?,
+        ];
+        let sky = gpu.buffer("sky of particles", u64::from(directions) * 16, storage)?;
+        let phase_matrices = gpu.storage("phase matrices", &matrices)?;
+
+        let in_media = |kernel: &Kernel| {
+            let resources = [("media", of(&media)), ("densities", of(&densities))];
+            kernel.bind(gpu, 2, &resources)
+        };
+        let of_media = |kernel: &Kernel| kernel.bind(gpu, 2, &[("media", of(&media))]);
+        let net = || ("net", of(&uniform));
+        let listed = || ("particles", of(&rows));
+        let groups = Groups {
+            visibility: [
+                in_media(&kernels.visibility)?,
+                kernels.visibility.bind(
+                    gpu,
+                    3,
+                    &[
+                        net(),
+                        listed(),
+                        ("cells", of(&cells)),
+                        ("visible", of(&visible)),
+                    ],
+                )?,
+            ],
+            arriving: [
+                in_media(&kernels.arriving)?,
+                kernels.arriving.bind(
+                    gpu,
+                    3,
+                    &[
+                        net(),
+                        listed(),
+                        ("lights", of(&lights)),
+                        ("arriving", of(&arriving)),
+                    ],
+                )?,
+            ],
+            emit: [
+                of_media(&kernels.emit)?,
+                kernels.emit.bind(
+                    gpu,
+                    3,
+                    &[
+                        net(),
+                        listed(),
+                        ("lights", of(&lights)),
+                        ("arriving", of(&arriving)),
+                        ("emitted", of(&emitted)),
+                    ],
+                )?,
+            ],
+            sky: kernels.sky.bind(gpu, 3, &[net(), ("sky", of(&sky))])?,
+            scatter: {
+                let scatter = |before: &wgpu::Buffer| {
+                    let resources = [
+                        net(),
+                        listed(),
+                        ("phase_matrices", of(&phase_matrices)),
+                        ("emitted", of(&emitted)),
+                        ("incoming", of(before)),
+                        ("source", of(&source)),
+                    ];
+                    Ok([
+                        of_media(&kernels.scatter)?,
+                        kernels.scatter.bind(gpu, 3, &resources)?,
+                    ])
+                };
+                [scatter(&incoming[0])?, scatter(&incoming[1])?]
+            },
+            transport: {
+                let transport = |before: &wgpu::Buffer, after: &wgpu::Buffer| {
+                    let resources = [
+                        net(),
+                        ("visible", of(&visible)),
+                        ("source", of(&source)),
+                        ("sky", of(&sky)),
+                        ("before", of(before)),
+                        ("incoming", of(after)),
+                    ];
+                    kernels.transport.bind(gpu, 3, &resources)
+                };
+                let [even, odd] = &incoming;
+                [transport(even, odd)?, transport(odd, even)?]
+            },
+        };
+        Ok(Self {
+            values,
+            uniform,
+            media,
+            densities,
+            particles: rows,
+            neighbours: gpu.storage("neighbours of nodes", &made.neighbours)?,
+            lights,
+            arriving,
+            visible,
+            emitted,
+            source,
+            incoming,
+            sky,
+            phase_matrices,
+            cells,
+            groups,
+            iterations: 0,
+        })
+    }
+
+    /// Replaces the light samples by as many others.
+    pub fn set_lights(&self, gpu: &Gpu, lights: &[LightSample]) {
+        gpu.write(&self.lights, 0, lights);
+    }
+
+    fn entries(&self) -> u32 {
+        self.values.particles * self.values.directions
+    }
+
+    /// Finds what each particle sees: pass `participating-media.visibility`. Returns the number of rays.
+    pub fn look(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+        let [media, own] = &self.groups.visibility;
+        frame.compute("participating-media.visibility", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (2, media), (3, own)];
+            kernels
+                .visibility
+                .dispatch(pass, &groups, [self.entries(), 1, 1]);
+        });
+        self.entries().into()
+    }
+
+    /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.emit` and
+    /// `.sky`. Returns the number of rays.
+    pub fn light(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+        let rays = self.values.particles * self.values.lights;
+        if rays > 0 {
+            let [media, own] = &self.groups.arriving;
+            frame.compute("participating-media.arriving", |pass| {
+                let groups = [(0, &scene.ray_bind_group), (2, media), (3, own)];
+                kernels.arriving.dispatch(pass, &groups, [rays, 1, 1]);
+            });
+        }
+        frame.compute("participating-media.emit", |pass| {
+            let [media, own] = &self.groups.emit;
+            let groups = [(2, media), (3, own)];
+            kernels.emit.dispatch(pass, &groups, [self.entries(), 1, 1]);
+        });
+        frame.compute("participating-media.sky", |pass| {
+            let groups = [(0, &scene.bind_group), (3, &self.groups.sky)];
+            kernels
+                .sky
+                .dispatch(pass, &groups, [self.values.directions, 1, 1]);
+        });
+        rays.into()
+    }
+
+    /// One iteration: passes `participating-media.scatter` and `participating-media.transport`. Returns the number of
+    /// lookups.
+    pub fn iterate(&mut self, frame: &mut Frame<'_>, kernels: &Kernels) -> u64 {
+        let parity = (self.iterations % 2) as usize;
+        self.iterations += 1;
+        frame.compute("participating-media.scatter", |pass| {
+            let [media, own] = &self.groups.scatter[parity];
+            // A workgroup of 64 per particle.
+            let invocations = [64 * self.values.particles, 1, 1];
+            kernels
+                .scatter
+                .dispatch(pass, &[(2, media), (3, own)], invocations);
+        });
+        frame.compute("participating-media.transport", |pass| {
+            let groups = [(3, &self.groups.transport[parity])];
+            kernels
+                .transport
+                .dispatch(pass, &groups, [self.entries(), 1, 1]);
+        });
+        u64::from(self.entries())
+    }
+
+    /// The light that arrived in the last iteration.
+    pub fn latest(&self) -> &wgpu::Buffer {
+        &self.incoming[(self.iterations % 2) as usize]
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        let [even, odd] = &self.incoming;
+        let buffers = [
+            &self.media,
+            &self.densities,
+            &self.particles,
+            &self.neighbours,
+            &self.lights,
+            &self.arriving,
+            &self.visible,
+            &self.emitted,
+            &self.source,
+            even,
+            odd,
+            &self.sky,
+            &self.phase_matrices,
+            &self.cells,
+        ];
+        buffers.iter().map(|buffer| buffer.size()).sum()
+    }
+}
+
+/// `rows`, or one row if there is none: shaders bind no smaller arrays.
+fn some<'a, T>(rows: &'a [T], one: &'a T) -> &'a [T] {
+    if rows.is_empty() {
+        std::slice::from_ref(one)
+    } else {
+        rows
+    }
+}
+
+/// The whole buffer, as a resource.
+pub fn of(buffer: &wgpu::Buffer) -> wgpu::BindingResource<'_> {
+    buffer.as_entire_binding()
+}

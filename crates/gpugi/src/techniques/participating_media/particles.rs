@@ -1,0 +1,345 @@
+//! Media as particles: spheres that stand for equal parts of the extinction.
+
+use glam::{DVec3, Mat4, Vec3};
+use gpugi_scene::{Bounds, DensityGrid, Medium, PhaseFunction};
+
+use super::cells::{Cells, nearest};
+use super::gpu;
+use crate::sequences::{R3, additive};
+
+/// Particles among which the field of scattered radiance is interpolated at a node.
+pub const NEIGHBOURS: usize = 8;
+/// Nodes of the field per particle.
+const NODES_PER_PARTICLE: f64 = 8.0;
+/// Most nodes along an axis of a box.
+const MOST_NODES: f64 = 96.0;
+
+/// Media as shaders read them.
+#[derive(Debug, Default)]
+pub struct Particles {
+    pub media: Vec<gpu::Medium>,
+    pub phases: Vec<PhaseFunction>,
+    /// Densities of all grids.
+    pub densities: Vec<f32>,
+    pub particles: Vec<gpu::Particle>,
+    /// Per node of the media's fields its nearest particles, and their weights as bits.
+    pub neighbours: Vec<[[u32; NEIGHBOURS]; 2]>,
+    /// The cells that the particles' spheres reach into.
+    pub cells: Cells,
+}
+
+/// A medium with the distribution of its extinction.
+struct Distributed<'a> {
+    medium: &'a Medium,
+    world_from_box: Mat4,
+    distribution: Distribution,
+    /// Integral of the extinction over its volume (m^2), averaged over the channels.
+    extinction: f64,
+}
+
+impl Particles {
+    /// About `count` particles that represent `media`. A medium that fills everything is taken to fill `bounds`.
+    pub fn new(media: &[Medium], count: u32, bounds: &Bounds) -> Self {
+        let distributed = media.iter().filter_map(|medium| distribute(medium, bounds));
+        let distributed: Vec<Distributed<'_>> = distributed.collect();
+        let total: f64 = distributed.iter().map(|one| one.extinction).sum();
+        let mut made = Self::default();
+        for one in &distributed {
+            let share = one.extinction / total.max(f64::MIN_POSITIVE);
+            let own = if one.extinction > 0.0 {
+                (f64::from(count) * share).round().max(1.0) as u32
+            } else {
+                0
+            };
+            made.add(one, own);
+        }
+        made.cells = Cells::of_spheres(&made.particles);
+        made
+    }
+
+    /// Appends a medium that `count` particles represent.
+    fn add(&mut self, one: &Distributed<'_>, count: u32) {
+        let first = self.particles.len();
+        let index = self.media.len() as u32;
+        let extents = [0, 1, 2].map(|axis| one.world_from_box.col(axis).truncate().length());
+        let extents = Vec3::from_array(extents);
+        let volume = f64::from(one.world_from_box.determinant().abs());
+        // A sphere larger than this would reach far out of the box.
+        let largest = extents.min_element() / 4.0;
+        let mut places = Vec::new();
+        for number in 0..count {
+            let shifted = additive(R3, number).map(|u| (0.5 + u).fract());
+            let drawn = one.distribution.draw(shifted);
+            let in_box = drawn.at.as_vec3() - 0.5;
+            // The mean share of the volume of a particle where the density is as here.
+            let share = volume / (f64::from(count) * drawn.relative_density);
+            let radius = (share * 0.75 / std::f64::consts::PI).cbrt() as f32;
+            places.push(in_box * extents);
+            self.particles.push(gpu::Particle {
+                position: one.world_from_box.transform_point3(in_box).to_array(),
+                radius: radius.min(largest),
+                medium: index,
+                padding: [0; 3],
+            });
+        }
+        let nodes = if count == 0 {
+            [1; 3]
+        } else {
+            let side = volume * one.distribution.filled_share() / NODES_PER_PARTICLE;
+            let side = (side / f64::from(count)).cbrt();
+            let along = |extent: f32| (f64::from(extent) / side).round().clamp(2.0, MOST_NODES);
+            extents.to_array().map(|extent| along(extent) as u32)
+        };
+        let (phase, asymmetry) = match one.medium.phase {
+            PhaseFunction::HenyeyGreenstein(g) => (0, g),
+            PhaseFunction::CornetteShanks(g) => (1, g),
+        };
+        self.phases.push(one.medium.phase);
+        self.media.push(gpu::Medium {
+            box_from_world: one.world_from_box.inverse().to_cols_array_2d(),
+            extinction: one.medium.extinction.to_array(),
+            first_density: self.densities.len() as u32,
+            albedo: one.medium.albedo.to_array(),
+            asymmetry: bounded(asymmetry),
+            emission: one.medium.emission.to_array(),
+            phase,
+            cells: one.medium.density.as_ref().map_or([0; 3], |grid| grid.size),
+            first_node: self.neighbours.len() as u32,
+            nodes,
+            padding: 0,
+        });
+        if let Some(grid) = &one.medium.density {
+            self.densities.extend_from_slice(&grid.values);
+        }
+        let [x, y, z] = nodes;
+        let node_places = (0..x * y * z).map(|node| {
+            let at = [node % x, node / x % y, node / (x * y)].map(|at| at as f32);
+            let share = (Vec3::from_array(at) + 0.5) / Vec3::from_array(nodes.map(|n| n as f32));
+            (share - 0.5) * extents
+        });
+        let found = nearest::<NEIGHBOURS>(&places, node_places, extents);
+        let weighted = found.into_iter().map(|found| {
+            let weights = weights(&found.map(|(_, squared)| squared));
+            let indices = found.map(|(number, _)| first as u32 + number);
+            [indices, weights.map(f32::to_bits)]
+        });
+        self.neighbours.extend(weighted);
+    }
+}
+
+/// g as far from plus and minus 1 as directions resolve.
+pub fn bounded(asymmetry: f32) -> f32 {
+    asymmetry.clamp(-0.99, 0.99)
+}
+
+/// Weights (1 - d^2 / R^2)^2 of particles at squared distances d^2, the nearest first, where R is the distance of the
+/// last one: it counts nothing, so that weights are continuous where it is replaced. They sum to 1.
+fn weights(squared: &[f32; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
+    let last = squared[NEIGHBOURS - 1].max(f32::MIN_POSITIVE);
+    let weights = squared.map(|one| (1.0 - one / last).max(0.0).powi(2) + 1e-6);
+    let sum: f32 = weights.iter().sum();
+    weights.map(|one| one / sum)
+}
+
+/// The medium with its box and its distribution; `None` if it neither takes light nor gives any, or has no volume.
+fn distribute<'a>(medium: &'a Medium, bounds: &Bounds) -> Option<Distributed<'a>> {
+    let world_from_box = medium.world_from_box.unwrap_or_else(|| {
+        let centre = (bounds.min + bounds.max) / 2.0;
+        Mat4::from_translation(centre) * Mat4::from_scale(bounds.max - bounds.min)
+    });
+    let volume = f64::from(world_from_box.determinant().abs());
+    let distribution = Distribution::new(medium.density.as_deref())?;
+    let mean = f64::from(medium.extinction.element_sum()) / 3.0;
+    let extinction = volume * mean * distribution.mean();
+    let is_there = extinction > 0.0 || medium.emission.max_element() > 0.0;
+    (is_there && volume > 0.0 && extinction.is_finite()).then_some(Distributed {
+        medium,
+        world_from_box,
+        distribution,
+        extinction,
+    })
+}
+
+/// The distribution of densities over a unit cube, constant in each cell of a grid.
+struct Distribution {
+    size: [usize; 3],
+    values: Vec<f64>,
+    /// Sums of the values before each row along x, and before the end.
+    rows: Vec<f64>,
+}
+
+/// A point drawn with a probability density proportional to the density.
+struct Drawn {
+    /// In the unit cube.
+    at: DVec3,
+    /// The density there, relative to the mean.
+    relative_density: f64,
+}
+
+impl Distribution {
+    /// That of a grid, or an even one. `None` if there is nothing in it.
+    fn new(grid: Option<&DensityGrid>) -> Option<Self> {
+        let (size, values) = match grid {
+            Some(grid) => {
+                let values = grid.values.iter().map(|&value| f64::from(value.max(0.0)));
+                (grid.size.map(|cells| cells as usize), values.collect())
+            }
+            None => ([1; 3], vec![1.0]),
+        };
+        if size.iter().product::<usize>() != values.len() {
+            return None;
+        }
+        let mut rows = vec![0.0];
+        let mut sum = 0.0;
+        for row in values.chunks_exact(size[0].max(1)) {
+            sum += row.iter().sum::<f64>();
+            rows.push(sum);
+        }
+        (sum > 0.0 && sum.is_finite()).then_some(Self { size, values, rows })
+    }
+
+    fn total(&self) -> f64 {
+        self.rows[self.rows.len() - 1]
+    }
+
+    /// Mean density.
+    fn mean(&self) -> f64 {
+        self.total() / self.values.len() as f64
+    }
+
+    /// The share of the cube that the particles fill: (sum of values)^2 / (count x sum of squares).
+    fn filled_share(&self) -> f64 {
+        let squares: f64 = self.values.iter().map(|value| value * value).sum();
+        self.total().powi(2) / (squares * self.values.len() as f64)
+    }
+
+    /// Inverts the cumulative distributions of the layers along z, of the rows of a layer, and of the cells of a row.
+    fn draw(&self, [u, v, w]: [f64; 3]) -> Drawn {
+        let [x_cells, y_cells, z_cells] = self.size;
+        let layers = (0..=z_cells).map(|layer| self.rows[layer * y_cells]);
+        let (layer, z) = invert(&layers.collect::<Vec<_>>(), w);
+        let in_layer = &self.rows[layer * y_cells..=(layer + 1) * y_cells];
+        let (row, y) = invert(in_layer, v);
+        let first = (layer * y_cells + row) * x_cells;
+        let mut sums = vec![0.0];
+        let mut sum = 0.0;
+        for value in &self.values[first..first + x_cells] {
+            sum += value;
+            sums.push(sum);
+        }
+        let (cell, x) = invert(&sums, u);
+        let place = DVec3::new(cell as f64 + x, row as f64 + y, layer as f64 + z);
+        let size = self.size.map(|cells| cells as f64);
+        Drawn {
+            at: place / DVec3::from_array(size),
+            relative_density: self.values[first + cell] / self.mean(),
+        }
+    }
+}
+
+/// The cell and the place in it (0 to 1) at share `u` of the total of increasing `sums`, never in an empty cell.
+fn invert(sums: &[f64], u: f64) -> (usize, f64) {
+    let (first, last) = (sums[0], sums[sums.len() - 1]);
+    let at = first + u * (last - first);
+    let end = sums.partition_point(|&sum| sum <= at);
+    let mut cell = end.clamp(1, sums.len() - 1) - 1;
+    while cell > 0 && sums[cell + 1] <= sums[cell] {
+        cell -= 1;
+    }
+    let width = (sums[cell + 1] - sums[cell]).max(f64::MIN_POSITIVE);
+    (cell, ((at - sums[cell]) / width).clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    /// A cube with sides of 2 m around the origin.
+    fn medium(density: Option<DensityGrid>) -> Medium {
+        Medium {
+            name: "medium".into(),
+            world_from_box: Some(Mat4::from_scale(Vec3::splat(2.0))),
+            extinction: Vec3::splat(1.5),
+            albedo: Vec3::splat(0.9),
+            phase: PhaseFunction::HenyeyGreenstein(0.0),
+            emission: Vec3::ZERO,
+            density: density.map(Arc::new),
+            node: None,
+        }
+    }
+
+    /// Three times as dense for x > 0, and empty for y < 0.
+    fn uneven() -> DensityGrid {
+        let value = |cell: u32| {
+            let (x, y) = (cell % 4, cell / 4 % 4);
+            (if x < 2 { 1.0 } else { 3.0 }) * if y < 2 { 0.0 } else { 1.0 }
+        };
+        DensityGrid {
+            size: [4; 3],
+            values: (0..64).map(value).collect(),
+        }
+    }
+
+    #[test]
+    fn particles_follow_the_density() {
+        let made = Particles::new(&[medium(Some(uneven()))], 1024, &Bounds::EMPTY);
+        assert_eq!(made.particles.len(), 1024);
+        let count = |is_there: fn(&[f32; 3]) -> bool| {
+            let found = made.particles.iter().filter(|one| is_there(&one.position));
+            found.count() as i32
+        };
+        assert_eq!(count(|at| at[1] < 0.0), 0);
+        assert!((count(|at| at[0] > 0.0) - 768).abs() < 8);
+        assert!((count(|at| at[2] > 0.0) - 512).abs() < 8);
+        // The spheres' shares: 4 m^3 hold as much extinction as their densities 1 and 3 of 2 m^3 each.
+        let optical: f32 = made
+            .particles
+            .iter()
+            .map(|one| {
+                let density = if one.position[0] > 0.0 { 3.0 } else { 1.0 };
+                4.0 / 3.0 * std::f32::consts::PI * one.radius.powi(3) * density
+            })
+            .sum();
+        assert!((optical - 8.0).abs() < 1e-3, "{optical}");
+    }
+
+    #[test]
+    fn what_has_no_extinction_has_no_particles() {
+        let clear = Medium {
+            extinction: Vec3::ZERO,
+            ..medium(None)
+        };
+        assert!(
+            Particles::new(std::slice::from_ref(&clear), 64, &Bounds::EMPTY)
+                .media
+                .is_empty()
+        );
+        let glowing = Medium {
+            emission: Vec3::ONE,
+            ..clear
+        };
+        let made = Particles::new(&[glowing, medium(None)], 64, &Bounds::EMPTY);
+        assert_eq!(made.media.len(), 2);
+        assert!(made.particles.iter().all(|one| one.medium == 1));
+        assert_eq!(made.particles.len(), 64);
+        let torn = DensityGrid {
+            size: [3; 3],
+            values: vec![1.0; 5],
+        };
+        let made = Particles::new(&[medium(Some(torn))], 64, &Bounds::EMPTY);
+        assert!(made.media.is_empty());
+    }
+
+    #[test]
+    fn weights_of_neighbours_sum_to_one() {
+        let made = Particles::new(&[medium(Some(uneven()))], 300, &Bounds::EMPTY);
+        assert!(made.neighbours.len() > 300);
+        for [indices, weights] in &made.neighbours {
+            let sum: f32 = weights.iter().map(|&bits| f32::from_bits(bits)).sum();
+            assert!((sum - 1.0).abs() < 1e-5);
+            assert!(indices.iter().all(|&index| index < 300));
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Media as a view sees them: what is behind them dims, and what they scatter is added.
+
+use std::sync::Arc;
+
+use super::network::{Network, of};
+use crate::capture::{PerReceiver, Receiver, ReceiverKernel, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// The passes that show a network's media, and what they keep.
+#[derive(Debug)]
+pub struct Seen {
+    toward_eye: Kernel,
+    field_kernel: Kernel,
+    composite: ReceiverKernel,
+    /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
+    scattered: wgpu::Buffer,
+    field: wgpu::Buffer,
+    field_group: wgpu::BindGroup,
+    composite_media: wgpu::BindGroup,
+    kept: PerReceiver<Arc<Behind>>,
+}
+
+/// What is kept for a receiver.
+#[derive(Debug)]
+struct Behind {
+    /// The same points with a target of their own, for what is behind the media.
+    receiver: Receiver,
+    /// Bind groups of `toward_eye`, by the parity of the iteration.
+    toward_eye: [[wgpu::BindGroup; 3]; 2],
+    /// Groups 1 and 3.
+    composite: [wgpu::BindGroup; 2],
+}
+
+impl Seen {
+    /// Compiles the passes, with `steps` points per ray.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        network: &Network,
+        steps: u32,
+    ) -> Result<Self, GpuError> {
+        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
+        let toward_eye = plain(shader!("techniques.participating_media.toward_eye"))?;
+        let field_kernel = plain(shader!("techniques.participating_media.field"))?;
+        let composite = ReceiverKernel::new(
+            gpu,
+            scene,
+            &shader!("techniques.participating_media.composite"),
+            &[("STEPS", steps.into())],
+        )?;
+        let rows = |count: u32| u64::from(count) * 16;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let particles = rows(network.values.particles);
+        let scattered = gpu.buffer("light scattered to the eye [bytes]", particles, storage)?;
+        let field = gpu.buffer(
+            "field of scattered radiance [bytes]",
+            rows(network.values.nodes),
+            storage,
+        )?;
+        let field_group = field_kernel.bind(
+            gpu,
+            3,
+            &[
+                ("net", of(&network.uniform)),
+                ("neighbours", of(&network.neighbours)),
+                ("scattered", of(&scattered)),
+                ("field", of(&field)),
+            ],
+        )?;
+        let composite_media = composite.to_bind().bind(
+            gpu,
+            2,
+            &[
+                ("media", of(&network.media)),
+                ("densities", of(&network.densities)),
+            ],
+        )?;
+        Ok(Self {
+            toward_eye,
+            field_kernel,
+            composite,
+            scattered,
+            field,
+            field_group,
+            composite_media,
+            kept: PerReceiver::default(),
+        })
+    }
+
+    /// A receiver of the same points, with a cleared target, for everything that media dim.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn begin(
+        &mut self,
+        frame: &mut Frame<'_>,
+        receiver: &Receiver,
+        network: &Network,
+    ) -> Result<Receiver, GpuError> {
+        let behind = &self.of(frame.gpu, receiver, network)?.receiver;
+        frame.clear(&behind.target.radiance);
+        Ok(behind.clone())
+    }
+
+    /// Adds to the receiver what was gathered since [`Seen::begin`], dimmed, and what the media scatter and emit:
+    /// passes `participating-media.toward-eye`, `.field` and `.composite`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn end(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        network: &Network,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let kept = self.of(gpu, receiver, network)?;
+        let parity = (network.iterations % 2) as usize;
+        let count = network.values.particles;
+        if count > 0 {
+            frame.compute("participating-media.toward-eye", |pass| {
+                let [seen, media, own] = &kept.toward_eye[parity];
+                let groups = [(1, seen), (2, media), (3, own)];
+                self.toward_eye.dispatch(pass, &groups, [count, 1, 1]);
+            });
+            frame.compute("participating-media.field", |pass| {
+                let nodes = [network.values.nodes, 1, 1];
+                self.field_kernel
+                    .dispatch(pass, &[(3, &self.field_group)], nodes);
+            });
+        }
+        let composite = self.composite.of(gpu, &receiver.points)?;
+        frame.compute("participating-media.composite", |pass| {
+            let [seen, own] = &kept.composite;
+            let groups = [
+                (0, &scene.bind_group),
+                (1, seen),
+                (2, &self.composite_media),
+                (3, own),
+            ];
+            composite.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
+        });
+        Ok(())
+    }
+
+    /// What is kept for the receiver.
+    fn of(
+        &mut self,
+        gpu: &Gpu,
+        receiver: &Receiver,
+        network: &Network,
+    ) -> Result<Arc<Behind>, GpuError> {
+        let make = || {
+            let Receiver { points, target, .. } = receiver;
+            let size = target.radiance.size();
+            let behind = gpu.buffer("light behind media", size, wgpu::BufferUsages::STORAGE)?;
+            let toward_eye = |incoming: &wgpu::Buffer| {
+                let kernel = &self.toward_eye;
+                let resources = [
+                    ("net", of(&network.uniform)),
+                    ("particles", of(&network.particles)),
+                    ("lights", of(&network.lights)),
+                    ("arriving", of(&network.arriving)),
+                    ("incoming", of(incoming)),
+                    ("scattered", of(&self.scattered)),
+                ];
+                Ok::<_, GpuError>([
+                    kernel.bind(gpu, 1, &[("seen", of(&points.view))])?,
+                    kernel.bind(gpu, 2, &[("media", of(&network.media))])?,
+                    kernel.bind(gpu, 3, &resources)?,
+                ])
+            };
+            let [even, odd] = &network.incoming;
+            let composite = self.composite.to_bind();
+            let resources = [
+                ("field", of(&self.field)),
+                ("behind", of(&behind)),
+                ("radiance", of(&target.radiance)),
+            ];
+            Ok(Arc::new(Behind {
+                toward_eye: [toward_eye(even)?, toward_eye(odd)?],
+                composite: [
+                    points.bind(gpu, composite)?,
+                    composite.bind(gpu, 3, &resources)?,
+                ],
+                receiver: Receiver::new(points, &Target { radiance: behind }),
+            }))
+        };
+        self.kept.of(receiver, make).cloned()
+    }
+}
