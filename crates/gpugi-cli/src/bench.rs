@@ -1,12 +1,15 @@
 //! `gpugi bench`: GPU time of each technique's passes, and frames per second.
 
 use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use gpugi::Renderer;
 use gpugi::display::{DisplaySettings, Exposure};
-use gpugi::gpu::Gpu;
+use gpugi::gpu::{Gpu, Timing};
+use gpugi::scene::Edit;
+use gpugi_scene::Camera;
 
 use crate::output::{median, write_json};
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
@@ -57,6 +60,10 @@ pub struct Arguments {
     /// In frames that rebuild maps, move only the casters; maps that depend only on environment or lights are kept
     #[arg(long)]
     moving: bool,
+    /// In frames that rebuild maps, move only the first light, by a centimetre; maps are completed first, and the time
+    /// that this takes is measured
+    #[arg(long, conflicts_with = "moving")]
+    moving_light: bool,
     /// Keep only the first N punctual lights, and no other light
     #[arg(long, value_name = "N")]
     lights: Option<usize>,
@@ -79,6 +86,10 @@ struct Measured {
     frames: u32,
     /// Whether only casters changed in frames that rebuild maps.
     moving: bool,
+    /// Whether only the first light moved in these frames.
+    moving_light: bool,
+    /// With a moving light: the time that all maps took at first.
+    completing: Option<Completing>,
     /// Median GPU milliseconds of each pass, summed over all its parts in a frame, in frames that rebuild maps.
     passes: BTreeMap<String, f64>,
     /// Median of the total GPU milliseconds of a frame's passes.
@@ -89,6 +100,36 @@ struct Measured {
     frame_static_ms: f64,
     /// Median CPU time to record and submit a frame (ms), with maps rebuilt.
     cpu_record_ms: f64,
+}
+
+/// Time that all maps take from nothing, once pipelines are compiled and texels laid out.
+#[derive(Debug, serde::Serialize)]
+struct Completing {
+    /// GPU milliseconds of each pass, of all frames.
+    passes: BTreeMap<String, f64>,
+    wall_ms: f64,
+}
+
+impl Completing {
+    fn measure(renderer: &mut Renderer, camera: &Camera) -> anyhow::Result<Self> {
+        renderer.converge(camera, true, |_, _| ControlFlow::Continue(()))?;
+        renderer.invalidate();
+        let mut passes = BTreeMap::new();
+        let started = Instant::now();
+        renderer.converge(camera, true, |_, timings| {
+            add_timings(&mut passes, timings);
+            ControlFlow::Continue(())
+        })?;
+        let wall_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(Self { passes, wall_ms })
+    }
+}
+
+/// Adds the times of passes, which may run several times.
+fn add_timings(sums: &mut BTreeMap<String, f64>, timings: Vec<Timing>) {
+    for timing in timings {
+        *sums.entry(timing.pass).or_default() += timing.milliseconds;
+    }
 }
 
 /// Measures.
@@ -149,9 +190,23 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         exposure: Exposure::Manual(0.0),
         ..Default::default()
     };
+    let mut completing = None;
+    if arguments.moving_light {
+        if scene.lights.is_empty() {
+            let message = format!("--moving-light: {} has no punctual light", arguments.scene);
+            return Err(Usage(message).into());
+        }
+        completing = Some(Completing::measure(&mut renderer, &camera)?);
+    }
+    let mut moves = 0;
     let mut frame = |dynamic: bool, timed: bool| {
         renderer.restart();
-        if dynamic && arguments.moving {
+        if dynamic && arguments.moving_light {
+            moves += 1;
+            let mut light = scene.lights[0].clone();
+            light.world_from_light.w_axis.x += 0.01 * (moves % 32) as f32;
+            renderer.edit(&[Edit::Light { index: 0, light }])?;
+        } else if dynamic && arguments.moving {
             renderer.invalidate_geometry();
         } else if dynamic {
             renderer.invalidate();
@@ -167,10 +222,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let timings = frame(true, true)?.wait()?;
         totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
         // A pass may run several times per frame, for example in batches.
-        let mut sums: BTreeMap<String, f64> = BTreeMap::new();
-        for timing in timings {
-            *sums.entry(timing.pass).or_default() += timing.milliseconds;
-        }
+        let mut sums = BTreeMap::new();
+        add_timings(&mut sums, timings);
         for (pass, sum) in sums {
             passes.entry(pass).or_default().push(sum);
         }
@@ -204,6 +257,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         size,
         frames: arguments.frames,
         moving: arguments.moving,
+        moving_light: arguments.moving_light,
+        completing,
         passes: passes
             .into_iter()
             .map(|(pass, times)| (pass, median(times)))
@@ -227,6 +282,12 @@ fn print_table(measured: &Measured) {
         "{}: {} triangles, {width}x{height}, median of {} frames",
         measured.scene, measured.triangles, measured.frames
     );
+    if let Some(Completing { passes, wall_ms }) = &measured.completing {
+        for (pass, milliseconds) in passes {
+            println!("  {pass:34} {milliseconds:9.4} ms GPU, all maps");
+        }
+        println!("  {:34} {wall_ms:9.4} ms wall", "all maps");
+    }
     for (pass, milliseconds) in &measured.passes {
         println!("  {pass:34} {milliseconds:9.4} ms GPU");
     }
@@ -236,10 +297,10 @@ fn print_table(measured: &Measured) {
     );
     for (name, milliseconds) in [
         (
-            if measured.moving {
-                "frame, casters moving"
-            } else {
-                "frame, maps made every frame"
+            match (measured.moving, measured.moving_light) {
+                (true, _) => "frame, casters moving",
+                (_, true) => "frame, a light moving",
+                _ => "frame, maps made every frame",
             },
             measured.frame_dynamic_ms,
         ),

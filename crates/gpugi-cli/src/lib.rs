@@ -228,10 +228,12 @@ fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> 
             );
         }
         for field in fields {
-            let default = field
-                .default
-                .as_str()
-                .map_or_else(|| field.default.to_string(), str::to_owned);
+            let default = match (&field.default, field.default.as_f64()) {
+                (serde_json::Value::String(text), _) => text.clone(),
+                // 0.1 as a 32-bit float has more digits than anybody wrote.
+                (value, Some(number)) if value.is_f64() => format!("{:?}", number as f32),
+                (value, _) => value.to_string(),
+            };
             let mut values = field.values();
             if !field.unit.is_empty() {
                 values = format!("{values} [{}]", field.unit).trim_start().to_owned();

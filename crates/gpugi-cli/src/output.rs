@@ -169,6 +169,12 @@ pub fn dump_maps(gpu: &Gpu, maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The colour of a word with a shared exponent.
+fn rgb9e5(word: u32) -> [f32; 3] {
+    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
+    [0, 9, 18].map(|shift| (word >> shift & 511) as f32 * scale)
+}
+
 /// Width and height, and three numbers per texel.
 fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
     let grey = |value: f32| [value; 3];
@@ -186,6 +192,7 @@ fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
             let values = texels.flat_map(|texel| match *texel {
                 [number, ..] if *is_number => grey(number as f32),
                 [r, g, b, ..] => [r, g, b].map(f32::from_bits),
+                [word] => rgb9e5(word),
                 _ => grey(0.0),
             });
             return Ok((*size, values.collect()));

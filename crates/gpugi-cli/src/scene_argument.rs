@@ -24,7 +24,7 @@ pub struct SceneArguments {
     /// Animation time (s)
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     pub time: f32,
-    /// Objects and lights to leave out: names separated by commas; * stands for any characters
+    /// Objects, lights and media to leave out: names separated by commas; * stands for any characters
     #[arg(
         long,
         value_name = "NAME,...",

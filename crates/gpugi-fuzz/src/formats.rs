@@ -235,6 +235,7 @@ fn run_bake(case: &Case) -> Outcome {
         size: 1,
         pages: 1,
         instances: instances.collect(),
+        backs: Vec::new(),
     };
     let page = BakedPage {
         obscurance: Some(vec![0.5]),

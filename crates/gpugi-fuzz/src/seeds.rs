@@ -1,6 +1,7 @@
 //! Undamaged files, which use as many features of their format as they can.
 
 use std::io::Cursor;
+use std::sync::Arc;
 
 use exr::prelude::{
     Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
@@ -10,7 +11,7 @@ use gpugi::bake::{Checkpoint, LightState, ObscuranceState, TransferState};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::export::{BakedPage, TransferFormat, export_bake, export_scene, export_transfer};
 use gpugi_scene::image::{HalfTexture, save_ktx2};
-use gpugi_scene::{Atlas, AtlasOptions, Scene, TransferVectors};
+use gpugi_scene::{Atlas, AtlasOptions, DensityGrid, Medium, Scene, TransferVectors};
 use half::f16;
 use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage, RgbaImage};
 use serde_json::{Value, json};
@@ -196,7 +197,19 @@ fn document() -> (Value, Vec<u8>) {
 pub fn glb() -> Vec<Case> {
     let (document, binary) = document();
     let built_in = export_scene(&room()).expect("a file").glb;
+    let mut cloud = builtin("cloud", 1).expect("a built-in scene");
+    cloud.media[0].density = Some(Arc::new(DensityGrid {
+        size: [2; 3],
+        values: vec![0.5; 8],
+    }));
+    cloud.media.push(Medium {
+        world_from_box: None,
+        density: None,
+        ..cloud.media[0].clone()
+    });
+    let cloud = export_scene(&cloud).expect("a file").glb;
     vec![
+        one("a.glb", cloud),
         one("a.glb", container(document.to_string().as_bytes(), &binary)),
         one("a.glb", built_in),
     ]

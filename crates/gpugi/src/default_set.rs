@@ -3,15 +3,15 @@
 
 use std::collections::BTreeSet;
 
-use gpugi_scene::{Light, LightKind, Scene};
+use gpugi_scene::{Light, LightKind, Material, Scene};
 
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
 use crate::scene::{has_emitters, has_glossy_objects};
 use crate::techniques::{
-    Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting, radiosity,
-    ray_tracing, shadow_map,
+    Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting,
+    participating_media, radiosity, ray_tracing, shadow_map,
 };
 
 const CAUSTICS: &str = caustics::INFO.name;
@@ -21,6 +21,7 @@ const RADIOSITY: &str = radiosity::INFO.name;
 const SHADOWS: &str = shadow_map::INFO.name;
 const SKY: &str = image_based_lighting::INFO.name;
 const FINAL_GATHER: &str = final_gather::INFO.name;
+const MEDIA: &str = participating_media::INFO.name;
 
 /// A still picture of more triangles than this does not wait for an atlas by default. Unwrapping 94,722
 /// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
@@ -33,6 +34,9 @@ const MOST_PIECES: usize = 4_000;
 /// A still picture of more triangles than this looks into cubes instead of tracing rays: the smallest bindings that
 /// WebGPU promises hold the hierarchy of two million (docs/bvh.md).
 const MOST_TRACED: u64 = 1_000_000;
+
+/// The setting of image-based-lighting that [`DefaultSet::trace_sky_light`] makes.
+const VISIBILITY: &str = "visibility";
 
 /// What light is computed for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,7 +91,29 @@ impl DefaultSet {
         };
         self.notes
             .push(format!("{FINAL_GATHER} stands in for {error}"));
+        if !self.has_rays() {
+            for choice in &mut self.choices {
+                choice.settings.retain(|(name, _)| *name != VISIBILITY);
+            }
+        }
         Some(self)
+    }
+
+    /// Whether scenes are uploaded with rays for the techniques.
+    fn has_rays(&self) -> bool {
+        let mut choices = self.choices.iter();
+        choices.any(|one| [RADIOSITY, RAY_TRACING].contains(&one.technique))
+    }
+
+    /// Has rays find the shadows of the sky, if other techniques trace rays anyway. They are exact, where depth maps
+    /// blur whatever is thin and leak at edges. Not among solids of glass: each ray passes many surfaces there, and takes
+    /// four times as long as maps with their drawing (docs/techniques/image-based-lighting.md).
+    fn trace_sky_light(&mut self) {
+        let has_rays = self.has_rays();
+        let mut choices = self.choices.iter_mut();
+        if let Some(sky) = choices.find(|one| has_rays && one.technique == SKY) {
+            sky.settings.push((VISIBILITY, "rays".to_owned()));
+        }
     }
 }
 
@@ -109,6 +135,8 @@ pub fn default_set(
     let infos = registry.all().iter().map(|one| one.info);
     let fast: Vec<&Info> = infos
         .filter(|info| info.paths.iter().any(|paths| of_classes(&paths)) && (info.suits)(scene))
+        // Media are seen from somewhere; texels are not.
+        .filter(|info| info.name != MEDIA || purpose != Purpose::Bake)
         .collect();
     let choices = fast.iter().map(|info| Choice {
         technique: info.name,
@@ -141,6 +169,12 @@ pub fn default_set(
     let choice = indirect(scene, adapter, purpose);
     if registry.find(choice.technique).is_some() && !is_added {
         set.choices.push(choice);
+    }
+    let is_fast = Speed::of(adapter) == Speed::Fast;
+    let is_solid_glass = |one: &Material| one.transmission > 0.0 && one.volume.is_some();
+    let has_solid_glass = scene.materials.iter().any(is_solid_glass);
+    if purpose == Purpose::StillPicture && is_fast && triangles <= MOST_TRACED && !has_solid_glass {
+        set.trace_sky_light();
     }
     set
 }
@@ -314,6 +348,7 @@ fn reason(info: &Info, classes: &[LightClass]) -> String {
         .collect();
     let and = match info.name {
         CAUSTICS | IMPOSTORS => ", and mirrors or glass",
+        MEDIA => ", and media",
         _ => "",
     };
     format!("the scene has lights ({}){and}", lights.join(", "))
@@ -377,7 +412,10 @@ mod tests {
             assert_eq!(gather.technique, FINAL_GATHER);
             let mut expected = live.names();
             *expected.last_mut().unwrap() = RADIOSITY.to_owned();
-            assert_eq!(bake.names(), expected);
+            let has_media = expected.contains(&MEDIA.to_owned());
+            assert_eq!(has_media, !scene.media.is_empty(), "{}", one.name);
+            let in_texels = expected.iter().filter(|name| *name != MEDIA);
+            assert_eq!(bake.names(), in_texels.cloned().collect::<Vec<_>>());
             if has_glossy_objects(&scene) {
                 expected.retain(|name| name != IMPOSTORS);
                 expected.insert(expected.len() - 1, RAY_TRACING.to_owned());
@@ -447,6 +485,43 @@ mod tests {
         assert_eq!(names(sky(many, Speed::Fast)), ["per-sample"]);
         assert_eq!(names(photons(Speed::Software)), ["cube-resolution"]);
         assert!(photons(Speed::Fast).is_empty());
+    }
+
+    #[test]
+    fn large_gpus_trace_the_light_of_the_sky() {
+        let Some(gpu) = test_gpu() else { return };
+        let registry = Registry::default();
+        let scene = builtin("window-room", 1).unwrap();
+        let set = |device_type, purpose| {
+            let adapter = AdapterSummary {
+                device_type,
+                ..gpu.adapter.clone()
+            };
+            default_set(&scene, &adapter, purpose, &registry)
+        };
+        let traces = |set: &DefaultSet| {
+            let mut settings = set.choices.iter().flat_map(|one| &one.settings);
+            settings.any(|(name, value)| (*name, value.as_str()) == (VISIBILITY, "rays"))
+        };
+        let [discrete, software] = [wgpu::DeviceType::DiscreteGpu, wgpu::DeviceType::Cpu];
+        let still = set(discrete, Purpose::StillPicture);
+        assert!(traces(&still), "{still:?}");
+        let glass = builtin("ornaments", 1).unwrap();
+        let adapter = AdapterSummary {
+            device_type: discrete,
+            ..gpu.adapter.clone()
+        };
+        let of_glass = default_set(&glass, &adapter, Purpose::StillPicture, &registry);
+        assert!(of_glass.names().contains(&SKY.to_owned()) && !traces(&of_glass));
+        assert!(!traces(&set(discrete, Purpose::LiveView)));
+        assert!(!traces(&set(software, Purpose::StillPicture)));
+        // It runs on any adapter.
+        Renderer::with_set(&gpu, &scene, [8, 8], &still, &registry).unwrap();
+        let error = LightingError::Gpu(GpuError::Pass {
+            pass: RADIOSITY.into(),
+            reason: "no atlas".into(),
+        });
+        assert!(!traces(&still.without_atlas(&error).unwrap()));
     }
 
     #[test]

@@ -402,24 +402,16 @@ impl Lighting {
         receiver: &Receiver,
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
-        let gathered = self.emission.attenuation.begin(frame, receiver)?;
-        self.emission.record(frame, scene, &gathered)?;
-        for index in 0..self.techniques.len() {
-            let (techniques, rest) = self.techniques.split_at_mut(index);
-            if adds(rest[0].info().name) {
-                let mut earlier = Earlier::new(
-                    &mut self.emission,
-                    techniques,
-                    &mut self.impostors,
-                    &mut self.environments,
-                    self.settings_version,
-                    0,
-                    self.lights_elsewhere,
-                );
-                rest[0].gather(frame, scene, &gathered, &mut earlier)?;
-            }
-        }
-        self.emission.attenuation.end(frame, receiver)
+        let mut all = Earlier::new(
+            &mut self.emission,
+            &mut self.techniques,
+            &mut self.impostors,
+            &mut self.environments,
+            self.settings_version,
+            0,
+            self.lights_elsewhere,
+        );
+        all.gather_some(frame, scene, receiver, true, adds)
     }
 
     /// Saved progress of techniques, by name. Waits for the GPU.

@@ -135,12 +135,39 @@ impl ReceiverKernel {
         shader: &Shader,
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
+        Self::over(gpu, &scene.layout, shader, options)
+    }
+
+    /// The same for a shader that traces rays in this scene, with `more` pipeline constants. Its bind group 0 is
+    /// [`GpuScene::ray_bind_group`].
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn tracing_rays(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        more: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[&scene.ray_constants(), more].concat(),
+            ..Default::default()
+        };
+        Self::over(gpu, &scene.ray_layout, shader, &options)
+    }
+
+    fn over(
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        shader: &Shader,
+        options: &KernelOptions<'_>,
+    ) -> Result<Self, GpuError> {
         let options = KernelOptions {
             constants: &[options.constants, &[("IS_GENERAL", 0.0)]].concat(),
             ..*options
         };
         Ok(Self {
-            radiance: Kernel::with_options(gpu, shader, "main", Some(&scene.layout), &options)?,
+            radiance: Kernel::with_options(gpu, shader, "main", Some(layout), &options)?,
             general: OnceLock::new(),
         })
     }

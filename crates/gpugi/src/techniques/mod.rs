@@ -11,6 +11,7 @@ pub mod final_gather;
 pub mod image_based_lighting;
 pub mod light_path_map;
 pub mod obscurances;
+pub mod participating_media;
 pub mod radiance_transfer;
 pub mod radiosity;
 pub mod ray_tracing;
@@ -152,7 +153,8 @@ pub enum Texels {
         size: [u32; 2],
         /// Distance from texel to texel (bytes).
         stride: u64,
-        /// Whether a texel begins with one unsigned 32-bit integer instead of three floats.
+        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, or rgb9e5 where
+        /// the stride is 4.
         is_number: bool,
     },
 }
@@ -217,6 +219,20 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         receiver: &Receiver,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError>;
+
+    /// For a technique that shows what lies between the eye and the receiver's points: a receiver of the same points to
+    /// which emission and all other techniques add. `gather` comes last then, and adds what it dims of that. At most one
+    /// technique of a set does so.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn behind(
+        &mut self,
+        _frame: &mut Frame<'_>,
+        _receiver: &Receiver,
+    ) -> Result<Option<Receiver>, GpuError> {
+        Ok(None)
+    }
 
     /// Work that waited in the last frame and that shows as soon as it is done, such as cubes that mirrors show.
     /// Techniques before this one that light points of their own leave room for it in the frame's budget.
@@ -416,14 +432,48 @@ impl<'a> Earlier<'a> {
         with_emission: bool,
     ) -> Result<(), GpuError> {
         self.count(self.gather_work(receiver.points.count.into()));
-        let gathered = self.emission.attenuation.begin(frame, receiver)?;
+        self.gather_some(frame, scene, receiver, with_emission, |_| true)
+    }
+
+    /// As [`Earlier::gather`], of the techniques whose names `adds` accepts.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub(crate) fn gather_some(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        with_emission: bool,
+        adds: impl Fn(&str) -> bool,
+    ) -> Result<(), GpuError> {
+        let attenuated = self.emission.attenuation.begin(frame, receiver)?;
+        let mut gathered = attenuated.clone();
+        let mut last = None;
+        for (index, technique) in self.techniques.iter_mut().enumerate() {
+            if adds(technique.info().name)
+                && let Some(behind) = technique.behind(frame, &attenuated)?
+            {
+                (gathered, last) = (behind, Some(index));
+            }
+        }
         if with_emission {
             self.emission.record(frame, scene, &gathered)?;
         } else {
+            frame.clear(&attenuated.target.radiance);
             frame.clear(&gathered.target.radiance);
         }
-        for index in 0..self.techniques.len() {
+        let others = (0..self.techniques.len()).filter(|&index| Some(index) != last);
+        for index in others.chain(last) {
+            let receiver = if Some(index) == last {
+                &attenuated
+            } else {
+                &gathered
+            };
             let (techniques, rest) = self.techniques.split_at_mut(index);
+            if !adds(rest[0].info().name) {
+                continue;
+            }
             let mut earlier = Earlier::new(
                 self.emission,
                 techniques,
@@ -433,7 +483,7 @@ impl<'a> Earlier<'a> {
                 self.revision,
                 self.lights_elsewhere,
             );
-            rest[0].gather(frame, scene, &gathered, &mut earlier)?;
+            rest[0].gather(frame, scene, receiver, &mut earlier)?;
         }
         self.emission.attenuation.end(frame, receiver)
     }

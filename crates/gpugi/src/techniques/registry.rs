@@ -2,8 +2,8 @@
 
 use super::{
     Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, light_path_map, obscurances, radiance_transfer, radiosity, ray_tracing,
-    shadow_map,
+    image_based_lighting, light_path_map, obscurances, participating_media, radiance_transfer,
+    radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -44,6 +44,11 @@ impl Default for Registry {
                         gpu, scene,
                     )?))
                 },
+            },
+            Registration {
+                info: &participating_media::INFO,
+                fields: participating_media::Settings::fields,
+                make: |_, _| Ok(Box::new(participating_media::ParticipatingMedia::default())),
             },
             Registration {
                 info: &radiance_transfer::INFO,

@@ -5,13 +5,13 @@ mod common;
 mod gloss;
 mod sunlight;
 
-use common::{gpu, inside_out, measured, place, rel_mse, renderer_of, shining_room};
+use common::{floor, gpu, inside_out, lit_by, measured, place, rel_mse, renderer_of, shining_room};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
 
 /// The picture after some frames, from fully refined maps.
@@ -154,6 +154,29 @@ fn a_thin_wall_lets_no_light_through() {
     println!("lit {lit}, dark {dark}");
     assert!(lit.min_element() > 0.05);
     assert!(dark.max_element() < 1e-3 * lit.min_element(), "{dark}");
+}
+
+/// A sheet that hangs over a floor, seen from behind: its back has light of its own, and reflects it.
+#[test]
+fn backs_of_sheets_have_light() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = floor(1.5);
+    let sheet = quad(vec3(0.8, 0.05, 0.0), Vec3::NEG_X * 1.6, Vec3::Y, 1);
+    let red = Material {
+        double_sided: true,
+        ..Material::matt("red", vec3(0.8, 0.1, 0.1))
+    };
+    place(&mut scene, sheet, red);
+    let light = Light::new("", LightKind::Point, Vec3::splat(5.0));
+    let scene = lit_by(scene, light.aimed(vec3(0.3, 1.4, 1.0), Vec3::ZERO));
+    let camera = Camera::look_at("", vec3(0.2, 0.9, 2.4), vec3(0.0, 0.4, 0.0), 0.7);
+    let techniques = ["shadow-map", "radiosity"];
+    let settings = ["resolution=128", "rays=16", "iterations=16", "steps=4"];
+    let mut renderer = renderer_of(&gpu, &scene, &techniques, 32, "radiosity", &settings);
+    let (error, ratio) = against_the_path_tracer(&gpu, &scene, &camera, &mut renderer);
+    println!("rel-mse {error:.1e}, {ratio:.4} of the light");
+    assert!(error < 4e-3, "{error}");
+    assert!((ratio - 1.0).abs() < 0.005, "{ratio} of the light");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3};
-use gpugi_scene::{Atlas, InstanceUvs, Mesh, Scene, provoking_order};
+use gpugi_scene::{Atlas, InstanceUvs, Mesh, Scene, Side, provoking_order};
 
 use crate::gpu::{Gpu, GpuError};
 
@@ -18,6 +18,9 @@ const MOST_BLOCKS: usize = 1 << 26;
 const STEPS: f32 = 1024.0;
 /// Units of area in the mean surface area per texel.
 const AREA_UNITS: f64 = (1 << 24) as f64;
+
+/// Bit of a triangle's number that marks its back: `BACK` of capture/atlas/coverage.wesl.
+const BACK: u32 = 1 << 31;
 
 /// `AtlasTriangle` of capture/atlas/coverage.wesl.
 #[repr(C)]
@@ -54,8 +57,8 @@ impl Layout {
         let mut triangles = Vec::new();
         let mut pages = Vec::new();
         let (mut in_texels, mut in_world) = (0.0, 0.0);
-        for (index, (uvs, instance)) in atlas.instances.iter().zip(&scene.instances).enumerate() {
-            let Some(uvs) = uvs else { continue };
+        for (index, side, uvs) in atlas.sides() {
+            let instance = &scene.instances[index];
             let mesh = &scene.meshes[instance.mesh];
             in_world += area(mesh, &instance.world_from_mesh);
             for (primitive, corners) in ordered_corners(mesh, uvs).into_iter().enumerate() {
@@ -64,7 +67,7 @@ impl Layout {
                 in_texels += f64::from((b - a).perp_dot(c - a).abs()) / 2.0;
                 triangles.push(AtlasTriangle {
                     instance: index as u32,
-                    primitive: primitive as u32,
+                    primitive: primitive as u32 | if side == Side::Back { BACK } else { 0 },
                     a: a.to_array(),
                     b: b.to_array(),
                     c: c.to_array(),
@@ -123,6 +126,30 @@ impl Layout {
         }
         Ok(blocks)
     }
+}
+
+/// The texels that the triangles of an instance touch, sorted, counted row by row through all pages.
+pub(crate) fn texels_of(atlas: &Atlas, instance: usize) -> Vec<u32> {
+    let last = (atlas.size - 1) as f32;
+    let mut texels = Vec::new();
+    let sides = atlas.sides().filter(|(index, ..)| *index == instance);
+    for (.., uvs) in sides {
+        for corners in uvs.corners.as_chunks::<3>().0 {
+            let corners = corners.map(|uv| (uv * atlas.size as f32 * STEPS).round() / STEPS);
+            let rows = corners.map(|corner| corner.y.clamp(0.0, last) as u32);
+            for row in rows[0].min(rows[1]).min(rows[2])..=rows[0].max(rows[1]).max(rows[2]) {
+                let [left, right] = extent_in_band(corners, [row as f32, (row + 1) as f32]);
+                // As in `Layout::blocks`.
+                let left = (left - 1.0 / STEPS).max(0.0) as u32;
+                let right = (right + 1.0 / STEPS).clamp(0.0, last) as u32;
+                let first = (uvs.page * atlas.size + row) * atlas.size;
+                texels.extend((left..=right).map(|column| first + column));
+            }
+        }
+    }
+    texels.sort_unstable();
+    texels.dedup();
+    texels
 }
 
 /// Leftmost and rightmost x of a triangle between two rows.

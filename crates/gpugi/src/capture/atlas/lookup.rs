@@ -1,14 +1,14 @@
 //! Where in an atlas the points of triangles lie: for shaders that have a hit, of a ray or a camera, and need the light
 //! kept in texels.
 
-use gpugi_scene::{Atlas, Scene};
+use gpugi_scene::{Atlas, Scene, Side};
 
 use super::blocks::ordered_corners;
 use crate::gpu::{Gpu, GpuError};
 
 /// `HEADER_WORDS` and `INSTANCE_WORDS` of capture/atlas/lookup.wesl.
 const HEADER_WORDS: usize = 2;
-const INSTANCE_WORDS: usize = 2;
+const INSTANCE_WORDS: usize = 4;
 /// `NO_TRIANGLES` of the same shader.
 const NO_TRIANGLES: u32 = u32::MAX;
 
@@ -28,9 +28,9 @@ impl AtlasLookup {
         let tables = HEADER_WORDS + INSTANCE_WORDS * atlas.instances.len();
         let mut words = vec![atlas.size, atlas.instances.len() as u32];
         words.resize(tables, NO_TRIANGLES);
-        for (index, (uvs, instance)) in atlas.instances.iter().zip(&scene.instances).enumerate() {
-            let Some(uvs) = uvs else { continue };
-            let at = HEADER_WORDS + INSTANCE_WORDS * index;
+        for (index, side, uvs) in atlas.sides() {
+            let instance = &scene.instances[index];
+            let at = HEADER_WORDS + INSTANCE_WORDS * index + 2 * usize::from(side == Side::Back);
             words[at] = words.len() as u32;
             words[at + 1] = uvs.page * atlas.size;
             for corner in ordered_corners(&scene.meshes[instance.mesh], uvs)

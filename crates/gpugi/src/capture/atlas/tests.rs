@@ -321,6 +321,7 @@ fn handmade(corners: Vec<Vec2>, size: u32) -> Atlas {
             charts: vec![0; corners.len() / 3],
             corners,
         })],
+        backs: Vec::new(),
     }
 }
 
