@@ -4,6 +4,8 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
+use gpugi::gpu::AtWork;
+
 /// What a task says about itself.
 #[derive(Debug, Clone, Default)]
 pub struct Stage(Arc<Mutex<&'static str>>);
@@ -40,7 +42,9 @@ impl<T: Send + 'static> Task<T> {
         let stage = Stage::default();
         let (sender, result) = channel();
         let own_stage = stage.clone();
+        let at_work = AtWork::begin();
         thread::spawn(move || {
+            let _at_work = at_work;
             let result = work(&own_stage);
             // Nobody waits for it any more.
             let _ = sender.send(result);

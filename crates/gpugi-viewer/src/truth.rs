@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use gpugi::LightingError;
-use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::gpu::{AdapterChoice, AtWork, Gpu};
 use gpugi::reference::{PathTracer, Settings};
 use gpugi_scene::{Camera, Scene};
 
@@ -67,7 +67,9 @@ impl Truth {
         let answer = Arc::new(Mutex::new(None));
         let slot = Arc::downgrade(&answer);
         let choice = AdapterChoice::Named(adapter.to_owned());
+        let at_work = AtWork::begin();
         thread::spawn(move || {
+            let _at_work = at_work;
             let answer = |answer| {
                 let Some(slot) = slot.upgrade() else {
                     return false;

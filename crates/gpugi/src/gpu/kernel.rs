@@ -4,6 +4,8 @@
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 
+#[cfg(not(target_arch = "wasm32"))]
+use super::AtWork;
 use super::shader::{BindingKind, Declared, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
@@ -152,9 +154,17 @@ impl<P: Send + Sync + 'static> Lazy<P> {
         {
             let (job, compiling) = (cell.clone(), gpu.compiling.clone());
             compiling.fetch_add(1, Ordering::Relaxed);
+            let at_work = AtWork::begin();
             rayon::spawn(move || {
-                // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the process.
-                let _ = job.set(create());
+                let _at_work = at_work;
+                // What they hold of the device goes first.
+                let (job, create) = (job, create);
+                let is_wanted = Arc::strong_count(&job) > 1;
+                if is_wanted {
+                    // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the
+                    // process.
+                    let _ = job.set(create());
+                }
                 compiling.fetch_sub(1, Ordering::Relaxed);
             });
         }

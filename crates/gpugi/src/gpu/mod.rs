@@ -3,6 +3,8 @@
 
 mod adapter;
 mod blit;
+#[cfg(not(target_arch = "wasm32"))]
+mod ending;
 mod error;
 mod frame;
 mod kernel;
@@ -15,6 +17,8 @@ mod upload;
 
 pub use adapter::{AdapterChoice, AdapterSummary, instance_descriptor, list_adapters};
 pub(crate) use blit::Blit;
+#[cfg(not(target_arch = "wasm32"))]
+pub use ending::AtWork;
 pub use error::GpuError;
 pub use frame::{Frame, Keeps, Timing, Timings};
 #[cfg(test)]
@@ -109,6 +113,8 @@ impl Gpu {
     /// [`wgpu::Features::TIMESTAMP_QUERY`], passes can be timed. gpugi takes over the device's handlers of uncaptured
     /// errors and of loss; an engine that wants its own sets them afterwards and then receives gpugi's errors, too.
     pub fn from_device(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        #[cfg(not(target_arch = "wasm32"))]
+        ending::wait_at_the_end();
         let adapter = AdapterSummary::of(adapter);
         let faults = Arc::new(Mutex::new(Faults::default()));
         let record = faults.clone();
