@@ -11,6 +11,7 @@ use common::{gpu, measured, rel_mse, renderer_of};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
+use gpugi::light_paths::LightClass;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::{sphere, torus};
 use gpugi_scene::{Camera, Environment, Image, Material, Pixels, Scene, Volume};
@@ -174,6 +175,77 @@ fn a_white_furnace_stays_white() {
         println!("{settings:?}: mean {mean}, most {most}");
         assert!(mean > 0.998 && most < 1.001, "{settings:?}: {mean}, {most}");
     }
+}
+
+/// A lamp and a lit floor in front of the sky are black.
+#[test]
+fn rays_can_see_the_environment_alone() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("sky");
+    add(&mut scene, "ball", sphere(0.5, 48), glass(1.5), Vec3::ZERO);
+    add(
+        &mut scene,
+        "ring",
+        torus(0.8, 0.1, 32),
+        mirror(),
+        Vec3::ZERO,
+    );
+    let lamp = Material::emitter("lamp", Vec3::splat(100.0));
+    add(
+        &mut scene,
+        "lamp",
+        sphere(0.2, 24),
+        lamp,
+        vec3(-0.9, 0.7, -0.8),
+    );
+    let grey = Material::matt("grey", Vec3::splat(0.5));
+    add(
+        &mut scene,
+        "grey",
+        sphere(0.3, 24),
+        grey,
+        vec3(0.9, 0.5, -0.9),
+    );
+    // Without a sun, which few samples of the reference find.
+    let texels =
+        (0..32_u8).flat_map(|texel| [f32::from(texel % 5), f32::from(texel % 3), 1.0, 1.0]);
+    scene.environment = Some(Environment {
+        image: Arc::new(Image {
+            name: "sky".into(),
+            width: 8,
+            height: 4,
+            pixels: Pixels::Rgba32Float(texels.collect()),
+        }),
+        rotation: 0.0,
+        intensity: 1.0,
+    });
+    let camera = Camera::look_at("", vec3(0.0, 0.4, 2.2), Vec3::ZERO, 0.9);
+    let techniques = ["ray-tracing"];
+    let settings = ["environment=only", "split=2"];
+    let found = error(&gpu, &scene, &camera, &techniques, &settings, [64, 512]);
+    println!("the sky alone: rel-mse {found:.1e}");
+    assert!(found < 0.002, "{found}");
+    // The reference has no lamp either.
+    let mut renderer = renderer_of(&gpu, &scene, &techniques, SIZE, "ray-tracing", &settings);
+    let paths = renderer.light_paths();
+    assert!(
+        paths
+            .iter()
+            .all(|path| path.class == LightClass::Environment)
+    );
+    let alone = picture(&mut renderer, &camera, 8);
+    renderer
+        .set("ray-tracing", "environment", "behind")
+        .expect("a setting");
+    assert!(
+        renderer
+            .light_paths()
+            .iter()
+            .any(|path| path.class == LightClass::Area)
+    );
+    let with_lamp = picture(&mut renderer, &camera, 8);
+    let [alone, with_lamp] = [alone, with_lamp].map(|one| one.iter().sum::<f32>());
+    assert!(with_lamp > 1.01 * alone, "{alone}, {with_lamp}");
 }
 
 /// distance-impostor leaves alone what ray-tracing claims, and serves the rest.

@@ -228,6 +228,21 @@ impl GpuScene {
         self.rays.is_some()
     }
 
+    /// # Errors
+    /// [`GpuError::Pass`] if shaders may not trace rays, which `setting` of a technique asks for.
+    pub(crate) fn check_rays(&self, technique: &str, setting: &str) -> Result<(), GpuError> {
+        if self.has_rays() {
+            return Ok(());
+        }
+        Err(GpuError::Pass {
+            pass: technique.into(),
+            reason: format!(
+                "{setting} needs a technique beside it for which scenes are uploaded with rays, such as radiosity or \
+                 ray-tracing; in the library, GpuScene::with_texels"
+            ),
+        })
+    }
+
     /// Where the ray hierarchy holds the triangles of all instances ([`gpugi_scene::bvh::BottomLevel::runs`]); `None`
     /// without rays. Changes with [`Versions::geometry`] and [`Versions::instances`].
     ///

@@ -17,7 +17,7 @@ pub struct CausticMap {
     pub unit: f32,
     pub counts: f32,
     pub seed: u32,
-    pub padding: u32,
+    pub frame: u32,
 }
 
 /// `Batch` of photon.wesl.
@@ -31,7 +31,9 @@ pub struct Batch {
     pub first: u32,
     pub end: u32,
     pub lanes: u32,
-    pub padding: [u32; 3],
+    pub instance: u32,
+    pub bounces: u32,
+    pub padding: u32,
 }
 
 /// `LitCube` of gather.wesl.

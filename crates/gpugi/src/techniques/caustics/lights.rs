@@ -15,7 +15,7 @@ const LARGEST_TANGENT: f32 = 3.7;
 pub struct LightView {
     /// Camera of the capture.
     pub view: View,
-    /// What the photon passes read. The caller sets `corner` and `counts`.
+    /// What the photon passes read. The caller sets `corner`, `counts` and `frame`.
     pub map: CausticMap,
 }
 
@@ -43,7 +43,7 @@ impl LightView {
                 unit: framing.intensity * pixel * pixel,
                 counts: 0.0,
                 seed,
-                padding: 0,
+                frame: 0,
             },
         }
     }

@@ -35,9 +35,22 @@ pub const INFO: Info = Info {
     lights_points: false,
 };
 
+crate::choices! {
+    /// How photons are followed.
+    pub enum Tracer {
+        /// In the maps of distance-impostor around the object: one object, and what its centre sees.
+        Maps = "maps",
+        /// By rays in the scene's hierarchy: exactly, and on by way of further mirrors and glass.
+        Rays = "rays",
+    }
+}
+
 crate::settings! {
     /// Settings of caustics.
     pub struct Settings {
+        /// How photons are followed: maps, in those around the object; rays, in the scene's hierarchy, also by way of
+        /// several objects. Rays need a technique beside it that traces rays or keeps light in texels.
+        pub tracer: Tracer = Tracer::Maps => any(),
         /// Side of the caustic map of one light and one object; all samples of area lights together have as many pixels
         /// as one map.
         pub resolution: u32 = 256 => in_range(LEAST_RESOLUTION as f64, 2048.0).unit("pixels"),
@@ -68,6 +81,8 @@ const MOST_MAPS: usize = 4096;
 const MOST_PIXELS: f32 = 16.0 * 1024.0 * 1024.0;
 /// Least side of a caustic map (pixels).
 const LEAST_RESOLUTION: u32 = 8;
+/// Most surfaces that photons of tracer `rays` meet after they have left the object: that of rays.wesl.
+const MOST_FURTHER: u32 = 8;
 /// Invocations that splat one photon per pixel of all maps of a batch. Each photon's texels are shared among enough
 /// invocations that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
@@ -75,7 +90,8 @@ const SPLAT_INVOCATIONS: u32 = 1 << 21;
 /// The passes of caustics.
 #[derive(Debug)]
 struct Kernels {
-    trace: Kernel,
+    /// The pass of a tracer, with the constants that it is compiled with.
+    trace: Option<(Kernel, Tracer, [(&'static str, f64); 1])>,
     splat: Kernel,
     irradiance: Kernel,
     gather: ReceiverKernel,
@@ -87,12 +103,11 @@ struct Kernels {
 
 impl Kernels {
     fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let layout = Some(&scene.layout);
-        let kernel = |shader, layout| Kernel::new(gpu, &shader, "main", layout);
+        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         Ok(Self {
-            trace: kernel(shader!("techniques.caustics.trace"), layout)?,
-            splat: kernel(shader!("techniques.caustics.splat"), None)?,
-            irradiance: kernel(shader!("techniques.caustics.irradiance"), None)?,
+            trace: None,
+            splat: kernel(shader!("techniques.caustics.splat"))?,
+            irradiance: kernel(shader!("techniques.caustics.irradiance"))?,
             gather: ReceiverKernel::new(gpu, scene, &shader!("techniques.caustics.gather"), &[])?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("refractor normals"),
@@ -107,6 +122,35 @@ impl Kernels {
                 _ => [4, 64],
             },
         })
+    }
+
+    /// Compiles the pass of a tracer, unless it is there. Returns whether bind groups of another one are stale.
+    fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, tracer: Tracer) -> Result<bool, GpuError> {
+        let constants = scene.ray_constants();
+        let is_it = |made: &(_, Tracer, _)| {
+            made.1 == tracer && (tracer == Tracer::Maps || made.2 == constants)
+        };
+        if self.trace.as_ref().is_some_and(is_it) {
+            return Ok(false);
+        }
+        let kernel = match tracer {
+            Tracer::Maps => {
+                let shader = shader!("techniques.caustics.maps");
+                Kernel::new(gpu, &shader, "main", Some(&scene.layout))?
+            }
+            Tracer::Rays => {
+                scene.check_rays(INFO.name, "tracer=rays")?;
+                scene.ray_kernel(gpu, &shader!("techniques.caustics.rays"), &[])?
+            }
+        };
+        self.trace = Some((kernel, tracer, constants));
+        Ok(true)
+    }
+
+    /// The pass of the tracer that was chosen.
+    fn trace(&self) -> (&Kernel, Tracer) {
+        let (kernel, tracer, _) = self.trace.as_ref().expect("chosen before maps are made");
+        (kernel, *tracer)
     }
 
     /// Invocations that share the texels of one photon of each of `maps` maps of `side` x `side` pixels.
@@ -210,7 +254,16 @@ impl Caustics {
         let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
         let caustics = of
             .objects()
-            .map(|(one, object)| Caustic::new(gpu, &self.kernels, &self.settings, one, object))
+            .map(|(one, object)| {
+                Caustic::new(
+                    gpu,
+                    &self.kernels,
+                    &self.settings,
+                    one,
+                    object,
+                    &self.claimed,
+                )
+            })
             .collect::<Result<_, _>>()?;
         Ok(CausticMaps {
             of,
@@ -253,8 +306,11 @@ impl Technique for Caustics {
                 _ => 1,
             });
         }
+        if self.settings.tracer == Tracer::Rays {
+            most += MOST_FURTHER;
+        }
         let mut paths = Vec::new();
-        if most > 0 {
+        if !self.claimed.is_empty() {
             for class in [LightClass::Punctual, LightClass::Area] {
                 let light = LightPaths::new(class, "LE");
                 paths.push(light.continued(&format!("S{{1,{most}}}[DG]")));
@@ -291,6 +347,12 @@ impl Technique for Caustics {
         if self.claimed.is_empty() || !has_lights {
             self.made = None;
             return Ok(Generated::FINAL);
+        }
+        if self
+            .kernels
+            .choose(frame.gpu, scene, self.settings.tracer)?
+        {
+            self.made = None;
         }
         let is_made = |made: &CausticMaps| made.of.serves(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {

@@ -7,7 +7,7 @@ use glam::Vec2;
 
 use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use super::lights::{Framing, LightView};
-use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings};
+use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings, Tracer};
 use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
@@ -23,6 +23,7 @@ const PHOTONS_AT_ONCE: u64 = 64 << 20;
 pub struct Caustic {
     instance: u32,
     wanted: Wanted,
+    /// Most surfaces that light meets inside; 0: it is refracted once, or not at all.
     bounces: u32,
     /// Photons per pixel: one mirrored, and one for each bounce inside.
     photons: u32,
@@ -45,7 +46,8 @@ pub struct Caustic {
 #[derive(Debug)]
 struct PhotonGroups {
     maps: Maps,
-    trace: wgpu::BindGroup,
+    /// Bind group 2 of tracer `maps`.
+    trace: Option<wgpu::BindGroup>,
     seen: wgpu::BindGroup,
     counted: wgpu::BindGroup,
 }
@@ -97,7 +99,7 @@ pub struct Making<'a> {
 }
 
 impl Caustic {
-    /// An empty cube for the instance.
+    /// An empty cube for the instance, one of those that are `claimed`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -107,6 +109,7 @@ impl Caustic {
         settings: &Settings,
         instance: u32,
         object: &Object,
+        claimed: &[u32],
     ) -> Result<Self, GpuError> {
         let side = settings.cube_resolution;
         let texels = 6 * u64::from(side) * u64::from(side);
@@ -130,14 +133,19 @@ impl Caustic {
         Ok(Self {
             instance,
             wanted: Wanted {
-                instances: [instance].into(),
+                // Rays pass by what casts caustics: what lies behind it must be seen.
+                instances: match settings.tracer {
+                    Tracer::Maps => [instance].into(),
+                    Tracer::Rays => claimed.into(),
+                },
                 side,
-                shape_side: is_refracting.then_some(settings.shape_resolution),
+                shape_side: (is_refracting && settings.tracer == Tracer::Maps)
+                    .then_some(settings.shape_resolution),
                 reference: None,
                 layers: 1,
                 renewal: Renewal::default(),
             },
-            bounces: settings.bounces,
+            bounces: if is_refracting { settings.bounces } else { 0 },
             photons,
             counters: gpu.buffer("caustic counters [bytes]", texels * COUNTER_BYTES, storage)?,
             lit_texels,
@@ -194,6 +202,11 @@ impl Caustic {
             ..
         } = making;
         let gpu = frame.gpu;
+        if settings.tracer == Tracer::Rays {
+            let mut draws = scene.draws.iter();
+            let draw = draws.find(|draw| draw.instance == self.instance);
+            self.wanted.reference = draw.map(|draw| draw.bounds.center());
+        }
         let (maps, captured) =
             impostors.renew(frame, scene, &self.wanted, making.settings_version, 0)?;
         let maps = maps.clone();
@@ -217,7 +230,7 @@ impl Caustic {
             search: 0,
             iterations: 0,
             bounces: self.bounces,
-            is_refracting: u32::from(self.wanted.shape_side.is_some()),
+            is_refracting: u32::from(self.bounces > 0),
             is_classical: 0,
             world_from_shape: maps.world_from_shape.to_array(),
             ..bytemuck::Zeroable::zeroed()
@@ -240,7 +253,7 @@ impl Caustic {
         // Without a light that shines on the object there are no maps, and the irradiance becomes that of no photons.
         if let Some(caustic_maps) = &mut self.caustic_maps {
             caustic_maps.follow_photons(frame, making, self.instance, &views, bound)?;
-            caustic_maps.write(gpu, kernels, &views, step, &lit_cube);
+            caustic_maps.write(gpu, kernels, &views, step, &lit_cube, self.bounces);
         }
         frame.compute("caustics.irradiance", |pass| {
             let groups = [(1, &bound.seen), (3, &bound.counted)];
@@ -300,8 +313,11 @@ impl Caustic {
         let framings = self.framings(making, number).enumerate();
         let views = framings.filter_map(|(index, (light, side, framing))| {
             let seed = number.wrapping_mul(0x9e37_79b9) ^ index as u32;
-            let view = framing
-                .map(|framing| LightView::new(light, &framing, side, jitter, seed, diagonal));
+            let view = framing.map(|framing| {
+                let mut view = LightView::new(light, &framing, side, jitter, seed, diagonal);
+                view.map.frame = number;
+                view
+            });
             let is_area = index >= making.first_area;
             (is_area || view.is_some()).then_some(Seen { side, view })
         });
@@ -322,7 +338,12 @@ impl Caustic {
             ("lit_texels", self.lit_texels.as_entire_binding()),
         ];
         self.bound = Some(PhotonGroups {
-            trace: maps.bind(gpu, &kernels.trace, &self.of_object, &kernels.sampler, &[])?,
+            trace: match kernels.trace() {
+                (_, Tracer::Rays) => None,
+                (trace, Tracer::Maps) => {
+                    Some(maps.bind(gpu, trace, &self.of_object, &kernels.sampler, &[])?)
+                }
+            },
             seen: maps.points.bind(gpu, &kernels.irradiance)?,
             counted: kernels.irradiance.bind(gpu, 3, &counted)?,
             maps: maps.clone(),
@@ -366,14 +387,19 @@ impl Caustic {
         let batches = parts.into_iter().map(|(of, numbers)| {
             let size = size_of::<Batch>() as u64;
             let uniform = HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
-            let mut resources = vec![
+            let resources = [
                 ("batch", uniform.as_entire_binding()),
                 ("caustic_maps", uniforms.as_entire_binding()),
                 ("photons", photons.as_entire_binding()),
                 ("receivers", maps.points.points.as_entire_binding()),
+                ("counters", self.counters.as_entire_binding()),
             ];
-            let trace = kernels.trace.bind(gpu, 3, &resources)?;
-            resources.push(("counters", self.counters.as_entire_binding()));
+            let (trace, tracer) = kernels.trace();
+            let of_trace = match tracer {
+                Tracer::Maps => &resources[..4],
+                Tracer::Rays => &resources[..3],
+            };
+            let trace = trace.bind(gpu, 3, of_trace)?;
             Ok(BatchOf {
                 maps: of,
                 numbers,
@@ -467,13 +493,14 @@ impl CausticMaps {
             let side = self.images.sides[batch.maps.start];
             let maps = batch.maps.len() as u32;
             frame.compute("caustics.trace", |pass| {
-                let groups = [
-                    (0, &scene.bind_group),
-                    (1, &seen),
-                    (2, &bound.trace),
-                    (3, &batch.trace),
-                ];
-                kernels.trace.dispatch(pass, &groups, [side, side, maps]);
+                let (trace, tracer) = kernels.trace();
+                let of_scene = match tracer {
+                    Tracer::Maps => &scene.bind_group,
+                    Tracer::Rays => &scene.ray_bind_group,
+                };
+                let mut groups = vec![(0, of_scene), (1, &seen), (3, &batch.trace)];
+                groups.extend(bound.trace.iter().map(|group| (2, group)));
+                trace.dispatch(pass, &groups, [side, side, maps]);
             });
             frame.compute("caustics.splat", |pass| {
                 let lanes = kernels.lanes(side, maps);
@@ -501,15 +528,22 @@ impl CausticMaps {
         }
         let hits = wgpu::BindingResource::TextureView(&self.images.hits);
         let merged = scene.vertices.as_entire_binding();
-        let group = kernels
-            .trace
-            .bind(gpu, 1, &[("hits", hits), ("merged", merged)])?;
+        let (trace, _) = kernels.trace();
+        let group = trace.bind(gpu, 1, &[("hits", hits), ("merged", merged)])?;
         self.seen = Some((scene.vertices.clone(), group.clone()));
         Ok(group)
     }
 
     /// Writes what the photon passes read. `step`: flux per count (W).
-    fn write(&self, gpu: &Gpu, kernels: &Kernels, views: &[Seen], step: f64, cube: &LitCube) {
+    fn write(
+        &self,
+        gpu: &Gpu,
+        kernels: &Kernels,
+        views: &[Seen],
+        step: f64,
+        cube: &LitCube,
+        bounces: u32,
+    ) {
         let uniforms = views.iter().zip(&self.images.corners);
         let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
             Some(LightView { map, .. }) => CausticMap {
@@ -530,7 +564,9 @@ impl CausticMaps {
                 first: batch.numbers.start,
                 end: batch.numbers.end,
                 lanes: kernels.lanes(side, batch.maps.len() as u32),
-                padding: [0; 3],
+                instance: cube.instance,
+                bounces,
+                padding: 0,
             };
             batch.uniform.write(gpu, std::slice::from_ref(&uniform));
         }

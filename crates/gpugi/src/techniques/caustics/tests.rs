@@ -84,7 +84,7 @@ fn generated_by(
     frames: u32,
     splat_lanes: Option<[u32; 2]>,
 ) -> Caustics {
-    let mut scene = GpuScene::new(gpu, scene).unwrap();
+    let mut scene = GpuScene::with_texels(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
     let mut technique = Caustics::new(gpu, &scene).unwrap();
     if let Some(lanes) = splat_lanes {
@@ -189,7 +189,34 @@ fn flux_of_points_arrives() {
         }
         let settings = [("resolution", "32"), ("frames", "8")];
         check(name, flux(&gpu, &scene, &settings, 8), expected, 0.01);
+        let settings = [("tracer", "rays"), ("resolution", "64")];
+        check(name, flux(&gpu, &scene, &settings, 1), expected, 0.01);
     }
+}
+
+/// What a mirror throws at a ball of clear glass goes on to the walls: all of it, whatever is drawn at the glass.
+#[test]
+fn flux_arrives_by_way_of_several_objects() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = room(mirror());
+    let mut other = scene.instances.last().unwrap().clone();
+    other.material = scene.add_material(glass());
+    other.world_from_mesh = Mat4::from_translation(CENTER + vec3(-1.1, 0.3, 0.2));
+    other.name = "glass".into();
+    scene.instances.push(other);
+    let at = CENTER + vec3(-0.6, 1.0, 0.4);
+    let light = Light::new("", LightKind::Point, Vec3::ONE);
+    scene.lights = vec![light.aimed(at, Vec3::ZERO)];
+    let settings = [("tracer", "rays"), ("resolution", "64"), ("frames", "8")];
+    let found = fluxes(&gpu, &scene, &settings, 8);
+    let all = falling(f64::from((at - CENTER).length()), 1.0) * DVec3::ONE;
+    check("rays", found[0], all, 0.01);
+    let settings = [("resolution", "64"), ("frames", "8")];
+    let found = fluxes(&gpu, &scene, &settings, 8);
+    assert!(
+        found[0].x < 0.99 * all.x,
+        "maps lose what meets the glass: {found:?}"
+    );
 }
 
 /// A processor lets one invocation splat a whole photon, a GPU several: the light is the same.

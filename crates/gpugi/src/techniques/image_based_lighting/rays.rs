@@ -53,14 +53,7 @@ impl RayGather {
     /// # Errors
     /// [`GpuError::Pass`], also if the scene was uploaded without rays.
     pub fn new(gpu: &Gpu, scene: &GpuScene, reflectivity: Reflectivity) -> Result<Self, GpuError> {
-        if !scene.has_rays() {
-            return Err(GpuError::Pass {
-                pass: super::INFO.name.into(),
-                reason: "visibility=rays needs a technique beside it for which scenes are uploaded with rays, such as \
-                         radiosity or ray-tracing; in the library, GpuScene::with_texels"
-                    .into(),
-            });
-        }
+        scene.check_rays(super::INFO.name, "visibility=rays")?;
         let variant = Variant::new(scene, reflectivity);
         let more = [
             ("REFLECTIVITY", f64::from(reflectivity as u32)),

@@ -25,5 +25,6 @@ pub struct Chunk {
     pub bounces: u32,
     pub split: u32,
     pub step: u32,
-    pub padding: [u32; 3],
+    pub sees_only_environment: u32,
+    pub padding: [u32; 2],
 }

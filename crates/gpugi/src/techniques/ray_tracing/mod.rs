@@ -40,6 +40,16 @@ crate::choices! {
     }
 }
 
+crate::choices! {
+    /// Whether the environment is all that rays see.
+    pub enum SeenEnvironment {
+        /// Behind lit surroundings and lamps.
+        Behind = "behind",
+        /// It alone: what else rays hit is black.
+        Only = "only",
+    }
+}
+
 crate::settings! {
     /// Settings of ray-tracing.
     pub struct Settings {
@@ -51,6 +61,9 @@ crate::settings! {
         /// Surfaces from the eye on at which both the reflected and the refracted ray are followed; at others, one is
         /// drawn for each sample. Each doubles the memory of the rays.
         pub split: u32 = 0 => in_range(0.0, 4.0),
+        /// What rays see: behind, lit surroundings, lamps, and the environment behind them; only, the environment, with
+        /// anything in front of it black.
+        pub environment: SeenEnvironment = SeenEnvironment::Behind => any(),
         /// Objects whose rays are traced: names separated by commas, * for any characters; auto: those with ideal
         /// surfaces. They take the place of objects of distance-impostor.
         pub objects: String = AUTO.to_owned() => any(),
@@ -116,14 +129,16 @@ impl Technique for RayTracing {
         };
         let most = self.settings.bounces;
         let mut paths = Vec::new();
-        if self.has_objects {
+        let sees_only_environment = self.settings.environment == SeenEnvironment::Only;
+        if self.has_objects && !sees_only_environment {
             let bounces = format!("{lobes}{{1,{most}}}");
             paths.extend(covered.iter().map(|one| one.continued(&bounces)));
         }
         if is_smooth {
             // Other techniques add lights on rough lobes.
             let bounces = format!("S{{1,{most}}}");
-            for class in [LightClass::Area, LightClass::Environment] {
+            let classes = [LightClass::Environment, LightClass::Area];
+            for &class in &classes[..if sees_only_environment { 1 } else { 2 }] {
                 paths.push(LightPaths::new(class, SEEN_DIRECTLY).continued(&bounces));
             }
         }

@@ -1,7 +1,7 @@
 //! The passes of a gather: rays from a receiver's points, generation by generation. Nothing is read back; the GPU sets
 //! the number of workgroups of each generation.
 
-use super::{Settings, Tracer, gpu};
+use super::{SeenEnvironment, Settings, Tracer, gpu};
 use crate::capture::{
     Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
 };
@@ -182,6 +182,7 @@ impl Passes {
         } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
         let kernels = [&*begin, plan, trace, shade, add];
+        let sees_only_environment = settings.environment == SeenEnvironment::Only;
         let chunks = chunks.of(receiver, || {
             let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
             let count = points.div_ceil(several);
@@ -191,7 +192,8 @@ impl Passes {
                 bounces: settings.bounces,
                 split: settings.split,
                 step: triangles_per_pass(gpu, count << settings.split),
-                padding: [0; 3],
+                sees_only_environment: u32::from(sees_only_environment),
+                padding: [0; 2],
             });
             all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk, settings.tracer))
                 .collect()
@@ -235,7 +237,9 @@ impl Passes {
                     let groups = [own, (1, seen), (3, rays)];
                     shade.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
                 });
-                earlier.gather(frame, scene, &in_flight.hits, false)?;
+                if !sees_only_environment {
+                    earlier.gather(frame, scene, &in_flight.hits, false)?;
+                }
                 frame.compute("ray-tracing.add", |pass| {
                     let [seen, light, rays] = &chunk.add;
                     let groups = [(1, seen), (2, light), (3, rays)];
