@@ -36,7 +36,7 @@ pub use import::{
 };
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
-pub use medium::{DensityGrid, Medium, PhaseFunction};
+pub use medium::{DensityGrid, MAX_MEDIA, Medium, PhaseFunction};
 pub use mesh::Mesh;
 pub use names::Name;
 pub use provoking::{ProvokingMesh, provoking_order};

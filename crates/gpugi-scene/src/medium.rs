@@ -7,6 +7,9 @@ use glam::{Mat4, Vec3};
 use crate::names::Name;
 use crate::scene::Bounds;
 
+/// Most media of a scene that can be imported and rendered: shaders look at each of them in every step.
+pub const MAX_MEDIA: usize = 64;
+
 /// A medium that scatters, absorbs and emits light in a box, or everywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Medium {

@@ -8,7 +8,7 @@ use gpugi_scene::{Light, LightKind, Material, Scene};
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
-use crate::scene::{has_emitters, has_glossy_objects};
+use crate::scene::{emit_light, has_emitters, has_glossy_objects};
 use crate::techniques::{
     Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting,
     participating_media, radiosity, ray_tracing, shadow_map,
@@ -379,7 +379,7 @@ impl Speed {
 fn light_classes(scene: &Scene) -> Vec<LightClass> {
     let is_present = |class: &LightClass| match class {
         LightClass::Punctual => !scene.lights.is_empty(),
-        LightClass::Area => has_emitters(scene),
+        LightClass::Area => has_emitters(scene) || emit_light(&scene.media),
         LightClass::Environment => scene.environment.is_some(),
     };
     LightClass::ALL.into_iter().filter(is_present).collect()

@@ -15,7 +15,7 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::prefiltered::Environments;
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{Earlier, Generated, Inspection, Map, Plan, Registry, Technique};
@@ -504,7 +504,10 @@ pub fn light_classes(scene: &GpuScene) -> Vec<LightClass> {
     let punctual = !scene.lights.is_empty();
     [
         (punctual, LightClass::Punctual),
-        (!scene.emitters.is_empty(), LightClass::Area),
+        (
+            !scene.emitters.is_empty() || emit_light(&scene.media),
+            LightClass::Area,
+        ),
         (scene.environment.is_some(), LightClass::Environment),
     ]
     .into_iter()

@@ -140,6 +140,28 @@ fn media_without_meaning_are_refused() {
     everywhere.assert_error("scenes[0].extras.gpugi.medium", "no box");
 }
 
+/// Before the 65th of many media, nothing of it or of those after it is read.
+#[test]
+fn a_scene_has_at_most_64_media() {
+    let medium = json!({ "extinction": [1.0, 1.0, 1.0] });
+    let mut file = filled(medium.clone());
+    for _ in 1..64 {
+        file.push(
+            "nodes",
+            json!({ "extras": { "gpugi": { "medium": medium } } }),
+        );
+    }
+    assert_eq!(file.import().media.len(), 64);
+    let missing = json!({ "extinction": [1.0, 1.0, 1.0], "density": "missing.ktx2" });
+    for _ in 64..10_000 {
+        file.push(
+            "nodes",
+            json!({ "extras": { "gpugi": { "medium": missing } } }),
+        );
+    }
+    file.assert_error("nodes[64].extras.gpugi.medium", "at most 64 media");
+}
+
 #[test]
 fn written_media_come_back() {
     for name in ["cloud", "fog-room"] {

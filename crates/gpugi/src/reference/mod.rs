@@ -35,7 +35,7 @@ use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
-use crate::scene::{GpuScene, media_words};
+use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
@@ -222,7 +222,7 @@ impl PathTracer {
             )?;
         }
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
-        constants.push(("HAS_MEDIA", flag(!scene.media.is_empty())));
+        constants.push(on_gpu.media_constant());
         let noise_kernel = Kernel::with_options(
             gpu,
             &shader!("reference.noise"),
@@ -244,7 +244,6 @@ impl PathTracer {
         let rows = gpu.storage("path-tracer.lights [bytes]", rows)?;
         let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
         let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
-        let media = gpu.storage("path-tracer.media [bytes]", &media_words(scene))?;
         let wavefront = Wavefront::new(
             gpu,
             &on_gpu,
@@ -257,7 +256,6 @@ impl PathTracer {
                 ("lights", &rows),
                 ("emitter_rows", &emitter_rows),
                 ("sky_grid", &sky),
-                ("media", &media),
             ],
         )?;
         let tiles = tiles(

@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
-use gpugi_scene::{AlphaMode, Environment, Instance, Light, Material, Mesh, Scene, TextureRef};
+use gpugi_scene::{
+    AlphaMode, Environment, Instance, Light, Material, Medium, Mesh, Scene, TextureRef,
+};
 
 use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texture};
-use super::media::check_media;
+use super::media::{check_media, have_same_grids};
 use super::motion::{moved, same_meshes};
 use super::rows::{is_mirrored, set_place, texture_slots};
+use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
 use super::{GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
@@ -115,8 +118,7 @@ impl GpuScene {
             self.versions.lights += 1;
         }
         if self.media != after.media {
-            self.media.clone_from(&after.media);
-            self.versions.media += 1;
+            self.set_media(gpu, &after.media)?;
         }
         Ok(())
     }
@@ -321,6 +323,9 @@ impl GpuScene {
         }
         self.bounds = self.bounds_tree.all();
         self.header_values.diagonal = self.bounds.diagonal();
+        if (self.media.iter()).any(|medium| medium.world_from_box.is_none()) {
+            self.tables.write_media(gpu, &self.media, &self.bounds);
+        }
         Ok(())
     }
 
@@ -398,6 +403,22 @@ impl GpuScene {
         self.versions.sky += u64::from(header != self.header_values);
         self.header_values = header;
         self.environment = Some(environment.clone());
+        Ok(())
+    }
+
+    fn set_media(&mut self, gpu: &Gpu, media: &[Medium]) -> Result<(), GpuError> {
+        if have_same_grids(&self.media, media) {
+            self.tables.write_media(gpu, media, &self.bounds);
+        } else {
+            let instances = self.tables.instances.clone();
+            let bounds = self.bounds;
+            self.tables = Tables::new(gpu, &self.host, instances, &self.images, (media, &bounds))?;
+            self.bind(gpu);
+            self.header_values.medium_count = media.len() as u32;
+            gpu.write(&self.header, 0, &[self.header_values]);
+        }
+        self.media = media.to_vec();
+        self.versions.media += 1;
         Ok(())
     }
 

@@ -14,8 +14,8 @@ pub struct SceneHeader {
     pub environment_intensity: f32,
     pub diagonal: f32,
     pub bvh_start: [u32; 2],
-    pub padding_0: u32,
-    pub padding_1: u32,
+    pub medium_row: u32,
+    pub medium_count: u32,
 }
 
 /// `Instance` of scene/tables.wesl.

@@ -1,18 +1,16 @@
-//! Media for shaders: parameters, densities, and majorant grids, which bound the densities of coarse cells so that
-//! tracking takes long steps through thin parts.
+//! Media for shaders: parameters, densities, and two grids of coarse cells: majorants bound the densities so that tracking
+//! takes long steps through thin parts, and means stand for them where many rays share the work.
 
 use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
-use gpugi_scene::{DensityGrid, Medium, PhaseFunction, Scene};
+use gpugi_scene::{Bounds, DensityGrid, MAX_MEDIA, Medium, PhaseFunction, Scene};
 
 use crate::gpu::GpuError;
 
-/// Most media of a scene: shaders look at each of them in every step.
-const MAX_MEDIA: usize = 64;
-/// Words per medium, and cells of a majorant grid along each axis: scene/media.wesl.
+/// Words per medium, and coarse cells of a grid along each axis: scene/media.wesl.
 const WORDS: usize = 32;
-const MAJORANT_CELLS: u32 = 16;
+const COARSE_CELLS: u32 = 16;
 /// Flags of a medium in scene/media.wesl.
 const EVERYWHERE: u32 = 1;
 const CORNETTE_SHANKS: u32 = 2;
@@ -34,44 +32,110 @@ pub(crate) fn check_media(scene: &Scene) -> Result<(), GpuError> {
     Ok(())
 }
 
-/// `media` of scene/media.wesl, for media that [`check_media`] accepts.
-pub(crate) fn media_words(scene: &Scene) -> Vec<u32> {
-    let media = &scene.media;
-    let mut words = vec![media.len() as u32];
-    words.resize(1 + media.len() * WORDS, 0);
-    // Grids that media share are written once: their addresses, and where they begin.
-    let mut known: Vec<(*const DensityGrid, [u32; 8])> = Vec::new();
-    for (index, medium) in media.iter().enumerate() {
-        let unit = Arc::new(DensityGrid {
-            size: [1; 3],
-            values: vec![1.0],
-        });
-        let density = medium.density.as_ref().unwrap_or(&unit);
-        let address = Arc::as_ptr(density);
-        let found = known.iter().find(|(other, _)| *other == address);
-        let grids = match (found, &medium.density) {
-            (Some((_, grids)), Some(_)) => *grids,
-            _ => {
-                let grids = append(&mut words, density);
-                known.push((address, grids));
-                grids
-            }
+/// Whether any medium emits light, which counts as that of area lights.
+pub(crate) fn emit_light(media: &[Medium]) -> bool {
+    media.iter().any(|medium| medium.emission != Vec3::ZERO)
+}
+
+/// The box of a medium. One that fills everything is taken to fill `bounds`, those of the scene's instances, where
+/// light is followed in steps.
+pub(crate) fn world_from_box(medium: &Medium, bounds: &Bounds) -> Mat4 {
+    medium.world_from_box.unwrap_or_else(|| {
+        let centre = (bounds.min + bounds.max) / 2.0;
+        Mat4::from_translation(centre) * Mat4::from_scale(bounds.max - bounds.min)
+    })
+}
+
+/// Grids of densities, each once, and by medium the one that it has. The first is that of media without densities.
+fn grids(media: &[Medium]) -> (Vec<Arc<DensityGrid>>, Vec<usize>) {
+    let even = DensityGrid {
+        size: [1; 3],
+        values: vec![1.0],
+    };
+    let mut grids = vec![Arc::new(even)];
+    let of_medium = media.iter().map(|medium| {
+        let Some(density) = &medium.density else {
+            return 0;
         };
-        let first = 1 + index * WORDS;
-        words[first..first + 24].copy_from_slice(&parameters(medium));
-        words[first + 24..first + WORDS].copy_from_slice(&grids);
+        let known = grids.iter().position(|grid| Arc::ptr_eq(grid, density));
+        known.unwrap_or_else(|| {
+            grids.push(density.clone());
+            grids.len() - 1
+        })
+    });
+    let of_medium = of_medium.collect();
+    (grids, of_medium)
+}
+
+/// Whether both have the same grids, so that [`density_words`] are the same.
+pub(super) fn have_same_grids(before: &[Medium], after: &[Medium]) -> bool {
+    let (before, of_before) = grids(before);
+    let (after, of_after) = grids(after);
+    let mut pairs = before.iter().zip(&after).skip(1);
+    of_before == of_after && pairs.all(|(a, b)| Arc::ptr_eq(a, b))
+}
+
+fn coarse_cells(grid: &DensityGrid) -> [u32; 3] {
+    grid.size.map(|side| side.min(COARSE_CELLS))
+}
+
+/// The parameters of checked media, which [`density_words`] follow.
+pub(super) fn medium_words(media: &[Medium], bounds: &Bounds) -> Vec<[u32; WORDS]> {
+    let (grids, of_medium) = grids(media);
+    let mut end = media.len() * WORDS;
+    let places = grids.iter().map(|grid| {
+        let first = end;
+        let cells = coarse_cells(grid);
+        let first_majorant = first + grid.values.len();
+        end = first_majorant + 2 * cells.iter().product::<u32>() as usize;
+        let [x, y, z] = grid.size;
+        let [across, along, up] = cells;
+        [
+            x,
+            y,
+            z,
+            first as u32,
+            across,
+            along,
+            up,
+            first_majorant as u32,
+        ]
+    });
+    let places: Vec<[u32; 8]> = places.collect();
+    let rows = media.iter().zip(of_medium).map(|(medium, grid)| {
+        let mut words = [0; WORDS];
+        words[..24].copy_from_slice(&parameters(medium, bounds));
+        words[24..].copy_from_slice(&places[grid]);
+        words
+    });
+    rows.collect()
+}
+
+/// Densities, majorants and means of all grids that media have, in whole rows of four words.
+pub(super) fn density_words(media: &[Medium]) -> Vec<u32> {
+    if media.is_empty() {
+        return Vec::new();
     }
+    let mut words = Vec::new();
+    for grid in grids(media).0 {
+        let cells = coarse_cells(&grid);
+        for values in [&grid.values, &majorants(&grid, cells), &means(&grid, cells)] {
+            words.extend(values.iter().map(|value| value.to_bits()));
+        }
+    }
+    words.resize(words.len().next_multiple_of(4), 0);
     words
 }
 
 /// The first 24 words of a medium.
-fn parameters(medium: &Medium) -> [u32; 24] {
-    // The shader's box spans 0 to 1.
-    let box_from_world = medium
-        .world_from_box
-        .map_or(Mat4::IDENTITY, |world_from_box| {
-            Mat4::from_translation(Vec3::splat(0.5)) * world_from_box.inverse()
-        });
+fn parameters(medium: &Medium, bounds: &Bounds) -> [u32; 24] {
+    // The shader's box spans 0 to 1. Where there is no volume to fill, all points are outside of it.
+    let to_unit = world_from_box(medium, bounds).inverse();
+    let box_from_world = if to_unit.is_finite() {
+        Mat4::from_translation(Vec3::splat(0.5)) * to_unit
+    } else {
+        Mat4::from_translation(Vec3::splat(2.0)) * Mat4::from_scale(Vec3::ZERO)
+    };
     let (g, kind) = match medium.phase {
         PhaseFunction::HenyeyGreenstein(g) => (g, 0),
         PhaseFunction::CornetteShanks(g) => (g, CORNETTE_SHANKS),
@@ -101,58 +165,56 @@ fn parameters(medium: &Medium) -> [u32; 24] {
     words
 }
 
-/// Appends the densities and their majorants; returns the last eight words of a medium.
-fn append(words: &mut Vec<u32>, density: &DensityGrid) -> [u32; 8] {
-    let size = density.size;
-    let first = words.len() as u32;
-    words.extend(density.values.iter().map(|value| value.to_bits()));
-    let cells = size.map(|side| side.min(MAJORANT_CELLS));
-    let first_majorant = words.len() as u32;
-    words.extend(
-        majorants(density, cells)
-            .iter()
-            .map(|value| value.to_bits()),
-    );
-    [
-        size[0],
-        size[1],
-        size[2],
-        first,
-        cells[0],
-        cells[1],
-        cells[2],
-        first_majorant,
-    ]
-}
-
 /// The largest interpolated density in each of `cells` cells; x varies fastest, then y.
 fn majorants(density: &DensityGrid, cells: [u32; 3]) -> Vec<f32> {
+    // Interpolation also reads the neighbours of the values in a cell.
+    let largest = |values: &mut dyn Iterator<Item = f32>| values.fold(0.0, f32::max);
+    by_cell(density, cells, 1, largest)
+}
+
+/// The mean of the densities in each of `cells` cells.
+fn means(density: &DensityGrid, cells: [u32; 3]) -> Vec<f32> {
+    let mean = |values: &mut dyn Iterator<Item = f32>| {
+        let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| {
+            (sum + f64::from(value), count + 1.0)
+        });
+        (sum / count) as f32
+    };
+    by_cell(density, cells, 0, mean)
+}
+
+/// What `of` makes of the densities in each of `cells` cells, and of `reach` more in each direction; x varies fastest,
+/// then y.
+fn by_cell(
+    density: &DensityGrid,
+    cells: [u32; 3],
+    reach: usize,
+    of: impl Fn(&mut dyn Iterator<Item = f32>) -> f32,
+) -> Vec<f32> {
     let [width, height, _] = density.size.map(|side| side as usize);
-    // Values that interpolation reads in a cell, along one axis.
+    // Values in a cell, along one axis.
     let range = |axis: usize, cell: u32| {
         let (size, count) = (u64::from(density.size[axis]), u64::from(cells[axis]));
-        let low = u64::from(cell) * size / count;
-        let high = (u64::from(cell + 1) * size).div_ceil(count);
-        (low.saturating_sub(1)) as usize..(high + 1).min(size) as usize
+        let low = (u64::from(cell) * size / count) as usize;
+        let high = (u64::from(cell + 1) * size).div_ceil(count) as usize;
+        low.saturating_sub(reach)..(high + reach).min(size as usize)
     };
-    let mut largest = Vec::new();
+    let mut found = Vec::new();
     for z in 0..cells[2] {
         for y in 0..cells[1] {
             for x in 0..cells[0] {
-                let mut most = 0.0_f32;
-                for slice in range(2, z) {
-                    for row in range(1, y) {
-                        let line = (slice * height + row) * width;
-                        let columns = range(0, x);
-                        let values = &density.values[line + columns.start..line + columns.end];
-                        most = values.iter().copied().fold(most, f32::max);
-                    }
-                }
-                largest.push(most);
+                let lines = range(2, z)
+                    .flat_map(|slice| range(1, y).map(move |row| (slice * height + row) * width));
+                let mut values = lines.flat_map(|line| {
+                    let columns = range(0, x);
+                    let values = &density.values[line + columns.start..line + columns.end];
+                    values.iter().copied()
+                });
+                found.push(of(&mut values));
             }
         }
     }
-    largest
+    found
 }
 
 #[cfg(test)]
@@ -167,7 +229,7 @@ mod tests {
             .map(|index| (index * 7919 % 101) as f32)
             .collect();
         let density = DensityGrid { size, values };
-        let cells = size.map(|side| side.min(MAJORANT_CELLS));
+        let cells = size.map(|side| side.min(COARSE_CELLS));
         let largest = majorants(&density, cells);
         assert_eq!(largest.len(), (16 * 3 * 16));
         // Every value is read up to the centres of its neighbours.
@@ -193,5 +255,7 @@ mod tests {
         };
         let rising = majorants(&flat, [16; 3]);
         assert_eq!((rising[0], rising[15]), (4.0, 63.0));
+        let means = means(&flat, [16; 3]);
+        assert_eq!((means[0], means[15]), (1.5, 61.5));
     }
 }

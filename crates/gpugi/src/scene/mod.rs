@@ -42,7 +42,7 @@ pub(crate) use emitters::has_emitters;
 pub(crate) use environment::check_environment;
 use geometry::Geometry;
 use images::ImageArrays;
-pub(crate) use media::{check_media, media_words};
+pub(crate) use media::{check_media, emit_light, world_from_box};
 pub use motion::Placement;
 use objects::seen_class;
 pub use objects::{Claims, Object};
@@ -278,6 +278,11 @@ impl GpuScene {
             ..Default::default()
         };
         Kernel::with_options(gpu, shader, "main", Some(&self.ray_layout), &options)
+    }
+
+    /// Pipeline constant of shaders that look up the transmittance of media (scene/media.wesl).
+    pub(crate) fn media_constant(&self) -> (&'static str, f64) {
+        ("HAS_MEDIA", f64::from(u8::from(!self.media.is_empty())))
     }
 
     /// Whether light passes through any surface: where alpha cuts it out, and by transmission. Shaders that trace rays

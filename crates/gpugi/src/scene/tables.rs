@@ -1,11 +1,13 @@
-//! The scene's tables: a row an instance, a row a material, and rows for the textures that each material may read.
+//! The scene's tables: a row an instance, a row a material, rows for the textures that each material may read, and media
+//! with their densities.
 
 use std::ops::Range;
 
-use gpugi_scene::Scene;
+use gpugi_scene::{Bounds, Medium, Scene};
 
 use super::gpu;
 use super::images::ImageArrays;
+use super::media::{density_words, medium_words};
 use super::rows::{TEXTURE_SLOTS, material_row};
 use crate::gpu::{Gpu, GpuError};
 
@@ -19,11 +21,13 @@ pub(super) struct Tables {
 }
 
 impl Tables {
+    /// Tables of a scene, but with `media`, of which those that fill everything fill the bounds beside them.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
         instances: Vec<gpu::Instance>,
         images: &ImageArrays,
+        media: (&[Medium], &Bounds),
     ) -> Result<Self, GpuError> {
         let rows = (0..scene.materials.len()).map(|index| material_row(scene, index, images));
         let (materials, textures): (Vec<gpu::Material>, Vec<_>) = rows.unzip();
@@ -33,6 +37,10 @@ impl Tables {
         tables.extend(bytemuck::cast_slice::<gpu::TextureReference, u8>(
             textures.as_flattened(),
         ));
+        let (media, bounds) = media;
+        let parameters = medium_words(media, bounds);
+        tables.extend(bytemuck::cast_slice::<u32, u8>(parameters.as_flattened()));
+        tables.extend(bytemuck::cast_slice::<u32, u8>(&density_words(media)));
         Ok(Self {
             buffer: gpu.storage("scene tables [bytes]", &tables)?,
             instances,
@@ -40,15 +48,17 @@ impl Tables {
         })
     }
 
-    /// Bytes where instances, materials and textures begin.
-    fn starts(&self) -> [usize; 3] {
+    /// Bytes where instances, materials, textures and media begin.
+    fn starts(&self) -> [usize; 4] {
         let materials = size_of_val(&self.instances[..]);
         let textures = materials + self.material_count * size_of::<gpu::Material>();
-        [0, materials, textures]
+        let of_material = TEXTURE_SLOTS * size_of::<gpu::TextureReference>();
+        let media = textures + self.material_count * of_material;
+        [0, materials, textures, media]
     }
 
-    /// Rows (of 16 bytes) where instances, materials and textures begin.
-    pub fn rows(&self) -> [u32; 3] {
+    /// Rows (of 16 bytes) where instances, materials, textures and media begin.
+    pub fn rows(&self) -> [u32; 4] {
         self.starts().map(|bytes| bytes as u32 / 16)
     }
 
@@ -70,13 +80,20 @@ impl Tables {
         textures: bool,
     ) {
         let (material, references) = material_row(scene, index, images);
-        let [_, materials, texture_rows] = self.starts();
+        let [_, materials, texture_rows, _] = self.starts();
         let at = materials + index * size_of::<gpu::Material>();
         gpu.write(&self.buffer, at as u64, &[material]);
         if textures {
             let at = texture_rows + index * TEXTURE_SLOTS * size_of::<gpu::TextureReference>();
             gpu.write(&self.buffer, at as u64, &references);
         }
+    }
+
+    /// Writes the parameters of media whose grids are those in the buffer.
+    pub fn write_media(&self, gpu: &Gpu, media: &[Medium], bounds: &Bounds) {
+        let [.., start] = self.starts();
+        let words = medium_words(media, bounds);
+        gpu.write(&self.buffer, start as u64, words.as_flattened());
     }
 }
 

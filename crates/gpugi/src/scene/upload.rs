@@ -121,13 +121,13 @@ impl GpuScene {
             Some(before) => before.images.clone(),
             None => ImageArrays::new(gpu, scene)?,
         };
-        let tables = Tables::new(gpu, scene, instances, &images)?;
         let world_bounds = scene.instances.iter().map(|instance| {
             let bounds = meshes[instance.mesh].bounds;
             bounds.transformed(&instance.world_from_mesh)
         });
         let bounds_tree = BoundsTree::new(world_bounds);
         let bounds = bounds_tree.all();
+        let tables = Tables::new(gpu, scene, instances, &images, (&scene.media, &bounds))?;
         let rays = match same_meshes.and_then(|before| before.rays.as_ref()) {
             Some(rays) => Some(rays.with_instances(gpu, scene)?),
             None if use_of != Use::Captures => Some(Rays::new(gpu, scene, &geometry)?),
@@ -328,7 +328,7 @@ impl Bindings {
 
 impl gpu::SceneHeader {
     fn new(scene: &Scene, tables: &Tables, bounds: &Bounds, rays: Option<&Rays>) -> Self {
-        let [instance_row, material_row, texture_row] = tables.rows();
+        let [instance_row, material_row, texture_row, medium_row] = tables.rows();
         Self {
             instance_row,
             material_row,
@@ -336,6 +336,8 @@ impl gpu::SceneHeader {
             instance_count: scene.instances.len() as u32,
             diagonal: bounds.diagonal(),
             bvh_start: rays.map_or([0; 2], Rays::start),
+            medium_row,
+            medium_count: scene.media.len() as u32,
             ..bytemuck::Zeroable::zeroed()
         }
         .with_environment(scene.environment.as_ref())

@@ -11,7 +11,7 @@ use super::document::Document;
 use super::uri;
 use crate::image::decode_volume;
 use crate::import::quoted;
-use crate::{DensityGrid, ImportError, Medium, Name, PhaseFunction, Resolver};
+use crate::{DensityGrid, ImportError, MAX_MEDIA, Medium, Name, PhaseFunction, Resolver};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -45,6 +45,8 @@ pub struct Media<'a> {
     document: &'a Document<'a>,
     resolver: &'a dyn Resolver,
     volumes: HashMap<String, Arc<DensityGrid>>,
+    /// Media so far.
+    count: usize,
 }
 
 impl<'a> Media<'a> {
@@ -53,6 +55,7 @@ impl<'a> Media<'a> {
             document,
             resolver,
             volumes: HashMap::new(),
+            count: 0,
         }
     }
 
@@ -70,6 +73,11 @@ impl<'a> Media<'a> {
         };
         let document = self.document;
         let place = format!("{place}.extras.gpugi.medium");
+        self.count += 1;
+        if self.count > MAX_MEDIA {
+            let reason = format!("a scene has at most {MAX_MEDIA} media");
+            return Err(document.error(place, reason));
+        }
         let extras =
             MediumExtras::deserialize(value).map_err(|error| document.error(&place, error))?;
         document.charge(1, size_of::<Medium>(), &place)?;

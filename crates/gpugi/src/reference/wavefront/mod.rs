@@ -57,7 +57,6 @@ pub(super) struct Wavefront {
     shade: Stage,
     resolve: Kernel,
     resolve_pool: wgpu::BindGroup,
-    media: wgpu::BindGroup,
     lights: wgpu::BindGroup,
     pool: wgpu::Buffer,
     /// Workgroup counts of `trace` and `shade`, written by `plan`.
@@ -97,8 +96,7 @@ fn bind(
 
 impl Wavefront {
     /// Kernels and memory for images of `pixels` pixels. `constants` are those of path_state.wesl and bvh.wesl;
-    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows`, `sky_grid`
-    /// and `media`.
+    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows` and `sky_grid`.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
@@ -170,7 +168,6 @@ impl Wavefront {
                 &["lights", "emitter_rows", "sky_grid"],
             )?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,
-            media: bind(gpu, &trace.kernel, 2, &all, &["media"])?,
             trace,
             shade,
             resolve_pool: bind(gpu, &resolve, 3, &all, &["pool"])?,
@@ -256,7 +253,7 @@ impl Wavefront {
         let scene = (0, &scene.ray_bind_group);
         plan.kernel
             .dispatch(pass, &[(1, &plan.own), (3, &plan.pool)], [1, 1, 1]);
-        let groups = [scene, (1, &trace.own), (2, &self.media), (3, &trace.pool)];
+        let groups = [scene, (1, &trace.own), (3, &trace.pool)];
         trace
             .kernel
             .dispatch_indirect(pass, &groups, &self.arguments, 0);

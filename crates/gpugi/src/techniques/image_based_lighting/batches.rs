@@ -12,6 +12,8 @@ use crate::shader;
 
 /// Most direction x point products per dispatch: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
+/// Lookups for a direction that passes media, roughly, where one counts as a lookup of a depth map.
+const MEDIA_LOOKUPS: u64 = 16;
 
 /// Bytes of a texel's depth.
 const DEPTH_BYTES: u32 = 4;
@@ -68,6 +70,8 @@ impl Plan {
 pub struct Batches {
     /// Form of reflectivity that the gather is compiled for.
     pub reflectivity: Reflectivity,
+    /// Whether the gather looks for media.
+    pub knows_media: bool,
     rasterizer: DepthRasterizer,
     gather: ReceiverKernel,
     /// Gathers four texels of an atlas.
@@ -115,9 +119,11 @@ impl Batches {
         let constants = [
             ("REFLECTIVITY", f64::from(reflectivity as u32)),
             ("HAS_TRANSMITTANCE", has_transmittance.into()),
+            scene.media_constant(),
         ];
         Ok(Self {
             reflectivity,
+            knows_media: !scene.media.is_empty(),
             rasterizer,
             gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
             texels: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -296,9 +302,9 @@ impl Batches {
         };
         let gpu = frame.gpu;
         let gather = self.gather.of(gpu, &receiver.points)?;
-        let bound = self
-            .bound
-            .of(receiver, || bind(gpu, gather, made, receiver))?;
+        let bound = self.bound.of(receiver, || {
+            bind(gpu, gather, made, receiver, self.knows_media)
+        })?;
         for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
             if !made.plan.is_kept {
                 batch.draw(frame, &mut self.rasterizer, made.drawing, scene)?;
@@ -357,10 +363,13 @@ fn bind(
     gather: &Kernel,
     made: &DirectionMaps,
     receiver: &Receiver,
+    knows_media: bool,
 ) -> Result<ReceiverGroups, GpuError> {
     let Receiver { points, target, .. } = receiver;
     let group = points.bind(gpu, gather)?;
-    let at_once = (DISPATCH_WORK / u64::from(points.count.max(1))).max(1) as usize;
+    let lookups = if knows_media { MEDIA_LOOKUPS } else { 1 };
+    let at_once = DISPATCH_WORK / lookups / u64::from(points.count.max(1));
+    let at_once = at_once.max(1) as usize;
     let mut ranges = Vec::new();
     for batch in &made.batches {
         let mut of_batch = Vec::new();

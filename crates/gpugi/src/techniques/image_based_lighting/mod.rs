@@ -327,6 +327,7 @@ impl Technique for ImageBasedLighting {
         let has_see_through = scene.has_see_through(Claims::NONE);
         if self.batches.reflectivity != reflectivity
             || self.batches.has_transmittance() != has_see_through
+            || self.batches.knows_media == scene.media.is_empty()
         {
             self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
             self.survey = Survey::new(frame.gpu, has_see_through)?;

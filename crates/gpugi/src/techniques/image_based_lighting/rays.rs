@@ -15,6 +15,7 @@ const DISPATCH_WORK: u64 = 1 << 24;
 struct Variant {
     reflectivity: Reflectivity,
     has_clear: bool,
+    has_media: bool,
     constants: [(&'static str, f64); 1],
 }
 
@@ -23,6 +24,7 @@ impl Variant {
         Self {
             reflectivity,
             has_clear: scene.has_clear_objects(),
+            has_media: !scene.media.is_empty(),
             constants: scene.ray_constants(),
         }
     }
@@ -58,6 +60,7 @@ impl RayGather {
         let more = [
             ("REFLECTIVITY", f64::from(reflectivity as u32)),
             ("HAS_CLEAR", f64::from(u8::from(variant.has_clear))),
+            scene.media_constant(),
         ];
         let shader = shader!("techniques.image_based_lighting.rays");
         Ok(Self {

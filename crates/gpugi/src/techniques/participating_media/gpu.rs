@@ -2,23 +2,6 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Medium` of media.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct Medium {
-    pub box_from_world: [[f32; 4]; 4],
-    pub extinction: [f32; 3],
-    pub first_density: u32,
-    pub albedo: [f32; 3],
-    pub asymmetry: f32,
-    pub emission: [f32; 3],
-    pub phase: u32,
-    pub cells: [u32; 3],
-    pub first_node: u32,
-    pub nodes: [u32; 3],
-    pub padding: u32,
-}
-
 /// `Particle` of network.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

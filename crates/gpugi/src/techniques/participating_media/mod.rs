@@ -170,7 +170,7 @@ impl Technique for ParticipatingMedia {
         if self.made.as_ref().is_none_or(|made| made.from != from) {
             let particles = Particles::new(&scene.media, from.particles, &scene.bounds);
             self.made = None;
-            if !particles.media.is_empty() {
+            if particles.are_seen {
                 let network = Network::new(gpu, kernels, &particles, from.directions, &lights)?;
                 self.made = Some(Made {
                     from,
@@ -214,7 +214,7 @@ impl Technique for ParticipatingMedia {
             if !earlier.may_step() {
                 break;
             }
-            earlier.count(made.network.iterate(frame, kernels));
+            earlier.count(made.network.iterate(frame, scene, kernels));
             self.progress += 1;
         }
         self.revision += u64::from(wanted > 0);

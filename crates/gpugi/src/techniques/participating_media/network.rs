@@ -27,7 +27,7 @@ impl Kernels {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
+        let in_scene = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
         Ok(Self {
             visibility: scene.ray_kernel(
                 gpu,
@@ -39,15 +39,15 @@ impl Kernels {
                 &shader!("techniques.participating_media.arriving"),
                 &[],
             )?,
-            emit: plain(shader!("techniques.participating_media.emit"))?,
-            sky: Kernel::new(
+            emit: in_scene(shader!("techniques.participating_media.emit"))?,
+            sky: in_scene(shader!("techniques.participating_media.sky"))?,
+            scatter: in_scene(shader!("techniques.participating_media.scatter"))?,
+            transport: Kernel::new(
                 gpu,
-                &shader!("techniques.participating_media.sky"),
+                &shader!("techniques.participating_media.transport"),
                 "main",
-                Some(&scene.layout),
+                None,
             )?,
-            scatter: plain(shader!("techniques.participating_media.scatter"))?,
-            transport: plain(shader!("techniques.participating_media.transport"))?,
         })
     }
 }
@@ -57,10 +57,10 @@ impl Kernels {
 pub struct Network {
     pub values: gpu::Network,
     pub uniform: wgpu::Buffer,
-    pub media: wgpu::Buffer,
-    pub densities: wgpu::Buffer,
     pub particles: wgpu::Buffer,
     pub neighbours: wgpu::Buffer,
+    /// [`Particles::fields`].
+    pub fields: wgpu::Buffer,
     /// Light samples.
     pub lights: wgpu::Buffer,
     /// [particle x lights + light].
@@ -81,11 +81,11 @@ pub struct Network {
 
 #[derive(Debug)]
 struct Groups {
-    visibility: [wgpu::BindGroup; 2],
-    arriving: [wgpu::BindGroup; 2],
-    emit: [wgpu::BindGroup; 2],
+    visibility: wgpu::BindGroup,
+    arriving: wgpu::BindGroup,
+    emit: wgpu::BindGroup,
     sky: wgpu::BindGroup,
-    scatter: [[wgpu::BindGroup; 2]; 2],
+    scatter: [wgpu::BindGroup; 2],
     transport: [wgpu::BindGroup; 2],
 }
 
@@ -120,8 +120,6 @@ impl Network {
         let matrices: Vec<f32> = matrices.collect();
         let reached = u64::from(particles) * lights.len() as u64 * 16;
         let uniform = gpu.uniform("illumination network", &values)?;
-        let media = gpu.storage("media", &made.media)?;
-        let densities = gpu.storage("densities [bytes]", &made.densities)?;
         let rows = gpu.storage("particles", some(&made.particles, &Zeroable::zeroed()))?;
         let cells = gpu.storage("cells of particles", &made.cells.lists)?;
         let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
@@ -136,54 +134,40 @@ impl Network {
         let sky = gpu.buffer("sky of particles", u64::from(directions) * 16, storage)?;
         let phase_matrices = gpu.storage("phase matrices", &matrices)?;
 
-        let in_media = |kernel: &Kernel| {
-            let resources = [("media", of(&media)), ("densities", of(&densities))];
-            kernel.bind(gpu, 2, &resources)
-        };
-        let of_media = |kernel: &Kernel| kernel.bind(gpu, 2, &[("media", of(&media))]);
         let net = || ("net", of(&uniform));
         let listed = || ("particles", of(&rows));
         let groups = Groups {
-            visibility: [
-                in_media(&kernels.visibility)?,
-                kernels.visibility.bind(
-                    gpu,
-                    3,
-                    &[
-                        net(),
-                        listed(),
-                        ("cells", of(&cells)),
-                        ("visible", of(&visible)),
-                    ],
-                )?,
-            ],
-            arriving: [
-                in_media(&kernels.arriving)?,
-                kernels.arriving.bind(
-                    gpu,
-                    3,
-                    &[
-                        net(),
-                        listed(),
-                        ("lights", of(&lights)),
-                        ("arriving", of(&arriving)),
-                    ],
-                )?,
-            ],
-            emit: [
-                of_media(&kernels.emit)?,
-                kernels.emit.bind(
-                    gpu,
-                    3,
-                    &[
-                        net(),
-                        listed(),
-                        ("lights", of(&lights)),
-                        ("arriving", of(&arriving)),
-                        ("emitted", of(&emitted)),
-                    ],
-                )?,
-            ],
+            visibility: kernels.visibility.bind(
+                gpu,
+                3,
+                &[
+                    net(),
+                    listed(),
+                    ("cells", of(&cells)),
+                    ("visible", of(&visible)),
+                ],
+            )?,
+            arriving: kernels.arriving.bind(
+                gpu,
+                3,
+                &[
+                    net(),
+                    listed(),
+                    ("lights", of(&lights)),
+                    ("arriving", of(&arriving)),
+                ],
+            )?,
+            emit: kernels.emit.bind(
+                gpu,
+                3,
+                &[
+                    net(),
+                    listed(),
+                    ("lights", of(&lights)),
+                    ("arriving", of(&arriving)),
+                    ("emitted", of(&emitted)),
+                ],
+            )?,
             sky: kernels.sky.bind(gpu, 3, &[net(), ("sky", of(&sky))])?,
             scatter: {
                 let scatter = |before: &wgpu::Buffer| {
@@ -195,10 +179,7 @@ impl Network {
                         ("incoming", of(before)),
                         ("source", of(&source)),
                     ];
-                    Ok([
-                        of_media(&kernels.scatter)?,
-                        kernels.scatter.bind(gpu, 3, &resources)?,
-                    ])
+                    kernels.scatter.bind(gpu, 3, &resources)
                 };
                 [scatter(&incoming[0])?, scatter(&incoming[1])?]
             },
@@ -221,10 +202,9 @@ impl Network {
         Ok(Self {
             values,
             uniform,
-            media,
-            densities,
             particles: rows,
             neighbours: gpu.storage("neighbours of nodes", &made.neighbours)?,
+            fields: gpu.storage("fields of media", &made.fields)?,
             lights,
             arriving,
             visible,
@@ -250,9 +230,8 @@ impl Network {
 
     /// Finds what each particle sees: pass `participating-media.visibility`. Returns the number of rays.
     pub fn look(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
-        let [media, own] = &self.groups.visibility;
         frame.compute("participating-media.visibility", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (2, media), (3, own)];
+            let groups = [(0, &scene.ray_bind_group), (3, &self.groups.visibility)];
             kernels
                 .visibility
                 .dispatch(pass, &groups, [self.entries(), 1, 1]);
@@ -265,15 +244,13 @@ impl Network {
     pub fn light(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
         let rays = self.values.particles * self.values.lights;
         if rays > 0 {
-            let [media, own] = &self.groups.arriving;
             frame.compute("participating-media.arriving", |pass| {
-                let groups = [(0, &scene.ray_bind_group), (2, media), (3, own)];
+                let groups = [(0, &scene.ray_bind_group), (3, &self.groups.arriving)];
                 kernels.arriving.dispatch(pass, &groups, [rays, 1, 1]);
             });
         }
         frame.compute("participating-media.emit", |pass| {
-            let [media, own] = &self.groups.emit;
-            let groups = [(2, media), (3, own)];
+            let groups = [(0, &scene.bind_group), (3, &self.groups.emit)];
             kernels.emit.dispatch(pass, &groups, [self.entries(), 1, 1]);
         });
         frame.compute("participating-media.sky", |pass| {
@@ -287,16 +264,14 @@ impl Network {
 
     /// One iteration: passes `participating-media.scatter` and `participating-media.transport`. Returns the number of
     /// lookups.
-    pub fn iterate(&mut self, frame: &mut Frame<'_>, kernels: &Kernels) -> u64 {
+    pub fn iterate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
         let parity = (self.iterations % 2) as usize;
         self.iterations += 1;
         frame.compute("participating-media.scatter", |pass| {
-            let [media, own] = &self.groups.scatter[parity];
+            let groups = [(0, &scene.bind_group), (3, &self.groups.scatter[parity])];
             // A workgroup of 64 per particle.
             let invocations = [64 * self.values.particles, 1, 1];
-            kernels
-                .scatter
-                .dispatch(pass, &[(2, media), (3, own)], invocations);
+            kernels.scatter.dispatch(pass, &groups, invocations);
         });
         frame.compute("participating-media.transport", |pass| {
             let groups = [(3, &self.groups.transport[parity])];
@@ -316,10 +291,9 @@ impl Network {
     pub fn bytes(&self) -> u64 {
         let [even, odd] = &self.incoming;
         let buffers = [
-            &self.media,
-            &self.densities,
             &self.particles,
             &self.neighbours,
+            &self.fields,
             &self.lights,
             &self.arriving,
             &self.visible,

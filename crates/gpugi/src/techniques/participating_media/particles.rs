@@ -5,6 +5,7 @@ use gpugi_scene::{Bounds, DensityGrid, Medium, PhaseFunction};
 
 use super::cells::{Cells, nearest};
 use super::gpu;
+use crate::scene::world_from_box;
 use crate::sequences::{R3, additive};
 
 /// Particles among which the field of scattered radiance is interpolated at a node.
@@ -13,14 +14,19 @@ pub const NEIGHBOURS: usize = 8;
 const NODES_PER_PARTICLE: f64 = 8.0;
 /// Most nodes along an axis of a box.
 const MOST_NODES: f64 = 96.0;
+/// Boxes count as filled at least this much: a box with little in it has no more than 8 times as many nodes as a full
+/// one.
+const LEAST_FILLED: f64 = 0.125;
 
-/// Media as shaders read them.
+/// Particles as shaders read them.
 #[derive(Debug, Default)]
 pub struct Particles {
-    pub media: Vec<gpu::Medium>,
+    /// By medium.
     pub phases: Vec<PhaseFunction>,
-    /// Densities of all grids.
-    pub densities: Vec<f32>,
+    /// Whether any medium takes light or gives any.
+    pub are_seen: bool,
+    /// By medium, the nodes of its field along the axes, and where they begin.
+    pub fields: Vec<[u32; 4]>,
     pub particles: Vec<gpu::Particle>,
     /// Per node of the media's fields its nearest particles, and their weights as bits.
     pub neighbours: Vec<[[u32; NEIGHBOURS]; 2]>,
@@ -30,9 +36,8 @@ pub struct Particles {
 
 /// A medium with the distribution of its extinction.
 struct Distributed<'a> {
-    medium: &'a Medium,
     world_from_box: Mat4,
-    distribution: Distribution,
+    distribution: Distribution<'a>,
     /// Integral of the extinction over its volume (m^2), averaged over the channels.
     extinction: f64,
 }
@@ -40,11 +45,18 @@ struct Distributed<'a> {
 impl Particles {
     /// About `count` particles that represent `media`. A medium that fills everything is taken to fill `bounds`.
     pub fn new(media: &[Medium], count: u32, bounds: &Bounds) -> Self {
-        let distributed = media.iter().filter_map(|medium| distribute(medium, bounds));
-        let distributed: Vec<Distributed<'_>> = distributed.collect();
-        let total: f64 = distributed.iter().map(|one| one.extinction).sum();
+        let distributed = media.iter().map(|medium| distribute(medium, bounds));
+        let distributed: Vec<Option<Distributed<'_>>> = distributed.collect();
+        let all = distributed.iter().flatten();
+        let total: f64 = all.map(|one| one.extinction).sum();
         let mut made = Self::default();
-        for one in &distributed {
+        for (medium, one) in media.iter().zip(&distributed) {
+            made.phases.push(medium.phase);
+            made.fields.push([1, 1, 1, 0]);
+            let Some(one) = one else {
+                continue;
+            };
+            made.are_seen = true;
             let share = one.extinction / total.max(f64::MIN_POSITIVE);
             let own = if one.extinction > 0.0 {
                 (f64::from(count) * share).round().max(1.0) as u32
@@ -57,10 +69,10 @@ impl Particles {
         made
     }
 
-    /// Appends a medium that `count` particles represent.
+    /// Appends the particles of the last medium, `count` of them, and its field.
     fn add(&mut self, one: &Distributed<'_>, count: u32) {
         let first = self.particles.len();
-        let index = self.media.len() as u32;
+        let index = self.phases.len() as u32 - 1;
         let extents = [0, 1, 2].map(|axis| one.world_from_box.col(axis).truncate().length());
         let extents = Vec3::from_array(extents);
         let volume = f64::from(one.world_from_box.determinant().abs());
@@ -82,36 +94,16 @@ impl Particles {
                 padding: [0; 3],
             });
         }
-        let nodes = if count == 0 {
-            [1; 3]
-        } else {
-            let side = volume * one.distribution.filled_share() / NODES_PER_PARTICLE;
-            let side = (side / f64::from(count)).cbrt();
-            let along = |extent: f32| (f64::from(extent) / side).round().clamp(2.0, MOST_NODES);
-            extents.to_array().map(|extent| along(extent) as u32)
-        };
-        let (phase, asymmetry) = match one.medium.phase {
-            PhaseFunction::HenyeyGreenstein(g) => (0, g),
-            PhaseFunction::CornetteShanks(g) => (1, g),
-        };
-        self.phases.push(one.medium.phase);
-        self.media.push(gpu::Medium {
-            box_from_world: one.world_from_box.inverse().to_cols_array_2d(),
-            extinction: one.medium.extinction.to_array(),
-            first_density: self.densities.len() as u32,
-            albedo: one.medium.albedo.to_array(),
-            asymmetry: bounded(asymmetry),
-            emission: one.medium.emission.to_array(),
-            phase,
-            cells: one.medium.density.as_ref().map_or([0; 3], |grid| grid.size),
-            first_node: self.neighbours.len() as u32,
-            nodes,
-            padding: 0,
-        });
-        if let Some(grid) = &one.medium.density {
-            self.densities.extend_from_slice(&grid.values);
+        if count == 0 {
+            return;
         }
+        let filled = one.distribution.filled_share().max(LEAST_FILLED);
+        let side = volume * filled / NODES_PER_PARTICLE / f64::from(count);
+        let along = |extent: f32| (f64::from(extent) / side.cbrt()).round();
+        let nodes = extents.to_array();
+        let nodes = nodes.map(|extent| along(extent).clamp(2.0, MOST_NODES) as u32);
         let [x, y, z] = nodes;
+        self.fields[index as usize] = [x, y, z, self.neighbours.len() as u32];
         let node_places = (0..x * y * z).map(|node| {
             let at = [node % x, node / x % y, node / (x * y)].map(|at| at as f32);
             let share = (Vec3::from_array(at) + 0.5) / Vec3::from_array(nodes.map(|n| n as f32));
@@ -143,17 +135,13 @@ fn weights(squared: &[f32; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
 
 /// The medium with its box and its distribution; `None` if it neither takes light nor gives any, or has no volume.
 fn distribute<'a>(medium: &'a Medium, bounds: &Bounds) -> Option<Distributed<'a>> {
-    let world_from_box = medium.world_from_box.unwrap_or_else(|| {
-        let centre = (bounds.min + bounds.max) / 2.0;
-        Mat4::from_translation(centre) * Mat4::from_scale(bounds.max - bounds.min)
-    });
+    let world_from_box = world_from_box(medium, bounds);
     let volume = f64::from(world_from_box.determinant().abs());
     let distribution = Distribution::new(medium.density.as_deref())?;
     let mean = f64::from(medium.extinction.element_sum()) / 3.0;
     let extinction = volume * mean * distribution.mean();
     let is_there = extinction > 0.0 || medium.emission.max_element() > 0.0;
     (is_there && volume > 0.0 && extinction.is_finite()).then_some(Distributed {
-        medium,
         world_from_box,
         distribution,
         extinction,
@@ -161,9 +149,9 @@ fn distribute<'a>(medium: &'a Medium, bounds: &Bounds) -> Option<Distributed<'a>
 }
 
 /// The distribution of densities over a unit cube, constant in each cell of a grid.
-struct Distribution {
+struct Distribution<'a> {
     size: [usize; 3],
-    values: Vec<f64>,
+    values: &'a [f32],
     /// Sums of the values before each row along x, and before the end.
     rows: Vec<f64>,
 }
@@ -176,23 +164,19 @@ struct Drawn {
     relative_density: f64,
 }
 
-impl Distribution {
+impl<'a> Distribution<'a> {
     /// That of a grid, or an even one. `None` if there is nothing in it.
-    fn new(grid: Option<&DensityGrid>) -> Option<Self> {
-        let (size, values) = match grid {
-            Some(grid) => {
-                let values = grid.values.iter().map(|&value| f64::from(value.max(0.0)));
-                (grid.size.map(|cells| cells as usize), values.collect())
-            }
-            None => ([1; 3], vec![1.0]),
-        };
+    fn new(grid: Option<&'a DensityGrid>) -> Option<Self> {
+        let (size, values) = grid.map_or(([1; 3], &[1.0][..]), |grid| {
+            (grid.size.map(|cells| cells as usize), &grid.values[..])
+        });
         if size.iter().product::<usize>() != values.len() {
             return None;
         }
         let mut rows = vec![0.0];
         let mut sum = 0.0;
         for row in values.chunks_exact(size[0].max(1)) {
-            sum += row.iter().sum::<f64>();
+            sum += row.iter().map(|&value| f64::from(value)).sum::<f64>();
             rows.push(sum);
         }
         (sum > 0.0 && sum.is_finite()).then_some(Self { size, values, rows })
@@ -209,7 +193,9 @@ impl Distribution {
 
     /// The share of the cube that the particles fill: (sum of values)^2 / (count x sum of squares).
     fn filled_share(&self) -> f64 {
-        let squares: f64 = self.values.iter().map(|value| value * value).sum();
+        let squares: f64 = (self.values.iter())
+            .map(|&value| f64::from(value).powi(2))
+            .sum();
         self.total().powi(2) / (squares * self.values.len() as f64)
     }
 
@@ -224,7 +210,7 @@ impl Distribution {
         let mut sums = vec![0.0];
         let mut sum = 0.0;
         for value in &self.values[first..first + x_cells] {
-            sum += value;
+            sum += f64::from(*value);
             sums.push(sum);
         }
         let (cell, x) = invert(&sums, u);
@@ -232,7 +218,7 @@ impl Distribution {
         let size = self.size.map(|cells| cells as f64);
         Drawn {
             at: place / DVec3::from_array(size),
-            relative_density: self.values[first + cell] / self.mean(),
+            relative_density: f64::from(self.values[first + cell]) / self.mean(),
         }
     }
 }
@@ -253,6 +239,8 @@ fn invert(sums: &[f64], u: f64) -> (usize, f64) {
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+
+    use gpugi_scene::MAX_MEDIA;
 
     use super::*;
 
@@ -311,17 +299,13 @@ mod tests {
             extinction: Vec3::ZERO,
             ..medium(None)
         };
-        assert!(
-            Particles::new(std::slice::from_ref(&clear), 64, &Bounds::EMPTY)
-                .media
-                .is_empty()
-        );
+        let none = Particles::new(std::slice::from_ref(&clear), 64, &Bounds::EMPTY);
+        assert!(none.particles.is_empty());
         let glowing = Medium {
             emission: Vec3::ONE,
             ..clear
         };
         let made = Particles::new(&[glowing, medium(None)], 64, &Bounds::EMPTY);
-        assert_eq!(made.media.len(), 2);
         assert!(made.particles.iter().all(|one| one.medium == 1));
         assert_eq!(made.particles.len(), 64);
         let torn = DensityGrid {
@@ -329,7 +313,26 @@ mod tests {
             values: vec![1.0; 5],
         };
         let made = Particles::new(&[medium(Some(torn))], 64, &Bounds::EMPTY);
-        assert!(made.media.is_empty());
+        assert!(made.particles.is_empty());
+    }
+
+    /// A file may hold as many media as a scene takes, each with one filled cell in a large volume.
+    #[test]
+    fn nodes_are_bounded_by_particles() {
+        let mut values = vec![0.0; 64 * 64 * 64];
+        values[5] = 1.0;
+        let sparse = DensityGrid {
+            size: [64; 3],
+            values,
+        };
+        let media = vec![medium(Some(sparse)); MAX_MEDIA];
+        let made = Particles::new(&media, 1024, &Bounds::EMPTY);
+        assert_eq!(made.particles.len(), 1024);
+        assert!(
+            made.neighbours.len() < 100 * 1024,
+            "{}",
+            made.neighbours.len()
+        );
     }
 
     #[test]

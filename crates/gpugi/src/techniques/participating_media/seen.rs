@@ -18,7 +18,6 @@ pub struct Seen {
     scattered: wgpu::Buffer,
     field: wgpu::Buffer,
     field_group: wgpu::BindGroup,
-    composite_media: wgpu::BindGroup,
     kept: PerReceiver<Arc<Behind>>,
 }
 
@@ -28,7 +27,7 @@ struct Behind {
     /// The same points with a target of their own, for what is behind the media.
     receiver: Receiver,
     /// Bind groups of `toward_eye`, by the parity of the iteration.
-    toward_eye: [[wgpu::BindGroup; 3]; 2],
+    toward_eye: [[wgpu::BindGroup; 2]; 2],
     /// Groups 1 and 3.
     composite: [wgpu::BindGroup; 2],
 }
@@ -44,9 +43,10 @@ impl Seen {
         network: &Network,
         steps: u32,
     ) -> Result<Self, GpuError> {
-        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
-        let toward_eye = plain(shader!("techniques.participating_media.toward_eye"))?;
-        let field_kernel = plain(shader!("techniques.participating_media.field"))?;
+        let toward_eye = shader!("techniques.participating_media.toward_eye");
+        let toward_eye = Kernel::new(gpu, &toward_eye, "main", Some(&scene.layout))?;
+        let field_kernel = shader!("techniques.participating_media.field");
+        let field_kernel = Kernel::new(gpu, &field_kernel, "main", None)?;
         let composite = ReceiverKernel::new(
             gpu,
             scene,
@@ -72,14 +72,6 @@ impl Seen {
                 ("field", of(&field)),
             ],
         )?;
-        let composite_media = composite.to_bind().bind(
-            gpu,
-            2,
-            &[
-                ("media", of(&network.media)),
-                ("densities", of(&network.densities)),
-            ],
-        )?;
         Ok(Self {
             toward_eye,
             field_kernel,
@@ -87,7 +79,6 @@ impl Seen {
             scattered,
             field,
             field_group,
-            composite_media,
             kept: PerReceiver::default(),
         })
     }
@@ -125,8 +116,8 @@ impl Seen {
         let count = network.values.particles;
         if count > 0 {
             frame.compute("participating-media.toward-eye", |pass| {
-                let [seen, media, own] = &kept.toward_eye[parity];
-                let groups = [(1, seen), (2, media), (3, own)];
+                let [seen, own] = &kept.toward_eye[parity];
+                let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
                 self.toward_eye.dispatch(pass, &groups, [count, 1, 1]);
             });
             frame.compute("participating-media.field", |pass| {
@@ -138,12 +129,7 @@ impl Seen {
         let composite = self.composite.of(gpu, &receiver.points)?;
         frame.compute("participating-media.composite", |pass| {
             let [seen, own] = &kept.composite;
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &self.composite_media),
-                (3, own),
-            ];
+            let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
             composite.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
         });
         Ok(())
@@ -172,7 +158,6 @@ impl Seen {
                 ];
                 Ok::<_, GpuError>([
                     kernel.bind(gpu, 1, &[("seen", of(&points.view))])?,
-                    kernel.bind(gpu, 2, &[("media", of(&network.media))])?,
                     kernel.bind(gpu, 3, &resources)?,
                 ])
             };
@@ -180,6 +165,7 @@ impl Seen {
             let composite = self.composite.to_bind();
             let resources = [
                 ("field", of(&self.field)),
+                ("fields", of(&network.fields)),
                 ("behind", of(&behind)),
                 ("radiance", of(&target.radiance)),
             ];

@@ -15,10 +15,15 @@ fn dispatch_work(gpu: &Gpu) -> u64 {
     }
 }
 
+/// Densities that are looked up on the way to a light, roughly.
+const MEDIA_LOOKUPS: u32 = 64;
+
 /// The pass, and what it is bound to.
 #[derive(Debug)]
 pub struct ShadowGather {
     kernel: ReceiverKernel,
+    /// Whether the kernel looks for media.
+    pub knows_media: bool,
     lights: Option<Lights>,
     bound: PerReceiver<ReceiverGroups>,
 }
@@ -45,9 +50,13 @@ impl ShadowGather {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, shadows: &Shadows) -> Result<Self, GpuError> {
         let shader = shader!("techniques.shadow_map.gather");
-        let constants = [("HAS_TRANSMITTANCE", shadows.has_transmittance().into())];
+        let constants = [
+            ("HAS_TRANSMITTANCE", shadows.has_transmittance().into()),
+            scene.media_constant(),
+        ];
         Ok(Self {
             kernel: ReceiverKernel::new(gpu, scene, &shader, &constants)?,
+            knows_media: !scene.media.is_empty(),
             lights: None,
             bound: PerReceiver::default(),
         })
@@ -89,9 +98,9 @@ impl ShadowGather {
         };
         let gpu = frame.gpu;
         let kernel = self.kernel.of(gpu, &receiver.points)?;
-        let bound = self
-            .bound
-            .of(receiver, || bind(gpu, kernel, receiver, lights))?;
+        let bound = self.bound.of(receiver, || {
+            bind(gpu, kernel, receiver, lights, self.knows_media)
+        })?;
         frame.compute(pass, |compute| {
             for (count, range) in &bound.chunks {
                 let groups = [
@@ -113,6 +122,7 @@ fn bind(
     kernel: &Kernel,
     receiver: &Receiver,
     lights: &Lights,
+    knows_media: bool,
 ) -> Result<ReceiverGroups, GpuError> {
     let Receiver { points, target, .. } = receiver;
     let group = points.bind(gpu, kernel)?;
@@ -122,10 +132,14 @@ fn bind(
     } else {
         settings.taps.max(settings.area_taps)
     };
+    // Densities on the way to a light count like comparisons.
+    let lookups = taps + if knows_media { MEDIA_LOOKUPS } else { 0 };
     let work = dispatch_work(gpu);
-    let per_light = u64::from(points.count) * u64::from(taps);
+    let per_light = u64::from(points.count) * u64::from(lookups);
     let lights_at_once = (work / per_light.max(1)).clamp(1, u64::from(lights.count)) as u32;
-    let points_at_once = (work / u64::from(taps)).min(u64::from(points.count)).max(1) as u32;
+    let points_at_once = (work / u64::from(lookups))
+        .min(u64::from(points.count))
+        .max(1) as u32;
     let mut chunks = Vec::new();
     for first_light in (0..lights.count).step_by(lights_at_once as usize) {
         for first_point in (0..points.count).step_by(points_at_once as usize) {

@@ -221,8 +221,10 @@ impl Technique for ShadowMap {
         view: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        if self.shadows.has_transmittance() != scene.has_see_through(Claims::SHADOW) {
-            // Materials or claims have changed.
+        if self.shadows.has_transmittance() != scene.has_see_through(Claims::SHADOW)
+            || self.gather.knows_media == scene.media.is_empty()
+        {
+            // Materials, claims or media have changed.
             *self = Self {
                 settings: self.settings.clone(),
                 generated: Generated {
