@@ -253,6 +253,63 @@ fn transfer_vectors_refuse_what_they_cannot_use() {
     }
 }
 
+/// A file of panes is shown as the scene is without them, and refuses what cannot be baked.
+#[test]
+fn panes_are_baked_and_used() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("bake-panes");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (glb, stored, new) = (path("panes.glb"), path("stored.exr"), path("new.exr"));
+    let settings = [
+        "--set",
+        "light-path-map.entries=64",
+        "--set",
+        "light-path-map.clusters=4",
+    ];
+    let bake = [
+        "bake",
+        "cornell",
+        "--technique",
+        "light-path-map",
+        "-o",
+        &glb,
+    ];
+    for (option, part) in [
+        (
+            &["--set", "light-path-map.resolution=64"][..],
+            "--atlas-size",
+        ),
+        (&["--set", "light-path-map.panes=2"], "how panes are added"),
+        (&["--time", "1"], "panes are those"),
+    ] {
+        let refused = gpugi(&[&bake[..], option].concat());
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{option:?}: {message}");
+        assert!(message.contains(part), "{option:?}: {message}");
+    }
+    let said = run(&[&bake[..], &settings, &["--atlas-size", "32"]].concat());
+    assert!(said.contains("4 panes at 1 x 32 x 32 texels"), "{said}");
+    let render = |output: &str, scene: &str, more: &[&str]| {
+        let to = ["--technique", "shadow-map,light-path-map", "-o", output];
+        let size = ["--size", "24x24", "--samples", "4"];
+        run(&[&["render", scene], &to[..], &size, more].concat());
+    };
+    render(&stored, &glb, &[]);
+    let resolution = [
+        "--set",
+        "light-path-map.resolution=32",
+        "--set",
+        "light-path-map.stored=false",
+    ];
+    render(&new, &glb, &[&settings[..], &resolution].concat());
+    // Both have other noise, in shadows of the lamp and in panes.
+    run(&[
+        "compare", &stored, &new, "--metric", "rel-mse", "--max", "0.02",
+    ]);
+}
+
 /// What is baked looks as what is lit.
 #[test]
 fn a_baked_scene_looks_as_it_is_lit() {

@@ -157,6 +157,19 @@ fn transfer_vectors_that_are_interrupted_and_killed_are_the_same_bits() {
 }
 
 #[test]
+fn panes_that_are_interrupted_and_killed_are_the_same_bits() {
+    let panes = [
+        "--technique",
+        "light-path-map",
+        "--set",
+        "light-path-map.entries=1024",
+        "--set",
+        "light-path-map.clusters=32",
+    ];
+    stop_at_random_times("panes-killed", &panes, 2);
+}
+
+#[test]
 #[ignore = "minutes: cargo test --test bake_stops -- --ignored"]
 fn a_bake_that_is_stopped_a_hundred_times_gives_the_same_bits() {
     stop_at_random_times("bake-killed-often", &LIGHT, 100);

@@ -43,11 +43,12 @@ pub struct Outcome {
 }
 
 /// All formats.
-pub const ALL: [Format; 12] = [
+pub const ALL: [Format; 13] = [
     format("glb", seeds::glb, run_scene),
     format("gltf", seeds::gltf, run_scene),
     format("bake", seeds::bake, run_bake),
     format("transfer", seeds::transfer, run_scene),
+    format("panes", seeds::panes, run_scene),
     format("obj", seeds::obj, run_scene),
     format("ply", seeds::ply, run_scene),
     format("png", seeds::png, run_image),

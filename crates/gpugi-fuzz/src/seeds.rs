@@ -7,11 +7,15 @@ use exr::prelude::{
     Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
     SpecificChannels, Vec2, WritableImage,
 };
-use gpugi::bake::{Checkpoint, LightState, ObscuranceState, TransferState};
+use gpugi::bake::{Checkpoint, LightState, ObscuranceState, PrecomputedState};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::export::{BakedPage, TransferFormat, export_bake, export_scene, export_transfer};
+use gpugi_scene::export::{
+    BakedPage, TransferFormat, export_bake, export_panes, export_scene, export_transfer,
+};
 use gpugi_scene::image::{HalfTexture, save_ktx2};
-use gpugi_scene::{Atlas, AtlasOptions, DensityGrid, Medium, Scene, TransferVectors};
+use gpugi_scene::{
+    Atlas, AtlasOptions, DensityGrid, LightPathPanes, Medium, Scene, SurfacePlace, TransferVectors,
+};
 use half::f16;
 use image::{DynamicImage, ImageFormat, Rgb, Rgb32FImage, RgbImage, RgbaImage};
 use serde_json::{Value, json};
@@ -273,6 +277,31 @@ pub fn transfer() -> Vec<Case> {
         .into()
 }
 
+/// A file with two panes of four points.
+pub fn panes() -> Vec<Case> {
+    let scene = room();
+    let atlas = atlas(&scene);
+    let texels = (atlas.size * atlas.size * atlas.pages) as usize;
+    let point = SurfacePlace {
+        instance: 0,
+        triangle: 0,
+        barycentrics: [0.25; 2],
+    };
+    let panes = LightPathPanes {
+        atlas: atlas.into(),
+        depth: 1,
+        entries: vec![point; 2],
+        samples: vec![point; 2],
+        firsts: vec![0, 1, 2],
+        first_samples: vec![0, 0, 2],
+        panes: vec![1 << 30; 2 * texels],
+        geometry: [0; 32],
+        materials: [0; 32],
+    };
+    let exported = export_panes(None, &scene, &panes).expect("a file");
+    vec![one("a.glb", exported.glb)]
+}
+
 pub fn obj() -> Vec<Case> {
     let scene = "# a house
 mtllib a.mtl
@@ -519,7 +548,7 @@ pub fn checkpoint() -> Vec<Case> {
         atlas: atlas(&room()),
         obscurances: Some(ObscuranceState::default()),
         light: Some(LightState::default()),
-        transfer: Some(TransferState::default()),
+        precomputed: Some(PrecomputedState::default()),
     };
     let empty = Checkpoint {
         atlas: begun.atlas.clone(),
@@ -541,7 +570,7 @@ mod tests {
     /// A seed that is refused would lead nowhere.
     #[test]
     fn seeds_are_read() {
-        for case in [glb(), gltf(), bake(), obj(), ply()].concat() {
+        for case in [glb(), gltf(), bake(), transfer(), panes(), obj(), ply()].concat() {
             let (name, bytes) = &case[0];
             let scene = import(name, bytes, &Files(&case), &Limits::default());
             let scene = scene.unwrap_or_else(|error| panic!("{error}"));

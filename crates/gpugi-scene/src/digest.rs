@@ -1,6 +1,6 @@
 //! One hash that identifies a picture's inputs: it covers everything in a scene that can change what a camera sees.
-//! Names, cameras, warnings, animation data (what would move at another time) and transfer vectors (which
-//! follow from the rest) are excluded.
+//! Names, cameras, warnings, animation data (what would move at another time), transfer vectors
+//! and panes (which follow from the rest) are excluded.
 //!
 //! Structs are destructured field by field, so adding a field breaks the build until somebody decides whether the hash
 //! includes it.
@@ -34,6 +34,7 @@ impl Scene {
             media,
             rig: _,
             transfer: _,
+            panes: _,
             warnings: _,
         } = self;
         let mut hasher = Hasher::new();
@@ -45,6 +46,18 @@ impl Scene {
         lights.feed(&mut hasher);
         environment.feed(&mut hasher);
         media.feed(&mut hasher);
+        *hasher.finalize().as_bytes()
+    }
+
+    /// BLAKE3 of materials, textures and images, and of which instance has which material.
+    pub fn material_digest(&self) -> [u8; 32] {
+        let mut hasher = Hasher::new();
+        self.materials.feed(&mut hasher);
+        self.textures.feed(&mut hasher);
+        self.images.feed(&mut hasher);
+        for instance in &self.instances {
+            instance.material.feed(&mut hasher);
+        }
         *hasher.finalize().as_bytes()
     }
 }

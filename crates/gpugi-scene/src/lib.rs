@@ -20,6 +20,7 @@ pub mod medium;
 pub mod mesh;
 pub mod names;
 pub mod normals;
+pub mod panes;
 pub mod polygon;
 pub mod provoking;
 pub mod scene;
@@ -39,6 +40,7 @@ pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volu
 pub use medium::{DensityGrid, MAX_MEDIA, Medium, PhaseFunction};
 pub use mesh::Mesh;
 pub use names::Name;
+pub use panes::{LightPathPanes, SurfacePlace};
 pub use provoking::{ProvokingMesh, provoking_order};
 pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};
 pub use transfer::TransferVectors;

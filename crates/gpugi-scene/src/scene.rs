@@ -7,7 +7,8 @@ use glam::{Mat4, Vec3};
 use crate::animation::Rig;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{
-    AlphaMode, Camera, Image, Light, LightKind, Material, Medium, Mesh, Texture, TransferVectors,
+    AlphaMode, Camera, Image, Light, LightKind, LightPathPanes, Material, Medium, Mesh, Texture,
+    TransferVectors,
 };
 
 /// A placed mesh. Several instances may share a mesh.
@@ -213,6 +214,8 @@ pub struct Scene {
     pub rig: Option<Rig>,
     /// Transfer vectors that the file holds: those of the scene as it was imported.
     pub transfer: Option<Arc<TransferVectors>>,
+    /// Panes of light path maps that the file holds: those of the scene as it was imported.
+    pub panes: Option<Arc<LightPathPanes>>,
     /// Features that the file asked for and the importer could not provide.
     pub warnings: Vec<String>,
 }

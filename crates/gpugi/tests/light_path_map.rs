@@ -3,16 +3,22 @@
 mod common;
 
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use common::{gpu, renderer_of};
 use glam::{Vec3, vec3};
+use gpugi::bake::{Bake, PaneBake};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, Part, overlap};
 use gpugi::measure::{Options, Quality, Subject, trace};
 use gpugi::scene::Edit;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::{Camera, Light, LightKind, Material, Scene};
+use gpugi_scene::export::export_panes;
+use gpugi_scene::{
+    Atlas, AtlasOptions, Camera, FileResolver, Light, LightKind, LightPathPanes, Limits, Material,
+    Scene, import,
+};
 
 const SIZE: u32 = 40;
 const SAMPLES: u32 = 16;
@@ -202,6 +208,89 @@ fn nothing_pops_while_a_light_moves() {
     let step = largest(&mut steps.collect::<Vec<_>>().into_iter());
     println!("{step} of white");
     assert!(white > 0.1 && step < 0.02, "{white} {step}");
+}
+
+/// Settings of panes that are soon made.
+const FEW: [(&str, &str); 4] = [
+    ("entries", "256"),
+    ("clusters", "8"),
+    ("depth", "3"),
+    ("steps", "8"),
+];
+
+fn pane_bake<'a>(gpu: &Gpu, scene: &'a Scene) -> PaneBake<'a> {
+    let options = AtlasOptions {
+        size: 32,
+        ..AtlasOptions::default()
+    };
+    let atlas = Atlas::new(scene, &options).expect("an atlas");
+    let mut bake = PaneBake::new(gpu, scene, atlas).expect("a bake");
+    for (name, value) in FEW {
+        bake.set(name, value).expect("a setting");
+    }
+    bake
+}
+
+/// Takes the steps that are left, and returns their number and the result.
+fn finished(mut bake: PaneBake) -> (usize, LightPathPanes) {
+    let mut steps = 0;
+    while bake.step().expect("a step").is_some() {
+        steps += 1;
+    }
+    assert!(bake.is_complete());
+    (steps, bake.finish().expect("panes"))
+}
+
+/// Panes that a file brings light it as new ones, whatever the settings, and are made anew when the scene is another.
+#[test]
+fn stored_panes_light_as_new_ones() {
+    let Some(gpu) = gpu() else { return };
+    let scene = cornell();
+    let (steps, panes) = finished(pane_bake(&gpu, &scene));
+    assert!(steps > 1);
+    let mut stopped = pane_bake(&gpu, &scene);
+    stopped.step().expect("a step");
+    let mut resumed = pane_bake(&gpu, &scene);
+    resumed.resume(stopped.save().expect("a state"));
+    assert!(stopped.finish().is_err());
+    let (_, again) = finished(resumed);
+    assert!(again == panes);
+    assert!(pane_bake(&gpu, &scene).set("left-out", "0.1").is_err());
+
+    let glb = export_panes(None, &scene, &panes).expect("a file").glb;
+    let nothing = FileResolver::new(Path::new(""), Limits::default());
+    let mut read = import("panes.glb", &glb, &nothing, &Limits::default()).expect("a scene");
+    assert!(read.panes.is_some());
+    read.cameras = scene.cameras.clone();
+    let light = scene.lights[0].clone();
+    let lit = |scene: &Scene, settings: &[&str]| {
+        let mut indirect = Indirect::new(&gpu, scene, settings);
+        let picture = indirect.picture(&light, 4);
+        (picture, indirect.both.warnings())
+    };
+    let new: Vec<String> = FEW
+        .iter()
+        .map(|(name, value)| format!("{name}={value}"))
+        .collect();
+    let new: Vec<&str> = new.iter().map(String::as_str).collect();
+    let (expected, _) = lit(&scene, &[&new[..], &["resolution=32"]].concat());
+    // Settings that give another picture.
+    let others = ["entries=16", "clusters=2", "resolution=16"];
+    let (stored, warnings) = lit(&read, &others);
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let (other, _) = lit(&read, &[&others[..], &["stored=false"]].concat());
+    let apart = |one: &[f32]| {
+        let squares = one.iter().zip(&expected).map(|(a, b)| (a - b).powi(2));
+        let scale: f32 = expected.iter().map(|value| value * value).sum();
+        squares.sum::<f32>() / scale
+    };
+    println!("stored {:.1e}, other {:.1e}", apart(&stored), apart(&other));
+    assert!(apart(&stored) < 1e-6 && apart(&other) > 1e-3);
+
+    read.materials[0].base_color *= 0.5;
+    let (_, warnings) = lit(&read, &others);
+    let is_said = warnings.iter().any(|one| one.contains("other materials"));
+    assert!(is_said, "{warnings:?}");
 }
 
 #[test]

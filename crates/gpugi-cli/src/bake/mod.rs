@@ -1,7 +1,7 @@
 //! `gpugi bake`: bakes a scene's light, or what relights it, into texture space, or an environment into maps.
 
+mod precomputed;
 mod scene;
-mod transfer;
 mod volume;
 mod work;
 
@@ -11,6 +11,8 @@ use anyhow::Context;
 use gpugi::gpu::Gpu;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::environment_map::{self, export};
+use gpugi::techniques::light_path_map::{self, LightPathMap};
+use gpugi::techniques::radiance_transfer::{self, RadianceTransfer};
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::import_environment;
 
@@ -29,8 +31,8 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
     /// Techniques whose light is baked, separated by commas; radiance-transfer alone writes what relights the scene under
-    /// any environment; environment-map alone writes an environment's maps (SCENE
-    /// is an .exr or .hdr)
+    /// any environment, light-path-map alone what does so under any lights; environment-map alone writes an environment's
+    /// maps (SCENE is an .exr or .hdr)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -62,24 +64,23 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
-    if arguments.technique == [transfer::NAME] {
-        let Arguments {
-            scene,
-            output,
-            set,
-            options,
-            ..
-        } = arguments;
-        return transfer::run(common, scene, output, set, options);
+    let Arguments {
+        scene,
+        output,
+        technique,
+        set,
+        options,
+        ..
+    } = arguments;
+    match &technique[..] {
+        [name] if name == radiance_transfer::INFO.name => {
+            precomputed::run::<RadianceTransfer>(common, scene, output, set, options)
+        }
+        [name] if name == light_path_map::INFO.name => {
+            precomputed::run::<LightPathMap>(common, scene, output, set, options)
+        }
+        _ => scene::run(common, scene, output, technique, set, options),
     }
-    scene::run(
-        common,
-        &arguments.scene,
-        &arguments.output,
-        &arguments.technique,
-        &arguments.set,
-        &arguments.options,
-    )
 }
 
 /// Builds the maps of an environment and writes them. Each file is written completely or not at all.

@@ -12,7 +12,10 @@ use gpugi::gpu::Gpu;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
-use gpugi::techniques::{caustics, final_gather, image_based_lighting, radiosity, shadow_map};
+use gpugi::techniques::{
+    caustics, final_gather, image_based_lighting, light_path_map, radiance_transfer, radiosity,
+    shadow_map,
+};
 use gpugi::{Purpose, default_set};
 use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
@@ -74,8 +77,8 @@ pub struct SceneOptions {
     /// Texels per metre, in as many pages as needed (default: as many texels as fit one page)
     #[arg(long, value_name = "N")]
     pub texel_density: Option<f32>,
-    /// Width and height of a page (texels; default: 1024, and for transfer vectors as many of them as fit the GPU's
-    /// buffers)
+    /// Width and height of a page (texels; default: 1024, for transfer vectors as many of them as fit the GPU's buffers,
+    /// and for panes of light-path-map 256)
     #[arg(long, value_name = "TEXELS")]
     pub atlas_size: Option<u32>,
     /// Minimum number of empty texels between charts
@@ -98,7 +101,7 @@ pub struct SceneOptions {
     seed: u32,
     /// How a file stores transfer vectors (radiance-transfer)
     #[arg(long, value_name = "FORMAT", default_value = "half")]
-    pub transfer_format: super::transfer::Format,
+    pub transfer_format: super::precomputed::Format,
     /// Exposure of unlit bakes in EV (0 shows radiance 1 as 1), or auto
     #[arg(
         long,
@@ -164,9 +167,10 @@ pub fn run(
         |name: &str| DIRECT.contains(&name) || [INDIRECT, GATHERED, FACTOR].contains(&name);
     if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
         return Err(Usage(format!(
-            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}; {} alone",
+            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}; {} and {} alone",
             DIRECT.join(", "),
-            super::transfer::NAME
+            radiance_transfer::INFO.name,
+            light_path_map::INFO.name
         ))
         .into());
     }

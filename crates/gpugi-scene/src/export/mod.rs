@@ -6,7 +6,7 @@ mod gltf;
 use glam::Vec3;
 
 use crate::atlas::Atlas;
-use crate::{ImportError, Limits, Resolver, Scene, TransferVectors};
+use crate::{ImportError, LightPathPanes, Limits, Resolver, Scene, TransferVectors};
 
 /// The glTF file that a scene was imported from.
 #[derive(Clone, Copy)]
@@ -145,6 +145,24 @@ pub fn export_transfer(
     let fits = vectors.check_size();
     fits.map_err(|reason| ExportError::new("transfer vectors", reason))?;
     let pages = vec![BakedPage::default(); atlas.pages as usize];
-    let transfer = gltf::Transfer { vectors, format };
+    let transfer = gltf::Stored::Transfer(gltf::Transfer { vectors, format });
     gltf::bake(original, scene, atlas, &pages, Some(transfer))
+}
+
+/// Writes a .glb that holds `scene` and its panes, for programs that relight it: docs/panes.md. Materials stay as they
+/// are, but for a note in `extras.gpugi`; the geometry gets the texture coordinates of the panes' atlas. `original` is as
+/// for [`export_bake`]. The hashes of `panes` are not used: they follow from the file.
+///
+/// # Errors
+/// As [`export_bake`].
+pub fn export_panes(
+    original: Option<Original>,
+    scene: &Scene,
+    panes: &LightPathPanes,
+) -> Result<Exported, ExportError> {
+    let fits = panes.check_size();
+    fits.map_err(|reason| ExportError::new("panes", reason))?;
+    let pages = vec![BakedPage::default(); panes.atlas.pages as usize];
+    let stored = gltf::Stored::Panes(panes);
+    gltf::bake(original, scene, &panes.atlas, &pages, Some(stored))
 }

@@ -14,6 +14,8 @@ pub(crate) enum ArrayTexels {
     Half(Vec<[f16; 4]>),
     /// VK_FORMAT_R8G8B8A8_SNORM.
     Byte(Vec<[i8; 4]>),
+    /// VK_FORMAT_E5B9G9R9_UFLOAT_PACK32.
+    SharedExponent(Vec<u32>),
 }
 
 /// A KTX2 file of `layers` layers with `side` texels per side.
@@ -21,6 +23,9 @@ pub(crate) fn encode(side: u32, layers: u32, texels: &ArrayTexels) -> io::Result
     let (format, bytes): (_, &[u8]) = match texels {
         ArrayTexels::Half(texels) => (Format::R16G16B16A16_SFLOAT, bytemuck::cast_slice(texels)),
         ArrayTexels::Byte(texels) => (Format::R8G8B8A8_SNORM, bytemuck::cast_slice(texels)),
+        ArrayTexels::SharedExponent(texels) => {
+            (Format::E5B9G9R9_UFLOAT_PACK32, bytemuck::cast_slice(texels))
+        }
     };
     let mut file = Vec::new();
     let head = Head {
@@ -36,21 +41,11 @@ pub(crate) fn encode(side: u32, layers: u32, texels: &ArrayTexels) -> io::Result
     Ok(file)
 }
 
-/// Reads what [`encode`] wrote, if it has this size; `is_half` says which format is expected.
-pub(crate) fn decode(
-    bytes: &[u8],
-    side: u32,
-    layers: u32,
-    is_half: bool,
-) -> Result<ArrayTexels, String> {
+/// The bytes of an array texture's texels, if it has this size and format.
+fn content(bytes: &[u8], side: u32, layers: u32, format: Format) -> Result<&[u8], String> {
     let header = bytes.first_chunk::<{ Header::LENGTH }>();
     let header = header.ok_or("the file ends inside its header")?;
     let header = Header::from_bytes(header).map_err(|error| error.to_string())?;
-    let format = if is_half {
-        Format::R16G16B16A16_SFLOAT
-    } else {
-        Format::R8G8B8A8_SNORM
-    };
     let size = [header.pixel_width, header.pixel_height, header.layer_count];
     if header.supercompression_scheme.is_some()
         || header.format != Some(format)
@@ -65,25 +60,41 @@ pub(crate) fn decode(
     }
     let entry = bytes[Header::LENGTH..].first_chunk::<{ LevelIndex::LENGTH }>();
     let level = LevelIndex::from_bytes(entry.ok_or("the file ends inside its index")?);
-    let texel = if is_half { 8 } else { 4 };
+    let texel = match format {
+        Format::R16G16B16A16_SFLOAT => 8,
+        _ => 4,
+    };
     let wanted = u64::from(side) * u64::from(side) * u64::from(layers) * texel;
     let start = usize::try_from(level.byte_offset).ok();
     let length = usize::try_from(wanted).ok();
-    let content = start
+    start
         .zip(length)
         .and_then(|(start, length)| bytes.get(start..start.checked_add(length)?))
         .filter(|_| level.byte_length == wanted)
-        .ok_or_else(|| format!("{wanted} bytes of texels are needed"))?;
-    Ok(if is_half {
-        let halves = content.as_chunks::<2>().0.iter();
-        let halves: Vec<f16> = halves.map(|half| f16::from_le_bytes(*half)).collect();
-        ArrayTexels::Half(halves.as_chunks::<4>().0.to_vec())
-    } else {
-        ArrayTexels::Byte(
-            bytemuck::cast_slice::<u8, i8>(content)
-                .as_chunks::<4>()
-                .0
-                .to_vec(),
-        )
-    })
+        .ok_or_else(|| format!("{wanted} bytes of texels are needed"))
+}
+
+/// Reads [`ArrayTexels::Half`] that [`encode`] wrote, if they have this size.
+pub(crate) fn decode_half(bytes: &[u8], side: u32, layers: u32) -> Result<Vec<[f16; 4]>, String> {
+    let content = content(bytes, side, layers, Format::R16G16B16A16_SFLOAT)?;
+    let halves = content.as_chunks::<2>().0.iter();
+    let halves: Vec<f16> = halves.map(|half| f16::from_le_bytes(*half)).collect();
+    Ok(halves.as_chunks::<4>().0.to_vec())
+}
+
+/// Reads [`ArrayTexels::Byte`] that [`encode`] wrote, if they have this size.
+pub(crate) fn decode_byte(bytes: &[u8], side: u32, layers: u32) -> Result<&[[i8; 4]], String> {
+    let content = content(bytes, side, layers, Format::R8G8B8A8_SNORM)?;
+    Ok(bytemuck::cast_slice::<u8, i8>(content).as_chunks::<4>().0)
+}
+
+/// Reads [`ArrayTexels::SharedExponent`] that [`encode`] wrote, if they have this size.
+pub(crate) fn decode_shared_exponent(
+    bytes: &[u8],
+    side: u32,
+    layers: u32,
+) -> Result<Vec<u32>, String> {
+    let content = content(bytes, side, layers, Format::E5B9G9R9_UFLOAT_PACK32)?;
+    let words = content.as_chunks::<4>().0.iter();
+    Ok(words.map(|word| u32::from_le_bytes(*word)).collect())
 }

@@ -12,7 +12,9 @@ pub use decode::{decode_color, decode_radiance, load_radiance};
 pub(crate) use decode::{decode_color_within, srgb_from_linear};
 pub use encode::{replace_file, save_exr, save_hdr, save_png};
 pub use ktx2::{HalfTexture, save_ktx2};
-pub(crate) use ktx2_array::{ArrayTexels, decode as decode_array, encode as encode_array};
+pub(crate) use ktx2_array::{
+    ArrayTexels, decode_byte, decode_half, decode_shared_exponent, encode as encode_array,
+};
 pub(crate) use ktx2_volume::{decode_volume, encode_volume};
 
 /// Texels, row by row from the top, four channels per texel.

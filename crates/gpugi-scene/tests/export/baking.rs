@@ -190,3 +190,26 @@ pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene) {
         assert_eq!(found, expected, "corner {corner}");
     }
 }
+
+/// The scene of a baked file, or the error.
+pub fn read(glb: &[u8]) -> Result<Scene, String> {
+    import("baked.glb", glb, &Files::default(), &Limits::default())
+        .map_err(|error| error.to_string())
+}
+
+/// The same file with other JSON.
+pub fn edited(glb: &[u8], edit: impl FnOnce(&mut Value)) -> Vec<u8> {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    edit(&mut json);
+    let mut text = serde_json::to_vec(&json).unwrap();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut file = [b"glTF", &2_u32.to_le_bytes()[..]].concat();
+    let rest = &glb[20 + length..];
+    file.extend(((20 + text.len() + rest.len()) as u32).to_le_bytes());
+    file.extend((text.len() as u32).to_le_bytes());
+    file.extend(b"JSON");
+    file.extend(text);
+    file.extend(rest);
+    file
+}

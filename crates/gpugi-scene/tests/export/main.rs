@@ -7,6 +7,7 @@ mod builder;
 mod hostile;
 mod mapping;
 mod materials;
+mod panes;
 mod preserved;
 mod scenes;
 mod splits;

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::export::{Original, TransferFormat, export_transfer};
-use gpugi_scene::{Atlas, AtlasOptions, Limits, Scene, TransferVectors, import};
+use gpugi_scene::{Atlas, AtlasOptions, Limits, Scene, TransferVectors};
 use half::f16;
 use serde_json::{Value, json};
 
-use crate::baking::keep;
+use crate::baking::{edited, keep, read};
 use crate::builder::Files;
 
 /// Vectors whose coefficients tell texel and function.
@@ -33,34 +33,12 @@ fn vectors(scene: &Scene, order: u32) -> TransferVectors {
     }
 }
 
-fn read(glb: &[u8]) -> Result<Scene, String> {
-    import("baked.glb", glb, &Files::default(), &Limits::default())
-        .map_err(|error| error.to_string())
-}
-
 /// A file of the built-in room.
 fn exported(format: TransferFormat) -> (TransferVectors, Vec<u8>) {
     let scene = builtin("cornell", 1).unwrap();
     let vectors = vectors(&scene, 2);
     let exported = export_transfer(None, &scene, &vectors, format).unwrap();
     (vectors, exported.glb)
-}
-
-/// The same file with other JSON.
-fn edited(glb: &[u8], edit: impl FnOnce(&mut Value)) -> Vec<u8> {
-    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
-    let mut json: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
-    edit(&mut json);
-    let mut text = serde_json::to_vec(&json).unwrap();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let mut file = [b"glTF", &2_u32.to_le_bytes()[..]].concat();
-    let rest = &glb[20 + length..];
-    file.extend(((20 + text.len() + rest.len()) as u32).to_le_bytes());
-    file.extend((text.len() as u32).to_le_bytes());
-    file.extend(b"JSON");
-    file.extend(text);
-    file.extend(rest);
-    file
 }
 
 fn extras(json: &mut Value) -> &mut Value {

@@ -3,7 +3,7 @@
 use gpugi_scene::{Atlas, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::{LightState, ObscuranceState, TransferState};
+use super::{LightState, ObscuranceState, PrecomputedState};
 
 /// The magic number at the start of a checkpoint.
 const MAGIC: &[u8; 16] = b"gpugi checkpoint";
@@ -19,8 +19,8 @@ pub struct Checkpoint {
     pub obscurances: Option<ObscuranceState>,
     /// Light, once begun.
     pub light: Option<LightState>,
-    /// Transfer vectors, once begun.
-    pub transfer: Option<TransferState>,
+    /// Maps of a [`PrecomputedBake`](super::PrecomputedBake), once begun.
+    pub precomputed: Option<PrecomputedState>,
 }
 
 /// A hash of everything that decides the result of a bake.

@@ -2,24 +2,25 @@
 //! (tutorial sections 6 and 7.3).
 //!
 //! Every [`Bake`] works in steps of bounded length, and consists of tasks that may run anywhere. Between two steps, a
-//! [`LightBake`], an [`ObscuranceBake`] or a [`TransferBake`] can be saved in a [`Checkpoint`], from which another bake resumes.
+//! [`LightBake`], an [`ObscuranceBake`] or a [`PrecomputedBake`] can be saved in a [`Checkpoint`], from which another
+//! bake resumes.
 
 mod checkpoint;
 mod light;
 mod obscurances;
+mod precomputed;
 mod solver;
 mod tasks;
 #[cfg(test)]
 mod tests;
-mod transfer;
 mod volume;
 
 use crate::capture::atlas::LeakReport;
 pub use checkpoint::{Checkpoint, CheckpointError, CheckpointKey};
 pub use light::{LightBake, LightOptions, LightState, LitAtlas, Quantity, TexelPart};
 pub use obscurances::{ObscuranceBake, ObscurancePart, ObscuranceState};
+pub use precomputed::{PaneBake, PrecomputedBake, PrecomputedState, TransferBake};
 pub use tasks::{Bake, Part, Progress, Stage, Task};
-pub use transfer::{TransferBake, TransferState};
 pub use volume::{HarmonicVolume, IrradianceVolume, Volume, VolumeBake, VolumeLight, VoxelPart};
 
 /// Texels of an atlas that lie inside other objects, where no light arrives.

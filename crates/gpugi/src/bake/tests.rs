@@ -250,7 +250,7 @@ fn checkpoints_are_believed_only_when_they_are_whole() {
         atlas,
         obscurances: None,
         light: Some(LightState::default()),
-        transfer: None,
+        precomputed: None,
     };
     let key = CheckpointKey::new(&[1; 32], "key");
     let whole = kept.to_bytes(&key);

@@ -237,6 +237,7 @@ impl GpuScene {
                 textures: scene.textures.clone(),
                 images: scene.images.clone(),
                 transfer: scene.transfer.clone(),
+                panes: scene.panes.clone(),
                 ..Scene::new(&scene.name)
             },
         })

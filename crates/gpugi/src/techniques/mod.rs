@@ -12,6 +12,7 @@ pub mod image_based_lighting;
 pub mod light_path_map;
 pub mod obscurances;
 pub mod participating_media;
+mod precomputed;
 pub mod radiance_transfer;
 pub mod radiosity;
 pub mod ray_tracing;
@@ -19,6 +20,7 @@ mod registry;
 pub mod shadow_map;
 
 pub use budget::Budget;
+pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;

@@ -8,7 +8,6 @@ use super::json::{Json, Object, index, object, remove_empty};
 use super::output::Output;
 use super::textures::{LightTexture, PageTextures};
 use crate::export::ExportError;
-use crate::import::gltf::transfer;
 
 const UNLIT: &str = "KHR_materials_unlit";
 const STRENGTH: &str = "KHR_materials_emissive_strength";
@@ -182,9 +181,9 @@ fn show(
             own_extras(material).insert("lightmap".to_owned(), lightmap);
         }
     }
-    if page.has_transfer {
+    if let Some(name) = page.stored {
         let place = json!({ "page": wanted.page, "texCoord": uv_set });
-        own_extras(material).insert(transfer::NAME.to_owned(), place);
+        own_extras(material).insert(name.to_owned(), place);
     }
     if let Some(texture) = page.obscurance {
         material.insert("occlusionTexture".to_owned(), reference(texture));

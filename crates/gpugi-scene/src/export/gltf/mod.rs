@@ -9,9 +9,11 @@ mod embed;
 mod json;
 mod material;
 mod output;
+mod panes;
 mod parts;
 mod primitive;
 pub mod scene;
+mod texels;
 mod textures;
 mod transfer;
 
@@ -24,13 +26,30 @@ use super::{BakedPage, ExportError, Exported, Original};
 use crate::animation::Transform;
 use crate::atlas::{Atlas, InstanceUvs};
 use crate::import::gltf::document::Document;
-use crate::import::gltf::{geometry, instancing};
-use crate::{Limits, Origin, Resolver, Scene};
+use crate::import::gltf::{self as import, geometry, instancing};
+use crate::{LightPathPanes, Limits, Origin, Resolver, Scene};
 use json::{Json, array, object, remove_empty};
 use material::Use;
 use output::Output;
 use primitive::Triangles;
 pub use transfer::Transfer;
+
+/// What a bake stores for the texels of its atlas, besides pages.
+#[derive(Clone, Copy)]
+pub enum Stored<'a> {
+    Transfer(Transfer<'a>),
+    Panes(&'a LightPathPanes),
+}
+
+impl Stored<'_> {
+    /// The name of its extras.
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Transfer(_) => import::transfer::NAME,
+            Self::Panes(_) => import::panes::NAME,
+        }
+    }
+}
 
 /// Limit on vertices read, counting each set of texture coordinates separately. Many nodes of a few bytes each may
 /// share one long list. The limit is more than twice what fits a .glb.
@@ -42,7 +61,7 @@ pub fn bake(
     scene: &Scene,
     atlas: &Atlas,
     pages: &[BakedPage],
-    transfer: Option<Transfer>,
+    stored: Option<Stored>,
 ) -> Result<Exported, ExportError> {
     if atlas.instances.len() != scene.instances.len() || atlas.pages as usize != pages.len() {
         return Err(ExportError::new(
@@ -66,7 +85,7 @@ pub fn bake(
     {
         let document = Document::read(name, bytes, resolver, &limits)?;
         let placed = placed(origins, atlas)?;
-        return Baker::new(&document, resolver)?.bake(placed, atlas, pages, transfer);
+        return Baker::new(&document, resolver)?.bake(placed, atlas, pages, stored);
     }
     let written = scene::write(scene)?;
     let bytes = written.output.glb()?;
@@ -77,7 +96,7 @@ pub fn bake(
     };
     let document = Document::read(&scene.name, &bytes, &Nothing, &limits)?;
     let placed = placed(written.origins.into_iter(), atlas)?;
-    let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages, transfer)?;
+    let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages, stored)?;
     exported.warnings.splice(0..0, written.warnings);
     Ok(exported)
 }
@@ -156,12 +175,14 @@ impl<'a> Baker<'a> {
         placed: Placed,
         atlas: &Atlas,
         pages: &[BakedPage],
-        transfer: Option<Transfer>,
+        stored: Option<Stored>,
     ) -> Result<Exported, ExportError> {
-        transfer::remove(&mut self.output.json)?;
+        texels::remove(&mut self.output.json)?;
         let root = &self.document.root;
-        let (pages, scales) =
-            textures::add_pages(&mut self.output, atlas, pages, transfer.is_some())?;
+        let name = stored.as_ref().map(Stored::name);
+        let (pages, scales) = textures::add_pages(&mut self.output, atlas, pages, name)?;
+        // Node and primitive of each baked instance.
+        let mut carriers = vec![None; atlas.instances.len()];
         let mut users = HashMap::new();
         for node in &root.nodes {
             *users.entry(node.mesh).or_insert(0) += 1;
@@ -199,6 +220,8 @@ impl<'a> Baker<'a> {
                 }
             };
             let Some(target) = target else { continue };
+            let carrier = number.map_or(node, |number| self.standing[&node][number]);
+            carriers[instance] = Some((carrier, primitive));
             let triangles = match self.triangles.entry((mesh, primitive)) {
                 std::collections::hash_map::Entry::Occupied(entry) => entry.into_mut(),
                 std::collections::hash_map::Entry::Vacant(entry) => {
@@ -255,8 +278,14 @@ impl<'a> Baker<'a> {
             self.output.json.no_longer_uses(instancing::NAME);
         }
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
-        if let Some(transfer) = transfer {
-            transfer::add(&mut self.output, transfer, self.resolver)?;
+        match stored {
+            None => {}
+            Some(Stored::Transfer(transfer)) => {
+                transfer::add(&mut self.output, transfer, self.resolver)?;
+            }
+            Some(Stored::Panes(stored)) => {
+                panes::add(&mut self.output, stored, &carriers, self.resolver)?;
+            }
         }
         Ok(Exported {
             glb: self.output.glb()?,

@@ -16,8 +16,8 @@ pub struct PageTextures {
     pub obscurance: Option<usize>,
     pub colored_obscurance: Option<usize>,
     pub light: Option<LightTexture>,
-    /// Whether the page has transfer vectors.
-    pub has_transfer: bool,
+    /// The extras of materials that say where the texels are, for what is stored for these.
+    pub stored: Option<&'static str>,
 }
 
 /// The texture for a [`BakedLight`].
@@ -42,7 +42,7 @@ pub fn add_pages(
     output: &mut Output,
     atlas: &Atlas,
     pages: &[BakedPage],
-    has_transfer: bool,
+    stored: Option<&'static str>,
 ) -> Result<(Vec<PageTextures>, Vec<f32>), ExportError> {
     let is_empty = |page: &BakedPage| *page == BakedPage::default();
     let sampler = if pages.iter().all(is_empty) {
@@ -62,7 +62,7 @@ pub fn add_pages(
         place: String::new(),
         page: 0,
         atlas,
-        has_transfer,
+        stored,
         scales: vec![1.0; atlas.instances.len()],
     };
     let pages = pages.map(|(number, page)| {
@@ -81,7 +81,7 @@ struct Writer<'a> {
     place: String,
     page: usize,
     atlas: &'a Atlas,
-    has_transfer: bool,
+    stored: Option<&'static str>,
     /// Per instance.
     scales: Vec<f32>,
 }
@@ -113,7 +113,7 @@ impl Writer<'_> {
             obscurance,
             colored_obscurance,
             light,
-            has_transfer: self.has_transfer,
+            stored: self.stored,
         })
     }
 

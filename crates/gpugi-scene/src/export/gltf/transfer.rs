@@ -1,17 +1,16 @@
 //! Transfer vectors as array textures in buffer views, and what they mean in `extras` (docs/relight.md).
 
 use half::f16;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use super::json::{Json, Object};
 use super::material::own_extras;
 use super::output::Output;
+use super::texels;
+use crate::Resolver;
 use crate::export::{ExportError, TransferFormat};
 use crate::image::{ArrayTexels, encode_array};
-use crate::import::gltf::document::Document;
-use crate::import::gltf::transfer::{self, BASIS, NAME, VERSION};
+use crate::import::gltf::transfer::{BASIS, NAME, VERSION};
 use crate::transfer::{TransferVectors, geometry};
-use crate::{Limits, Resolver};
 
 /// Transfer vectors, and how the file stores them.
 #[derive(Clone, Copy)]
@@ -20,30 +19,14 @@ pub struct Transfer<'a> {
     pub format: TransferFormat,
 }
 
-/// Removes what an earlier bake said of transfer vectors.
-pub fn remove(json: &mut Json) -> Result<(), ExportError> {
-    let forget = |parent: &mut Object| {
-        let own = parent
-            .get_mut("extras")
-            .and_then(|extras| extras.get_mut("gpugi"));
-        if let Some(own) = own.and_then(Value::as_object_mut) {
-            own.shift_remove(NAME);
-        }
-    };
-    forget(json.root());
-    for material in 0..json.list("materials").len() {
-        forget(json.at("materials", material)?);
-    }
-    Ok(())
-}
-
 /// Adds the textures, and the extras of the file, whose materials know already where the texels are.
 pub fn add(
     output: &mut Output,
     Transfer { vectors, format }: Transfer,
     resolver: &dyn Resolver,
 ) -> Result<(), ExportError> {
-    let geometry = geometry_of(output, vectors, resolver)?;
+    let (scene, atlas) = texels::imported(output, resolver, NAME, &vectors.atlas)?;
+    let geometry = geometry(&scene, &atlas);
     let functions = vectors.functions();
     let texels = vectors.texels_per_page();
     let side = vectors.atlas.size;
@@ -64,8 +47,7 @@ pub fn add(
         };
         let file = encode_array(side, functions as u32, &texels)
             .map_err(|reason| ExportError::new(format!("pages[{number}]"), reason))?;
-        let view = output.view(&file, None)?;
-        pages.push(json!({ "bufferView": view, "blake3": blake3::hash(&file).to_hex().as_str() }));
+        pages.push(texels::part(output, &file)?);
     }
     let mut extras = json!({
         "version": VERSION,
@@ -73,7 +55,7 @@ pub fn add(
         "order": vectors.order,
         "bounces": vectors.bounces,
         "size": side,
-        "geometry": blake3::Hash::from_bytes(geometry).to_hex().as_str(),
+        "geometry": texels::hex(geometry),
         "pages": pages,
     });
     if let Some(scale) = scale {
@@ -81,29 +63,6 @@ pub fn add(
     }
     own_extras(output.json.root()).insert(NAME.to_owned(), extras);
     Ok(())
-}
-
-/// The hash of the triangles as importers of the file see them: it may hold more than was baked, and write transforms in
-/// another way.
-fn geometry_of(
-    output: &Output,
-    vectors: &TransferVectors,
-    resolver: &dyn Resolver,
-) -> Result<[u8; 32], ExportError> {
-    // The original has been read within its limits.
-    let limits = Limits {
-        scene_bytes: u64::MAX,
-        expansion: u64::MAX,
-        file_bytes: u64::MAX,
-        image_bytes: u64::MAX,
-        image_side: u32::MAX,
-    };
-    let glb = output.clone().glb()?;
-    let scene = crate::import::gltf::import("baked.glb", &glb, resolver, &limits)?;
-    let document = Document::read("baked.glb", &glb, resolver, &limits)?;
-    let [size, pages] = [vectors.atlas.size, vectors.atlas.pages];
-    let atlas = transfer::atlas(&document, &scene, size, pages)?;
-    Ok(geometry(&scene, &atlas))
 }
 
 /// The largest absolute value of each function.

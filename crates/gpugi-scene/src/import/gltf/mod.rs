@@ -15,8 +15,10 @@ mod media;
 #[cfg(feature = "meshopt")]
 mod meshopt;
 mod nodes;
+pub(crate) mod panes;
 mod rig;
 pub(crate) mod schema;
+pub(crate) mod texels;
 mod texture;
 pub(crate) mod transfer;
 pub(crate) mod uri;
@@ -36,6 +38,7 @@ pub fn import(
     let mut materials = material::read_all(&document, resolver, &mut scene)?;
     nodes::read_all(&document, resolver, &mut materials, &mut scene)?;
     scene.transfer = transfer::read(&document, &scene)?;
+    scene.panes = panes::read(&document, &scene)?;
     scene.warnings.extend(document.into_warnings());
     Ok(scene)
 }

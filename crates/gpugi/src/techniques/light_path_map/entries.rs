@@ -53,8 +53,7 @@ impl Entries {
         if triangles.is_empty() || !(all as f32).is_finite() {
             return Self::default();
         }
-        // About the radius of a cluster: a right angle counts as much as being 1.4 radii apart.
-        let normal_scale = (all as f32 / std::f32::consts::PI / clusters as f32).sqrt();
+        let normal_scale = normal_scale(all, clusters);
         let site = |entry: &Entry| {
             let ([x, y, z], normal) = (entry.position.to_array(), entry.normal * normal_scale);
             [x, y, z, normal.x, normal.y, normal.z]
@@ -96,6 +95,17 @@ impl Entries {
             clusters.flat_map(|(ends, cluster)| (ends[0]..ends[1]).map(move |_| cluster));
         self.entries.iter().zip(clusters)
     }
+}
+
+/// The distance that counts as much as normals which differ by 1, about the radius of a cluster: a right angle counts as
+/// much as being 1.4 radii apart (m). `all`: area of all surfaces (m^2).
+pub(super) fn normal_scale(all: f64, clusters: u32) -> f32 {
+    (all as f32 / std::f32::consts::PI / clusters as f32).sqrt()
+}
+
+/// Area of all surfaces (m^2).
+pub(super) fn surface_area(scene: &Scene) -> f64 {
+    triangles(scene).1.last().copied().unwrap_or(0.0)
 }
 
 /// All triangles that have an area, with the sums of their areas (m^2).

@@ -2,8 +2,10 @@
 
 use bytemuck::Zeroable;
 
-use super::Settings;
+use gpugi_scene::LightPathPanes;
+
 use super::entries::Entries;
+use super::{Settings, stored};
 use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -91,14 +93,21 @@ impl EntryPoints {
         kept.iter().map(|buffer| buffer.size()).sum()
     }
 
-    /// Chooses the points anew, on the scene's surfaces as they are.
-    pub fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, settings: &Settings) {
-        self.entries = match scene.host() {
-            Some(host) => {
+    /// Chooses the points anew, on the scene's surfaces as they are, or takes those of `stored` panes.
+    pub fn choose(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        settings: &Settings,
+        stored: Option<&LightPathPanes>,
+    ) {
+        self.entries = match (scene.host(), stored) {
+            (Some(host), Some(stored)) => stored::entries(host, stored),
+            (Some(host), None) => {
                 let samples = settings.entries * (settings.light_samples - 1);
                 Entries::new(host, settings.entries, samples, settings.clusters)
             }
-            None => Entries::default(),
+            (None, _) => Entries::default(),
         };
         let entries = self.entries.points();
         let places = entries.map(|entry| {

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
+use gpugi_scene::{Atlas, LightPathPanes};
 
 use super::gpu::{Choice, LANES, SLOT_BYTES};
 use super::panes::{Panes, count_tiles};
@@ -58,6 +58,7 @@ impl LightPathMaps {
         scene: &GpuScene,
         settings: &Settings,
         atlas: Arc<Atlas>,
+        stored: Option<Arc<LightPathPanes>>,
         most_texels: u32,
     ) -> Result<Self, GpuError> {
         let host = scene.host().ok_or_else(|| GpuError::Pass {
@@ -83,7 +84,7 @@ impl LightPathMaps {
         Ok(Self {
             passages: scene.passages(),
             leaks: LeakTest::new(gpu, scene, &capture)?,
-            panes: Panes::new(gpu, scene, settings, &capture, &lookup)?,
+            panes: Panes::new(gpu, scene, settings, &capture, &lookup, stored)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,
             slots: buffer(
                 "panes to add [bytes]",
@@ -168,6 +169,26 @@ impl LightPathMaps {
         let ones = frame.gpu.storage("all panes [bytes]", &ones)?;
         self.sum(frame, &ones, clusters, 0)?;
         self.panes.complete(frame, &self.irradiance.radiance)
+    }
+
+    /// Fills the texels of all panes that have no point from those around them, so that any bilinear filter may read
+    /// them. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn fill(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        for pane in 0..self.panes.points.entries.clusters() {
+            let mut frame = Frame::new(gpu, false);
+            let alone = [1.0, 1.0, 1.0, f32::from_bits(pane)];
+            let alone = gpu.storage("one pane [bytes]", &[alone])?;
+            self.sum(&mut frame, &alone, 1, 0)?;
+            self.dilation.record(&mut frame, &self.irradiance)?;
+            self.panes
+                .store(&mut frame, pane, &self.irradiance.radiance)?;
+            frame.submit()?;
+            gpu.wait()?;
+        }
+        Ok(())
     }
 
     /// Weighs the clusters by the light at their entry points: pass `light-path-map.weigh`.

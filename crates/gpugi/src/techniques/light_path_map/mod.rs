@@ -12,10 +12,16 @@ pub(crate) mod gpu;
 mod maps;
 mod panes;
 mod settings;
+mod stored;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
+use std::sync::Arc;
+
+use gpugi_scene::{Atlas, LightPathPanes, Scene};
+
+use super::precomputed::Fit;
+use super::{Earlier, Generated, Info, Inspection, Plan, Precomputed, Resume, Technique};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
@@ -48,6 +54,8 @@ pub const INFO: Info = Info {
 pub struct LightPathMap {
     settings: Settings,
     made: Option<LightPathMaps>,
+    /// Whether the panes of the scene's file fit it, by versions of geometry, instances and materials.
+    fit: Fit<3>,
     /// Most texels per buffer of points.
     most_texels: u32,
 }
@@ -57,6 +65,7 @@ impl Default for LightPathMap {
         Self {
             settings: Settings::default(),
             made: None,
+            fit: Fit::default(),
             most_texels: u32::MAX,
         }
     }
@@ -70,13 +79,29 @@ fn unfit(reason: impl std::fmt::Display) -> GpuError {
     }
 }
 
+impl LightPathMap {
+    /// The panes that the scene's file holds, if they are wanted and still those of the scene.
+    fn stored(&mut self, scene: &GpuScene) -> Option<Arc<LightPathPanes>> {
+        let host = scene.host()?;
+        let Some(panes) = host.panes.as_ref().filter(|_| self.settings.stored) else {
+            self.fit.forget();
+            return None;
+        };
+        let now = &scene.versions;
+        let now = [now.geometry, now.instances, now.materials];
+        let fits = self.fit.holds(now, || panes.check(host));
+        fits.then(|| Arc::clone(panes))
+    }
+}
+
 impl Technique for LightPathMap {
     fn info(&self) -> &'static Info {
         &INFO
     }
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
-        let pattern = match self.settings.depth {
+        let stored = self.stored(scene);
+        let pattern = match self.settings.with(stored.as_deref()).depth {
             Settings::DEEPEST => ALL.to_owned(),
             // Rays to near surfaces add a reflection.
             depth => format!("LD{{2,{}}}E", depth + 3),
@@ -113,22 +138,29 @@ impl Technique for LightPathMap {
         _: &View,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        let settings = &self.settings;
-        let atlas = scene.atlas(
-            frame.gpu,
-            INFO.name,
-            settings.resolution,
-            settings.density,
-            // Or four floats, of irradiance.
-            (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16),
-        )?;
+        let stored = self.stored(scene);
+        let settings = &self.settings.with(stored.as_deref());
+        let atlas = match &stored {
+            Some(stored) => Some(Arc::clone(&stored.atlas)),
+            None => scene.atlas(
+                frame.gpu,
+                INFO.name,
+                settings.resolution,
+                settings.density,
+                // Or four floats, of irradiance.
+                (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16),
+            )?,
+        };
         let Some(atlas) = atlas else {
             return Ok(Generated::WITHOUT_ATLAS);
         };
         let is_made = |made: &LightPathMaps| made.serves(settings, scene, &atlas);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => LightPathMaps::new(frame.gpu, scene, settings, atlas, self.most_texels)?,
+            None => {
+                let most_texels = self.most_texels;
+                LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?
+            }
         };
         let generated = made.generate(frame, scene, settings, earlier)?;
         self.made = Some(made);
@@ -149,17 +181,42 @@ impl Technique for LightPathMap {
     }
 
     fn inspect(&self) -> Inspection {
+        let unfit = self.fit.reason().map(|reason| {
+            format!("new panes are computed, because those of the file do not fit: {reason}")
+        });
         self.made
             .as_ref()
             .map_or_else(Inspection::default, |made| Inspection {
                 maps: made.maps(),
                 work_bytes: made.work_bytes(),
-                warnings: Vec::new(),
+                warnings: unfit.into_iter().collect(),
             })
     }
 
     fn resumable(&mut self) -> Option<&mut dyn Resume> {
         Some(self)
+    }
+}
+
+impl Precomputed for LightPathMap {
+    const INFO: &'static Info = &INFO;
+
+    type Stored = LightPathPanes;
+
+    fn refusal(name: &str, _: &str) -> Option<&'static str> {
+        let of_lookup = ["panes", "left-out"].contains(&name);
+        of_lookup.then_some("it changes how panes are added, not what a file holds")
+    }
+
+    fn finished(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        atlas: Arc<Atlas>,
+    ) -> Result<LightPathPanes, GpuError> {
+        let made = self.made.as_ref().filter(|made| made.panes.is_done());
+        let made = made.ok_or_else(|| unfit("the panes are not complete"))?;
+        stored::finished(gpu, scene, atlas, made)
     }
 }
 

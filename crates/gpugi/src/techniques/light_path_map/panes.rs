@@ -1,12 +1,14 @@
 //! The panes: the indirect irradiance of all texels for irradiance 1 of each cluster, computed in steps.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
+use gpugi_scene::LightPathPanes;
 
-use super::Settings;
 use super::entry_points::EntryPoints;
 use super::gpu::{Choice, LANES, NEAR_BYTES, Site, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
+use super::{Settings, unfit};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
@@ -71,6 +73,8 @@ pub(super) struct Panes {
     pub energies: wgpu::Buffer,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
+    /// Panes of a file, instead of new ones.
+    stored: Option<Arc<LightPathPanes>>,
     /// Versions of geometry and materials that they are made for.
     made: Option<[u64; 2]>,
     /// Steps that are done.
@@ -84,6 +88,7 @@ impl Panes {
         settings: &Settings,
         capture: &AtlasCapture,
         lookup: &AtlasLookup,
+        stored: Option<Arc<LightPathPanes>>,
     ) -> Result<Self, GpuError> {
         let kernels = Kernels::new(gpu, scene)?;
         let corners = [("atlas", lookup.words.as_entire_binding())];
@@ -134,6 +139,7 @@ impl Panes {
                 .enumerate()
                 .flat_map(tiles_of)
                 .collect(),
+            stored,
             made: None,
             steps: 0,
         })
@@ -142,6 +148,11 @@ impl Panes {
     /// Whether these are the panes of the settings.
     pub fn is_of(&self, settings: &Settings) -> bool {
         self.settings.has_panes_of(settings)
+    }
+
+    /// Most surfaces that walks visit after their entry points.
+    pub fn depth(&self) -> u32 {
+        self.settings.depth
     }
 
     /// Bytes of all buffers but the sheets.
@@ -182,7 +193,8 @@ impl Panes {
     pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
         let now = Some([scene.versions.geometry, scene.versions.materials]);
         if self.made != now {
-            self.points.choose(gpu, scene, &self.settings);
+            self.points
+                .choose(gpu, scene, &self.settings, self.stored.as_deref());
             self.made = now;
             self.steps = 0;
         }
@@ -235,6 +247,11 @@ impl Panes {
             _ => 0,
         };
         self.steps += 1;
+        if let Some(stored) = self.stored.clone()
+            && self.steps == 1 + tiles
+        {
+            self.resume(frame.gpu, &stored.panes).map_err(unfit)?;
+        }
         Ok(rays)
     }
 
@@ -243,6 +260,9 @@ impl Panes {
         let gpu = frame.gpu;
         let work = gpu.uniform("light path map", &self.work())?;
         self.points.resolve(frame, scene, &work)?;
+        if self.stored.is_some() {
+            return Ok(0);
+        }
         frame.clear(&self.lights);
         let walks = &self.kernels.walks;
         let from = [
@@ -312,6 +332,10 @@ impl Panes {
         frame.compute("light-path-map.owners", |pass| {
             owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
         });
+        let compared = entries.entries.len() as u64 / COMPARED_PER_RAY;
+        if self.stored.is_some() {
+            return Ok(u64::from(count) * compared);
+        }
         let near = &self.kernels.near;
         let from = [("work", work.as_entire_binding()), ("points", points)];
         let from = near.bind(gpu, 1, &from)?;
@@ -326,8 +350,7 @@ impl Panes {
             near.dispatch(pass, &groups, [count, 1, 1]);
         });
         let rays = u64::from(self.settings.near_rays);
-        let compared = entries.entries.len() as u64;
-        Ok(u64::from(count) * (rays + compared / COMPARED_PER_RAY))
+        Ok(u64::from(count) * (rays + compared))
     }
 
     /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
@@ -403,7 +426,15 @@ impl Panes {
     }
 
     /// Stores irradiance of all texels as a pane: pass `light-path-map.store`.
-    fn store(&self, frame: &mut Frame<'_>, pane: u32, lit: &wgpu::Buffer) -> Result<(), GpuError> {
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn store(
+        &self,
+        frame: &mut Frame<'_>,
+        pane: u32,
+        lit: &wgpu::Buffer,
+    ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let Some(sheet) = self.sheets.iter().find(|sheet| sheet.panes.contains(&pane)) else {
             return Ok(());

@@ -1,5 +1,8 @@
 //! Settings of light path maps.
 
+use gpugi_scene::LightPathPanes;
+use gpugi_scene::panes::ANY_DEPTH;
+
 crate::settings! {
     /// Settings of light path maps.
     pub struct Settings {
@@ -26,6 +29,9 @@ crate::settings! {
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
         /// Steps per frame; each step is about 4 million rays.
         pub steps: u32 = 4 => in_range(1.0, 4096.0),
+        /// Whether panes that the scene's file holds are used instead of new ones. They decide all that panes are made
+        /// with.
+        pub stored: bool = true => any(),
         /// Seed of all random decisions.
         pub seed: u32 = 0 => in_range(0.0, 4_294_967_295.0),
     }
@@ -33,7 +39,23 @@ crate::settings! {
 
 impl Settings {
     /// The largest `depth`, which stands for light paths of any length.
-    pub(super) const DEEPEST: u32 = 32;
+    pub(super) const DEEPEST: u32 = ANY_DEPTH;
+
+    /// What is in force if `stored` panes are used.
+    pub(super) fn with(&self, stored: Option<&LightPathPanes>) -> Self {
+        let mut settings = self.clone();
+        if let Some(stored) = stored {
+            let entries = stored.entries.len().max(1);
+            settings.entries = entries as u32;
+            settings.light_samples = 1 + (stored.samples.len() / entries) as u32;
+            settings.clusters = stored.clusters() as u32;
+            settings.depth = stored.depth;
+            // No ray is traced.
+            settings.walks = 1;
+            settings.near_rays = 1;
+        }
+        settings
+    }
 
     /// Whether panes made with `other` are those of these settings, in the same atlas.
     pub(super) fn has_panes_of(&self, other: &Self) -> bool {

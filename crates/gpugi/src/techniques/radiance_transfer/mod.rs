@@ -26,7 +26,8 @@ use std::sync::Arc;
 
 use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
+use super::precomputed::Fit;
+use super::{Earlier, Generated, Info, Inspection, Plan, Precomputed, Resume, Technique};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -60,8 +61,8 @@ pub struct RadianceTransfer {
     glossy: Vec<GlossyObject>,
     /// Most texels per buffer of points; `None`: as many as fit.
     most_texels: Option<u32>,
-    /// Whether the scene's stored vectors fit it, at these versions of geometry and instances.
-    stored: Option<([u64; 2], Result<(), String>)>,
+    /// Whether the scene's stored vectors fit it, by versions of geometry and instances.
+    fit: Fit<2>,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
 }
@@ -81,26 +82,12 @@ impl RadianceTransfer {
         let vectors = host.transfer.as_ref();
         let vectors = vectors.filter(|_| self.settings.may_be_stored());
         let Some(vectors) = vectors else {
-            self.stored = None;
+            self.fit.forget();
             return None;
         };
         let now = [scene.versions.geometry, scene.versions.instances];
-        let (_, fit) = match self.stored.take().filter(|(versions, _)| *versions == now) {
-            Some(known) => self.stored.insert(known),
-            None => self.stored.insert((now, vectors.check(host))),
-        };
-        fit.is_ok().then(|| Arc::clone(vectors))
-    }
-
-    /// The vectors in what [`Resume::save`] gave, for a file.
-    pub(crate) fn finished(
-        &self,
-        gpu: &Gpu,
-        scene: &Scene,
-        atlas: Arc<Atlas>,
-        saved: &[u8],
-    ) -> Result<TransferVectors, GpuError> {
-        stored::finished(gpu, scene, atlas, &self.settings, saved)
+        let fits = self.fit.holds(now, || vectors.check(host));
+        fits.then(|| Arc::clone(vectors))
     }
 
     /// Whether directional lights are projected: no other punctual light would be left out.
@@ -228,7 +215,7 @@ impl Technique for RadianceTransfer {
             return Inspection::default();
         };
         let mut warnings = Vec::new();
-        if let Some((_, Err(reason))) = &self.stored {
+        if let Some(reason) = self.fit.reason() {
             warnings.push(format!(
                 "new transfer vectors are computed, because those of the file do not fit: {reason}"
             ));
@@ -249,6 +236,37 @@ impl Technique for RadianceTransfer {
 
     fn resumable(&mut self) -> Option<&mut dyn Resume> {
         Some(self)
+    }
+}
+
+impl Precomputed for RadianceTransfer {
+    const INFO: &'static Info = &INFO;
+
+    type Stored = TransferVectors;
+
+    fn refusal(name: &str, value: &str) -> Option<&'static str> {
+        let is_glossy = name == "glossy" && !value.is_empty();
+        let refused = [
+            ("basis", "haar"),
+            ("compressed", "true"),
+            ("at", "vertices"),
+        ];
+        (is_glossy || refused.contains(&(name, value)))
+            .then_some("files hold harmonics of texels that are not compressed, and no matrices")
+    }
+
+    fn finished(
+        &mut self,
+        gpu: &Gpu,
+        scene: &Scene,
+        atlas: Arc<Atlas>,
+    ) -> Result<TransferVectors, GpuError> {
+        let saved = match &self.made {
+            Some(made) => made.save(gpu)?,
+            None => None,
+        };
+        let saved = saved.ok_or_else(|| unfit("the transfer vectors are not complete"))?;
+        stored::finished(gpu, scene, atlas, &self.settings, &saved.transfer)
     }
 }
 

@@ -7,7 +7,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Scene, TransferVectors};
 use half::f16;
 
-use super::{At, Basis, Saved, Settings, transfer, unfit};
+use super::{At, Basis, Settings, transfer, unfit};
 use crate::capture::Target;
 use crate::capture::atlas::Dilation;
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
@@ -44,18 +44,18 @@ pub(super) fn as_saved(vectors: &TransferVectors) -> transfer::Saved {
     }
 }
 
-/// The vectors in what [`super::Resume::save`] gave once all bounces were done, for files: texels without a point are
+/// The vectors that were saved once all bounces were done, for files: texels without a point are
 /// filled from those around them, and both sides of each seam are made to agree, so that any bilinear filter may read
 /// them. The hash of the geometry is left to the file's writer. Waits for the GPU.
 ///
 /// # Errors
 /// [`GpuError`], also if `saved` is of other texels, unfinished, compressed or of wavelets.
-pub(crate) fn finished(
+pub(super) fn finished(
     gpu: &Gpu,
     scene: &Scene,
     atlas: Arc<Atlas>,
     settings: &Settings,
-    saved: &[u8],
+    saved: &transfer::Saved,
 ) -> Result<TransferVectors, GpuError> {
     let is_of_vertices = settings.at == At::Vertices;
     if settings.basis != Basis::Harmonics || settings.is_compressed() || is_of_vertices {
@@ -63,8 +63,6 @@ pub(crate) fn finished(
             "files hold harmonics of texels that are not compressed",
         ));
     }
-    let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
-    let saved = saved.transfer;
     let functions = settings.terms() as usize;
     let page = (atlas.size as usize).pow(2);
     let texels = page * atlas.pages as usize;

@@ -1,9 +1,10 @@
-//! Bakes the transfer vectors of an atlas's texels, for programs that relight the scene (tutorial section 7).
+//! Bakes what techniques compute once for an atlas's texels, for programs that relight the scene (tutorial section 7).
 
+use std::marker::PhantomData;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use gpugi_scene::{Atlas, Camera, Projection, Scene, TransferVectors};
+use gpugi_scene::{Atlas, Camera, Projection, Scene};
 
 use super::solver::Solver;
 use super::tasks::{
@@ -13,15 +14,24 @@ use crate::capture::View;
 use crate::gpu::Gpu;
 use crate::lighting::{Lighting, LightingError};
 use crate::scene::GpuScene;
-use crate::techniques::Registry;
-use crate::techniques::radiance_transfer::{self, RadianceTransfer};
+use crate::settings::SettingError;
+use crate::techniques::light_path_map::LightPathMap;
+use crate::techniques::radiance_transfer::RadianceTransfer;
+use crate::techniques::{Precomputed, Registry};
 
-/// The saved state of a [`TransferBake`].
-pub type TransferState = SavedMaps;
+/// The saved state of a [`PrecomputedBake`].
+pub type PrecomputedState = SavedMaps;
 
-/// Computes transfer vectors, a frame's work per step.
+/// Computes transfer vectors.
+pub type TransferBake<'a> = PrecomputedBake<'a, RadianceTransfer>;
+
+/// Computes the panes of a light path map.
+pub type PaneBake<'a> = PrecomputedBake<'a, LightPathMap>;
+
+/// Computes the maps of a technique, a frame's work per step.
 #[derive(Debug)]
-pub struct TransferBake<'a> {
+pub struct PrecomputedBake<'a, T> {
+    technique: PhantomData<T>,
     scene: &'a Scene,
     atlas: Arc<Atlas>,
     /// [`digest`] of the scene and the atlas.
@@ -29,7 +39,7 @@ pub struct TransferBake<'a> {
     solver: Solver,
 }
 
-impl<'a> TransferBake<'a> {
+impl<'a, T: Precomputed> PrecomputedBake<'a, T> {
     /// A bake of `scene`, which stays as it is, into `atlas`, an atlas of that scene.
     ///
     /// # Errors
@@ -42,7 +52,7 @@ impl<'a> TransferBake<'a> {
         let atlas = Arc::new(atlas);
         let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
         on_gpu.provide_atlas(&atlas);
-        let names = [radiance_transfer::INFO.name.to_owned()];
+        let names = [T::INFO.name.to_owned()];
         let lighting = Lighting::new(gpu, &mut on_gpu, &names, &Registry::default())?;
         gpu.check()?;
         let diagonal = on_gpu.diagonal();
@@ -53,6 +63,7 @@ impl<'a> TransferBake<'a> {
         };
         let view = View::new(&all, [1, 1], Vec2::ZERO, View::NO_SAMPLE, 0, diagonal);
         let mut bake = Self {
+            technique: PhantomData,
             scene,
             digest,
             solver: Solver::new(gpu, on_gpu, lighting, view),
@@ -69,57 +80,55 @@ impl<'a> TransferBake<'a> {
         Ok(bake)
     }
 
-    /// Sets a setting of radiance-transfer from text, before the first step. `resolution`, `density` and `stored`
-    /// follow from the atlas.
+    /// Sets a setting of the technique from text, before the first step. `resolution`, `density` and `stored` follow
+    /// from the atlas.
     ///
     /// # Errors
-    /// Those of [`Lighting::set`], and for what files do not hold: wavelets, compressed vectors, those of vertices, and
-    /// matrices.
+    /// Those of [`Lighting::set`], and for what files do not hold ([`Precomputed::refusal`]).
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), LightingError> {
-        let is_glossy = name == "glossy" && !value.is_empty();
-        let refused = [
-            ("basis", "haar"),
-            ("compressed", "true"),
-            ("at", "vertices"),
-        ];
-        if is_glossy || refused.contains(&(name, value)) {
-            let held = "files hold harmonics of texels that are not compressed, and no matrices";
-            return Err(unfit(held));
+        if let Some(reason) = T::refusal(name, value) {
+            return Err(LightingError::Setting {
+                technique: T::INFO.name.to_owned(),
+                source: SettingError::Value {
+                    name: name.to_owned(),
+                    value: value.to_owned(),
+                    reason: reason.to_owned(),
+                },
+            });
         }
-        self.solver.set(radiance_transfer::INFO.name, name, value)
+        self.solver.set(T::INFO.name, name, value)
     }
 
     /// Saves the state of the bake. Waits for the GPU.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
-    pub fn save(&mut self) -> Result<TransferState, LightingError> {
+    pub fn save(&mut self) -> Result<PrecomputedState, LightingError> {
         self.solver.save()
     }
 
     /// Resumes from the saved state of a bake of the same scene, atlas and settings, before the first step. State that
     /// does not fit is an error of a later step.
-    pub fn resume(&mut self, state: TransferState) {
+    pub fn resume(&mut self, state: PrecomputedState) {
         self.solver.saved = state;
     }
 
-    /// The vectors, once the bake is complete.
+    /// What files hold, once the bake is complete.
     ///
     /// # Errors
     /// [`LightingError::Gpu`], also if the bake is not complete.
-    pub fn finish(mut self) -> Result<TransferVectors, LightingError> {
-        let saved = self.solver.save()?;
-        let saved = saved.get(radiance_transfer::INFO.name);
-        let saved = saved.ok_or_else(|| unfit("the transfer vectors are not complete"))?;
+    pub fn finish(mut self) -> Result<T::Stored, LightingError> {
+        if self.solver.is_refining {
+            return Err(unfit("the maps are not final"));
+        }
         let Solver { gpu, lighting, .. } = &mut self.solver;
-        let technique = lighting.technique_mut::<RadianceTransfer>();
-        let technique = technique.ok_or_else(|| unfit("there is no radiance-transfer"))?;
-        let vectors = technique.finished(gpu, self.scene, self.atlas, saved)?;
-        Ok(vectors)
+        let technique = lighting.technique_mut::<T>();
+        let technique = technique.ok_or_else(|| unfit("the technique is not in use"))?;
+        Ok(technique.finished(gpu, self.scene, self.atlas)?)
     }
 }
 
-impl Bake for TransferBake<'_> {
+impl<T: Precomputed> Bake for PrecomputedBake<'_, T> {
     type Samples = ();
 
     fn tasks(&self) -> Vec<Task> {
@@ -158,9 +167,9 @@ impl Bake for TransferBake<'_> {
     }
 }
 
-impl TransferBake<'_> {
+impl<T: Precomputed> PrecomputedBake<'_, T> {
     fn key(&self) -> BakeKey {
-        let how = ("transfer", self.solver.techniques());
+        let how = ("precomputed", self.solver.techniques());
         BakeKey::new(&self.solver.gpu, &self.digest, &how)
     }
 }
