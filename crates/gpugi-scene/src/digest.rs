@@ -197,6 +197,10 @@ impl Feed for Material {
             specular_color_texture,
             transmission,
             transmission_texture,
+            diffuse_transmission,
+            diffuse_transmission_texture,
+            diffuse_transmission_color,
+            diffuse_transmission_color_texture,
             volume,
             alpha_mode,
             double_sided,
@@ -214,7 +218,10 @@ impl Feed for Material {
             }
         }
         plain(hasher, &[*base_color]);
-        plain(hasher, &[*emissive, *specular_color]);
+        plain(
+            hasher,
+            &[*emissive, *specular_color, *diffuse_transmission_color],
+        );
         for factor in [
             metallic,
             roughness,
@@ -222,6 +229,7 @@ impl Feed for Material {
             ior,
             specular,
             transmission,
+            diffuse_transmission,
         ] {
             factor.feed(hasher);
         }
@@ -233,6 +241,8 @@ impl Feed for Material {
             specular_texture,
             specular_color_texture,
             transmission_texture,
+            diffuse_transmission_texture,
+            diffuse_transmission_color_texture,
         ] {
             texture.feed(hasher);
         }
