@@ -183,6 +183,10 @@ fn document() -> (Value, Vec<u8>) {
                     "specularGlossinessTexture": { "index": 0 }, "glossinessFactor": 0.7,
                 } },
             },
+            { "extensions": { "KHR_materials_diffuse_transmission": {
+                "diffuseTransmissionFactor": 0.5, "diffuseTransmissionTexture": { "index": 0 },
+                "diffuseTransmissionColorFactor": [1, 0.5, 0], "diffuseTransmissionColorTexture": { "index": 1 },
+            } } },
             { "extras": { "gpugi": { "phong": { "kd": [0.8, 0, 0], "ks": [0.1, 0.5, 0.1], "shininess": 30 } } } },
             { "extras": { "gpugi": { "conductor": { "n": [0.2, 0.9, 1.1], "k": [3.9, 2.4, 2.2] } } } },
         ],

@@ -210,6 +210,10 @@ impl Feed for Material {
             specular_color_texture,
             transmission,
             transmission_texture,
+            diffuse_transmission,
+            diffuse_transmission_texture,
+            diffuse_transmission_color,
+            diffuse_transmission_color_texture,
             volume,
             alpha_mode,
             double_sided,
@@ -227,7 +231,10 @@ impl Feed for Material {
             }
         }
         plain(hasher, &[*base_color]);
-        plain(hasher, &[*emissive, *specular_color]);
+        plain(
+            hasher,
+            &[*emissive, *specular_color, *diffuse_transmission_color],
+        );
         for factor in [
             metallic,
             roughness,
@@ -235,6 +242,7 @@ impl Feed for Material {
             ior,
             specular,
             transmission,
+            diffuse_transmission,
         ] {
             factor.feed(hasher);
         }
@@ -246,6 +254,8 @@ impl Feed for Material {
             specular_texture,
             specular_color_texture,
             transmission_texture,
+            diffuse_transmission_texture,
+            diffuse_transmission_color_texture,
         ] {
             texture.feed(hasher);
         }

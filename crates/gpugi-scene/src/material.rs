@@ -153,11 +153,20 @@ pub struct Material {
     pub transmission: f32,
     /// R multiplies `transmission` (linear image).
     pub transmission_texture: Option<TextureRef>,
+    /// Fraction of the diffusely scattered light that leaves on the other side (KHR_materials_diffuse_transmission).
+    /// Above 0, the surface has two sides, whatever `double_sided` says.
+    pub diffuse_transmission: f32,
+    /// A multiplies `diffuse_transmission` (linear image).
+    pub diffuse_transmission_texture: Option<TextureRef>,
+    /// Albedo of the diffusely transmitted light, in the place of the base colour.
+    pub diffuse_transmission_color: Vec3,
+    /// Multiplies `diffuse_transmission_color` (sRGB image).
+    pub diffuse_transmission_color_texture: Option<TextureRef>,
     /// If present, the surface bounds a solid. If absent, a transmissive surface is a thin wall.
     pub volume: Option<Volume>,
     /// How alpha is used.
     pub alpha_mode: AlphaMode,
-    /// Both sides are visible; otherwise back faces are culled.
+    /// Both sides are visible; otherwise back faces are culled. See [`Material::has_two_sides`].
     pub double_sided: bool,
 }
 
@@ -183,6 +192,10 @@ impl Default for Material {
             specular_color_texture: None,
             transmission: 0.0,
             transmission_texture: None,
+            diffuse_transmission: 0.0,
+            diffuse_transmission_texture: None,
+            diffuse_transmission_color: Vec3::ONE,
+            diffuse_transmission_color_texture: None,
             volume: None,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
@@ -218,6 +231,25 @@ impl Material {
             emissive: radiance,
             ..Self::matt(name, Vec3::ZERO)
         }
+    }
+
+    /// A Lambert sheet that reflects the fraction 1 - `share` of `albedo` and transmits the rest.
+    pub fn translucent(name: &str, albedo: Vec3, share: f32) -> Self {
+        Self {
+            diffuse_transmission: share,
+            diffuse_transmission_color: albedo,
+            ..Self::matt(name, albedo)
+        }
+    }
+
+    /// Whether the surface transmits light diffusely.
+    pub fn is_translucent(&self) -> bool {
+        self.diffuse_transmission > 0.0 && !matches!(self.model, MaterialModel::Conductor { .. })
+    }
+
+    /// Whether both sides of the surface are visible and scatter light.
+    pub fn has_two_sides(&self) -> bool {
+        self.double_sided || self.is_translucent()
     }
 
     /// Whether any part of the surface can reflect diffusely (a black albedo counts). False only for pure metals and

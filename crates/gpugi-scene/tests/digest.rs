@@ -29,6 +29,8 @@ fn scene() -> Scene {
         specular_texture: texture,
         specular_color_texture: texture,
         transmission_texture: texture,
+        diffuse_transmission_texture: texture,
+        diffuse_transmission_color_texture: texture,
         volume: Some(Volume {
             attenuation_distance: 1.0,
             attenuation_color: Vec3::ONE,
@@ -169,6 +171,18 @@ const MATTERS: &[Change] = &[
     ("transmission", |s| s.materials[0].transmission = 0.5),
     ("transmission texture", |s| {
         s.materials[0].transmission_texture = None
+    }),
+    ("diffuse transmission", |s| {
+        s.materials[0].diffuse_transmission = 0.5
+    }),
+    ("diffuse transmission texture", |s| {
+        s.materials[0].diffuse_transmission_texture = None
+    }),
+    ("diffuse transmission color", |s| {
+        s.materials[0].diffuse_transmission_color.y = 0.5
+    }),
+    ("diffuse transmission color texture", |s| {
+        s.materials[0].diffuse_transmission_color_texture = None
     }),
     ("no volume", |s| s.materials[0].volume = None),
     ("attenuation distance", |s| {

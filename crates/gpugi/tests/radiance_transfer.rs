@@ -256,6 +256,45 @@ fn fine_meshes_are_lit_at_vertices() {
     assert!(between < 0.005, "{between}");
 }
 
+/// A sheet behind a ball on a floor, both translucent: from the camera, the sun stands behind the sheet.
+fn sheet_and_ball() -> Scene {
+    let mut scene = ball_on_floor(Material::translucent("ball", vec3(0.9, 0.8, 0.7), 0.5));
+    let sheet = quad(vec3(-0.9, 0.0, -0.4), Vec3::X * 1.8, Vec3::Y * 0.9, 24);
+    let leaf = Material {
+        diffuse_transmission_color: vec3(0.9, 0.9, 0.3),
+        ..Material::translucent("sheet", vec3(0.3, 0.6, 0.2), 0.6)
+    };
+    place(&mut scene, sheet, leaf);
+    let sky = scene.environment.as_mut().expect("a sky");
+    sky.rotation = 2.5;
+    scene
+}
+
+/// Light passes through sheets and into closed bodies, is scattered inside and leaves again, at texels and at vertices.
+#[test]
+fn translucent_surfaces_are_the_path_tracers() {
+    let Some(gpu) = gpu() else { return };
+    let scene = sheet_and_ball();
+    let names = ["radiance-transfer"];
+    for places in ["at=texels", "at=vertices"] {
+        let settings = [
+            places,
+            "bounces=3",
+            "resolution=96",
+            "rays=128",
+            "steps=4096",
+        ];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 32, names[0], &settings);
+        let found = measured(&gpu, &scene, &camera(), &mut renderer, [4, 128]);
+        let sum = |of: &[f32]| of.iter().sum::<f32>();
+        let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
+        let error = rel_mse(&found);
+        println!("{places}: rel-mse {error:.1e}, {ratio:.4} of the light");
+        assert!(error < 0.01, "{places}: {error}");
+        assert!((ratio - 1.0).abs() < 0.02, "{places}: {ratio}");
+    }
+}
+
 /// A bake of the open room.
 fn transfer_bake<'a>(gpu: &Gpu, scene: &'a Scene) -> TransferBake<'a> {
     let options = AtlasOptions {

@@ -95,7 +95,8 @@ pub struct AtlasOptions {
     pub most_pages: u32,
     /// Whether valid second texture coordinates define the charts.
     pub use_second_set: bool,
-    /// Whether open double-sided meshes, such as leaves and curtains, also have texels for the backs of their surfaces.
+    /// Whether open double-sided meshes, such as leaves and curtains, and all that transmit light diffusely also have
+    /// texels for the backs of their surfaces.
     pub backs: bool,
 }
 
@@ -335,9 +336,11 @@ fn shapes(scene: &Scene, with_backs: bool) -> Result<Shapes, AtlasError> {
             backs.push(None);
             continue;
         };
+        let material = &scene.materials[instance.material];
         let has_back = with_backs
-            && scene.materials[instance.material].double_sided
-            && *is_open[instance.mesh].get_or_insert_with(|| !mesh.is_closed());
+            && material.has_two_sides()
+            && (material.is_translucent()
+                || *is_open[instance.mesh].get_or_insert_with(|| !mesh.is_closed()));
         let number = *numbers.entry(key).or_insert(shapes.len());
         let (area, scale) = (shape.area, shape.scales[0]);
         if number == shapes.len() {

@@ -130,6 +130,10 @@ fn everything() -> Scene {
         specular_color_texture: Some(plain),
         transmission: 0.5,
         transmission_texture: Some(plain),
+        diffuse_transmission: 0.25,
+        diffuse_transmission_texture: Some(plain),
+        diffuse_transmission_color: vec3(1.0, 0.5, 0.25),
+        diffuse_transmission_color_texture: Some(turned),
         volume: Some(Volume {
             attenuation_distance: 2.0,
             attenuation_color: vec3(0.5, 0.25, 1.0),

@@ -136,6 +136,33 @@ fn transmission_and_volume() {
 }
 
 #[test]
+fn diffuse_transmission() {
+    let material = textured(
+        json!({ "extensions": { "KHR_materials_diffuse_transmission": {
+        "diffuseTransmissionFactor": 0.25,
+        "diffuseTransmissionTexture": { "index": 0 },
+        "diffuseTransmissionColorFactor": [1.0, 0.5, 0.25],
+        "diffuseTransmissionColorTexture": { "index": 0, "texCoord": 1 },
+    } } }),
+    )
+    .import()
+    .materials
+    .remove(0);
+    assert_eq!(material.diffuse_transmission, 0.25);
+    assert_eq!(
+        material.diffuse_transmission_color,
+        Vec3::new(1.0, 0.5, 0.25)
+    );
+    assert_eq!(
+        material.diffuse_transmission_texture,
+        Some(TextureRef::new(0))
+    );
+    let colors = material.diffuse_transmission_color_texture.unwrap();
+    assert_eq!(colors.uv_set, 1);
+    assert!(material.has_two_sides() && !material.double_sided);
+}
+
+#[test]
 fn texture_slots() {
     let mut file = textured(json!({
         "pbrMetallicRoughness": {

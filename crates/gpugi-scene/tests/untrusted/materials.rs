@@ -47,6 +47,7 @@ fn exported_materials_read_back() {
             material.ior = 1.0 + part();
             material.specular = part();
             material.transmission = part();
+            material.diffuse_transmission = part();
             material.volume = Some(Volume {
                 attenuation_distance: 0.1 + part(),
                 attenuation_color: kd,
@@ -93,13 +94,15 @@ fn exported_materials_read_back() {
                 material.roughness,
                 material.ior,
                 material.specular,
-                material.transmission
+                material.transmission,
+                material.diffuse_transmission
             ),
             (
                 found.roughness,
                 found.ior,
                 found.specular,
-                found.transmission
+                found.transmission,
+                found.diffuse_transmission
             )
         );
         assert_eq!(

@@ -86,9 +86,11 @@ fn reflects_finitely(material: &Material) -> bool {
         material.ior,
         material.specular,
         material.transmission,
+        material.diffuse_transmission,
     ];
     of_model
         && material.base_color.is_finite()
         && material.specular_color.is_finite()
+        && material.diffuse_transmission_color.is_finite()
         && numbers.iter().all(|number| number.is_finite())
 }

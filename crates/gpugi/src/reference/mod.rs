@@ -183,10 +183,10 @@ impl PathTracer {
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
         let mut table = LightTable::new(scene, &on_gpu, &classes);
         let flag = |set: bool| f64::from(u8::from(set));
-        let has_transmission = scene
-            .instances
-            .iter()
-            .any(|instance| scene.materials[instance.material].transmission > 0.0);
+        let has_transmission = scene.instances.iter().any(|instance| {
+            let material = &scene.materials[instance.material];
+            material.transmission > 0.0 || material.is_translucent()
+        });
         let mut constants = vec![
             ("HAS_TRANSMISSION", flag(has_transmission)),
             (

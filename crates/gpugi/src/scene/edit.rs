@@ -219,7 +219,8 @@ impl GpuScene {
                 let drawn = |one: &Material| {
                     let is_opaque = one.alpha_mode == AlphaMode::Opaque;
                     let transmits = one.transmission > 0.0;
-                    (is_see_through(one), is_opaque, transmits, one.double_sided)
+                    let sides = (one.has_two_sides(), one.is_translucent());
+                    (is_see_through(one), is_opaque, transmits, sides)
                 };
                 let texture = |slot: &Option<TextureRef>| slot.map(|one| one.texture);
                 let read =

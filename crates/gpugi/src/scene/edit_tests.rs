@@ -21,7 +21,8 @@ use crate::testing::{Random, own_test_gpu, test_gpu};
 const INSTANCE: u64 = size_of::<rows::Instance>() as u64;
 const HEADER: u64 = size_of::<rows::SceneHeader>() as u64;
 const MATERIAL: u64 = size_of::<rows::Material>() as u64;
-const TEXTURES: u64 = 7 * size_of::<rows::TextureReference>() as u64;
+const TEXTURES: u64 =
+    super::rows::TEXTURE_SLOTS as u64 * size_of::<rows::TextureReference>() as u64;
 /// An instance's rows in the ray hierarchy, and its box.
 const ITEM: u64 = INSTANCE_ROWS as u64 * 16 + 32;
 

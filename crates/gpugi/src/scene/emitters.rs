@@ -72,7 +72,7 @@ pub(super) fn emitters_of(scene: &Scene, index: usize) -> Vec<Emitter> {
             primitive,
             corners,
             radiance: material.emissive * mean_emission(scene, material, mesh, triangle),
-            two_sided: material.double_sided,
+            two_sided: material.has_two_sides(),
         }
     });
     let emitters = emitters.filter(|emitter| emitter.radiance.max_element() > 0.0);

@@ -63,9 +63,15 @@ pub struct Material {
     pub specular_color_texture: u32,
     pub transmission_texture: u32,
     pub solid: u32,
-    pub padding: u32,
+    pub diffuse_transmission_texture: u32,
     pub absorption: [f32; 3],
     pub ior: f32,
+    pub diffuse_transmission_color: [f32; 3],
+    pub diffuse_transmission: f32,
+    pub diffuse_transmission_color_texture: u32,
+    pub padding_0: u32,
+    pub padding_1: u32,
+    pub padding_2: u32,
 }
 
 /// `TextureReference` of scene/tables.wesl.

@@ -17,8 +17,10 @@ pub struct Object {
     pub name: Name,
     /// The node of a file, and its copy, that the instance is a part of: a node has one instance per material.
     pub part_of: Option<(usize, Option<usize>)>,
-    /// Whether light passes through its surface.
+    /// Whether light passes straight through its surface.
     pub is_transmissive: bool,
+    /// Whether its surface transmits light diffusely (KHR_materials_diffuse_transmission).
+    pub is_translucent: bool,
     /// Whether its surface bounds a solid (KHR_materials_volume); otherwise it is a thin wall.
     pub is_solid: bool,
     /// Whether its surface reflects and refracts ideally, as far as the material's factors tell: `is_delta` of
@@ -46,6 +48,7 @@ impl Object {
             name: Name::default(),
             part_of: None,
             is_transmissive: material.transmission > 0.0,
+            is_translucent: material.is_translucent(),
             is_solid: material.volume.is_some(),
             is_smooth: is_smooth(material),
             least_roughness: least_roughness(material),

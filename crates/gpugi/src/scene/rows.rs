@@ -38,7 +38,7 @@ pub(super) fn is_mirrored(matrix: &Mat4) -> bool {
 }
 
 /// Textures that a material may read.
-pub(super) const TEXTURE_SLOTS: usize = 7;
+pub(super) const TEXTURE_SLOTS: usize = 9;
 
 /// A material's textures, and whether each holds colours (space 0) or data (space 1).
 pub(super) fn texture_slots(material: &Material) -> [(&Option<TextureRef>, usize); TEXTURE_SLOTS] {
@@ -50,6 +50,8 @@ pub(super) fn texture_slots(material: &Material) -> [(&Option<TextureRef>, usize
         (&material.specular_texture, 1),
         (&material.specular_color_texture, 0),
         (&material.transmission_texture, 1),
+        (&material.diffuse_transmission_texture, 1),
+        (&material.diffuse_transmission_color_texture, 0),
     ]
 }
 
@@ -101,7 +103,7 @@ pub(super) fn material_row(
         normal_scale: material.normal_scale,
         model,
         alpha_mode,
-        double_sided: u32::from(material.double_sided),
+        double_sided: u32::from(material.has_two_sides()),
         base_color_texture: reference(0),
         metallic_roughness_texture: reference(1),
         normal_texture: reference(2),
@@ -110,12 +112,18 @@ pub(super) fn material_row(
         specular_color_texture: reference(5),
         transmission_texture: reference(6),
         solid: u32::from(material.volume.is_some()),
-        padding: 0,
+        diffuse_transmission_texture: reference(7),
         absorption: material
             .volume
             .map_or(Vec3::ZERO, |volume| volume.absorption())
             .to_array(),
         ior: material.ior,
+        diffuse_transmission_color: material.diffuse_transmission_color.to_array(),
+        diffuse_transmission: material.diffuse_transmission,
+        diffuse_transmission_color_texture: reference(8),
+        padding_0: 0,
+        padding_1: 0,
+        padding_2: 0,
     };
     (row, textures)
 }

@@ -170,7 +170,8 @@ fn table_structs_have_the_same_members_in_the_same_order() {
     let material = layout!(Material: base_color emissive alpha_cutoff metallic roughness dielectric_f0 specular
         specular_color transmission model_a shininess model_b normal_scale model alpha_mode double_sided
         base_color_texture metallic_roughness_texture normal_texture emissive_texture specular_texture
-        specular_color_texture transmission_texture solid padding absorption ior);
+        specular_color_texture transmission_texture solid diffuse_transmission_texture absorption ior diffuse_transmission_color
+        diffuse_transmission diffuse_transmission_color_texture padding_0 padding_1 padding_2);
     assert_eq!(names(reflected(&shader, "Material")), names(material));
     let texture = layout!(TextureReference: uv_from_mesh translation mode layer width height padding_0 padding_1);
     assert_eq!(

@@ -378,14 +378,14 @@ pub(super) fn is_same_image(before: Option<&Environment>, after: Option<&Environ
     }
 }
 
-/// Whether light passes through the surface.
+/// Whether light passes straight through the surface.
 pub(super) fn is_see_through(material: &Material) -> bool {
     material.alpha_mode != AlphaMode::Opaque || material.transmission > 0.0
 }
 
 fn draw_class(scene: &Scene, meshes: &[PlacedMesh], instance: &Instance) -> DrawClass {
     let material = &scene.materials[instance.material];
-    match (is_see_through(material), material.double_sided) {
+    match (is_see_through(material), material.has_two_sides()) {
         (true, true) => DrawClass::AlphaDoubleSided,
         (true, false) => DrawClass::Alpha,
         (false, true) => DrawClass::DoubleSided,

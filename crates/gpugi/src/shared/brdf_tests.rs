@@ -209,6 +209,7 @@ fn energy_is_never_above_one() {
                     ..Case::dielectric(roughness)
                 });
             }
+            cases.push(Case::translucent(roughness));
             for eta in [1.5, 1.0 / 1.5, 1.0, 2.4] {
                 for transmission in [0.3, 1.0] {
                     let glass = Case {

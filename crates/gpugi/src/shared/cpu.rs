@@ -28,6 +28,8 @@ pub struct Case {
     pub eta: f32,
     pub thin: u32,
     pub padding: [u32; 2],
+    pub diffuse_transmitted: [f32; 3],
+    pub padding_2: u32,
 }
 
 /// Complex refractive index of gold at 650, 550 and 450 nm (Johnson and Christy 1972).
@@ -58,6 +60,8 @@ impl Case {
             eta: 1.0,
             thin: 0,
             padding: [0; 2],
+            diffuse_transmitted: [0.0; 3],
+            padding_2: 0,
         }
     }
 
@@ -77,6 +81,15 @@ impl Case {
         Self {
             thin: 1,
             ..Self::glass(roughness, 1.5)
+        }
+    }
+
+    /// A dielectric that reflects and transmits diffusely what its glossy lobe leaves.
+    pub fn translucent(roughness: f32) -> Self {
+        Self {
+            diffuse: [0.4; 3],
+            diffuse_transmitted: [0.6; 3],
+            ..Self::dielectric(roughness)
         }
     }
 

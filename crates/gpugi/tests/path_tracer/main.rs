@@ -14,6 +14,7 @@ mod lights;
 mod paths;
 mod progress;
 mod sky;
+mod translucent;
 
 use std::sync::Arc;
 

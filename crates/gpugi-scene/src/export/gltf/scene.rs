@@ -370,6 +370,23 @@ impl Writer<'_> {
             )?;
             extensions.insert("KHR_materials_transmission".to_owned(), json);
         }
+        if material.diffuse_transmission > 0.0 {
+            let color = material.diffuse_transmission_color.to_array();
+            let mut json = json!({
+                "diffuseTransmissionFactor": material.diffuse_transmission, "diffuseTransmissionColorFactor": color,
+            });
+            self.refer(
+                &mut json,
+                "diffuseTransmissionTexture",
+                material.diffuse_transmission_texture.as_ref(),
+            )?;
+            self.refer(
+                &mut json,
+                "diffuseTransmissionColorTexture",
+                material.diffuse_transmission_color_texture.as_ref(),
+            )?;
+            extensions.insert("KHR_materials_diffuse_transmission".to_owned(), json);
+        }
         if let Some(volume) = &material.volume {
             // Rasterizers need a thickness; ray tracers determine it themselves.
             let mut json = json!({

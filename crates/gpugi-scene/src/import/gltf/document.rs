@@ -9,9 +9,10 @@ use crate::import::quoted;
 use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
-const SUPPORTED: [&str; 11] = [
+const SUPPORTED: [&str; 12] = [
     super::instancing::NAME,
     "KHR_lights_punctual",
+    "KHR_materials_diffuse_transmission",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_pbrSpecularGlossiness",

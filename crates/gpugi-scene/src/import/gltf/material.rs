@@ -159,6 +159,12 @@ impl Reader<'_> {
                 let transmission = extensions.transmission.as_ref();
                 textures
                     .extend(transmission.map(|transmission| &transmission.transmission_texture));
+                if let Some(transmission) = &extensions.diffuse_transmission {
+                    textures.extend([
+                        &transmission.diffuse_transmission_color_texture,
+                        &transmission.diffuse_transmission_texture,
+                    ]);
+                }
             }
         }
         let mut named: Vec<u32> = Vec::new();
@@ -204,7 +210,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// KHR_materials_ior, _specular, _transmission and _volume.
+    /// KHR_materials_ior, _specular, _transmission, _diffuse_transmission and _volume.
     fn dielectric(
         &self,
         material: &mut Material,
@@ -245,6 +251,27 @@ impl Reader<'_> {
             material.transmission_texture = textures.read(
                 extension.transmission_texture.as_ref(),
                 &format!("{place}.transmissionTexture"),
+                scene,
+            )?;
+        }
+        if let Some(extension) = &extensions.diffuse_transmission {
+            let place = place("KHR_materials_diffuse_transmission");
+            material.diffuse_transmission = self.fraction(
+                "diffuseTransmissionFactor",
+                extension.diffuse_transmission_factor,
+            );
+            material.diffuse_transmission_texture = textures.read(
+                extension.diffuse_transmission_texture.as_ref(),
+                &format!("{place}.diffuseTransmissionTexture"),
+                scene,
+            )?;
+            material.diffuse_transmission_color = extension
+                .diffuse_transmission_color_factor
+                .map(|channel| self.fraction("diffuseTransmissionColorFactor", channel))
+                .into();
+            material.diffuse_transmission_color_texture = textures.read(
+                extension.diffuse_transmission_color_texture.as_ref(),
+                &format!("{place}.diffuseTransmissionColorTexture"),
                 scene,
             )?;
         }

@@ -250,7 +250,7 @@ impl Glossy {
         ];
         let of_texels = [
             ("before", vectors.before.as_entire_binding()),
-            ("albedo", vectors.albedo.as_entire_binding()),
+            ("albedos", vectors.albedos.as_entire_binding()),
             ("matrices", part.matrices.as_entire_binding()),
         ];
         let of_points = self.rays.bind(gpu, 1, &of_points)?;

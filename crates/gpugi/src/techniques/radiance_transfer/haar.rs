@@ -84,15 +84,15 @@ impl Rays {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let dense = ("dense", self.dense.as_entire_binding());
-        let albedo = ("albedo", vectors.albedo.as_entire_binding());
+        let albedos = ("albedos", vectors.albedos.as_entire_binding());
         let before = ("before", vectors.before.as_entire_binding());
         let after = ("after", vectors.after.as_entire_binding());
         let bind = |kernel: &Kernel, of_texels: &[_]| {
             let of_points = kernel.bind(gpu, 1, &tile.bindings())?;
             Ok::<_, GpuError>((of_points, kernel.bind(gpu, 3, of_texels)?))
         };
-        let visibility = bind(&self.visibility, &[dense.clone(), albedo.clone()])?;
-        let reflect = bind(&self.reflect, &[dense.clone(), albedo, before])?;
+        let visibility = bind(&self.visibility, &[dense.clone(), albedos.clone()])?;
+        let reflect = bind(&self.reflect, &[dense.clone(), albedos, before])?;
         let select = bind(&self.select, &[dense, after])?;
         frame.compute("radiance-transfer.rays", |pass| {
             let groups = [

@@ -63,7 +63,7 @@ impl Rays {
         let of_texels = [
             ("before", vectors.before.as_entire_binding()),
             ("after", vectors.after.as_entire_binding()),
-            ("albedo", vectors.albedo.as_entire_binding()),
+            ("albedos", vectors.albedos.as_entire_binding()),
         ];
         let of_points = kernel.bind(gpu, 1, &tile.bindings())?;
         let of_texels = kernel.bind(gpu, 3, &of_texels)?;

@@ -39,7 +39,7 @@ pub(super) fn as_saved(vectors: &TransferVectors) -> transfer::Saved {
         tiles: 0,
         vectors: whole(words),
         next: Vec::new(),
-        albedo: whole(vec![0; texels]),
+        albedos: whole(vec![0; 2 * texels]),
         matrices: Vec::new(),
     }
 }

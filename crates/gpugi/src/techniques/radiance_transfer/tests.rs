@@ -465,7 +465,7 @@ fn what_was_not_saved_for_it_is_refused() {
     assert!(changed(&|saved| saved.bounces = 3).is_err());
     assert!(changed(&|saved| saved.tiles = 1).is_err());
     assert!(changed(&|saved| saved.vectors.truncate(9)).is_err());
-    assert!(changed(&|saved| saved.albedo.push(0)).is_err());
+    assert!(changed(&|saved| saved.albedos.push(0)).is_err());
     assert!(changed(&|saved| saved.next.push(0)).is_err());
     assert!(changed(&|saved| saved.vectors[5] = 0x7c00_0000).is_err());
     assert!(

@@ -26,7 +26,7 @@ pub(super) struct Transfer {
     size_of_vectors: u64,
     /// The same with one bounce more, while that is computed.
     next: Option<wgpu::Buffer>,
-    albedo: wgpu::Buffer,
+    albedos: wgpu::Buffer,
     rays: Rays,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
@@ -67,8 +67,8 @@ pub(super) struct Vectors<'a> {
     /// Vectors with one bounce less.
     pub before: &'a wgpu::Buffer,
     pub after: &'a wgpu::Buffer,
-    /// Diffuse albedo, rgb9e5; written with the first bounce.
-    pub albedo: &'a wgpu::Buffer,
+    /// Albedos of diffuse reflection and transmission, rgb9e5; written with the first bounce.
+    pub albedos: &'a wgpu::Buffer,
 }
 
 /// How far the vectors are.
@@ -90,7 +90,7 @@ pub(super) struct Saved {
     pub vectors: Vec<u32>,
     /// Empty if no tile of the next bounce is done.
     pub next: Vec<u32>,
-    pub albedo: Vec<u32>,
+    pub albedos: Vec<u32>,
     /// Transfer matrices; empty if none is begun.
     pub matrices: Vec<Vec<u32>>,
 }
@@ -135,9 +135,9 @@ impl Transfer {
             size_of_vectors: vectors.size(),
             vectors: Some(vectors),
             next: None,
-            albedo: gpu.buffer(
-                "albedo of texels [bytes]",
-                texels * 4,
+            albedos: gpu.buffer(
+                "albedos of texels [bytes]",
+                texels * 8,
                 wgpu::BufferUsages::STORAGE,
             )?,
             rays,
@@ -160,7 +160,7 @@ impl Transfer {
             Rays::Wavelets(rays) => rays.bytes(),
         };
         let matrices = self.glossy.as_ref().map_or(0, Glossy::bytes);
-        size(&self.vectors) + size(&self.next) + self.albedo.size() + work + matrices
+        size(&self.vectors) + size(&self.next) + self.albedos.size() + work + matrices
     }
 
     /// Bounces that are done.
@@ -241,7 +241,7 @@ impl Transfer {
         let vectors = Vectors {
             before: &before,
             after: &next,
-            albedo: &self.albedo,
+            albedos: &self.albedos,
         };
         let mut rays = 0;
         if let Some((piece, points)) = self.tiles.get(self.state.tiles as usize) {
@@ -311,7 +311,7 @@ impl Transfer {
                 .transpose()?
                 .unwrap_or_default(),
             next: next.map(read).transpose()?.unwrap_or_default(),
-            albedo: read(&self.albedo)?,
+            albedos: read(&self.albedos)?,
             matrices: match &self.glossy {
                 Some(glossy) if self.has_matrices(bounces, tiles) => glossy.save(gpu)?,
                 _ => Vec::new(),
@@ -345,7 +345,7 @@ impl Transfer {
         };
         if !is_whole(&saved.vectors, !is_compressed, self.size_of_vectors)
             || !is_whole(&saved.next, has_next, self.size_of_vectors)
-            || !is_whole(&saved.albedo, true, self.albedo.size())
+            || !is_whole(&saved.albedos, true, self.albedos.size())
         {
             return Err("other texels".into());
         }
@@ -378,7 +378,7 @@ impl Transfer {
         };
         write(&mut self.vectors, &saved.vectors)?;
         write(&mut self.next, &saved.next)?;
-        gpu.write(&self.albedo, 0, &saved.albedo);
+        gpu.write(&self.albedos, 0, &saved.albedos);
         if let Some(glossy) = glossy {
             glossy.resume(gpu, &saved.matrices);
         }

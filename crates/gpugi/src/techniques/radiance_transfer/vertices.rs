@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use gpugi_scene::{Scene, provoking_order};
+use gpugi_scene::{Instance, Scene, provoking_order};
 
 use crate::capture::SURFACE_POINT_BYTES;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -12,13 +12,18 @@ use crate::shader;
 /// `HEADER_WORDS` and `INSTANCE_WORDS` of capture/atlas/lookup.wesl.
 const HEADER_WORDS: usize = 2;
 const INSTANCE_WORDS: usize = 4;
+/// `NO_TRIANGLES` of the same shader.
+const NO_TRIANGLES: u32 = u32::MAX;
+/// `BACK` of vertices/points.wesl.
+const BACK: u32 = 1 << 31;
 /// `NO_INSTANCE` of capture/surface_point.wesl.
 const NO_INSTANCE: u32 = u32::MAX;
 
 /// Points per row of a map.
 pub(super) const WIDTH: u32 = 512;
 
-/// The vertices of all instances: one point per vertex of an instance's mesh.
+/// The vertices of all instances: one point per vertex of an instance's mesh, and one more for its back where
+/// [`has_back`] says so.
 #[derive(Debug)]
 pub(super) struct Vertices {
     /// Surface points, in whole rows of [`WIDTH`].
@@ -42,11 +47,18 @@ struct Table {
     firsts: Vec<u32>,
 }
 
+/// Whether light is kept for the back of an instance, too, as in atlases ([`gpugi_scene::AtlasOptions::backs`]).
+fn has_back(scene: &Scene, instance: &Instance) -> bool {
+    let material = &scene.materials[instance.material];
+    let is_open = || !scene.meshes[instance.mesh].is_closed();
+    material.has_two_sides() && (material.is_translucent() || is_open())
+}
+
 impl Table {
     fn new(scene: &Scene) -> Self {
         let instances = scene.instances.len();
         let mut words = vec![0, instances as u32];
-        words.resize(HEADER_WORDS + INSTANCE_WORDS * instances, 0);
+        words.resize(HEADER_WORDS + INSTANCE_WORDS * instances, NO_TRIANGLES);
         let mut corners: Vec<[u32; 2]> = Vec::new();
         let mut firsts = vec![0];
         let mut first_words = vec![None; scene.meshes.len()];
@@ -58,9 +70,6 @@ impl Table {
                 (words.len() - order.vertices.len()) as u32
             });
             let first = corners.len();
-            let at = HEADER_WORDS + INSTANCE_WORDS * index;
-            words[at] = first_word;
-            words[at + 1] = first as u32;
             corners.resize(first + mesh.positions.len(), [NO_INSTANCE, 0]);
             // The largest triangle at each vertex has the most reliable front.
             let mut largest = vec![f32::NEG_INFINITY; mesh.positions.len()];
@@ -73,6 +82,16 @@ impl Table {
                         largest[vertex] = area;
                         corners[first + vertex] = [index as u32, (3 * primitive + corner) as u32];
                     }
+                }
+            }
+            let mut at = HEADER_WORDS + INSTANCE_WORDS * index;
+            words[at..at + 2].copy_from_slice(&[first_word, first as u32]);
+            if has_back(scene, instance) {
+                at += 2;
+                words[at..at + 2].copy_from_slice(&[first_word, corners.len() as u32]);
+                for point in first..corners.len() {
+                    let [of, corner] = corners[point];
+                    corners.push([of, corner | BACK]);
                 }
             }
             firsts.push(corners.len() as u32);

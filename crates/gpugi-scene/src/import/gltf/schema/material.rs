@@ -92,6 +92,8 @@ pub struct TextureTransform {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_diffuse_transmission")]
+    pub diffuse_transmission: Option<DiffuseTransmission>,
     #[serde(rename = "KHR_materials_emissive_strength")]
     pub emissive_strength: Option<EmissiveStrength>,
     #[serde(rename = "KHR_materials_ior")]
@@ -106,6 +108,17 @@ pub struct MaterialExtensions {
     pub volume: Option<Volume>,
     #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
     pub specular_glossiness: Option<SpecularGlossiness>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct DiffuseTransmission {
+    #[serde(default, deserialize_with = "finite")]
+    pub diffuse_transmission_factor: f32,
+    pub diffuse_transmission_texture: Option<TextureInfo>,
+    #[serde(default = "ones", deserialize_with = "finite")]
+    pub diffuse_transmission_color_factor: [f32; 3],
+    pub diffuse_transmission_color_texture: Option<TextureInfo>,
 }
 
 #[derive(Debug, Deserialize)]
