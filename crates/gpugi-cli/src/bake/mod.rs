@@ -11,11 +11,11 @@ use anyhow::Context;
 use gpugi::gpu::Gpu;
 use gpugi::settings::SettingSet;
 use gpugi::techniques::environment_map::{self, export};
+use gpugi_arguments::split_settings;
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::import_environment;
 
 use crate::output::{make_folder, write_json};
-use crate::render::split_settings;
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
 use scene::SceneOptions;

@@ -6,12 +6,13 @@ use std::time::Instant;
 use gpugi::bake::{Bake, TransferBake};
 use gpugi::gpu::Gpu;
 use gpugi::techniques::radiance_transfer;
+use gpugi_arguments::split_settings;
 use gpugi_scene::export::{TransferFormat, export_transfer};
 
 use super::has_extension;
 use super::scene::{SceneOptions, too_thin, write};
 use super::work::begin;
-use crate::render::{print_notes, split_settings, usage};
+use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 

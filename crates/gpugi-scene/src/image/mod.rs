@@ -10,7 +10,7 @@ pub mod metrics;
 
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub(crate) use decode::{decode_color_within, srgb_from_linear};
-pub use encode::{replace_file, save_exr, save_hdr, save_png};
+pub use encode::{replace_file, save_exr, save_hdr, save_png, write_exr, write_png};
 pub use ktx2::{HalfTexture, save_ktx2};
 pub(crate) use ktx2_array::{ArrayTexels, decode as decode_array, encode as encode_array};
 pub(crate) use ktx2_volume::{decode_volume, encode_volume};
