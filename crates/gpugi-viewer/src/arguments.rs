@@ -152,7 +152,6 @@ mod tests {
     #[test]
     fn what_is_wrong_with_an_address_is_said() {
         for (wrong, said) in [
-            ("camera", "camera"),
             ("flavour=mild", "--flavour"),
             ("samples=0", "samples"),
             ("samples=999999999999", "samples"),
