@@ -21,22 +21,11 @@ mod measure;
 pub mod output;
 mod progress;
 pub mod render;
-pub mod scene_argument;
+
+pub use gpugi_arguments::{Usage, scene_argument};
 
 use clap::{Parser, Subcommand};
 use gpugi::gpu::AdapterChoice;
-
-/// Invalid arguments: exit code 2.
-#[derive(Debug)]
-pub struct Usage(pub String);
-
-impl std::fmt::Display for Usage {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for Usage {}
 
 /// Real-time and baked global illumination on any GPU.
 #[derive(Debug, Parser)]
@@ -143,7 +132,7 @@ pub fn main() -> std::process::ExitCode {
         Command::Bake(bake) => bake::run(common, bake),
         Command::Compare(compare) => compare::run(common, compare),
         Command::Measure(measure) => measure::run(common, measure),
-        Command::Info(scene) => scene_argument::info(scene),
+        Command::Info(scene) => info(scene),
         Command::List {
             what: What::Settings,
             technique,
@@ -157,6 +146,16 @@ pub fn main() -> std::process::ExitCode {
         Command::Bench(bench) => bench::run(common, bench),
     };
     exit_code(result)
+}
+
+/// `gpugi info`.
+fn info(arguments: &scene_argument::SceneArguments) -> anyhow::Result<()> {
+    let (scene, notes) = scene_argument::load(arguments)?;
+    println!("{}", serde_json::to_string_pretty(&scene.statistics())?);
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    Ok(())
 }
 
 fn list(what: What) {

@@ -9,13 +9,14 @@ use gpugi::gpu::Gpu;
 use gpugi::measure::{
     Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
 };
+use gpugi_arguments::parse_size;
 use gpugi_scene::image::metrics::{Metric, heat_map};
 use serde_json::{Map, Value};
 
 use crate::compare::{in_json, print_line};
 use crate::output::{write_json, write_png};
 use crate::progress::Progress;
-use crate::render::{Chosen, is_path_tracer, parse_size, print_notes};
+use crate::render::{Chosen, is_path_tracer, print_notes};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use gpugi::default_set::DefaultSet;
-use gpugi::display::{Display, DisplaySettings, Exposure, ToneMap};
+use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::reference::{self, PathTracer};
 use gpugi::techniques::Registry;
 use gpugi::{LightingError, Purpose, Readiness, Renderer, default_set};
+use gpugi_arguments::{display_settings, parse_size, split_settings};
 use gpugi_scene::{Camera, Scene};
 
 use crate::explain::{Costs, explain};
@@ -70,14 +71,6 @@ pub struct Arguments {
     aov: Vec<Aov>,
 }
 
-/// Width and height from `WIDTHxHEIGHT`.
-pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
-    let side = |text: &str| text.parse::<u32>().ok().filter(|&side| side > 0);
-    text.split_once('x')
-        .and_then(|(width, height)| Some([side(width)?, side(height)?]))
-        .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
-}
-
 /// Default samples per pixel for techniques, and for the path tracer.
 const TECHNIQUE_SAMPLES: u32 = 4;
 const PATH_TRACER_SAMPLES: u32 = 256;
@@ -130,24 +123,6 @@ pub fn usage(error: LightingError) -> anyhow::Error {
         LightingError::Gpu(error) => error.into(),
         other => Usage(other.to_string()).into(),
     }
-}
-
-/// Splits `--set` options into technique, key and value.
-pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
-    settings
-        .iter()
-        .map(|setting| {
-            setting
-                .split_once('=')
-                .and_then(|(path, value)| {
-                    let (technique, key) = path.split_once('.')?;
-                    Some([technique, key, value])
-                })
-                .ok_or_else(|| {
-                    Usage(format!("--set {setting}: expected technique.key=value")).into()
-                })
-        })
-        .collect()
 }
 
 /// A renderer with the techniques that were named, or else with the default set for a still picture.
@@ -531,27 +506,4 @@ fn render_reference(
         estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),
         path_segments: Some(tracer.segments()?),
     })
-}
-
-/// Display settings from `--exposure` and `--tone-map`.
-pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Result<DisplaySettings> {
-    let exposure = match exposure {
-        "auto" => Exposure::Auto,
-        text => Exposure::Manual(
-            text.parse()
-                .ok()
-                .filter(|ev: &f32| ev.is_finite())
-                .ok_or_else(|| Usage(format!("--exposure {text}: a number of EV or auto")))?,
-        ),
-    };
-    let mut settings = DisplaySettings {
-        exposure,
-        ..Default::default()
-    };
-    if let Some(name) = tone_map {
-        settings.tone_map = name
-            .parse::<ToneMap>()
-            .map_err(|error| Usage(format!("--tone-map: {error}")))?;
-    }
-    Ok(settings)
 }

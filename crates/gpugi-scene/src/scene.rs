@@ -7,8 +7,8 @@ use glam::{Mat4, Vec3};
 use crate::animation::Rig;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{
-    AlphaMode, Camera, Image, Light, LightKind, LightPathPanes, Material, Medium, Mesh, Texture,
-    TransferVectors,
+    AlphaMode, Camera, Image, ImportError, Light, LightKind, LightPathPanes, Limits, Material,
+    Medium, Mesh, Texture, TransferVectors,
 };
 
 /// A placed mesh. Several instances may share a mesh.
@@ -53,6 +53,16 @@ pub struct Environment {
 }
 
 impl Environment {
+    /// Reads an equirectangular map (.hdr, .exr, .ktx2, .png, .jpg) from the bytes of a file; error messages include
+    /// `name`.
+    pub fn from_file(name: &str, bytes: &[u8], limits: &Limits) -> Result<Self, ImportError> {
+        Ok(Self {
+            image: crate::image::decode_radiance(name, bytes, limits)?.into(),
+            rotation: 0.0,
+            intensity: 1.0,
+        })
+    }
+
     /// A clear sky with a low sun behind the viewer's left shoulder, and grey ground. Lights scenes that have no light
     /// of their own.
     pub fn default_sky() -> Self {

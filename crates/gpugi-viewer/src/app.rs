@@ -1,7 +1,6 @@
-//! The window: the session's picture, its controls, mouse and keyboard.
+//! The window, or the page: the session's picture, its controls, mouse and keyboard.
 
-use std::path::PathBuf;
-use std::time::Instant;
+use std::path::Path;
 
 use eframe::egui::{self, Color32, Key, Panel, PointerButton, Rect, ScrollArea, Sense, Ui};
 use eframe::egui_wgpu::RenderState;
@@ -9,22 +8,33 @@ use glam::{Vec2, Vec3};
 use gpugi::display::Compared;
 use gpugi::gpu::Gpu;
 use gpugi::{LightingError, Readiness};
-use gpugi_scene::image::{save_exr, save_png};
+use gpugi_arguments::files::Files;
+use gpugi_arguments::scene_argument::SceneArguments;
+use web_time::Instant;
 
 use crate::command::command;
-use crate::opening;
 use crate::panels::{self, Action};
+use crate::saving::{self, Saving};
 use crate::session::{Pick, Session};
+use crate::task::Task;
 use crate::technique_set::TechniqueSet;
 use crate::viewer::{Start, Viewer};
 
-/// The viewer's window.
+#[cfg(target_arch = "wasm32")]
+mod address;
+
+/// The viewer's window, or page.
 pub struct App {
     gpu: Gpu,
     render_state: RenderState,
     viewer: Viewer,
     texture: Option<(egui::TextureId, wgpu::TextureView)>,
     selected: Option<usize>,
+    /// What was dropped on a page, which is being read.
+    dropped: Option<Task<Result<Files, String>>>,
+    saving: Option<Saving>,
+    #[cfg(target_arch = "wasm32")]
+    address: address::Address,
     message: Option<Message>,
     last_frame: Instant,
     /// Seconds per frame, smoothed.
@@ -53,6 +63,10 @@ impl App {
             render_state: render_state.clone(),
             texture: None,
             selected: None,
+            dropped: None,
+            saving: None,
+            #[cfg(target_arch = "wasm32")]
+            address: address::Address::default(),
             message: None,
             last_frame: Instant::now(),
             frame_seconds: 0.0,
@@ -62,8 +76,20 @@ impl App {
     /// Shows what has been opened, and begins to open what was dropped on the window.
     fn follow_openings(&mut self, context: &egui::Context) {
         let files = context.input(|input| input.raw.dropped_files.clone());
-        if let Some(file) = files.last() {
-            self.viewer.open_file(file.path());
+        if !files.is_empty() {
+            self.open_dropped(context, files);
+        }
+        let read = self.dropped.as_ref().and_then(Task::result);
+        if let Some(read) = read {
+            self.dropped = None;
+            match read.unwrap_or_else(|| Err("nothing could be read".into())) {
+                Ok(files) => {
+                    if let Some(name) = files.main().map(str::to_owned) {
+                        self.viewer.open_file(Path::new(&name), files);
+                    }
+                }
+                Err(reason) => self.complain(reason),
+            }
         }
         match self.viewer.take_opened() {
             Ok(false) => {}
@@ -79,14 +105,35 @@ impl App {
         }
     }
 
+    /// Begins to open the file that was dropped last.
+    #[cfg(not(target_arch = "wasm32"))]
+    fn open_dropped(&mut self, _: &egui::Context, files: Vec<egui::DroppedFileHandle>) {
+        if let Some(file) = files.last() {
+            self.viewer.open_file(file.path(), Files::default());
+        }
+    }
+
+    /// Begins to read what was dropped: a scene with the files that it refers to, or an image.
+    #[cfg(target_arch = "wasm32")]
+    fn open_dropped(&mut self, context: &egui::Context, files: Vec<egui::DroppedFileHandle>) {
+        let subject = files[0].path().display().to_string();
+        let context = context.clone();
+        let done = move || context.request_repaint();
+        let task = Task::start(&subject, done, move |stage| async move {
+            stage.set("reading").await;
+            crate::browser::read(&files).await
+        });
+        self.dropped = Some(task);
+    }
+
     fn act(&mut self, context: &egui::Context, action: Action) -> Result<(), LightingError> {
         let Some(session) = self.viewer.session() else {
             return Ok(());
         };
         match action {
             Action::Open(name) => {
-                let scene = opening::arguments_of(&name);
-                self.viewer.open(scene, &TechniqueSet::default());
+                self.viewer
+                    .open(SceneArguments::of(&name), &TechniqueSet::default());
             }
             Action::ChangeSet(set) => self.viewer.change_set(set),
             Action::Set([technique, name, value]) => session.set(&technique, &name, &value)?,
@@ -98,15 +145,43 @@ impl App {
                 context.copy_text(command.clone());
                 self.say(command);
             }
-            Action::Save { is_radiance } => match save(session, is_radiance) {
-                Ok(path) => self.say(format!("{} is written", path.display())),
-                Err(reason) => self.complain(reason),
-            },
+            Action::Save { is_radiance } => {
+                let context = context.clone();
+                let done = move || context.request_repaint();
+                match saving::save(session, is_radiance, done) {
+                    Ok(saving) => self.saving = Some(saving),
+                    Err(reason) => self.complain(reason),
+                }
+            }
         }
         Ok(())
     }
 
-    fn complain(&mut self, text: String) {
+    /// Says that the picture is written.
+    fn follow_saving(&mut self) {
+        let saved = self.saving.as_ref().and_then(Task::result);
+        if let Some(saved) = saved {
+            self.saving = None;
+            match saved.unwrap_or_else(|| Err("the picture could not be written".into())) {
+                Ok(done) => self.say(done),
+                Err(reason) => self.complain(reason),
+            }
+        }
+    }
+
+    /// What is on show, and what is being opened.
+    pub fn viewer(&mut self) -> &mut Viewer {
+        &mut self.viewer
+    }
+
+    /// What people are told, if it is about an error.
+    pub fn error(&self) -> Option<&str> {
+        let message = self.message.as_ref().filter(|message| message.is_error);
+        message.map(|message| message.text.as_str())
+    }
+
+    /// Tells people about an error.
+    pub fn complain(&mut self, text: String) {
         let is_error = true;
         self.message = Some(Message { text, is_error });
     }
@@ -121,6 +196,10 @@ impl App {
     /// What is going on: errors, progress, samples, frames per second.
     fn status(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
+            if let Some(dropped) = &self.dropped {
+                ui.spinner();
+                ui.label(format!("{}: {}", dropped.subject, dropped.stage.get()));
+            }
             if let Some(opening) = self.viewer.opening() {
                 ui.spinner();
                 ui.label(format!("{}: {}", opening.subject, opening.stage.get()));
@@ -223,9 +302,19 @@ impl App {
 }
 
 impl eframe::App for App {
+    #[cfg(target_arch = "wasm32")]
+    fn as_any_mut(&mut self) -> Option<&mut dyn std::any::Any> {
+        Some(self)
+    }
+
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let context = ui.ctx().clone();
         self.follow_openings(&context);
+        self.follow_saving();
+        #[cfg(target_arch = "wasm32")]
+        if let Some(session) = self.viewer.session() {
+            self.address.follow(session, &context);
+        }
         let mut actions = Vec::new();
         let is_opening = self.viewer.opening().is_some();
         Panel::bottom("status").show(ui, |ui| self.status(ui));
@@ -327,24 +416,4 @@ fn steer(ui: &Ui, response: &egui::Response, session: &mut Session, seconds: f32
             session.pick(Pick::Select, [place.x, place.y]);
         }
     }
-}
-
-/// Writes the picture into a new file of the working folder.
-fn save(session: &mut Session, is_radiance: bool) -> Result<PathBuf, String> {
-    let extension = if is_radiance { "exr" } else { "png" };
-    let path = (1..)
-        .map(|number| PathBuf::from(format!("gpugi-{number}.{extension}")))
-        .find(|path| !path.exists());
-    let path = path.ok_or("the folder is full of pictures")?;
-    let renderer = &session.loaded().renderer;
-    let [width, height] = renderer.size();
-    let failed = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    if is_radiance {
-        let radiance = renderer.radiance().map_err(|error| failed(&error))?;
-        save_exr(&path, width, height, &radiance).map_err(|error| failed(&error))?;
-    } else {
-        let pixels = renderer.pixels().map_err(|error| failed(&error))?;
-        save_png(&path, width, height, &pixels).map_err(|error| failed(&error))?;
-    }
-    Ok(path)
 }

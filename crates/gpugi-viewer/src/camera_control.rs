@@ -123,14 +123,15 @@ impl CameraControl {
         }
     }
 
-    /// The camera as an argument of `gpugi render --camera`; none for what that cannot say.
-    pub fn argument(&self) -> Option<String> {
-        let of_scene = self
-            .untouched
-            .as_ref()
-            .map(|camera| camera.name.to_string());
-        if of_scene.is_some() || self.is_parallel {
-            return of_scene;
+    /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's `cameras`. None for
+    /// what that cannot say.
+    pub fn argument(&self, cameras: &[Camera]) -> Option<String> {
+        let of_scene = |camera: &&Camera| cameras.iter().any(|one| one.name == camera.name);
+        if let Some(camera) = self.untouched.as_ref().filter(of_scene) {
+            return Some(camera.name.to_string());
+        }
+        if self.is_parallel {
+            return None;
         }
         let point = |point: Vec3| format!("{:.5},{:.5},{:.5}", point.x, point.y, point.z);
         Some(format!(
@@ -292,7 +293,13 @@ mod tests {
         let mut control = control();
         assert!(!control.advance(1.0));
         assert_eq!(control.camera().name.as_str(), "first");
-        assert_eq!(control.argument().as_deref(), Some("first"));
+        let of_scene = [control.camera()];
+        assert_eq!(control.argument(&of_scene).as_deref(), Some("first"));
+        let elsewhere = control.argument(&[]).unwrap();
+        assert!(
+            elsewhere.starts_with("eye=1.00000,2.00000,5.00000;"),
+            "{elsewhere}"
+        );
         // What it becomes when somebody steers stands at the same place.
         let before = control.camera();
         control.orbit(Vec2::ZERO);

@@ -1,31 +1,77 @@
-//! The command line that renders what is seen.
+//! What is seen, in words: the command line that renders it, and the address of the page that shows it.
 
 use gpugi_scene::Scene;
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
+use crate::arguments::SCENE;
 use crate::session::Session;
+use crate::viewer::Look;
+
+/// What addresses hold as it is.
+const ESCAPED: &AsciiSet = &NON_ALPHANUMERIC
+    .remove(b'-')
+    .remove(b'_')
+    .remove(b'.')
+    .remove(b',')
+    .remove(b':')
+    .remove(b';')
+    .remove(b'=')
+    .remove(b'/')
+    .remove(b'*');
 
 /// `gpugi render` with the arguments for the picture that the session shows, in a window of `size` pixels.
 pub fn command(session: &Session, size: [u32; 2]) -> String {
-    let loaded = session.loaded();
     let mut words: Vec<String> = vec!["./gpugi".into(), "render".into()];
-    words.extend(loaded.arguments.iter().cloned());
-    let mut option = |name: &str, value: String| words.extend([name.to_owned(), value]);
-    if session.clock.seconds != 0.0 {
-        option("--time", session.clock.seconds.to_string());
+    words.extend(session.loaded().arguments.iter().cloned());
+    let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
+    option("size", format!("{}x{}", size[0], size[1]));
+    for (name, value) in options(session) {
+        option(name, value);
     }
-    option("--size", format!("{}x{}", size[0], size[1]));
-    if let Some(camera) = session.camera.argument() {
+    option("samples", session.samples.to_string());
+    words.extend(["-o".into(), "picture.png".into()]);
+    let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
+    quoted.join(" ")
+}
+
+/// What follows `#` in the address of a page that shows what the session shows ([`crate::arguments::of_address`]).
+pub fn address(session: &Session) -> String {
+    let words = &session.loaded().arguments;
+    let mut parts = vec![part(SCENE, &words[0])];
+    for option in words[1..].chunks_exact(2) {
+        parts.push(part(option[0].trim_start_matches('-'), &option[1]));
+    }
+    let named = options(session).into_iter();
+    parts.extend(named.map(|(name, value)| part(name, &value)));
+    if session.samples != Look::default().samples {
+        parts.push(part("samples", &session.samples.to_string()));
+    }
+    parts.join("&")
+}
+
+fn part(name: &str, value: &str) -> String {
+    format!("{name}={}", utf8_percent_encode(value, ESCAPED))
+}
+
+/// The options that tell the session's picture from that of its scene alone.
+fn options(session: &Session) -> Vec<(&'static str, String)> {
+    let loaded = session.loaded();
+    let mut options = Vec::new();
+    if session.clock.seconds != 0.0 {
+        options.push(("time", session.clock.seconds.to_string()));
+    }
+    if let Some(camera) = session.camera.argument(&loaded.scene.cameras) {
         let is_default = |scene: &Scene| {
             let first = scene.cameras.first();
             first.is_none_or(|first| first.name.as_str() == camera)
         };
         if !is_default(&loaded.scene) || camera.contains('=') {
-            option("--camera", camera);
+            options.push(("camera", camera));
         }
     }
-    option("--exposure", session.display.exposure.to_string());
-    option("--tone-map", session.display.tone_map.to_string());
-    option("--technique", session.technique_names().join(","));
+    options.push(("exposure", session.display.exposure.to_string()));
+    options.push(("tone-map", session.display.tone_map.to_string()));
+    options.push(("technique", session.technique_names().join(",")));
     for technique in loaded.renderer.techniques() {
         let values = technique.settings().to_json();
         for field in technique.settings().fields() {
@@ -35,14 +81,11 @@ pub fn command(session: &Session, size: [u32; 2]) -> String {
                 let text = value
                     .as_str()
                     .map_or_else(|| value.to_string(), str::to_owned);
-                option("--set", format!("{name}.{}={text}", field.name));
+                options.push(("set", format!("{name}.{}={text}", field.name)));
             }
         }
     }
-    option("--samples", session.samples.to_string());
-    option("-o", "picture.png".into());
-    let quoted: Vec<String> = words.iter().map(|word| quoted(word)).collect();
-    quoted.join(" ")
+    options
 }
 
 /// A word as a shell reads it.

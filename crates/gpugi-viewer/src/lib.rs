@@ -1,15 +1,20 @@
-//! The gpugi viewer: global illumination live, in a window. docs/viewer.md says how to use it.
+//! The gpugi viewer: global illumination live, in a window or on a page. docs/viewer.md says how to use it.
 //!
 //! [`session::Session`] is the loop that shows frame after frame; it and everything that it is made of know nothing of
 //! windows. [`app::App`] draws its picture and its controls with egui.
 
 pub mod app;
+pub mod arguments;
+#[cfg(target_arch = "wasm32")]
+pub mod browser;
 pub mod camera_control;
 pub mod command;
+#[cfg(not(target_arch = "wasm32"))]
 pub mod headless;
 pub mod opening;
 pub mod pace;
 mod panels;
+mod saving;
 pub mod script;
 pub mod session;
 pub mod task;

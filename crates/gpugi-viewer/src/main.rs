@@ -10,15 +10,13 @@ use clap::error::ErrorKind;
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use gpugi::gpu::{Gpu, instance_descriptor};
-use gpugi::techniques::Registry;
+use gpugi_arguments::parse_size;
 use gpugi_cli::output::{self, Format};
-use gpugi_cli::render::{parse_size, split_settings};
-use gpugi_cli::scene_argument::SceneArguments;
-use gpugi_cli::{Common, Usage, exit_code, log_to_stderr};
+use gpugi_cli::{Common, exit_code, log_to_stderr};
 use gpugi_viewer::app::App;
+use gpugi_viewer::arguments::ViewArguments;
 use gpugi_viewer::headless;
 use gpugi_viewer::script::Script;
-use gpugi_viewer::technique_set::TechniqueSet;
 use gpugi_viewer::viewer::Start;
 
 /// Global illumination live, in a window.
@@ -28,20 +26,11 @@ struct Arguments {
     #[command(flatten)]
     common: Common,
     #[command(flatten)]
-    scene: SceneArguments,
+    view: ViewArguments,
     /// Width and height of the window
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = parse_size)]
     size: [u32; 2],
-    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
-    #[arg(long)]
-    camera: Option<String>,
-    /// Techniques, separated by commas (default: what suits the scene in motion)
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
-    technique: Vec<String>,
-    /// A technique's setting (repeatable)
-    #[arg(long, value_name = "technique.key=value")]
-    set: Vec<String>,
-    /// Show N frames without a window
+    /// Show N frames without a window; with --samples, more follow until the last picture has so many
     #[arg(long, value_name = "N")]
     headless_frames: Option<u32>,
     #[command(flatten)]
@@ -60,9 +49,6 @@ struct Headless {
     /// Write the last picture: .png (tone-mapped), .exr or .hdr (linear radiance)
     #[arg(short, long, value_name = "FILE", requires = "headless_frames")]
     output: Option<PathBuf>,
-    /// Add frames until the last picture has so many samples per pixel
-    #[arg(long, requires = "headless_frames", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    samples: Option<u32>,
 }
 
 fn main() -> ExitCode {
@@ -83,23 +69,7 @@ fn arguments() -> Arguments {
 }
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let mut set = TechniqueSet {
-        names: (!arguments.technique.is_empty()).then(|| arguments.technique.clone()),
-        ..TechniqueSet::default()
-    };
-    let registry = Registry::default();
-    for [technique, name, value] in split_settings(&arguments.set)? {
-        if registry.find(technique).is_none() {
-            let message = format!("--set {technique}.{name}: there is no technique {technique:?}");
-            return Err(Usage(message).into());
-        }
-        set.set(technique, name, value);
-    }
-    let start = Start {
-        scene: arguments.scene.clone(),
-        camera: arguments.camera.clone(),
-        set,
-    };
+    let start = arguments.view.start()?;
     if let Some(frames) = arguments.headless_frames {
         return run_headless(arguments, start, frames);
     }
@@ -130,7 +100,6 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
         script,
         frame_times,
         output,
-        samples,
     } = &arguments.headless;
     let script = match script {
         Some(path) => {
@@ -146,8 +115,8 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
     let files = [output, frame_times].into_iter().flatten();
     output::check_folders(files.map(PathBuf::as_path))?;
     let gpu = Gpu::open(&arguments.common.adapter)?;
-    let size = arguments.size;
-    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, *samples)
+    let (size, samples) = (arguments.size, arguments.view.samples);
+    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, samples)
         .map_err(|reason| anyhow!(reason))?;
     if !arguments.common.quiet {
         println!(

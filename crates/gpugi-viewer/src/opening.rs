@@ -1,10 +1,11 @@
-//! Scenes to open: read, uploaded and given a renderer on another thread.
+//! Scenes to open: read, uploaded and given a renderer while something else is on show.
 
 use std::path::{Path, PathBuf};
 
 use gpugi::gpu::Gpu;
-use gpugi_cli::scene_argument::{self, SceneArguments};
-use gpugi_scene::{Scene, import_environment};
+use gpugi_arguments::files::Files;
+use gpugi_arguments::scene_argument::{self, SceneArguments};
+use gpugi_scene::Scene;
 
 use crate::session::Loaded;
 use crate::task::Task;
@@ -12,19 +13,6 @@ use crate::technique_set::TechniqueSet;
 
 /// A scene on its way, or why there is none.
 pub type Opening = Task<Result<Loaded, String>>;
-
-/// The arguments that select the scene `name` alone.
-pub fn arguments_of(name: &str) -> SceneArguments {
-    SceneArguments {
-        scene: name.to_owned(),
-        detail: 1,
-        environment: None,
-        time: 0.0,
-        without: String::new(),
-        files_from: None,
-        limits: String::new(),
-    }
-}
 
 /// What dropping a file means: a scene to open in place of the one on show, or an environment for it.
 pub fn dropped(current: &SceneArguments, file: &Path) -> SceneArguments {
@@ -40,34 +28,36 @@ pub fn dropped(current: &SceneArguments, file: &Path) -> SceneArguments {
     } else {
         SceneArguments {
             limits: current.limits.clone(),
-            ..arguments_of(&file.to_string_lossy())
+            ..SceneArguments::of(&file.to_string_lossy())
         }
     }
 }
 
-/// Opens a scene with the techniques of `set`.
+/// Opens a scene, from `files` or from the disk, with the techniques of `set`.
 pub fn open(
     gpu: &Gpu,
     arguments: &SceneArguments,
+    files: Files,
     set: &TechniqueSet,
     size: [u32; 2],
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, arguments, set) = (gpu.clone(), arguments.clone(), set.clone());
-    Task::start(&arguments.scene.clone(), done, move |stage| {
-        stage.set("reading");
-        let (scene, notes) =
-            scene_argument::load(&arguments).map_err(|error| format!("{error:#}"))?;
-        stage.set("uploading");
+    Task::start(&arguments.scene.clone(), done, move |stage| async move {
+        stage.set("reading").await;
+        let loaded = scene_argument::load_among(&arguments, &files);
+        let (scene, notes) = loaded.map_err(|error| format!("{error:#}"))?;
+        stage.set("uploading").await;
         renderer(&gpu, scene, set, size, in_words(&arguments), notes)
     })
 }
 
-/// The scene on show in the environment of `arguments`.
+/// The scene on show in the environment of `arguments`, from `files` or from the disk.
 pub fn change_environment(
     gpu: &Gpu,
     current: &Loaded,
     arguments: &SceneArguments,
+    files: Files,
     size: [u32; 2],
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
@@ -75,12 +65,12 @@ pub fn change_environment(
     let (mut scene, set) = (current.scene.clone(), current.set.clone());
     let notes = current.notes.clone();
     let file = arguments.environment.clone().unwrap_or_default();
-    Task::start(&file.display().to_string(), done, move |stage| {
-        stage.set("reading");
+    Task::start(&file.display().to_string(), done, move |stage| async move {
+        stage.set("reading").await;
         let limits = arguments.limits().map_err(|error| format!("{error:#}"))?;
-        let environment = import_environment(&file, &limits);
-        scene.environment = Some(environment.map_err(|error| error.to_string())?);
-        stage.set("uploading");
+        let environment = scene_argument::environment_of(&file, &files, &limits);
+        scene.environment = Some(environment.map_err(|error| format!("{error:#}"))?);
+        stage.set("uploading").await;
         renderer(&gpu, scene, set, size, in_words(&arguments), notes)
     })
 }
@@ -95,8 +85,8 @@ pub fn change_set(
 ) -> Opening {
     let (gpu, scene) = (gpu.clone(), current.scene.clone());
     let (arguments, notes) = (current.arguments.clone(), current.notes.clone());
-    Task::start("techniques", done, move |stage| {
-        stage.set("uploading");
+    Task::start("techniques", done, move |stage| async move {
+        stage.set("uploading").await;
         renderer(&gpu, scene, set, size, arguments, notes)
     })
 }
@@ -148,7 +138,7 @@ mod tests {
         let current = SceneArguments {
             limits: "side=64".into(),
             detail: 3,
-            ..arguments_of("spheres")
+            ..SceneArguments::of("spheres")
         };
         let sky = dropped(&current, Path::new("a/Sky.EXR"));
         assert_eq!(

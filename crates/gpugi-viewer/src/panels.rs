@@ -11,6 +11,7 @@ use gpugi_scene::builtin;
 
 use crate::session::Session;
 use crate::technique_set::{Preset, TechniqueSet};
+use crate::truth;
 
 pub use edits::edits;
 
@@ -251,6 +252,10 @@ fn path(paths: &gpugi::light_paths::LightPaths) -> String {
 /// The path tracer beside the picture.
 pub fn truth(ui: &mut Ui, session: &mut Session) {
     CollapsingHeader::new("Truth").show(ui, |ui| {
+        if !truth::IS_POSSIBLE {
+            ui.weak("the path tracer does not run on a page yet: ./gpugi view shows it");
+            return;
+        }
         let split = match session.compared {
             Some(Compared::Split(split)) => split,
             _ => 0.5,

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use glam::{Vec2, Vec3};
 use gpugi::scene::Edit;
+use gpugi_arguments::files::Files;
+use gpugi_arguments::scene_argument::SceneArguments;
 
-use crate::opening;
 use crate::technique_set::TechniqueSet;
 use crate::viewer::Viewer;
 
@@ -120,9 +121,9 @@ fn run_step(step: &Step, viewer: &mut Viewer) -> Result<(), String> {
     if let Step::Open(name) = step {
         let file = PathBuf::from(name);
         if file.extension().is_some() {
-            viewer.open_file(&file);
+            viewer.open_file(&file, Files::default());
         } else {
-            viewer.open(opening::arguments_of(name), &TechniqueSet::default());
+            viewer.open(SceneArguments::of(name), &TechniqueSet::default());
         }
         return Ok(());
     }

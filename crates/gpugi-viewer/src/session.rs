@@ -16,6 +16,7 @@ use crate::pace::Pace;
 use crate::technique_set::TechniqueSet;
 use crate::timings::PassTimes;
 use crate::truth::{Reference, Truth, View};
+use crate::viewer::Look;
 
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
@@ -133,7 +134,7 @@ impl Session {
             camera: CameraControl::new(camera, &loaded.scene.bounds()),
             display: DisplaySettings::default(),
             pace: Pace::default(),
-            samples: 64,
+            samples: Look::default().samples,
             clock: Clock::default(),
             is_timed: false,
             pass_times: PassTimes::default(),

@@ -1,19 +1,20 @@
-//! Work that takes longer than a frame: on another thread, with its stage to show, and given up when it is dropped.
+//! Work that takes longer than a frame: on another thread, with its stage to show, and given up when it is dropped. A page
+//! has no threads: there, it runs between frames, from one stage to the next.
 
+use std::future::Future;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
-
-use gpugi::gpu::AtWork;
 
 /// What a task says about itself.
 #[derive(Debug, Clone, Default)]
 pub struct Stage(Arc<Mutex<&'static str>>);
 
 impl Stage {
-    /// Says what the task does now.
-    pub fn set(&self, stage: &'static str) {
+    /// Says what the task does now. A page shows that before the task goes on.
+    pub async fn set(&self, stage: &'static str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
+        #[cfg(target_arch = "wasm32")]
+        crate::browser::pause().await;
     }
 
     /// What the task does now.
@@ -33,23 +34,31 @@ pub struct Task<T> {
 }
 
 impl<T: Send + 'static> Task<T> {
-    /// Starts `work` on a thread. `done` is called after its end, to wake the window.
-    pub fn start(
+    /// Starts `work`. `done` is called after its end, to wake the window.
+    pub fn start<F: Future<Output = T> + 'static>(
         subject: &str,
         done: impl FnOnce() + Send + 'static,
-        work: impl FnOnce(&Stage) -> T + Send + 'static,
+        work: impl FnOnce(Stage) -> F + Send + 'static,
     ) -> Self {
         let stage = Stage::default();
         let (sender, result) = channel();
         let own_stage = stage.clone();
-        let at_work = AtWork::begin();
-        thread::spawn(move || {
-            let _at_work = at_work;
-            let result = work(&own_stage);
+        let run = async move || {
+            let result = work(own_stage).await;
             // Nobody waits for it any more.
             let _ = sender.send(result);
             done();
-        });
+        };
+        #[cfg(target_arch = "wasm32")]
+        wasm_bindgen_futures::spawn_local(async move { run().await });
+        #[cfg(not(target_arch = "wasm32"))]
+        {
+            let at_work = gpugi::gpu::AtWork::begin();
+            std::thread::spawn(move || {
+                let _at_work = at_work;
+                pollster::block_on(run());
+            });
+        }
         Self {
             subject: subject.to_owned(),
             stage,
@@ -67,6 +76,7 @@ impl<T: Send + 'static> Task<T> {
     }
 
     /// Waits for the result.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn wait(&self) -> Option<T> {
         self.result.recv().ok()
     }
@@ -83,8 +93,8 @@ mod tests {
         let task = Task::start(
             "three",
             move || woken.send(()).unwrap(),
-            move |stage| {
-                stage.set("counting");
+            move |stage| async move {
+                stage.set("counting").await;
                 wait.recv().unwrap();
                 3
             },
@@ -103,7 +113,7 @@ mod tests {
         let task = Task::start(
             "nothing",
             move || woken.send(()).unwrap(),
-            move |_| wait.recv(),
+            move |_| async move { wait.recv() },
         );
         drop(task);
         go.send(()).unwrap();

@@ -1,5 +1,5 @@
 //! The truth beside the picture: the path tracer, on a thread and a device of its own, so that the window never waits
-//! for it.
+//! for it. Not on a page: the path tracer waits for the GPU, which pages cannot.
 
 use std::ops::ControlFlow;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
@@ -8,10 +8,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use gpugi::LightingError;
-use gpugi::gpu::{AdapterChoice, AtWork, Gpu};
+#[cfg(not(target_arch = "wasm32"))]
+use gpugi::gpu::AtWork;
+use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::reference::{PathTracer, Settings};
 use gpugi_scene::{Camera, Scene};
 
+/// Whether there can be one here.
+pub const IS_POSSIBLE: bool = !cfg!(target_arch = "wasm32");
 /// Time between two states of the picture.
 const INTERVAL: Duration = Duration::from_millis(400);
 
@@ -67,8 +71,10 @@ impl Truth {
         let answer = Arc::new(Mutex::new(None));
         let slot = Arc::downgrade(&answer);
         let choice = AdapterChoice::Named(adapter.to_owned());
+        #[cfg(not(target_arch = "wasm32"))]
         let at_work = AtWork::begin();
         thread::spawn(move || {
+            #[cfg(not(target_arch = "wasm32"))]
             let _at_work = at_work;
             let answer = |answer| {
                 let Some(slot) = slot.upgrade() else {

@@ -3,8 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gpugi::display::DisplaySettings;
 use gpugi::gpu::Gpu;
-use gpugi_cli::scene_argument::{self, SceneArguments};
+use gpugi_arguments::files::Files;
+use gpugi_arguments::scene_argument::{self, SceneArguments};
 
 use crate::opening::{self, Opening};
 use crate::session::{Loaded, Session};
@@ -15,10 +17,31 @@ use crate::technique_set::TechniqueSet;
 pub struct Start {
     /// The scene.
     pub scene: SceneArguments,
-    /// The camera, as `gpugi render --camera`.
-    pub camera: Option<String>,
     /// Its techniques.
     pub set: TechniqueSet,
+    /// How it is shown.
+    pub look: Look,
+}
+
+/// How a scene is shown.
+#[derive(Debug, Clone)]
+pub struct Look {
+    /// The camera, as `gpugi render --camera`.
+    pub camera: Option<String>,
+    /// Exposure and tone mapping.
+    pub display: DisplaySettings,
+    /// Samples per pixel of a picture at rest.
+    pub samples: u32,
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self {
+            camera: None,
+            display: DisplaySettings::default(),
+            samples: 64,
+        }
+    }
 }
 
 /// What is being opened.
@@ -35,8 +58,8 @@ enum Kind {
 /// What is on show, and what is being opened.
 pub struct Viewer {
     gpu: Gpu,
-    /// The camera of the first scene.
-    camera: Option<String>,
+    /// How the scene that is being opened is shown, if not like the one before.
+    look: Option<Look>,
     /// What selects the scene on show.
     scene: SceneArguments,
     session: Option<Session>,
@@ -49,14 +72,20 @@ impl Viewer {
     pub fn new(gpu: &Gpu, start: Start, wake: impl Fn() + Send + Sync + 'static) -> Self {
         let mut viewer = Self {
             gpu: gpu.clone(),
-            camera: start.camera,
+            look: None,
             scene: start.scene.clone(),
             session: None,
             opening: None,
             wake: Arc::new(wake),
         };
-        viewer.open(start.scene, &start.set);
+        viewer.start(start);
         viewer
+    }
+
+    /// Begins to open a scene, to be shown in its own way.
+    pub fn start(&mut self, start: Start) {
+        self.open(start.scene, &start.set);
+        self.look = Some(start.look);
     }
 
     /// The scene on show.
@@ -71,22 +100,29 @@ impl Viewer {
 
     /// Begins to open a scene; what is on show stays until it is ready.
     pub fn open(&mut self, scene: SceneArguments, set: &TechniqueSet) {
-        let wake = self.wake.clone();
-        let opening = opening::open(&self.gpu, &scene, set, self.size(), move || wake());
-        self.opening = Some((opening, Kind::Scene(scene)));
+        self.open_among(scene, Files::default(), set);
     }
 
-    /// Begins to open a file: a scene, or an environment for the scene on show.
-    pub fn open_file(&mut self, file: &Path) {
+    fn open_among(&mut self, scene: SceneArguments, files: Files, set: &TechniqueSet) {
+        let wake = self.wake.clone();
+        let done = move || wake();
+        let opening = opening::open(&self.gpu, &scene, files, set, self.size(), done);
+        self.opening = Some((opening, Kind::Scene(scene)));
+        self.look = None;
+    }
+
+    /// Begins to open a file: a scene, or an environment for the scene on show. It and what it refers to are in `files`,
+    /// or else on the disk.
+    pub fn open_file(&mut self, file: &Path, files: Files) {
         let scene = opening::dropped(&self.scene, file);
         let (Some(session), true) = (&self.session, scene.environment.is_some()) else {
-            self.open(scene, &TechniqueSet::default());
+            self.open_among(scene, files, &TechniqueSet::default());
             return;
         };
         let wake = self.wake.clone();
         let done = move || wake();
-        let opening =
-            opening::change_environment(&self.gpu, session.loaded(), &scene, self.size(), done);
+        let (current, size) = (session.loaded(), self.size());
+        let opening = opening::change_environment(&self.gpu, current, &scene, files, size, done);
         self.opening = Some((opening, Kind::Environment(scene)));
     }
 
@@ -115,10 +151,11 @@ impl Viewer {
         self.take(result).map(|()| true)
     }
 
-    /// As [`Viewer::take_opened`], and waits for it.
+    /// As [`Viewer::take_opened`], and waits for it. Not for pages, which never block.
     ///
     /// # Errors
     /// As [`Viewer::take_opened`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn finish_opening(&mut self) -> Result<(), String> {
         match self.opening().map(Opening::wait) {
             Some(result) => self.take(result),
@@ -159,8 +196,9 @@ impl Viewer {
     }
 
     fn show(&mut self, loaded: Loaded) -> Result<(), String> {
-        let choice = self.camera.take();
-        let camera = scene_argument::camera(&loaded.scene, choice.as_deref(), 4.0 / 3.0);
+        let look = self.look.take();
+        let choice = look.as_ref().and_then(|look| look.camera.as_deref());
+        let camera = scene_argument::camera(&loaded.scene, choice, 4.0 / 3.0);
         let camera = camera.map_err(|error| format!("{error:#}"))?;
         match &mut self.session {
             Some(session) => session.open(loaded, &camera),
@@ -169,6 +207,10 @@ impl Viewer {
                 let session = Session::new(&self.gpu, loaded, &camera, move || wake());
                 self.session = Some(session.map_err(|error| error.to_string())?);
             }
+        }
+        if let (Some(session), Some(look)) = (&mut self.session, look) {
+            session.display = look.display;
+            session.samples = look.samples;
         }
         Ok(())
     }

@@ -6,16 +6,17 @@ use std::path::Path;
 use gpugi::Renderer;
 use gpugi::display::Compared;
 use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi_arguments::files::Files;
+use gpugi_arguments::scene_argument::SceneArguments;
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::save_exr;
 use gpugi_viewer::command::command;
 use gpugi_viewer::headless;
-use gpugi_viewer::opening::arguments_of;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
 use gpugi_viewer::technique_set::TechniqueSet;
-use gpugi_viewer::viewer::{Start, Viewer};
+use gpugi_viewer::viewer::{Look, Start, Viewer};
 
 const SIZE: [u32; 2] = [48, 32];
 const SAMPLES: u32 = 4;
@@ -32,12 +33,12 @@ fn open() -> Option<Gpu> {
 fn start(scene: &str, techniques: &[&str]) -> Start {
     let names = techniques.iter().map(|&name| name.to_owned()).collect();
     Start {
-        scene: arguments_of(scene),
-        camera: None,
+        scene: SceneArguments::of(scene),
         set: TechniqueSet {
             names: Some(names),
             ..TechniqueSet::default()
         },
+        look: Look::default(),
     }
 }
 
@@ -116,7 +117,7 @@ fn what_cannot_be_opened_leaves_what_was_there() {
     let broken = std::env::temp_dir().join(format!("gpugi-viewer-{}.glb", std::process::id()));
     std::fs::write(&broken, b"glTF is not what this is").unwrap();
     for file in [&broken, Path::new("there-is-no-such.glb")] {
-        viewer.open_file(file);
+        viewer.open_file(file, Files::default());
         let reason = viewer.finish_opening().unwrap_err();
         let name = file.file_name().unwrap().to_string_lossy().into_owned();
         assert!(reason.contains(&name), "{reason}");
@@ -150,7 +151,7 @@ fn an_environment_that_is_dropped_lights_the_edited_scene() {
     let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), script);
     let sky = std::env::temp_dir().join(format!("gpugi-viewer-{}.exr", std::process::id()));
     save_exr(&sky, 4, 2, &[0.5; 4 * 2 * 3]).unwrap();
-    viewer.open_file(&sky);
+    viewer.open_file(&sky, Files::default());
     viewer.finish_opening().unwrap();
     std::fs::remove_file(&sky).unwrap();
     let session = viewer.session().unwrap();
@@ -166,7 +167,7 @@ fn an_environment_that_is_dropped_lights_the_edited_scene() {
 fn an_opening_that_is_cancelled_changes_nothing() {
     let Some(gpu) = open() else { return };
     let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
-    viewer.open(arguments_of("cornell"), &TechniqueSet::default());
+    viewer.open(SceneArguments::of("cornell"), &TechniqueSet::default());
     viewer.cancel();
     assert!(viewer.opening().is_none());
     viewer.finish_opening().unwrap();

@@ -1,69 +1,166 @@
-//! gpugi in a browser.
-//!
-//! Nothing here blocks between frames. But a scene that is uploaded for texels or rays (radiosity, obscurances) is
-//! unwrapped and gets its hierarchies in one go, which can take seconds. Call [`render`] in a worker then, or the page
-//! freezes meanwhile.
+//! The viewer as a page: what page/index.html calls.
 
-use gpugi::gpu::{AdapterChoice, Gpu};
-use gpugi::{Readiness, Renderer};
-use gpugi_scene::builtin::builtin;
-use js_sys::Float32Array;
+#![cfg(target_arch = "wasm32")]
+
+use std::cell::RefMut;
+use std::io::Cursor;
+
+use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupExisting};
+use eframe::web_sys::HtmlCanvasElement;
+use eframe::{WebOptions, WebRunner, wgpu};
+use gpugi::Readiness;
+use gpugi::gpu::{AdapterChoice, AdapterSummary, Gpu, instance_descriptor};
+use gpugi_scene::image::write_exr;
+use gpugi_viewer::app::App;
+use gpugi_viewer::arguments::of_address;
+use gpugi_viewer::command::command;
+use gpugi_viewer::script::Script;
+use js_sys::Uint8Array;
 use wasm_bindgen::prelude::*;
 
-#[wasm_bindgen(
-    inline_js = "export function turn() { return new Promise(resolve => setTimeout(resolve)); }"
-)]
-extern "C" {
-    /// Lets the browser do what is due: input, callbacks of the GPU.
-    async fn turn();
-}
-
-/// Panics become exceptions, which the page sees as `error` events.
-#[wasm_bindgen(start)]
-fn throw_panics() {
-    std::panic::set_hook(Box::new(|panic| {
-        wasm_bindgen::throw_str(&panic.to_string())
-    }));
-}
-
-/// Renders what the first camera of a built-in scene sees, as the command does: `gpugi render SCENE --technique ...
-/// --set ... --size ... --samples ...`: maps converge, then samples accumulate. Without `techniques`, by the scene's
-/// default set for a live view: unwrapping an atlas is slow in a browser. A setting is `technique.key=value`; `width`
-/// and `height` are in pixels. Resolves to linear radiance, three floats per pixel, row by row from the top.
-///
-/// # Errors
-/// Rejects where the browser has no WebGPU, for unknown names, and for what the GPU refuses.
+/// The viewer on a canvas.
 #[wasm_bindgen]
-pub async fn render(
-    scene: &str,
-    techniques: Vec<String>,
-    settings: Vec<String>,
-    width: u32,
-    height: u32,
-    samples: u32,
-) -> Result<Float32Array, JsError> {
-    let scene =
-        builtin(scene, 1).ok_or_else(|| JsError::new(&format!("{scene}: is no built-in scene")))?;
-    let gpu = Gpu::open_async(&AdapterChoice::Best).await?;
-    let mut renderer = Renderer::new(&gpu, &scene, [width, height], &techniques)?;
-    for setting in &settings {
-        let parts = setting
-            .split_once('=')
-            .and_then(|(name, value)| Some((name.split_once('.')?, value)));
-        let ((technique, key), value) =
-            parts.ok_or_else(|| JsError::new(&format!("{setting}: is not technique.key=value")))?;
-        renderer.set(technique, key, value)?;
+pub struct Page(WebRunner);
+
+#[wasm_bindgen]
+impl Page {
+    /// Starts the viewer. `address` is what follows `#` in the page's: `scene=cornell&technique=shadow-map`, options as
+    /// those of `gpugi view`.
+    ///
+    /// # Errors
+    /// Rejects with a sentence where there is no WebGPU that gpugi can use.
+    pub async fn start(canvas: HtmlCanvasElement, address: &str) -> Result<Page, JsError> {
+        let (start, wrong) = match of_address(address) {
+            Ok(start) => (start, None),
+            Err(reason) => (of_address("").map_err(error)?, Some(reason)),
+        };
+        let options = WebOptions {
+            wgpu_options: WgpuConfiguration {
+                wgpu_setup: WgpuSetup::Existing(setup().await?),
+                ..Default::default()
+            },
+            ..Default::default()
+        };
+        let app = move |context: &eframe::CreationContext<'_>| {
+            let render_state = context.wgpu_render_state.as_ref();
+            let render_state = render_state.ok_or("the page has no GPU")?;
+            let mut app = App::new(&context.egui_ctx, render_state, start);
+            if let Some(reason) = wrong {
+                app.complain(format!("the address: {reason}"));
+            }
+            Ok(Box::new(app) as Box<dyn eframe::App>)
+        };
+        let runner = WebRunner::new();
+        let started = runner.start(canvas, options, Box::new(app)).await;
+        started.map_err(|reason| error(format!("{reason:?}")))?;
+        Ok(Self(runner))
     }
-    let camera = &scene.cameras[0];
-    while renderer.try_converge(camera)? != Readiness::Ready {
-        turn().await;
+
+    /// Opens what another address says, or says what is wrong with it.
+    ///
+    /// # Errors
+    /// gpugi has failed.
+    pub fn open(&self, address: &str) -> Result<(), JsError> {
+        let mut app = self.app()?;
+        match of_address(address) {
+            Ok(start) => app.viewer().start(start),
+            Err(reason) => app.complain(format!("the address: {reason}")),
+        }
+        Ok(())
     }
-    while renderer.samples() < samples {
-        renderer.try_render_sample(camera, samples, None, false)?;
-        turn().await;
+
+    /// Does a step of a script (docs/viewer.md), such as `orbit 20 10`.
+    ///
+    /// # Errors
+    /// Why it cannot be done.
+    pub fn run(&self, step: &str) -> Result<(), JsError> {
+        let script = Script::parse(&format!("0 {step}")).map_err(error)?;
+        script.run(0, self.app()?.viewer()).map_err(error)
     }
-    let radiance = renderer.begin_radiance()?.await?;
-    // What failed in the last frames has been reported by now.
-    gpu.check()?;
-    Ok(Float32Array::from(&radiance[..]))
+
+    /// Whether the picture is complete: nothing is being opened, all maps are made and all samples taken.
+    ///
+    /// # Errors
+    /// What the page says that is wrong.
+    #[wasm_bindgen(js_name = isComplete)]
+    pub fn is_complete(&self) -> Result<bool, JsError> {
+        let mut app = self.app()?;
+        if let Some(reason) = app.error() {
+            return Err(error(reason.to_owned()));
+        }
+        let viewer = app.viewer();
+        let is_opening = viewer.opening().is_some();
+        Ok(viewer.session().is_some_and(|session| {
+            let is_ready = session.readiness() == Readiness::Ready;
+            let samples = session.loaded().renderer.samples();
+            !is_opening && is_ready && samples >= session.samples
+        }))
+    }
+
+    /// The command line that renders what is seen.
+    ///
+    /// # Errors
+    /// Nothing is on show.
+    pub fn command(&self) -> Result<String, JsError> {
+        let mut app = self.app()?;
+        let session = app.viewer().session().ok_or_else(nothing)?;
+        Ok(command(session, session.loaded().renderer.size()))
+    }
+
+    /// Linear radiance of what is seen, as an EXR file.
+    ///
+    /// # Errors
+    /// Nothing is on show, or the GPU has failed.
+    pub async fn exr(&self) -> Result<Uint8Array, JsError> {
+        let (gpu, [width, height], radiance) = {
+            let mut app = self.app()?;
+            let session = app.viewer().session().ok_or_else(nothing)?;
+            let renderer = &session.loaded().renderer;
+            let radiance = renderer.begin_radiance()?;
+            (session.gpu().clone(), renderer.size(), radiance)
+        };
+        let radiance = radiance.await?;
+        // What failed in the last frames has been reported by now.
+        gpu.check()?;
+        let mut file = Cursor::new(Vec::new());
+        write_exr(&mut file, width, height, &radiance)?;
+        Ok(Uint8Array::from(&file.into_inner()[..]))
+    }
+}
+
+impl Page {
+    fn app(&self) -> Result<RefMut<'_, App>, JsError> {
+        let app = self.0.app_mut::<App>();
+        app.ok_or_else(|| error("gpugi failed; please report it".into()))
+    }
+}
+
+/// A device as gpugi opens it.
+async fn setup() -> Result<WgpuSetupExisting, JsError> {
+    let instance = wgpu::Instance::new(instance_descriptor());
+    let adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;
+    let adapter = AdapterChoice::Best.choose(adapters)?;
+    let missing = AdapterSummary::of(&adapter).missing();
+    if !missing.is_empty() {
+        return Err(error(format!(
+            "This GPU lacks what gpugi needs: {}.",
+            missing.join("; ")
+        )));
+    }
+    let descriptor = Gpu::device_descriptor(&adapter);
+    let (device, queue) = adapter.request_device(&descriptor).await?;
+    Ok(WgpuSetupExisting {
+        instance,
+        adapter,
+        device,
+        queue,
+    })
+}
+
+fn nothing() -> JsError {
+    error("nothing is on show yet".into())
+}
+
+fn error(reason: String) -> JsError {
+    JsError::new(&reason)
 }

@@ -13,11 +13,11 @@ use gpugi::settings::SettingSet;
 use gpugi::techniques::environment_map::{self, export};
 use gpugi::techniques::light_path_map::{self, LightPathMap};
 use gpugi::techniques::radiance_transfer::{self, RadianceTransfer};
+use gpugi_arguments::split_settings;
 use gpugi_scene::image::save_ktx2;
 use gpugi_scene::import_environment;
 
 use crate::output::{make_folder, write_json};
-use crate::render::split_settings;
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
 use scene::SceneOptions;

@@ -9,6 +9,7 @@ use gpugi::gpu::Gpu;
 use gpugi::techniques::Precomputed;
 use gpugi::techniques::light_path_map::LightPathMap;
 use gpugi::techniques::radiance_transfer::RadianceTransfer;
+use gpugi_arguments::split_settings;
 use gpugi_scene::export::{
     ExportError, Exported, Original, TransferFormat, export_panes, export_transfer,
 };
@@ -17,7 +18,7 @@ use gpugi_scene::{LightPathPanes, Scene, TransferVectors};
 use super::has_extension;
 use super::scene::{SceneOptions, too_thin, write};
 use super::work::begin;
-use crate::render::{print_notes, split_settings, usage};
+use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 

@@ -17,6 +17,7 @@ use gpugi::techniques::{
     shadow_map,
 };
 use gpugi::{Purpose, default_set};
+use gpugi_arguments::{display_settings, split_settings};
 use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, Scene};
@@ -24,7 +25,7 @@ use gpugi_scene::{Atlas, Scene};
 use super::has_extension;
 use super::work::{Work, begin};
 use crate::output::make_folder;
-use crate::render::{display_settings, print_notes, split_settings, usage};
+use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 

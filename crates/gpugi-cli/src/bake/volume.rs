@@ -7,10 +7,11 @@ use clap::ValueEnum;
 use gpugi::bake::{HarmonicVolume, IrradianceVolume, Volume, VolumeLight};
 use gpugi::gpu::Gpu;
 use gpugi::techniques::final_gather;
+use gpugi_arguments::split_settings;
 use gpugi_scene::image::{replace_file, save_ktx2};
 
 use super::{Arguments, has_extension, say};
-use crate::render::{print_notes, split_settings};
+use crate::render::print_notes;
 use crate::{Common, Usage, scene_argument};
 
 /// The technique whose light a volume holds.

@@ -1,7 +1,7 @@
 //! Writes image files. A file appears complete or not at all.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -10,27 +10,33 @@ use image::{ExtendedColorType, ImageEncoder, Rgb};
 
 /// Writes an 8-bit PNG with alpha. `rgba`: width x height x 4 sRGB values, row by row from the top.
 pub fn save_png(path: &Path, width: u32, height: u32, rgba: &[u8]) -> io::Result<()> {
+    replace_file(path, |file| write_png(file, width, height, rgba))
+}
+
+/// As [`save_png`], to anything that can be written.
+pub fn write_png(file: impl Write, width: u32, height: u32, rgba: &[u8]) -> io::Result<()> {
     check_length(width, height, 4, rgba.len())?;
-    replace_file(path, |file| {
-        PngEncoder::new(file)
-            .write_image(rgba, width, height, ExtendedColorType::Rgba8)
-            .map_err(io::Error::other)
-    })
+    PngEncoder::new(file)
+        .write_image(rgba, width, height, ExtendedColorType::Rgba8)
+        .map_err(io::Error::other)
 }
 
 /// Writes an OpenEXR file of 32-bit floats. `rgb`: width x height x 3 linear values, row by row from the top.
 pub fn save_exr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
+    replace_file(path, |file| write_exr(file, width, height, rgb))
+}
+
+/// As [`save_exr`], to anything that can be written.
+pub fn write_exr(file: impl Write + Seek, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
     check_length(width, height, 3, rgb.len())?;
-    replace_file(path, |file| {
-        OpenExrEncoder::new(file)
-            .write_image(
-                bytemuck::cast_slice(rgb),
-                width,
-                height,
-                ExtendedColorType::Rgb32F,
-            )
-            .map_err(io::Error::other)
-    })
+    OpenExrEncoder::new(file)
+        .write_image(
+            bytemuck::cast_slice(rgb),
+            width,
+            height,
+            ExtendedColorType::Rgb32F,
+        )
+        .map_err(io::Error::other)
 }
 
 /// Writes a Radiance HDR file, in which three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].

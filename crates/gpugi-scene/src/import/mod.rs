@@ -259,9 +259,5 @@ pub fn import_environment(path: &Path, limits: &Limits) -> Result<Environment, I
     let name = path.display().to_string();
     let bytes = read_limited(path, limits.file_bytes)
         .map_err(|reason| ImportError::new(&name, "open", reason))?;
-    Ok(Environment {
-        image: crate::image::decode_radiance(&name, &bytes, limits)?.into(),
-        rotation: 0.0,
-        intensity: 1.0,
-    })
+    Environment::from_file(&name, &bytes, limits)
 }

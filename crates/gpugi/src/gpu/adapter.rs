@@ -47,7 +47,8 @@ pub struct AdapterSummary {
 }
 
 impl AdapterSummary {
-    pub(super) fn of(adapter: &wgpu::Adapter) -> Self {
+    /// What `adapter` reports.
+    pub fn of(adapter: &wgpu::Adapter) -> Self {
         let info = adapter.get_info();
         Self {
             name: info.name,

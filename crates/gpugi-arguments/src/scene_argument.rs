@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use gpugi_scene::{
-    Camera, Environment, FileResolver, Limits, Scene, builtin, import_environment, import_file,
-    import_file_within,
+    Camera, Environment, FileResolver, Limits, Scene, builtin, import, import_environment,
+    import_file, import_file_within,
 };
 
 use crate::Usage;
+use crate::files::Files;
 
 /// Options that select the scene.
 #[derive(Debug, Clone, clap::Args)]
@@ -47,6 +48,19 @@ pub struct SceneArguments {
 }
 
 impl SceneArguments {
+    /// Selects the scene `name`, and leaves everything else as it is by default.
+    pub fn of(name: &str) -> Self {
+        Self {
+            scene: name.to_owned(),
+            detail: 1,
+            environment: None,
+            time: 0.0,
+            without: String::new(),
+            files_from: None,
+            limits: String::new(),
+        }
+    }
+
     /// The limits on what files may ask for.
     pub fn limits(&self) -> anyhow::Result<Limits> {
         parse_limits(&self.limits)
@@ -73,28 +87,16 @@ pub fn parse_limits(text: &str) -> anyhow::Result<Limits> {
 
 /// Loads the scene, and adds a sky if it has no light. Also returns notes for the user.
 pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> {
+    load_among(arguments, &Files::default())
+}
+
+/// As [`load`]; `files` take the place of those on disk that have their names.
+pub fn load_among(
+    arguments: &SceneArguments,
+    files: &Files,
+) -> anyhow::Result<(Scene, Vec<String>)> {
     let limits = arguments.limits()?;
-    let name = &arguments.scene;
-    let is_file = Path::new(name).extension().is_some() || name.contains(std::path::MAIN_SEPARATOR);
-    let mut scene = if is_file {
-        let path = Path::new(name);
-        match &arguments.files_from {
-            Some(root) if !root.is_dir() => {
-                let reason = format!("--files-from {}: there is no such folder", root.display());
-                return Err(Usage(reason).into());
-            }
-            Some(root) => import_file_within(path, root, &limits)?,
-            None => import_file(path, &limits)?,
-        }
-    } else {
-        builtin::builtin(name, arguments.detail).ok_or_else(|| {
-            let names: Vec<_> = builtin::SCENES.iter().map(|scene| scene.name).collect();
-            Usage(format!(
-                "there is no built-in scene {name:?}; there are: {} (a file needs its extension)",
-                names.join(", ")
-            ))
-        })?
-    };
+    let mut scene = scene_of(arguments, files, &limits)?;
     if !arguments.time.is_finite() {
         return Err(Usage("--time needs a finite number of seconds".into()).into());
     }
@@ -102,7 +104,7 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
         scene.pose(arguments.time);
     }
     if let Some(path) = &arguments.environment {
-        scene.environment = Some(import_environment(path, &limits)?);
+        scene.environment = Some(environment_of(path, files, &limits)?);
     }
     let mut notes = scene.warnings.clone();
     let things = |scene: &Scene| scene.instances.len() + scene.lights.len();
@@ -129,6 +131,53 @@ pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> 
         notes.push("the scene holds no triangles".into());
     }
     Ok((scene, notes))
+}
+
+/// The scene's file, or what the built-in scene's name stands for.
+fn scene_of(arguments: &SceneArguments, files: &Files, limits: &Limits) -> anyhow::Result<Scene> {
+    let name = &arguments.scene;
+    let path = Path::new(name);
+    if let Some(bytes) = files.get(name) {
+        return Ok(import(name, bytes, files, limits)?);
+    }
+    if path.extension().is_some() || name.contains(std::path::MAIN_SEPARATOR) {
+        check_is_readable(name)?;
+        return Ok(match &arguments.files_from {
+            Some(root) if !root.is_dir() => {
+                let reason = format!("--files-from {}: there is no such folder", root.display());
+                return Err(Usage(reason).into());
+            }
+            Some(root) => import_file_within(path, root, limits)?,
+            None => import_file(path, limits)?,
+        });
+    }
+    builtin::builtin(name, arguments.detail).ok_or_else(|| {
+        let names: Vec<_> = builtin::SCENES.iter().map(|scene| scene.name).collect();
+        let names = names.join(", ");
+        let reason = format!(
+            "there is no built-in scene {name:?}; there are: {names} (a file needs its extension)"
+        );
+        Usage(reason).into()
+    })
+}
+
+/// The environment in an image file.
+pub fn environment_of(path: &Path, files: &Files, limits: &Limits) -> anyhow::Result<Environment> {
+    let name = path.display().to_string();
+    if let Some(bytes) = files.get(&name) {
+        return Ok(Environment::from_file(&name, bytes, limits)?);
+    }
+    check_is_readable(&name)?;
+    Ok(import_environment(path, limits)?)
+}
+
+/// Refuses files where there is no file system.
+fn check_is_readable(name: &str) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        !cfg!(target_arch = "wasm32"),
+        "{name}: drop it on the page to open it; a page reads no other files"
+    );
+    Ok(())
 }
 
 /// The camera that `choice` selects, for an image of the given aspect ratio (width / height).
@@ -215,14 +264,4 @@ fn point(text: &str) -> anyhow::Result<glam::Vec3> {
         .filter(|numbers| numbers.len() == 3)
         .with_context(|| format!("{text:?} is no point x,y,z"))?;
     Ok(glam::Vec3::from_slice(&numbers))
-}
-
-/// `gpugi info`.
-pub fn info(arguments: &SceneArguments) -> anyhow::Result<()> {
-    let (scene, notes) = load(arguments)?;
-    println!("{}", serde_json::to_string_pretty(&scene.statistics())?);
-    for note in notes {
-        eprintln!("note: {note}");
-    }
-    Ok(())
 }

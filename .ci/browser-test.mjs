@@ -1,0 +1,155 @@
+// Drives the viewer's page in headless Chromium, on its software adapter, in a folder where npm has installed
+// puppeteer-core: node browser-test.mjs CHROMIUM FOLDER SERVER ARGUMENTS...
+// Writes FOLDER/SHOT.exr, what the page shows, and FOLDER/SHOT.command, the command line that renders the same.
+import { spawn } from 'node:child_process';
+import { writeFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { join } from 'node:path';
+import { createInterface } from 'node:readline';
+
+const puppeteer = createRequire(join(process.cwd(), 'here.js'))('puppeteer-core');
+const [chromium, folder, program, ...programArguments] = process.argv.slice(2);
+
+/// Longest time for a picture (ms).
+const PATIENCE = 60_000;
+
+function check(isRight, what) {
+    if (!isRight) {
+        throw new Error(what);
+    }
+}
+
+/// A box without lid, seen from above: a .glb of one mesh.
+function glb() {
+    const corners = [-1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1, -1, 1, -1, 1, 1, -1];
+    const positions = Buffer.from(new Float32Array(corners).buffer);
+    const indices = Buffer.from(new Uint16Array([0, 2, 1, 0, 3, 2, 0, 1, 5, 0, 5, 4]).buffer);
+    const document = {
+        asset: { version: '2.0' },
+        scenes: [{ nodes: [0] }],
+        nodes: [{ mesh: 0 }],
+        meshes: [{ primitives: [{ attributes: { POSITION: 0 }, indices: 1 }] }],
+        accessors: [
+            { bufferView: 0, componentType: 5126, count: 6, type: 'VEC3', min: [-1, 0, -1], max: [1, 1, 1] },
+            { bufferView: 1, componentType: 5123, count: 12, type: 'SCALAR' },
+        ],
+        bufferViews: [
+            { buffer: 0, byteLength: positions.length },
+            { buffer: 0, byteOffset: positions.length, byteLength: indices.length },
+        ],
+        buffers: [{ byteLength: positions.length + indices.length }],
+    };
+    const chunk = (kind, content, padding) => {
+        const padded = Buffer.concat([content, Buffer.alloc(-content.length & 3, padding)]);
+        const head = Buffer.alloc(8);
+        head.writeUInt32LE(padded.length, 0);
+        head.write(kind, 4);
+        return Buffer.concat([head, padded]);
+    };
+    const chunks = [
+        chunk('JSON', Buffer.from(JSON.stringify(document)), ' '),
+        chunk('BIN\0', Buffer.concat([positions, indices]), 0),
+    ];
+    const head = Buffer.from('glTF\x02\0\0\0\0\0\0\0');
+    head.writeUInt32LE(12 + chunks[0].length + chunks[1].length, 8);
+    return Buffer.concat([head, ...chunks]);
+}
+
+const complaints = [];
+
+async function open(browser, url) {
+    const page = await browser.newPage();
+    page.on('console', (message) => {
+        if (['error', 'warn'].includes(message.type())) {
+            complaints.push(message.text());
+        }
+    });
+    page.on('pageerror', (error) => complaints.push(error.message));
+    page.setDefaultTimeout(PATIENCE);
+    await page.goto(url);
+    await page.waitForFunction(() => window.gpugi || !document.getElementById('words').textContent.includes('way'));
+    check(await page.evaluate(() => !!window.gpugi), await page.evaluate(() => document.body.innerText));
+    return page;
+}
+
+/// Waits until the picture is complete and the page's command matches `expected`; returns the command.
+async function settled(page, expected) {
+    const deadline = Date.now() + PATIENCE;
+    let command = '';
+    while (Date.now() < deadline) {
+        await new Promise((done) => setTimeout(done, 100));
+        if (await page.evaluate(() => window.gpugi.isComplete())) {
+            command = await page.evaluate(() => window.gpugi.command());
+            if (expected.test(command)) {
+                return command;
+            }
+        }
+    }
+    throw new Error(`${expected} does not come; the page shows: ${command}`);
+}
+
+async function shoot(page, name, expected) {
+    const command = await settled(page, expected);
+    const bytes = await page.evaluate(async () => Array.from(await window.gpugi.exr()));
+    writeFileSync(join(folder, `${name}.exr`), Buffer.from(bytes));
+    writeFileSync(join(folder, `${name}.command`), command);
+}
+
+const server = spawn(program, programArguments, { stdio: ['ignore', 'pipe', 'inherit'] });
+let browser;
+try {
+    const [address] = await new Promise((done, failed) => {
+        createInterface(server.stdout).once('line', (line) => done(line.split('#')));
+        server.once('exit', () => failed(new Error('the server ends')));
+    });
+    browser = await puppeteer.launch({
+        executablePath: chromium,
+        defaultViewport: { width: 420, height: 180 },
+        // It may run as root in a container, and opens nothing but our own page.
+        // Without a software Vulkan for its own drawing, Chromium loses the device when the canvas is shown.
+        args: [
+            '--no-sandbox',
+            '--enable-unsafe-webgpu',
+            '--use-webgpu-adapter=swiftshader',
+            '--enable-features=Vulkan',
+            '--use-vulkan=swiftshader',
+            '--use-angle=vulkan',
+            '--disable-vulkan-surface',
+        ],
+    });
+
+    // Nothing lights the scene, until a technique does.
+    const page = await open(browser, `${address}#scene=cornell&technique=&set=shadow-map.area-samples=8&samples=2`);
+    await settled(page, /--technique '' /);
+    await page.evaluate(() => window.gpugi.run('technique shadow-map'));
+    await shoot(page, 'cornell', /render cornell .*--technique shadow-map /);
+
+    await page.mouse.move(360, 60);
+    await page.mouse.down();
+    await page.mouse.move(380, 70, { steps: 4 });
+    await page.mouse.up();
+    await shoot(page, 'orbited', /--camera 'eye=.*--technique shadow-map /);
+
+    await page.waitForFunction(() => /camera=eye.*technique=shadow-map/.test(location.hash));
+    const again = await open(browser, await page.evaluate(() => location.href));
+    await shoot(again, 'again', /--camera 'eye=.*--technique shadow-map /);
+
+    await again.evaluate((bytes) => {
+        const transfer = new DataTransfer();
+        transfer.items.add(new File([new Uint8Array(bytes)], 'box.glb'));
+        const canvas = document.querySelector('canvas');
+        canvas.dispatchEvent(new DragEvent('drop', { dataTransfer: transfer, bubbles: true, cancelable: true }));
+    }, Array.from(glb()));
+    writeFileSync(join(folder, 'box.glb'), glb());
+    await settled(again, /render box\.glb /);
+    await again.evaluate(() => window.gpugi.run('technique shadow-map,image-based-lighting'));
+    await shoot(again, 'dropped', /render box\.glb .*image-based-lighting /);
+
+    check(complaints.length === 0, `the console says:\n${complaints.join('\n')}`);
+} catch (error) {
+    console.error(complaints.join('\n'));
+    throw error;
+} finally {
+    await browser?.close();
+    server.kill();
+}

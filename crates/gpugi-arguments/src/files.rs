@@ -1,0 +1,82 @@
+//! Files in memory: a page has no file system, and opens what people drop on it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use gpugi_scene::Resolver;
+
+/// Files by name. They lie in one folder: what refers to them may name other folders, too.
+#[derive(Debug, Clone, Default)]
+pub struct Files(BTreeMap<String, Arc<[u8]>>);
+
+impl Files {
+    /// The content of a file.
+    pub fn get(&self, name: &str) -> Option<&[u8]> {
+        self.0.get(name).map(AsRef::as_ref)
+    }
+
+    /// Adds a file.
+    pub fn insert(&mut self, name: String, bytes: Vec<u8>) {
+        self.0.insert(name, bytes.into());
+    }
+
+    /// What is to be opened: a scene, or else an image.
+    pub fn main(&self) -> Option<&str> {
+        let scene = self.0.keys().find(|name| is_scene(Path::new(name)));
+        scene.or_else(|| self.0.keys().next()).map(String::as_str)
+    }
+}
+
+/// Whether a file's extension is that of a scene.
+fn is_scene(file: &Path) -> bool {
+    let extension = file.extension().unwrap_or_default().to_string_lossy();
+    ["gltf", "glb", "obj", "ply"]
+        .iter()
+        .any(|scene| extension.eq_ignore_ascii_case(scene))
+}
+
+impl Resolver for Files {
+    fn read(&self, uri: &str) -> Result<Vec<u8>, String> {
+        let name = uri.rsplit('/').next().unwrap_or(uri);
+        let bytes = self.get(name).map(<[u8]>::to_vec);
+        bytes.ok_or_else(|| "it was not dropped together with the scene".into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene_argument::{SceneArguments, load_among};
+
+    /// A triangle that refers to its positions.
+    const TRIANGLE: &str = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"uri":"data/positions.bin","byteLength":36}]}"#;
+
+    #[test]
+    fn a_scene_and_what_it_refers_to_are_found_by_name() {
+        let mut files = Files::default();
+        files.insert("a.hdr".into(), b"an image".to_vec());
+        files.insert("triangle.gltf".into(), TRIANGLE.as_bytes().to_vec());
+        assert_eq!(files.main(), Some("triangle.gltf"));
+        let arguments = SceneArguments::of("triangle.gltf");
+        let error = load_among(&arguments, &files).unwrap_err();
+        assert!(format!("{error:#}").contains("not dropped"), "{error:#}");
+        let corners: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let positions = corners.iter().flat_map(|value| value.to_le_bytes());
+        files.insert("positions.bin".into(), positions.collect());
+        let (scene, notes) = load_among(&arguments, &files).unwrap();
+        assert_eq!(scene.instances.len(), 1);
+        let is_lit = notes.iter().any(|note| note.contains("default sky"));
+        assert!(is_lit, "{notes:?}");
+        // Broken images say so by their name.
+        let lit = SceneArguments {
+            environment: Some("a.hdr".into()),
+            ..arguments
+        };
+        let error = load_among(&lit, &files).unwrap_err();
+        assert!(format!("{error:#}").contains("a.hdr"), "{error:#}");
+    }
+}

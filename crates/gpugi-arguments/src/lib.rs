@@ -1,0 +1,67 @@
+//! Arguments that the `gpugi` command, the viewer and its page share: which scene, which techniques, how it is shown.
+
+pub mod files;
+pub mod scene_argument;
+
+use gpugi::display::{DisplaySettings, Exposure, ToneMap};
+
+/// Invalid arguments: exit code 2.
+#[derive(Debug)]
+pub struct Usage(pub String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// Width and height from `WIDTHxHEIGHT`.
+pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse::<u32>().ok().filter(|&side| side > 0);
+    text.split_once('x')
+        .and_then(|(width, height)| Some([side(width)?, side(height)?]))
+        .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
+}
+
+/// Splits `--set` options into technique, key and value.
+pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
+    settings
+        .iter()
+        .map(|setting| {
+            setting
+                .split_once('=')
+                .and_then(|(path, value)| {
+                    let (technique, key) = path.split_once('.')?;
+                    Some([technique, key, value])
+                })
+                .ok_or_else(|| {
+                    Usage(format!("--set {setting}: expected technique.key=value")).into()
+                })
+        })
+        .collect()
+}
+
+/// Display settings from `--exposure` and `--tone-map`.
+pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Result<DisplaySettings> {
+    let exposure = match exposure {
+        "auto" => Exposure::Auto,
+        text => Exposure::Manual(
+            text.parse()
+                .ok()
+                .filter(|ev: &f32| ev.is_finite())
+                .ok_or_else(|| Usage(format!("--exposure {text}: a number of EV or auto")))?,
+        ),
+    };
+    let mut settings = DisplaySettings {
+        exposure,
+        ..Default::default()
+    };
+    if let Some(name) = tone_map {
+        settings.tone_map = name
+            .parse::<ToneMap>()
+            .map_err(|error| Usage(format!("--tone-map: {error}")))?;
+    }
+    Ok(settings)
+}

@@ -1,3 +1,0 @@
-import { radiance } from "./render.js";
-
-postMessage(await radiance());
