@@ -87,11 +87,19 @@ const MOST_FURTHER: u32 = 8;
 /// invocations that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
+/// The pass that follows photons.
+#[derive(Debug)]
+struct Trace {
+    kernel: Kernel,
+    tracer: Tracer,
+    /// With which the pass of tracer `rays` is compiled.
+    constants: [(&'static str, f64); 1],
+}
+
 /// The passes of caustics.
 #[derive(Debug)]
 struct Kernels {
-    /// The pass of a tracer, with the constants that it is compiled with.
-    trace: Option<(Kernel, Tracer, [(&'static str, f64); 1])>,
+    trace: Option<Trace>,
     splat: Kernel,
     irradiance: Kernel,
     gather: ReceiverKernel,
@@ -127,8 +135,8 @@ impl Kernels {
     /// Compiles the pass of a tracer, unless it is there. Returns whether bind groups of another one are stale.
     fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, tracer: Tracer) -> Result<bool, GpuError> {
         let constants = scene.ray_constants();
-        let is_it = |made: &(_, Tracer, _)| {
-            made.1 == tracer && (tracer == Tracer::Maps || made.2 == constants)
+        let is_it = |made: &Trace| {
+            made.tracer == tracer && (tracer == Tracer::Maps || made.constants == constants)
         };
         if self.trace.as_ref().is_some_and(is_it) {
             return Ok(false);
@@ -143,14 +151,18 @@ impl Kernels {
                 scene.ray_kernel(gpu, &shader!("techniques.caustics.rays"), &[])?
             }
         };
-        self.trace = Some((kernel, tracer, constants));
+        self.trace = Some(Trace {
+            kernel,
+            tracer,
+            constants,
+        });
         Ok(true)
     }
 
     /// The pass of the tracer that was chosen.
     fn trace(&self) -> (&Kernel, Tracer) {
-        let (kernel, tracer, _) = self.trace.as_ref().expect("chosen before maps are made");
-        (kernel, *tracer)
+        let chosen = self.trace.as_ref().expect("chosen before maps are made");
+        (&chosen.kernel, chosen.tracer)
     }
 
     /// Invocations that share the texels of one photon of each of `maps` maps of `side` x `side` pixels.
