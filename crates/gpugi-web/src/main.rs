@@ -17,7 +17,7 @@ fn main() -> anyhow::Result<()> {
         /// What the page shows first: the name of a built-in scene (`gpugi list scenes`)
         #[arg(default_value = "cornell")]
         scene: String,
-        /// Write the page into this folder instead, made smaller by wasm-opt: static files for any web server
+        /// Write the page into this folder instead: static files for any web server
         #[arg(long, value_name = "DIR")]
         output: Option<PathBuf>,
         /// Port of the address (default: any that is free)
@@ -31,7 +31,6 @@ fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     if let Some(folder) = arguments.output {
         pack::pack(&arguments.module, &folder)?;
-        pack::make_smaller(&folder)?;
         println!("{} holds the page", folder.display());
         return Ok(());
     }
