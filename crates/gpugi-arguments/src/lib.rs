@@ -1,5 +1,6 @@
 //! Arguments that the `gpugi` command, the viewer and its page share: which scene, which techniques, how it is shown.
 
+pub mod edits;
 pub mod files;
 pub mod scene_argument;
 
@@ -23,6 +24,21 @@ pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
     text.split_once('x')
         .and_then(|(width, height)| Some([side(width)?, side(height)?]))
         .ok_or_else(|| "expected WIDTHxHEIGHT, such as 1280x1024".to_owned())
+}
+
+/// As many finite numbers as asked for, separated by commas.
+///
+/// # Errors
+/// A sentence.
+pub fn numbers<const COUNT: usize>(text: &str) -> anyhow::Result<[f32; COUNT]> {
+    let number = |text: &str| text.trim().parse().ok().filter(|one: &f32| one.is_finite());
+    let numbers: Option<Vec<f32>> = text.split(',').map(number).collect();
+    let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers.ok_or_else(|| match COUNT {
+        1 => anyhow::anyhow!("{text:?} is no number"),
+        3 => anyhow::anyhow!("{text:?} is not of the form x,y,z"),
+        _ => anyhow::anyhow!("{text:?} is not {COUNT} numbers that commas separate"),
+    })
 }
 
 /// Splits `--set` options into technique, key and value.

@@ -8,11 +8,12 @@ use gpugi_scene::{
     import_file, import_file_within,
 };
 
-use crate::Usage;
+use crate::edits;
 use crate::files::Files;
+use crate::{Usage, numbers};
 
 /// Options that select the scene.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, PartialEq, clap::Args)]
 pub struct SceneArguments {
     /// Scene file (.gltf, .glb, .obj, .ply) or name of a built-in scene (`gpugi list scenes`)
     pub scene: String,
@@ -33,6 +34,9 @@ pub struct SceneArguments {
         hide_default_value = true
     )]
     pub without: String,
+    /// Edit lights, objects, materials or the environment: light.0.position=0,2,0 (repeatable; docs/viewer.md)
+    #[arg(long, value_name = "WHAT.KEY=VALUE", allow_hyphen_values = true)]
+    pub edit: Vec<String>,
     /// Also read files in this folder and below it if the scene refers to them (docs/security.md)
     #[arg(long, value_name = "FOLDER")]
     pub files_from: Option<PathBuf>,
@@ -56,6 +60,7 @@ impl SceneArguments {
             environment: None,
             time: 0.0,
             without: String::new(),
+            edit: Vec::new(),
             files_from: None,
             limits: String::new(),
         }
@@ -85,7 +90,7 @@ pub fn parse_limits(text: &str) -> anyhow::Result<Limits> {
     Ok(limits)
 }
 
-/// Loads the scene, and adds a sky if it has no light. Also returns notes for the user.
+/// Loads the scene, adds a sky if it has no light, and edits it. Also returns notes for the user.
 pub fn load(arguments: &SceneArguments) -> anyhow::Result<(Scene, Vec<String>)> {
     load_among(arguments, &Files::default())
 }
@@ -127,6 +132,7 @@ pub fn load_among(
                 .into(),
         );
     }
+    edits::apply(&arguments.edit, &mut scene)?;
     if scene.instances.is_empty() {
         notes.push("the scene holds no triangles".into());
     }
@@ -226,8 +232,8 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
     for part in text.split(';').filter(|part| !part.trim().is_empty()) {
         let (key, value) = part.split_once('=').context("expected key=value")?;
         match key.trim() {
-            "eye" => eye = point(value)?,
-            "target" => target = point(value)?,
+            "eye" => eye = numbers(value)?.into(),
+            "target" => target = numbers(value)?.into(),
             "fov" => {
                 degrees = value
                     .trim()
@@ -248,20 +254,4 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
         target,
         f32::to_radians(degrees),
     ))
-}
-
-fn point(text: &str) -> anyhow::Result<glam::Vec3> {
-    let numbers = text
-        .split(',')
-        .map(|number| {
-            number
-                .trim()
-                .parse::<f32>()
-                .ok()
-                .filter(|number| number.is_finite())
-        })
-        .collect::<Option<Vec<f32>>>()
-        .filter(|numbers| numbers.len() == 3)
-        .with_context(|| format!("{text:?} is no point x,y,z"))?;
-    Ok(glam::Vec3::from_slice(&numbers))
 }

@@ -157,6 +157,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         files_from: arguments.files_from.clone(),
         limits: arguments.limits.clone(),
         without: arguments.without.clone(),
+        edit: Vec::new(),
     })?;
     print_notes(common, &notes);
     if let Some(count) = arguments.lights {

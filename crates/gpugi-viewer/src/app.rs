@@ -85,7 +85,7 @@ impl App {
             match read.unwrap_or_else(|| Err("nothing could be read".into())) {
                 Ok(files) => {
                     if let Some(name) = files.main().map(str::to_owned) {
-                        self.viewer.open_file(Path::new(&name), files);
+                        self.open_file(Path::new(&name), files);
                     }
                 }
                 Err(reason) => self.complain(reason),
@@ -105,11 +105,17 @@ impl App {
         }
     }
 
+    fn open_file(&mut self, file: &Path, files: Files) {
+        if let Err(reason) = self.viewer.open_file(file, files) {
+            self.complain(reason);
+        }
+    }
+
     /// Begins to open the file that was dropped last.
     #[cfg(not(target_arch = "wasm32"))]
     fn open_dropped(&mut self, _: &egui::Context, files: Vec<egui::DroppedFileHandle>) {
         if let Some(file) = files.last() {
-            self.viewer.open_file(file.path(), Files::default());
+            self.open_file(file.path(), Files::default());
         }
     }
 
@@ -145,10 +151,10 @@ impl App {
                 context.copy_text(command.clone());
                 self.say(command);
             }
-            Action::Save { is_radiance } => {
+            Action::Save(what) => {
                 let context = context.clone();
                 let done = move || context.request_repaint();
-                match saving::save(session, is_radiance, done) {
+                match saving::save(session, what, done) {
                     Ok(saving) => self.saving = Some(saving),
                     Err(reason) => self.complain(reason),
                 }

@@ -1,20 +1,27 @@
 //! What the viewer starts with, as the command line or a page's address says it.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
 use clap::Parser;
 use clap::error::ErrorKind;
 use gpugi::techniques::Registry;
 use gpugi_arguments::scene_argument::SceneArguments;
 use gpugi_arguments::{Usage, display_settings, split_settings};
 use percent_encoding::percent_decode_str;
+use serde_json::Value;
 
 use crate::technique_set::TechniqueSet;
 use crate::viewer::{Look, Start};
 
-/// Name of the scene in an address. Everything else has the name of its option.
+/// Name of the scene in an address or a view file. Everything else has the name of its option.
 pub(crate) const SCENE: &str = "scene";
 
+/// Options that may be repeated.
+pub(crate) const REPEATED: [&str; 2] = ["set", "edit"];
+
 /// Options that select what is seen.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, PartialEq, clap::Args)]
 pub struct ViewArguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -44,6 +51,32 @@ pub struct ViewArguments {
 }
 
 impl ViewArguments {
+    /// The view file that they name in place of a scene, if they do.
+    ///
+    /// # Errors
+    /// [`Usage`] if there are other options that say what is seen.
+    pub fn view_file(&self) -> anyhow::Result<Option<&Path>> {
+        let name = &self.scene.scene;
+        if !is_view_file(Path::new(name)) {
+            return Ok(None);
+        }
+        let alone = Self {
+            scene: SceneArguments::of(name),
+            camera: None,
+            exposure: "auto".into(),
+            tone_map: None,
+            technique: Vec::new(),
+            set: Vec::new(),
+            samples: None,
+        };
+        let samples = self.samples;
+        if *self != (Self { samples, ..alone }) {
+            let message = format!("{name} says what is seen: options belong into it");
+            return Err(Usage(message).into());
+        }
+        Ok(Some(Path::new(name)))
+    }
+
     /// What they ask for.
     ///
     /// # Errors
@@ -76,39 +109,79 @@ impl ViewArguments {
     }
 }
 
+/// Whether a file's name is that of a view file.
+pub fn is_view_file(file: &Path) -> bool {
+    let extension = file.extension();
+    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+}
+
 /// What an address holds after `#`: `scene=NAME` and options of `gpugi view`, joined by `&`, such as
 /// `scene=cornell&technique=shadow-map&set=shadow-map.taps=16`. Without a scene, the Cornell box.
 ///
 /// # Errors
 /// A sentence.
 pub fn of_address(text: &str) -> Result<Start, String> {
+    let mut options = Vec::new();
+    for part in text.split('&').filter(|part| !part.is_empty()) {
+        let (name, value) = part.split_once('=').unwrap_or((part, ""));
+        let value = percent_decode_str(value).decode_utf8();
+        let value = value.map_err(|_| format!("{part:?} is no UTF-8"))?;
+        options.push((name.to_owned(), value.into_owned()));
+    }
+    of_options(options)
+}
+
+/// What a view file holds: a JSON object with the scene and options of `gpugi view`, such as
+/// `{"scene": "cornell", "technique": "shadow-map", "set": ["shadow-map.taps=16"]}`.
+///
+/// # Errors
+/// A sentence.
+pub fn of_view_file(text: &[u8]) -> Result<Start, String> {
+    let view: BTreeMap<String, Value> =
+        serde_json::from_slice(text).map_err(|error| format!("no view file: {error}"))?;
+    let mut options = Vec::new();
+    for (name, value) in view {
+        let values = match value {
+            Value::Array(values) => values,
+            value => vec![value],
+        };
+        for value in values {
+            let value = match value {
+                Value::String(text) => text,
+                Value::Number(number) => number.to_string(),
+                value => return Err(format!("{name}: {value} is neither a text nor a number")),
+            };
+            options.push((name.clone(), value));
+        }
+    }
+    of_options(options)
+}
+
+fn of_options(options: Vec<(String, String)>) -> Result<Start, String> {
     #[derive(Parser)]
-    struct Address {
+    struct Options {
         #[command(flatten)]
         view: ViewArguments,
     }
     let mut scene = "cornell".to_owned();
     let mut words = vec!["gpugi".to_owned()];
-    for part in text.split('&').filter(|part| !part.is_empty()) {
-        let (name, value) = part.split_once('=').unwrap_or((part, ""));
-        let value = percent_decode_str(value).decode_utf8();
-        let value = value.map_err(|_| format!("{part:?} is no UTF-8"))?;
+    for (name, value) in options {
         if name == SCENE {
-            scene = value.into_owned();
+            scene = value;
         } else {
             words.push(format!("--{name}={value}"));
         }
     }
     words.extend(["--".to_owned(), scene]);
-    let address = Address::try_parse_from(words).map_err(|error| match error.kind() {
-        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => "this is an address".to_owned(),
+    let options = Options::try_parse_from(words).map_err(|error| match error.kind() {
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => "there is no help here".to_owned(),
         _ => {
             let text = error.to_string();
             let line = text.lines().next().unwrap_or_default();
             line.trim_start_matches("error: ").to_owned()
         }
     });
-    let start = address?.view.start();
+    let start = options?.view.start();
     start.map_err(|error| format!("{error:#}"))
 }
 
@@ -147,6 +220,32 @@ mod tests {
             of_address("technique=").unwrap().set.names,
             Some(Vec::new())
         );
+    }
+
+    #[test]
+    fn a_view_file_is_a_scene_and_options() {
+        let start = of_view_file(
+            br#"{"scene": "room", "time": 2.5, "set": ["shadow-map.taps=16"], "edit": ["light.0.position=0,1,0"]}"#,
+        )
+        .unwrap();
+        assert_eq!(
+            (start.scene.scene.as_str(), start.scene.time),
+            ("room", 2.5)
+        );
+        assert_eq!(start.scene.edit, ["light.0.position=0,1,0"]);
+        assert_eq!(start.set.settings["shadow-map"]["taps"], "16");
+        for (wrong, said) in [
+            ("", "no view file"),
+            ("[]", "no view file"),
+            (r#"{"flavour": "mild"}"#, "--flavour"),
+            (r#"{"samples": {}}"#, "samples: {}"),
+            (r#"{"samples": [1, 2]}"#, "--samples"),
+            (r#"{"edit": [[]]}"#, "edit: []"),
+        ] {
+            let error = of_view_file(wrong.as_bytes()).err();
+            let error = error.unwrap_or_else(|| panic!("{wrong:?} is no view file"));
+            assert!(error.contains(said), "{wrong:?}: {error}");
+        }
     }
 
     #[test]

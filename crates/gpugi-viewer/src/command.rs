@@ -1,9 +1,12 @@
-//! What is seen, in words: the command line that renders it, and the address of the page that shows it.
+//! What is seen, in words: the command line that renders it, the address of the page that shows it, and a file that
+//! opens it.
 
 use gpugi_scene::Scene;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
-use crate::arguments::SCENE;
+use serde_json::Value;
+
+use crate::arguments::{REPEATED, SCENE};
 use crate::session::Session;
 use crate::viewer::Look;
 
@@ -34,29 +37,53 @@ pub fn command(session: &Session, size: [u32; 2]) -> String {
     quoted.join(" ")
 }
 
+/// A view file, which opens what the session shows: JSON, an object with the scene and the options of `gpugi view`
+/// ([`crate::arguments::of_view_file`]). Options that may be repeated have a list.
+pub fn view_file(session: &Session) -> String {
+    let mut view = serde_json::Map::new();
+    for (name, value) in seen(session) {
+        if REPEATED.contains(&name.as_str()) {
+            let list = view.entry(name).or_insert_with(|| Value::Array(Vec::new()));
+            if let Value::Array(list) = list {
+                list.push(value.into());
+            }
+        } else {
+            view.insert(name, value.into());
+        }
+    }
+    format!("{:#}\n", Value::Object(view))
+}
+
 /// What follows `#` in the address of a page that shows what the session shows ([`crate::arguments::of_address`]).
 pub fn address(session: &Session) -> String {
-    let words = &session.loaded().arguments;
-    let mut parts = vec![part(SCENE, &words[0])];
-    for option in words[1..].chunks_exact(2) {
-        parts.push(part(option[0].trim_start_matches('-'), &option[1]));
-    }
-    let named = options(session).into_iter();
-    parts.extend(named.map(|(name, value)| part(name, &value)));
-    if session.samples != Look::default().samples {
-        parts.push(part("samples", &session.samples.to_string()));
-    }
+    let part = |(name, value): (String, String)| {
+        format!("{name}={}", utf8_percent_encode(&value, ESCAPED))
+    };
+    let parts: Vec<String> = seen(session).into_iter().map(part).collect();
     parts.join("&")
 }
 
-fn part(name: &str, value: &str) -> String {
-    format!("{name}={}", utf8_percent_encode(value, ESCAPED))
+/// The scene and the options of `gpugi view` that show what the session shows.
+fn seen(session: &Session) -> Vec<(String, String)> {
+    let words = &session.loaded().arguments;
+    let mut seen = vec![(SCENE.to_owned(), words[0].clone())];
+    for option in words[1..].chunks_exact(2) {
+        let name = option[0].trim_start_matches('-');
+        seen.push((name.to_owned(), option[1].clone()));
+    }
+    let options = options(session).into_iter();
+    seen.extend(options.map(|(name, value)| (name.to_owned(), value)));
+    if session.samples != Look::default().samples {
+        seen.push(("samples".into(), session.samples.to_string()));
+    }
+    seen
 }
 
 /// The options that tell the session's picture from that of its scene alone.
 fn options(session: &Session) -> Vec<(&'static str, String)> {
     let loaded = session.loaded();
-    let mut options = Vec::new();
+    let edits = session.edits().into_iter();
+    let mut options: Vec<_> = edits.map(|edit| ("edit", edit)).collect();
     if session.clock.seconds != 0.0 {
         options.push(("time", session.clock.seconds.to_string()));
     }

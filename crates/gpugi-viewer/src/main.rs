@@ -14,7 +14,7 @@ use gpugi_arguments::parse_size;
 use gpugi_cli::output::{self, Format};
 use gpugi_cli::{Common, exit_code, log_to_stderr};
 use gpugi_viewer::app::App;
-use gpugi_viewer::arguments::ViewArguments;
+use gpugi_viewer::arguments::{ViewArguments, of_view_file};
 use gpugi_viewer::headless;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::viewer::Start;
@@ -69,7 +69,15 @@ fn arguments() -> Arguments {
 }
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let start = arguments.view.start()?;
+    let start = match arguments.view.view_file()? {
+        None => arguments.view.start()?,
+        Some(path) => {
+            let failed = || path.display().to_string();
+            let text = std::fs::read(path).with_context(failed)?;
+            let start = of_view_file(&text).map_err(|reason| anyhow!(reason));
+            start.with_context(failed)?
+        }
+    };
     if let Some(frames) = arguments.headless_frames {
         return run_headless(arguments, start, frames);
     }

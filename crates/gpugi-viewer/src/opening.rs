@@ -48,7 +48,9 @@ pub fn open(
         let loaded = scene_argument::load_among(&arguments, &files);
         let (scene, notes) = loaded.map_err(|error| format!("{error:#}"))?;
         stage.set("uploading").await;
-        renderer(&gpu, scene, set, size, in_words(&arguments), notes)
+        let edits = arguments.edit.clone();
+        let source = (in_words(&arguments), edits, notes);
+        renderer(&gpu, scene, set, size, source)
     })
 }
 
@@ -63,7 +65,7 @@ pub fn change_environment(
 ) -> Opening {
     let (gpu, arguments) = (gpu.clone(), arguments.clone());
     let (mut scene, set) = (current.scene.clone(), current.set.clone());
-    let notes = current.notes.clone();
+    let (edits, notes) = (current.edits.clone(), current.notes.clone());
     let file = arguments.environment.clone().unwrap_or_default();
     Task::start(&file.display().to_string(), done, move |stage| async move {
         stage.set("reading").await;
@@ -71,7 +73,8 @@ pub fn change_environment(
         let environment = scene_argument::environment_of(&file, &files, &limits);
         scene.environment = Some(environment.map_err(|error| format!("{error:#}"))?);
         stage.set("uploading").await;
-        renderer(&gpu, scene, set, size, in_words(&arguments), notes)
+        let source = (in_words(&arguments), edits, notes);
+        renderer(&gpu, scene, set, size, source)
     })
 }
 
@@ -84,10 +87,11 @@ pub fn change_set(
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, scene) = (gpu.clone(), current.scene.clone());
-    let (arguments, notes) = (current.arguments.clone(), current.notes.clone());
+    let arguments = current.arguments.clone();
+    let source = (arguments, current.edits.clone(), current.notes.clone());
     Task::start("techniques", done, move |stage| async move {
         stage.set("uploading").await;
-        renderer(&gpu, scene, set, size, arguments, notes)
+        renderer(&gpu, scene, set, size, source)
     })
 }
 
@@ -96,12 +100,12 @@ fn renderer(
     scene: Scene,
     set: TechniqueSet,
     size: [u32; 2],
-    arguments: Vec<String>,
-    notes: Vec<String>,
+    (arguments, edits, notes): (Vec<String>, Vec<String>, Vec<String>),
 ) -> Result<Loaded, String> {
     let renderer = set.renderer(gpu, &scene, size);
     Ok(Loaded {
         arguments,
+        edits,
         renderer: renderer.map_err(|error| error.to_string())?,
         scene,
         set,
@@ -109,7 +113,7 @@ fn renderer(
     })
 }
 
-/// The arguments as they are written on the command line, without the time, which goes on.
+/// The arguments as they are written on the command line, without the time and the edits, which go on.
 fn in_words(arguments: &SceneArguments) -> Vec<String> {
     let mut words = vec![arguments.scene.clone()];
     let mut option = |name: &str, value: Option<String>| {

@@ -9,6 +9,7 @@ use gpugi::scene::Edit;
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin;
 
+use crate::saving::What;
 use crate::session::Session;
 use crate::technique_set::{Preset, TechniqueSet};
 use crate::truth;
@@ -32,11 +33,8 @@ pub enum Action {
     Camera(usize),
     /// To copy the command line that renders what is seen.
     CopyCommand,
-    /// To write the picture as PNG, or its radiance as EXR.
-    Save {
-        /// Whether as EXR.
-        is_radiance: bool,
-    },
+    /// To write what is seen.
+    Save(What),
 }
 
 /// Scene, cameras and animation.
@@ -57,7 +55,7 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                         }
                     }
                 });
-            ui.weak("or drop a .glb, .gltf, .obj, .ply; an .exr or .hdr as environment");
+            ui.weak("or drop a .glb, .gltf, .obj, .ply; an .exr or .hdr as environment; a view that was saved");
             for note in &loaded.notes {
                 ui.weak(note);
             }
@@ -156,11 +154,14 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                 ui.label("samples per pixel at rest");
             });
             ui.horizontal_wrapped(|ui| {
-                if ui.button("save PNG").clicked() {
-                    actions.push(Action::Save { is_radiance: false });
-                }
-                if ui.button("save EXR").clicked() {
-                    actions.push(Action::Save { is_radiance: true });
+                for (what, text, help) in [
+                    (What::Picture, "save PNG", "What is seen"),
+                    (What::Radiance, "save EXR", "Linear radiance"),
+                    (What::View, "save view", "A file that opens this view again"),
+                ] {
+                    if ui.button(text).on_hover_text(help).clicked() {
+                        actions.push(Action::Save(what));
+                    }
                 }
                 let button = ui.button("copy as command");
                 if button

@@ -1,47 +1,68 @@
-//! Pictures as files: in the working folder, or handed over by the browser.
+//! Pictures and views as files: in the working folder, or handed over by the browser.
 
 use std::io::Cursor;
 
 use gpugi_scene::image::{write_exr, write_png};
 
+use crate::command::view_file;
 use crate::session::Session;
 use crate::task::Task;
 
 /// A picture that is being written, and what is to be said about it.
 pub type Saving = Task<Result<String, String>>;
 
-/// Begins to write the picture as PNG, or its linear radiance as EXR. `done` is called after its end.
+/// What is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum What {
+    /// The picture, as PNG.
+    Picture,
+    /// Its linear radiance, as EXR.
+    Radiance,
+    /// The view, as a file that opens it again.
+    View,
+}
+
+/// Begins to write what is seen. `done` is called after its end.
 ///
 /// # Errors
 /// Why it cannot be read.
 pub fn save(
     session: &Session,
-    is_radiance: bool,
+    what: What,
     done: impl FnOnce() + Send + 'static,
 ) -> Result<Saving, String> {
     let renderer = &session.loaded().renderer;
     let [width, height] = renderer.size();
-    if is_radiance {
-        let radiance = renderer.begin_radiance();
-        let radiance = radiance.map_err(|error| error.to_string())?;
-        Ok(Task::start("EXR", done, move |_| async move {
-            let radiance = radiance.await.map_err(|error| error.to_string())?;
-            let mut file = Cursor::new(Vec::new());
-            let written = write_exr(&mut file, width, height, &radiance);
-            written.map_err(|error| error.to_string())?;
-            hand_over("exr", &file.into_inner())
-        }))
-    } else {
-        let pixels = renderer.begin_pixels();
-        let pixels = pixels.map_err(|error| error.to_string())?;
-        Ok(Task::start("PNG", done, move |_| async move {
-            let pixels = pixels.await.map_err(|error| error.to_string())?;
-            let mut file = Vec::new();
-            let written = write_png(&mut file, width, height, &pixels);
-            written.map_err(|error| error.to_string())?;
-            hand_over("png", &file)
-        }))
-    }
+    Ok(match what {
+        What::View => {
+            let text = view_file(session);
+            Task::start("view", done, move |_| async move {
+                hand_over("json", text.as_bytes())
+            })
+        }
+        What::Radiance => {
+            let radiance = renderer.begin_radiance();
+            let radiance = radiance.map_err(|error| error.to_string())?;
+            Task::start("EXR", done, move |_| async move {
+                let radiance = radiance.await.map_err(|error| error.to_string())?;
+                let mut file = Cursor::new(Vec::new());
+                let written = write_exr(&mut file, width, height, &radiance);
+                written.map_err(|error| error.to_string())?;
+                hand_over("exr", &file.into_inner())
+            })
+        }
+        What::Picture => {
+            let pixels = renderer.begin_pixels();
+            let pixels = pixels.map_err(|error| error.to_string())?;
+            Task::start("PNG", done, move |_| async move {
+                let pixels = pixels.await.map_err(|error| error.to_string())?;
+                let mut file = Vec::new();
+                let written = write_png(&mut file, width, height, &pixels);
+                written.map_err(|error| error.to_string())?;
+                hand_over("png", &file)
+            })
+        }
+    })
 }
 
 /// Writes a new file of the working folder.

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use glam::{Vec2, Vec3};
-use gpugi::scene::Edit;
+use glam::Vec2;
+use gpugi_arguments::edits;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::SceneArguments;
 
@@ -27,12 +27,8 @@ enum Step {
     Techniques(Vec<String>),
     /// Changes a setting: technique, name, value.
     Set([String; 3]),
-    /// Moves a light to a place (m).
-    MoveLight(usize, Vec3),
-    /// Moves an object by a way (m).
-    MoveObject(usize, Vec3),
-    /// Turns the environment (degrees).
-    TurnEnvironment(f32),
+    /// Edits the scene, as `--edit` says it.
+    Edit(String),
     /// Runs the animation, or stops it.
     Play(bool),
 }
@@ -79,8 +75,7 @@ impl Script {
 }
 
 const HELP: &str = "orbit RIGHT UP (degrees), pan RIGHT UP (heights), zoom FACTOR, reset, open FILE|SCENE, \
-    technique NAME,..., set TECHNIQUE.KEY=VALUE, light INDEX X Y Z (m), move INDEX X Y Z (m), \
-    environment DEGREES, play, pause";
+    technique NAME,..., set TECHNIQUE.KEY=VALUE, edit WHAT.KEY=VALUE, play, pause";
 
 fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
     let (frame, rest) = words.split_first()?;
@@ -90,8 +85,6 @@ fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
         value.is_finite().then_some(value)
     };
     let pair = || Some(Vec2::new(number(0)?, number(1)?));
-    let vector = || Some(Vec3::new(number(1)?, number(2)?, number(3)?));
-    let index = || values.first()?.parse::<usize>().ok();
     let (count, step) = match what {
         "orbit" => (2, Step::Orbit(pair()?)),
         "pan" => (2, Step::Pan(pair()?)),
@@ -107,9 +100,7 @@ fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
             let (technique, name) = path.split_once('.')?;
             (1, Step::Set([technique, name, value].map(str::to_owned)))
         }
-        "light" => (4, Step::MoveLight(index()?, vector()?)),
-        "move" => (4, Step::MoveObject(index()?, vector()?)),
-        "environment" => (1, Step::TurnEnvironment(number(0)?)),
+        "edit" => (1, Step::Edit(values.first()?.to_string())),
         "play" => (0, Step::Play(true)),
         "pause" => (0, Step::Play(false)),
         _ => return None,
@@ -121,10 +112,9 @@ fn run_step(step: &Step, viewer: &mut Viewer) -> Result<(), String> {
     if let Step::Open(name) = step {
         let file = PathBuf::from(name);
         if file.extension().is_some() {
-            viewer.open_file(&file, Files::default());
-        } else {
-            viewer.open(SceneArguments::of(name), &TechniqueSet::default());
+            return viewer.open_file(&file, Files::default());
         }
+        viewer.open(SceneArguments::of(name), &TechniqueSet::default());
         return Ok(());
     }
     let Some(session) = viewer.session() else {
@@ -162,29 +152,9 @@ fn run_step(step: &Step, viewer: &mut Viewer) -> Result<(), String> {
             Ok(())
         }
         Step::Set([technique, name, value]) => session.set(technique, name, value),
-        Step::MoveLight(index, place) => {
-            let light = scene.lights.get(*index).cloned();
-            let mut light = light.ok_or("there is no such light")?;
-            light.world_from_light.w_axis = place.extend(1.0);
-            session.edit(&Edit::Light {
-                index: *index,
-                light,
-            })
-        }
-        Step::MoveObject(index, way) => {
-            let instance = scene.instances.get(*index);
-            let mut place = instance.ok_or("there is no such object")?.world_from_mesh;
-            place.w_axis += way.extend(0.0);
-            session.edit(&Edit::Instance {
-                index: *index,
-                world_from_mesh: place,
-            })
-        }
-        Step::TurnEnvironment(degrees) => {
-            let environment = scene.environment.clone();
-            let mut environment = environment.ok_or("there is no environment")?;
-            environment.rotation = degrees.to_radians();
-            session.edit(&Edit::Environment(environment))
+        Step::Edit(text) => {
+            let edit = edits::edit_of(text, scene).map_err(|error| error.to_string())?;
+            session.edit(&edit)
         }
     };
     done.map_err(|error| error.to_string())
@@ -196,8 +166,7 @@ mod tests {
 
     #[test]
     fn lines_are_frames_and_steps() {
-        let text =
-            "# a walk\n0 play\n\n  3 orbit 10 -5\n4 set shadow-map.taps=16\n5 light 1 0 2 -1\n";
+        let text = "# a walk\n0 play\n\n  3 orbit 10 -5\n4 set shadow-map.taps=16\n5 edit light.1.position=0,2,-1\n";
         let Script(steps) = Script::parse(text).unwrap();
         let set = ["shadow-map", "taps", "16"].map(str::to_owned);
         assert_eq!(
@@ -206,7 +175,7 @@ mod tests {
                 (0, Step::Play(true)),
                 (3, Step::Orbit(Vec2::new(10.0, -5.0))),
                 (4, Step::Set(set)),
-                (5, Step::MoveLight(1, Vec3::new(0.0, 2.0, -1.0))),
+                (5, Step::Edit("light.1.position=0,2,-1".into())),
             ]
         );
     }
@@ -222,7 +191,7 @@ mod tests {
             "1 play 3",
             "-1 play",
             "1 set taps=3",
-            "1 light one 0 0 0",
+            "1 edit",
         ] {
             let error = Script::parse(&format!("0 play\n{wrong}")).unwrap_err();
             assert!(error.starts_with("line 2:"), "{error}");

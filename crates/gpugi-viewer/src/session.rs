@@ -9,6 +9,7 @@ use gpugi::gpu::{Frame, Gpu, GpuError, ReadBack};
 use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
 use gpugi::{LightingError, Readiness, Renderer};
+use gpugi_arguments::edits;
 use gpugi_scene::{Camera, Scene};
 
 use crate::camera_control::CameraControl;
@@ -29,6 +30,8 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub struct Loaded {
     /// The arguments of `gpugi render` that select the scene.
     pub arguments: Vec<String>,
+    /// What was edited since it was read, as `--edit` takes it.
+    pub edits: Vec<String>,
     /// The scene.
     pub scene: Scene,
     /// Its renderer.
@@ -171,6 +174,7 @@ impl Session {
     pub fn replace(&mut self, mut loaded: Loaded, scene: Scene) -> Result<(), LightingError> {
         loaded.renderer.update(&scene)?;
         loaded.scene = scene;
+        loaded.edits.clone_from(&self.loaded.edits);
         self.take(loaded);
         Ok(())
     }
@@ -223,9 +227,16 @@ impl Session {
     /// [`LightingError`]; the scene is as before then.
     pub fn edit(&mut self, edit: &Edit) -> Result<(), LightingError> {
         self.loaded.renderer.edit(std::slice::from_ref(edit))?;
+        let words = edits::in_words(edit, &self.loaded.scene);
+        self.loaded.edits = edits::followed_by(&self.loaded.edits, words);
         edit.apply_to(&mut self.loaded.scene);
         self.changed();
         Ok(())
+    }
+
+    /// The edits of lights, objects, materials and environment that are on show, as `--edit` takes them.
+    pub fn edits(&self) -> Vec<String> {
+        edits::holding(&self.loaded.edits, &self.loaded.scene)
     }
 
     /// Changes a setting of a technique in use.

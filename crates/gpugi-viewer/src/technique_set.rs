@@ -51,10 +51,7 @@ impl TechniqueSet {
     ) -> Result<Renderer, LightingError> {
         let registry = Registry::default();
         let mut renderer = match &self.names {
-            Some(names) if names.is_empty() => {
-                let none = gpugi::default_set::DefaultSet::default();
-                Renderer::with_set(gpu, scene, size, &none, &registry)?
-            }
+            Some(names) if names.is_empty() => Renderer::new(gpu, scene, size, &[String::new()])?,
             Some(names) => Renderer::new(gpu, scene, size, names)?,
             None => {
                 let set = default_set(scene, &gpu.adapter, self.preset.purpose(), &registry);

@@ -8,6 +8,7 @@ use gpugi::gpu::Gpu;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 
+use crate::arguments::{is_view_file, of_view_file};
 use crate::opening::{self, Opening};
 use crate::session::{Loaded, Session};
 use crate::technique_set::TechniqueSet;
@@ -84,7 +85,11 @@ impl Viewer {
 
     /// Begins to open a scene, to be shown in its own way.
     pub fn start(&mut self, start: Start) {
-        self.open(start.scene, &start.set);
+        self.start_among(start, Files::default());
+    }
+
+    fn start_among(&mut self, start: Start, files: Files) {
+        self.open_among(start.scene, files, &start.set);
         self.look = Some(start.look);
     }
 
@@ -111,19 +116,35 @@ impl Viewer {
         self.look = None;
     }
 
-    /// Begins to open a file: a scene, or an environment for the scene on show. It and what it refers to are in `files`,
-    /// or else on the disk.
-    pub fn open_file(&mut self, file: &Path, files: Files) {
+    /// Begins to open a file: a scene, a view file, or an environment for the scene on show. It and what it refers to
+    /// are in `files`, or else on the disk.
+    ///
+    /// # Errors
+    /// What is wrong with a view file.
+    pub fn open_file(&mut self, file: &Path, files: Files) -> Result<(), String> {
+        if is_view_file(file) {
+            let name = file.display().to_string();
+            let failed = |reason: String| format!("{name}: {reason}");
+            let start = match files.get(&name) {
+                Some(text) => of_view_file(text),
+                None => std::fs::read(file)
+                    .map_err(|error| error.to_string())
+                    .and_then(|text| of_view_file(&text)),
+            };
+            self.start_among(start.map_err(failed)?, files);
+            return Ok(());
+        }
         let scene = opening::dropped(&self.scene, file);
         let (Some(session), true) = (&self.session, scene.environment.is_some()) else {
             self.open_among(scene, files, &TechniqueSet::default());
-            return;
+            return Ok(());
         };
         let wake = self.wake.clone();
         let done = move || wake();
         let (current, size) = (session.loaded(), self.size());
         let opening = opening::change_environment(&self.gpu, current, &scene, files, size, done);
         self.opening = Some((opening, Kind::Environment(scene)));
+        Ok(())
     }
 
     /// Begins to light the scene on show with other techniques.

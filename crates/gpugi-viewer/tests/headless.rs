@@ -11,7 +11,8 @@ use gpugi_arguments::scene_argument::SceneArguments;
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::save_exr;
-use gpugi_viewer::command::command;
+use gpugi_viewer::arguments::of_view_file;
+use gpugi_viewer::command::{command, view_file};
 use gpugi_viewer::headless;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
@@ -98,7 +99,7 @@ fn edits_and_other_techniques_show_what_they_would_from_the_start() {
     scene.lights[0].world_from_light.w_axis.x += 0.4;
     let place = scene.lights[0].position();
     let script = format!(
-        "5 technique shadow-map\n5 light 0 {} {} {}",
+        "5 technique shadow-map\n5 edit light.0.position={},{},{}",
         place.x, place.y, place.z
     );
     let (mut viewer, picture) = shown(&gpu, start("room", &[]), &script);
@@ -117,12 +118,19 @@ fn what_cannot_be_opened_leaves_what_was_there() {
     let broken = std::env::temp_dir().join(format!("gpugi-viewer-{}.glb", std::process::id()));
     std::fs::write(&broken, b"glTF is not what this is").unwrap();
     for file in [&broken, Path::new("there-is-no-such.glb")] {
-        viewer.open_file(file, Files::default());
+        viewer.open_file(file, Files::default()).unwrap();
         let reason = viewer.finish_opening().unwrap_err();
         let name = file.file_name().unwrap().to_string_lossy().into_owned();
         assert!(reason.contains(&name), "{reason}");
     }
     std::fs::remove_file(&broken).unwrap();
+    let mut files = Files::default();
+    files.insert("no.json".into(), b"{\"samples\": 0}".to_vec());
+    let reason = viewer.open_file(Path::new("no.json"), files).unwrap_err();
+    assert!(
+        reason.starts_with("no.json: ") && reason.contains("samples"),
+        "{reason}"
+    );
     // Both add the light of the environment.
     let overlapping = ["image-based-lighting", "radiance-transfer"].map(str::to_owned);
     viewer.change_set(TechniqueSet {
@@ -147,11 +155,11 @@ fn what_cannot_be_opened_leaves_what_was_there() {
 #[test]
 fn an_environment_that_is_dropped_lights_the_edited_scene() {
     let Some(gpu) = open() else { return };
-    let script = "3 light 0 0.1 1.5 0.2";
+    let script = "3 edit light.0.position=0.1,1.5,0.2";
     let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), script);
     let sky = std::env::temp_dir().join(format!("gpugi-viewer-{}.exr", std::process::id()));
     save_exr(&sky, 4, 2, &[0.5; 4 * 2 * 3]).unwrap();
-    viewer.open_file(&sky, Files::default());
+    viewer.open_file(&sky, Files::default()).unwrap();
     viewer.finish_opening().unwrap();
     std::fs::remove_file(&sky).unwrap();
     let session = viewer.session().unwrap();
@@ -161,6 +169,38 @@ fn an_environment_that_is_dropped_lights_the_edited_scene() {
     let command = command(session, SIZE);
     assert!(command.contains("--environment"), "{command}");
     assert!(session.frame(SIZE, 0.0).is_ok());
+}
+
+#[test]
+fn a_saved_view_opens_with_its_edits() {
+    let Some(gpu) = open() else { return };
+    let script = "0 set shadow-map.taps=4\n1 orbit 20 10\n2 edit light.0.position=0.1,1.5,0.2\n\
+        3 edit object.0.position=0.3,0,0.1\n3 edit light.0.position=0.2,1.4,0.1";
+    let (mut viewer, picture) = shown(&gpu, start("room", &["shadow-map"]), script);
+    let session = viewer.session().unwrap();
+    let saved = view_file(session);
+    assert_eq!(saved.matches("light.0.position").count(), 1, "{saved}");
+    assert!(saved.contains("shadow-map.taps=4"), "{saved}");
+    let opened = of_view_file(saved.as_bytes()).unwrap();
+    let (mut viewer, again) = shown(&gpu, opened.clone(), "");
+    assert_same(&again, &picture);
+    let edits = viewer.session().unwrap().edits();
+    assert_eq!(
+        edits,
+        [
+            "object.0.position=0.3,0,0.1",
+            "light.0.position=0.2,1.4,0.1"
+        ]
+    );
+    let (_, unedited) = shown(
+        &gpu,
+        Start {
+            scene: SceneArguments::of("room"),
+            ..opened
+        },
+        "",
+    );
+    assert!(rel_mse(&unedited, &picture) > 1e-3);
 }
 
 #[test]

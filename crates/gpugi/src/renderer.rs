@@ -45,7 +45,7 @@ const COMPILING: Readiness = Readiness::Pending {
 
 impl Renderer {
     /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a
-    /// live view. [`Renderer::for_purpose`] also serves others.
+    /// live view, and one empty name no technique at all. [`Renderer::for_purpose`] also serves others.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -73,6 +73,7 @@ impl Renderer {
             let set = default_set(scene, &gpu.adapter, Purpose::LiveView, registry);
             return Self::with_set(gpu, scene, size, &set, registry);
         }
+        let names = if names == [""] { &[] } else { names };
         Self::of(gpu, scene, size, names, registry)
     }
 

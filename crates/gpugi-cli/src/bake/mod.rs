@@ -50,6 +50,11 @@ pub struct Arguments {
 
 /// Bakes.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(edit) = arguments.scene.edit.first() {
+        // What is baked is added to the scene's own file.
+        let message = format!("--edit {edit}: a bake is of the scene as its file has it");
+        return Err(Usage(message).into());
+    }
     if let Some(density) = arguments.irradiance_volume {
         return volume::run(common, arguments, density);
     }
