@@ -4,9 +4,8 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
-use gpugi::gpu::TextureAspect::{All, DepthOnly};
-use gpugi::gpu::{Gpu, read_buffer, read_texture};
-use gpugi::techniques::{Map, Texels};
+use gpugi::gpu::Gpu;
+use gpugi::techniques::Map;
 use gpugi::{Renderer, capture};
 use gpugi_scene::image::{save_exr, save_hdr, save_png};
 
@@ -161,62 +160,16 @@ pub fn write_aovs(
 pub fn dump_maps(gpu: &Gpu, maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     make_folder(folder)?;
     for map in maps {
-        let (size, texels) = texels(gpu, &map.texels)?;
+        let mut texels = Vec::new();
+        let mut size = [0, 0];
+        for layer in 0..map.layers() {
+            let read = map.begin_read(gpu, layer, 0)?;
+            size = [read.size[0], size[1] + read.size[1]];
+            texels.extend(read.wait()?);
+        }
         let path = folder.join(format!("{}.exr", map.name));
         save_exr(&path, size[0], size[1], &texels)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     Ok(())
-}
-
-/// The colour of a word with a shared exponent.
-fn rgb9e5(word: u32) -> [f32; 3] {
-    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
-    [0, 9, 18].map(|shift| (word >> shift & 511) as f32 * scale)
-}
-
-/// Width and height, and three numbers per texel.
-fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
-    let grey = |value: f32| [value; 3];
-    let texture = match texels {
-        Texels::Texture(texture) => texture,
-        Texels::Buffer {
-            buffer,
-            size,
-            stride,
-            is_number,
-        } => {
-            let count = u64::from(size[0]) * u64::from(size[1]);
-            let words: Vec<u32> = read_buffer(gpu, buffer, count * stride)?;
-            let texels = words.chunks_exact(*stride as usize / 4);
-            let values = texels.flat_map(|texel| match *texel {
-                [number, ..] if *is_number => grey(number as f32),
-                [r, g, b, ..] => [r, g, b].map(f32::from_bits),
-                [word] => rgb9e5(word),
-                _ => grey(0.0),
-            });
-            return Ok((*size, values.collect()));
-        }
-    };
-    let layers = texture.depth_or_array_layers();
-    let mut values: Vec<f32> = Vec::new();
-    for layer in 0..layers {
-        match texture.format() {
-            format if format.is_depth_stencil_format() => {
-                let depth: Vec<f32> = read_texture(gpu, texture, DepthOnly, layer, 0)?;
-                values.extend(depth.into_iter().flat_map(grey));
-            }
-            format if format.block_copy_size(None) == Some(4) => {
-                let numbers: Vec<u32> = read_texture(gpu, texture, All, layer, 0)?;
-                values.extend(numbers.iter().flat_map(|&number| grey(number as f32)));
-            }
-            _ => {
-                let colors: Vec<[half::f16; 4]> = read_texture(gpu, texture, All, layer, 0)?;
-                let colors = colors.iter();
-                values
-                    .extend(colors.flat_map(|[r, g, b, _]| [r, g, b].map(|value| value.to_f32())));
-            }
-        }
-    }
-    Ok(([texture.width(), texture.height() * layers], values))
 }

@@ -13,7 +13,8 @@ use gpugi_arguments::scene_argument::SceneArguments;
 use web_time::Instant;
 
 use crate::command::command;
-use crate::panels::{self, Action};
+use crate::gizmo::{self, Selected};
+use crate::panels::{self, Action, Maps};
 use crate::saving::{self, Saving};
 use crate::session::{Pick, Session};
 use crate::task::Task;
@@ -29,7 +30,8 @@ pub struct App {
     render_state: RenderState,
     viewer: Viewer,
     texture: Option<(egui::TextureId, wgpu::TextureView)>,
-    selected: Option<usize>,
+    selected: Option<Selected>,
+    maps: Maps,
     /// What was dropped on a page, which is being read.
     dropped: Option<Task<Result<Files, String>>>,
     saving: Option<Saving>,
@@ -63,6 +65,7 @@ impl App {
             render_state: render_state.clone(),
             texture: None,
             selected: None,
+            maps: Maps::default(),
             dropped: None,
             saving: None,
             #[cfg(target_arch = "wasm32")]
@@ -96,6 +99,7 @@ impl App {
             Ok(true) => {
                 self.message = None;
                 self.selected = None;
+                self.maps.clear();
                 if let Some(session) = self.viewer.session() {
                     let title = format!("{} - gpugi", session.loaded().arguments[0]);
                     context.send_viewport_cmd(egui::ViewportCommand::Title(title));
@@ -277,7 +281,9 @@ impl App {
         for (purpose, point) in session.picked() {
             match (purpose, point) {
                 (Pick::Focus, Some(point)) => session.camera.focus(point.position),
-                (Pick::Select, point) => self.selected = point.map(|point| point.instance as usize),
+                (Pick::Select, point) => {
+                    self.selected = point.map(|point| Selected::Object(point.instance as usize));
+                }
                 (Pick::Focus, None) => {}
             }
             ui.ctx().request_repaint();
@@ -303,6 +309,12 @@ impl App {
         ui.painter().image(texture, rect, whole, Color32::WHITE);
         if let Some(Compared::Split(split)) = &mut session.compared {
             divider(ui, rect, split);
+        }
+        let camera = session.camera.camera();
+        let seen = (&session.loaded().scene, &camera);
+        let edit = gizmo::show(ui, rect, seen, &mut self.selected);
+        if let Some(Err(error)) = edit.map(|edit| session.edit(&edit)) {
+            self.complain(error.to_string());
         }
     }
 }
@@ -334,11 +346,17 @@ impl eframe::App for App {
                         panels::techniques(ui, session, &mut actions);
                     });
                     panels::truth(ui, session);
-                    panels::edits(ui, &session.loaded().scene, self.selected, &mut actions);
+                    let object = match self.selected {
+                        Some(Selected::Object(index)) => Some(index),
+                        _ => None,
+                    };
+                    panels::edits(ui, &session.loaded().scene, object, &mut actions);
                     panels::performance(ui, session);
+                    self.maps.list(ui, session);
                     panels::keys(ui);
                 });
             });
+            self.maps.windows(&context, session);
         }
         for action in actions {
             if let Err(error) = self.act(&context, action) {

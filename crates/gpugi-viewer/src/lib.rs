@@ -9,6 +9,7 @@ pub mod arguments;
 pub mod browser;
 pub mod camera_control;
 pub mod command;
+mod gizmo;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod headless;
 pub mod opening;

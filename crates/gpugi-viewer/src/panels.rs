@@ -1,12 +1,13 @@
 //! The controls beside the picture. They show the session and say what is to be done.
 
 mod edits;
+mod maps;
 mod settings;
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
-use gpugi::display::{Compared, Exposure, ToneMap};
+use gpugi::display::{Compared, Exposure, Quantity, ToneMap};
 use gpugi::scene::Edit;
-use gpugi::techniques::Registry;
+use gpugi::techniques::{Map, Registry};
 use gpugi_scene::builtin;
 
 use crate::saving::What;
@@ -15,6 +16,7 @@ use crate::technique_set::{Preset, TechniqueSet};
 use crate::truth;
 
 pub use edits::edits;
+pub use maps::Maps;
 
 /// What people asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -123,6 +125,17 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                     .show_ui(ui, |ui| {
                         for one in ToneMap::ALL {
                             ui.selectable_value(&mut display.tone_map, one, one.name());
+                        }
+                    });
+            });
+            ui.horizontal(|ui| {
+                ui.label("show");
+                ComboBox::from_id_salt("quantity")
+                    .selected_text(session.quantity.map_or("light", Quantity::name))
+                    .show_ui(ui, |ui| {
+                        ui.selectable_value(&mut session.quantity, None, "light");
+                        for one in Quantity::ALL {
+                            ui.selectable_value(&mut session.quantity, Some(one), one.name());
                         }
                     });
             });
@@ -309,9 +322,7 @@ pub fn performance(ui: &mut Ui, session: &mut Session) {
                 };
                 row("scene", renderer.scene().bytes);
                 row("picture", renderer.picture_bytes());
-                for map in renderer.maps() {
-                    row(&map.name, map.bytes());
-                }
+                row("maps", renderer.maps().iter().map(Map::bytes).sum());
                 row("to make maps", renderer.work_bytes());
             });
         if !session.gpu().has_timestamps {
@@ -344,7 +355,8 @@ pub fn keys(ui: &mut Ui) {
             ("middle or shift drag", "pan"),
             ("wheel, pinch", "nearer, farther"),
             ("W A S D, Q E", "fly; with shift faster"),
-            ("click", "select an object"),
+            ("click", "select an object, or a light's circle"),
+            ("drag an arrow", "move what is selected"),
             ("double click", "turn there, and orbit around it"),
             ("R", "back to where the camera stood"),
             ("space", "play or pause the animation"),

@@ -4,7 +4,7 @@
 use gpugi::capture::VisiblePoint;
 use std::sync::Arc;
 
-use gpugi::display::{Compared, Comparison, DisplaySettings, Present};
+use gpugi::display::{Compared, Comparison, DisplaySettings, Present, Quantity, Surfaces};
 use gpugi::gpu::{Frame, Gpu, GpuError, ReadBack};
 use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
@@ -90,7 +90,10 @@ pub struct Session {
     pub is_timed: bool,
     /// GPU times of passes.
     pub pass_times: PassTimes,
-    /// What is shown of the path tracer's picture beside it, if anything.
+    /// What is shown of the surfaces in place of the picture, if anything.
+    pub quantity: Option<Quantity>,
+    surfaces: Option<([u32; 2], Surfaces)>,
+    /// What is shown of the path tracer's picture beside it, if anything. The surfaces go first.
     pub compared: Option<Compared>,
     truth: Option<Truth>,
     /// Samples that the truth takes per pixel.
@@ -102,7 +105,7 @@ pub struct Session {
     version: u64,
     readiness: Readiness,
     picture: Option<Picture>,
-    displayed: (DisplaySettings, Option<Compared>),
+    displayed: (DisplaySettings, Option<Compared>, Option<Quantity>),
     is_edited: bool,
     at_rest: f32,
     /// Whether the last frame, if it rendered, was in motion.
@@ -141,6 +144,8 @@ impl Session {
             clock: Clock::default(),
             is_timed: false,
             pass_times: PassTimes::default(),
+            quantity: None,
+            surfaces: None,
             compared: None,
             truth: None,
             truth_samples: 1024,
@@ -149,7 +154,7 @@ impl Session {
             version: 0,
             readiness: Readiness::Refining { progress: 0.0 },
             picture: None,
-            displayed: (DisplaySettings::default(), None),
+            displayed: (DisplaySettings::default(), None, None),
             is_edited: true,
             at_rest: 0.0,
             was_moving: None,
@@ -341,15 +346,22 @@ impl Session {
         self.pass_times.update();
         self.was_moving = None;
         let is_truth_new = self.follow_truth(is_moving_still)?;
+        let quantity = self.quantity;
         let renderer = &mut self.loaded.renderer;
         let reference = self.reference.as_ref().map(|(_, comparison)| comparison);
         let compared = self.compared.zip(reference);
-        let to_display = (self.display, compared.map(|(compared, _)| compared));
+        let compared = compared.filter(|_| quantity.is_none());
+        let is_plain = compared.is_none() && quantity.is_none();
+        let to_display = (
+            self.display,
+            compared.map(|(compared, _)| compared),
+            quantity,
+        );
         let mut shown = Shown::default();
         if renderer.samples() < self.samples {
             let is_timed = self.is_timed && self.pass_times.wants_more();
             renderer.set_budget(self.pace.budget());
-            let display = compared.is_none().then_some(&self.display);
+            let display = is_plain.then_some(&self.display);
             let camera = self.camera.camera();
             let (readiness, timings) =
                 renderer.try_render_sample(&camera, self.samples, display, is_timed)?;
@@ -361,14 +373,21 @@ impl Session {
             }
         } else if self.displayed != to_display || is_truth_new {
             shown.is_new = true;
-            if compared.is_none() {
+            if is_plain {
                 renderer.display(&self.display)?;
             }
         } else {
             shown.is_final = self.picks.is_empty();
         }
         if shown.is_new {
-            if let Some((compared, comparison)) = compared {
+            if let Some(quantity) = quantity {
+                let surfaces = match self.surfaces.take() {
+                    Some((of_size, surfaces)) if of_size == size => surfaces,
+                    _ => Surfaces::new(&self.gpu, size)?,
+                };
+                renderer.display_surfaces(&surfaces, quantity, &self.display)?;
+                self.surfaces = Some((size, surfaces));
+            } else if let Some((compared, comparison)) = compared {
                 renderer.display_compared(comparison, compared, &self.display)?;
             }
             self.displayed = to_display;

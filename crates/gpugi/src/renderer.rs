@@ -11,7 +11,9 @@ use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
-use crate::display::{Compared, Comparison, Display, DisplaySettings, Part, Present};
+use crate::display::{
+    Compared, Comparison, Display, DisplaySettings, Part, Present, Quantity, Surfaces,
+};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
     read_buffer,
@@ -474,6 +476,27 @@ impl Renderer {
         let compared = comparison.record(&mut frame, &parts, self.samples, shown)?;
         let settings = shown.settings(settings);
         self.display.record(&mut frame, &[compared], 1, &settings)?;
+        frame.submit().map(|_| ())
+    }
+
+    /// Displays what the pixels of the last sample see, in colours.
+    ///
+    /// # Errors
+    /// [`GpuError`], also when `surfaces` are of another size.
+    pub fn display_surfaces(
+        &mut self,
+        surfaces: &Surfaces,
+        quantity: Quantity,
+        settings: &DisplaySettings,
+    ) -> Result<(), GpuError> {
+        let mut frame = Frame::new(&self.gpu, false);
+        let points = self.tiles.iter().map(|tile| &tile.receiver.points);
+        let parts: Vec<_> = points
+            .map(|points| (&points.points, points.count))
+            .collect();
+        let colors = surfaces.record(&mut frame, &parts, quantity)?;
+        let settings = Quantity::settings(settings);
+        self.display.record(&mut frame, &[colors], 1, &settings)?;
         frame.submit().map(|_| ())
     }
 

@@ -8,6 +8,7 @@
 mod comparison;
 mod present;
 mod settings;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
@@ -16,6 +17,7 @@ mod twin;
 pub use comparison::{Compared, Comparison};
 pub use present::Present;
 pub use settings::{DisplaySettings, Exposure, ParseError, ToneMap};
+pub use surfaces::{Quantity, Surfaces};
 
 use crate::gpu::{
     Frame, Gpu, GpuError, HostBuffer, Kernel, ReadBack, begin_read_buffer, read_buffer,

@@ -32,6 +32,7 @@ macro_rules! gpu {
 
 mod color;
 mod comparison;
+mod surfaces;
 
 /// Pixels and exposure value for radiance summed over `samples` samples.
 fn show_samples(

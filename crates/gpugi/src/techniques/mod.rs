@@ -10,6 +10,7 @@ pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
 pub mod light_path_map;
+mod map;
 pub mod obscurances;
 pub mod participating_media;
 mod precomputed;
@@ -20,6 +21,7 @@ mod registry;
 pub mod shadow_map;
 
 pub use budget::Budget;
+pub use map::{Map, MapRead, Texels};
 pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
@@ -131,54 +133,6 @@ pub struct Inspection {
     pub work_bytes: u64,
     /// Warnings about the picture beyond its light paths, one sentence each.
     pub warnings: Vec<String>,
-}
-
-/// A map that a technique keeps for its gather.
-#[derive(Debug, Clone)]
-pub struct Map {
-    /// The name, such as `shadow-map.atlas`.
-    pub name: String,
-    /// The storage of its texels.
-    pub texels: Texels,
-}
-
-/// Storage of a map's texels.
-#[derive(Debug, Clone)]
-pub enum Texels {
-    /// A texture.
-    Texture(wgpu::Texture),
-    /// A buffer, row by row.
-    Buffer {
-        /// The buffer.
-        buffer: wgpu::Buffer,
-        /// Width and height (texels).
-        size: [u32; 2],
-        /// Distance from texel to texel (bytes).
-        stride: u64,
-        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, or rgb9e5 where
-        /// the stride is 4.
-        is_number: bool,
-    },
-}
-
-impl Map {
-    /// The texture, if it is one.
-    pub fn texture(&self) -> Option<&wgpu::Texture> {
-        match &self.texels {
-            Texels::Texture(texture) => Some(texture),
-            Texels::Buffer { .. } => None,
-        }
-    }
-
-    /// Size on the GPU (bytes).
-    pub fn bytes(&self) -> u64 {
-        match &self.texels {
-            Texels::Texture(texture) => texture
-                .format()
-                .theoretical_memory_footprint(texture.size()),
-            Texels::Buffer { buffer, .. } => buffer.size(),
-        }
-    }
 }
 
 /// A technique. In each frame [`crate::lighting::Lighting`] calls `generate` of all techniques in the registry's order,

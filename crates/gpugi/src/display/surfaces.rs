@@ -1,0 +1,142 @@
+//! What the pixels of a picture see: normals, materials and objects in colours.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{DisplaySettings, Exposure, Part, ToneMap};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::shader;
+
+/// What is shown of each surface point. Where there is no surface, the picture is black.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Shading normals in world space: -1 to 1 of x, y and z as red, green and blue.
+    Normal,
+    /// Normals of the triangles, toward the viewer.
+    GeometricNormal,
+    /// Albedo of diffuse reflection, and of what is transmitted.
+    Albedo,
+    /// Roughness: 0 black, 1 white; Phong's surfaces count as 1.
+    Roughness,
+    /// A colour per instance.
+    Objects,
+    /// A colour per material.
+    Materials,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::Normal,
+        Self::GeometricNormal,
+        Self::Albedo,
+        Self::Roughness,
+        Self::Objects,
+        Self::Materials,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Normal => "normals",
+            Self::GeometricNormal => "normals of triangles",
+            Self::Albedo => "albedo",
+            Self::Roughness => "roughness",
+            Self::Objects => "objects",
+            Self::Materials => "materials",
+        }
+    }
+
+    /// The settings with which it is displayed: colours appear as they are.
+    pub(crate) fn settings(settings: &DisplaySettings) -> DisplaySettings {
+        DisplaySettings {
+            exposure: Exposure::Manual(0.0),
+            tone_map: ToneMap::None,
+            dither: false,
+            ..*settings
+        }
+    }
+}
+
+/// `Surfaces` of surfaces.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct SurfacesUniform {
+    quantity: u32,
+    pixel_count: u32,
+    first_pixel: u32,
+}
+
+/// The pass that shows surface points of pictures of one size in colours.
+#[derive(Debug)]
+pub struct Surfaces {
+    kernel: Kernel,
+    pixels: u32,
+    colors: wgpu::Buffer,
+}
+
+impl Surfaces {
+    /// For pictures of `size` pixels.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
+        Ok(Self {
+            kernel: Kernel::new(gpu, &shader!("display.surfaces"), "show_surfaces", None)?,
+            pixels: size[0] * size[1],
+            colors: gpu.buffer("display.colors", bytes, wgpu::BufferUsages::STORAGE)?,
+        })
+    }
+
+    /// Records the pass `display.surfaces`. `parts` are the surface points of consecutive pixels, and how many. What it
+    /// returns is to be displayed as one sample, with [`Quantity::settings`].
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the picture has another size.
+    pub(crate) fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        parts: &[(&wgpu::Buffer, u32)],
+        quantity: Quantity,
+    ) -> Result<Part, GpuError> {
+        let gpu = frame.gpu;
+        let all: u32 = parts.iter().map(|(_, pixels)| pixels).sum();
+        if all != self.pixels {
+            return Err(GpuError::Pass {
+                pass: "display.surfaces".into(),
+                reason: format!("the picture has {all} pixels instead of {}", self.pixels),
+            });
+        }
+        let mut first_pixel = 0;
+        for (points, pixels) in parts {
+            let uniform = HostBuffer::new(
+                gpu,
+                "display.surfaces",
+                size_of::<SurfacesUniform>() as u64,
+                wgpu::BufferUsages::UNIFORM,
+            )?;
+            let values = SurfacesUniform {
+                quantity: quantity as u32,
+                pixel_count: *pixels,
+                first_pixel,
+            };
+            uniform.write(gpu, std::slice::from_ref(&values));
+            let points = [("points", points.as_entire_binding())];
+            let own = [
+                ("surfaces", uniform.as_entire_binding()),
+                ("colors", self.colors.as_entire_binding()),
+            ];
+            let points = self.kernel.bind(gpu, 1, &points)?;
+            let own = self.kernel.bind(gpu, 3, &own)?;
+            frame.compute("display.surfaces", |pass| {
+                let groups = [(1, &points), (3, &own)];
+                self.kernel.dispatch(pass, &groups, [*pixels, 1, 1]);
+            });
+            first_pixel += pixels;
+        }
+        Ok(Part {
+            radiance: self.colors.clone(),
+            pixels: self.pixels,
+        })
+    }
+}

@@ -1,0 +1,202 @@
+//! The maps that techniques keep, and how people get to see them.
+
+use half::f16;
+use wgpu::TextureFormat;
+
+use crate::gpu::TextureAspect::{All, DepthOnly};
+use crate::gpu::{Gpu, GpuError, ReadBack, begin_read_buffer, begin_read_texture};
+
+/// A map that a technique keeps for its gather.
+#[derive(Debug, Clone)]
+pub struct Map {
+    /// The name, such as `shadow-map.atlas`.
+    pub name: String,
+    /// The storage of its texels.
+    pub texels: Texels,
+}
+
+/// Storage of a map's texels.
+#[derive(Debug, Clone)]
+pub enum Texels {
+    /// A texture.
+    Texture(wgpu::Texture),
+    /// A buffer, row by row.
+    Buffer {
+        /// The buffer.
+        buffer: wgpu::Buffer,
+        /// Width and height (texels).
+        size: [u32; 2],
+        /// Distance from texel to texel (bytes).
+        stride: u64,
+        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, or rgb9e5 where
+        /// the stride is 4.
+        is_number: bool,
+    },
+}
+
+/// Texels on their way to the host.
+#[derive(Debug)]
+pub struct MapRead {
+    /// Width and height (texels).
+    pub size: [u32; 2],
+    words: ReadBack<Vec<u32>>,
+    /// Words from texel to texel.
+    stride: usize,
+    encoding: Encoding,
+}
+
+/// How words hold a texel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    /// An unsigned integer.
+    Number,
+    /// A float, such as a depth.
+    Depth,
+    /// Three floats.
+    Floats,
+    /// Three 16-bit floats.
+    Halves,
+    /// rgb9e5.
+    SharedExponent,
+}
+
+impl Map {
+    /// The texture, if it is one.
+    pub fn texture(&self) -> Option<&wgpu::Texture> {
+        match &self.texels {
+            Texels::Texture(texture) => Some(texture),
+            Texels::Buffer { .. } => None,
+        }
+    }
+
+    /// Size on the GPU (bytes).
+    pub fn bytes(&self) -> u64 {
+        match &self.texels {
+            Texels::Texture(texture) => texture
+                .format()
+                .theoretical_memory_footprint(texture.size()),
+            Texels::Buffer { buffer, .. } => buffer.size(),
+        }
+    }
+
+    /// Number of layers: faces of a cube, pages of an atlas.
+    pub fn layers(&self) -> u32 {
+        self.texture()
+            .map_or(1, wgpu::Texture::depth_or_array_layers)
+    }
+
+    /// Number of mip levels.
+    pub fn levels(&self) -> u32 {
+        self.texture().map_or(1, wgpu::Texture::mip_level_count)
+    }
+
+    /// Copies a level of a layer to the host, after all work submitted so far.
+    ///
+    /// # Errors
+    /// As [`begin_read_buffer`].
+    pub fn begin_read(&self, gpu: &Gpu, layer: u32, level: u32) -> Result<MapRead, GpuError> {
+        let texture = match &self.texels {
+            Texels::Texture(texture) => texture,
+            Texels::Buffer {
+                buffer,
+                size,
+                stride,
+                is_number,
+            } => {
+                let count = u64::from(size[0]) * u64::from(size[1]);
+                return Ok(MapRead {
+                    size: *size,
+                    words: begin_read_buffer(gpu, buffer, count * stride)?,
+                    stride: *stride as usize / 4,
+                    encoding: match *stride {
+                        _ if *is_number => Encoding::Number,
+                        4 => Encoding::SharedExponent,
+                        _ => Encoding::Floats,
+                    },
+                });
+            }
+        };
+        let format = texture.format();
+        let (aspect, stride, encoding) = match format {
+            format if format.is_depth_stencil_format() => (DepthOnly, 1, Encoding::Depth),
+            TextureFormat::R32Float => (All, 1, Encoding::Depth),
+            format if format.block_copy_size(None) == Some(4) => (All, 1, Encoding::Number),
+            _ => (All, 2, Encoding::Halves),
+        };
+        let extent = texture.size().mip_level_size(level, texture.dimension());
+        Ok(MapRead {
+            size: [extent.width, extent.height],
+            words: begin_read_texture(gpu, texture, aspect, layer, level)?,
+            stride,
+            encoding,
+        })
+    }
+}
+
+impl MapRead {
+    /// Three numbers per texel, row by row, once they have arrived: linear colours, or one number three times. Never
+    /// blocks.
+    pub fn get(&self) -> Option<Result<Vec<f32>, GpuError>> {
+        let words = self.words.get()?;
+        Some(words.map(|words| self.decoded(&words)))
+    }
+
+    /// The blocking twin of [`MapRead::get`].
+    ///
+    /// # Errors
+    /// As [`ReadBack::wait`].
+    pub fn wait(self) -> Result<Vec<f32>, GpuError> {
+        let (stride, encoding) = (self.stride, self.encoding);
+        let words = self.words.wait()?;
+        Ok(decoded(&words, stride, encoding))
+    }
+
+    fn decoded(&self, words: &[u32]) -> Vec<f32> {
+        decoded(words, self.stride, self.encoding)
+    }
+}
+
+fn decoded(words: &[u32], stride: usize, encoding: Encoding) -> Vec<f32> {
+    let texels = words.chunks_exact(stride);
+    let colors = texels.flat_map(|texel| match (encoding, texel) {
+        (Encoding::Number, [number, ..]) => [*number as f32; 3],
+        (Encoding::Depth, [depth, ..]) => [f32::from_bits(*depth); 3],
+        (Encoding::Floats, [r, g, b, ..]) => [*r, *g, *b].map(f32::from_bits),
+        (Encoding::Halves, [rg, ba, ..]) => {
+            [*rg, *rg >> 16, *ba].map(|word| f16::from_bits(word as u16).to_f32())
+        }
+        (Encoding::SharedExponent, [word, ..]) => rgb9e5(*word),
+        _ => [0.0; 3],
+    });
+    colors.collect()
+}
+
+/// The colour of a word with a shared exponent.
+fn rgb9e5(word: u32) -> [f32; 3] {
+    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
+    [0, 9, 18].map(|shift| (word >> shift & 511) as f32 * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_texels() {
+        let floats = [0.5_f32, 2.0, -1.0, 9.0].map(f32::to_bits);
+        assert_eq!(decoded(&floats, 4, Encoding::Floats), [0.5, 2.0, -1.0]);
+        let half = |value: f32| u32::from(f16::from_f32(value).to_bits());
+        let halves = [half(1.0) | half(2.0) << 16, half(0.25) | half(7.0) << 16];
+        assert_eq!(decoded(&halves, 2, Encoding::Halves), [1.0, 2.0, 0.25]);
+        assert_eq!(
+            decoded(&[7, 0, 8, 0], 2, Encoding::Number),
+            [7.0, 7.0, 7.0, 8.0, 8.0, 8.0]
+        );
+        assert_eq!(decoded(&[0.5_f32.to_bits()], 1, Encoding::Depth), [0.5; 3]);
+        let shared = 24 << 27 | 3 | 5 << 9 | 511 << 18;
+        assert_eq!(
+            decoded(&[shared], 1, Encoding::SharedExponent),
+            [3.0, 5.0, 511.0]
+        );
+    }
+}
