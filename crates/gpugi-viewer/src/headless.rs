@@ -7,6 +7,7 @@ use gpugi::gpu::Gpu;
 use serde::Serialize;
 
 use crate::script::Script;
+use crate::session::Session;
 use crate::viewer::{Start, Viewer};
 
 /// Time from frame to frame of cameras and animations (s), so that each run shows the same.
@@ -31,8 +32,12 @@ pub struct FrameTimes {
     pub frames_ms: Vec<f64>,
 }
 
+/// Takes each frame of a recording: its number, and the session that shows it.
+pub type Recorder<'a> = &'a mut dyn FnMut(u32, &Session) -> Result<(), String>;
+
 /// Shows `frames` frames of `size` pixels after the first picture, while `script` runs. With `samples`, more frames
-/// follow until the picture at rest has so many per pixel. The resolution stays the same.
+/// follow until the picture at rest has so many per pixel. The resolution stays the same. Before `recorder` takes a
+/// frame, time stands still until it is complete.
 ///
 /// # Errors
 /// Why it cannot be shown.
@@ -43,6 +48,7 @@ pub fn run(
     frames: u32,
     script: &Script,
     samples: Option<u32>,
+    mut recorder: Option<Recorder<'_>>,
 ) -> Result<(Viewer, FrameTimes), String> {
     let started = Instant::now();
     let mut viewer = Viewer::new(gpu, start, || {});
@@ -56,12 +62,22 @@ pub fn run(
     for frame in 0..frames {
         let began = Instant::now();
         script.run(frame, &mut viewer)?;
-        viewer.take_opened()?;
-        show(&mut viewer, size)?;
+        if let Some(recorder) = &mut recorder {
+            viewer.finish_opening()?;
+            show(&mut viewer, size)?;
+            hold(&mut viewer, true)?;
+            finish(&mut viewer, size)?;
+            recorder(frame, hold(&mut viewer, false)?)?;
+        } else {
+            viewer.take_opened()?;
+            show(&mut viewer, size)?;
+        }
         times.push(began.elapsed().as_secs_f64() * 1e3);
     }
     if samples.is_some() {
         viewer.finish_opening()?;
+        let session = viewer.session().ok_or("nothing is on show")?;
+        session.clock.is_playing = false;
         finish(&mut viewer, size)?;
     }
     let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
@@ -88,12 +104,18 @@ fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
     Ok(shown.is_new)
 }
 
+/// Stops time, or lets it go on.
+fn hold(viewer: &mut Viewer, is_held: bool) -> Result<&Session, String> {
+    let session = viewer.session().ok_or("nothing is on show")?;
+    session.is_held = is_held;
+    Ok(session)
+}
+
 /// Frames until all samples of the scene at rest are there.
 fn finish(viewer: &mut Viewer, size: [u32; 2]) -> Result<(), String> {
     loop {
         show(viewer, size)?;
         let session = viewer.session().ok_or("nothing is on show")?;
-        session.clock.is_playing = false;
         let samples = session.loaded().renderer.samples();
         if session.readiness() == Readiness::Ready && samples >= session.samples {
             return Ok(());

@@ -15,8 +15,9 @@ use gpugi_cli::output::{self, Format};
 use gpugi_cli::{Common, exit_code, log_to_stderr};
 use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::{ViewArguments, of_view_file};
-use gpugi_viewer::headless;
+use gpugi_viewer::headless::{self, Recorder};
 use gpugi_viewer::script::Script;
+use gpugi_viewer::session::Session;
 use gpugi_viewer::viewer::Start;
 
 /// Global illumination live, in a window.
@@ -46,6 +47,9 @@ struct Headless {
     /// Write the times of the frames
     #[arg(long, value_name = "FILE.json", requires = "headless_frames")]
     frame_times: Option<PathBuf>,
+    /// Write every frame, complete, as FOLDER/0000.png and so on; --samples are those of each
+    #[arg(long, value_name = "FOLDER", requires = "headless_frames")]
+    record: Option<PathBuf>,
     /// Write the last picture: .png (tone-mapped), .exr or .hdr (linear radiance)
     #[arg(short, long, value_name = "FILE", requires = "headless_frames")]
     output: Option<PathBuf>,
@@ -107,6 +111,7 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
     let Headless {
         script,
         frame_times,
+        record,
         output,
     } = &arguments.headless;
     let script = match script {
@@ -124,7 +129,18 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
     output::check_folders(files.map(PathBuf::as_path))?;
     let gpu = Gpu::open(&arguments.common.adapter)?;
     let (size, samples) = (arguments.size, arguments.view.samples);
-    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, samples)
+    if let Some(folder) = record {
+        output::make_folder(folder)?;
+    }
+    let mut write_frame = |frame: u32, session: &Session| {
+        let Some(folder) = record else { return Ok(()) };
+        let pixels = session.loaded().renderer.pixels();
+        let pixels = pixels.map_err(|error| error.to_string())?;
+        let path = folder.join(format!("{frame:04}.png"));
+        output::write_png(&path, size, &pixels).map_err(|error| format!("{error:#}"))
+    };
+    let recorder = record.as_ref().map(|_| &mut write_frame as Recorder<'_>);
+    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, samples, recorder)
         .map_err(|reason| anyhow!(reason))?;
     if !arguments.common.quiet {
         println!(

@@ -86,6 +86,8 @@ pub struct Session {
     pub samples: u32,
     /// The animation.
     pub clock: Clock,
+    /// Whether time stands still: neither camera nor animation move.
+    pub is_held: bool,
     /// Whether passes are timed.
     pub is_timed: bool,
     /// GPU times of passes.
@@ -142,6 +144,7 @@ impl Session {
             pace: Pace::default(),
             samples: Look::default().samples,
             clock: Clock::default(),
+            is_held: false,
             is_timed: false,
             pass_times: PassTimes::default(),
             quantity: None,
@@ -324,10 +327,11 @@ impl Session {
             let work = self.loaded.renderer.work();
             self.pace.measure(seconds, work, was_moving);
         }
-        if self.clock.is_playing {
+        if self.clock.is_playing && !self.is_held {
             self.pose(self.clock.seconds + seconds.min(0.25))?;
         }
-        let is_moving = self.camera.advance(seconds.min(0.1)) | self.is_edited;
+        let is_steered = !self.is_held && self.camera.advance(seconds.min(0.1));
+        let is_moving = is_steered | self.is_edited;
         self.is_edited = false;
         self.at_rest = if is_moving {
             0.0

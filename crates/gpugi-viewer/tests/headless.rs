@@ -46,7 +46,8 @@ fn start(scene: &str, techniques: &[&str]) -> Start {
 /// What the viewer shows after a script.
 fn shown(gpu: &Gpu, start: Start, script: &str) -> (Viewer, Vec<f32>) {
     let script = Script::parse(script).unwrap();
-    let (mut viewer, times) = headless::run(gpu, start, SIZE, 6, &script, Some(SAMPLES)).unwrap();
+    let (mut viewer, times) =
+        headless::run(gpu, start, SIZE, 6, &script, Some(SAMPLES), None).unwrap();
     assert_eq!(times.frames_ms.len(), 6);
     assert!(times.slowest_ms >= times.median_ms);
     let session = viewer.session().unwrap();
@@ -201,6 +202,47 @@ fn a_saved_view_opens_with_its_edits() {
         "",
     );
     assert!(rel_mse(&unedited, &picture) > 1e-3);
+}
+
+#[test]
+fn a_recording_has_complete_frames_at_fixed_times() {
+    let Some(gpu) = open() else { return };
+    let script = Script::parse("0 play\n1 edit light.0.position=0.1,1.5,0.2").unwrap();
+    let mut taken = Vec::new();
+    let mut recorder = |frame: u32, session: &Session| {
+        let renderer = &session.loaded().renderer;
+        taken.push((frame, session.clock.seconds, renderer.samples()));
+        if frame == 1 {
+            let mut scene = builtin("glass-room", 1).unwrap();
+            scene.pose(session.clock.seconds);
+            scene.lights.clone_from(&session.loaded().scene.lights);
+            let expected = rendered(&gpu, &scene, &["shadow-map"]);
+            assert_same(&renderer.radiance().unwrap(), &expected);
+        }
+        Ok(())
+    };
+    let start = start("glass-room", &["shadow-map"]);
+    headless::run(
+        &gpu,
+        start,
+        SIZE,
+        3,
+        &script,
+        Some(SAMPLES),
+        Some(&mut recorder),
+    )
+    .unwrap();
+    let step = 1.0 / 60.0;
+    let expected = [
+        (0, step, SAMPLES),
+        (1, 2.0 * step, SAMPLES),
+        (2, 3.0 * step, SAMPLES),
+    ];
+    for (taken, expected) in taken.iter().zip(expected) {
+        assert_eq!((taken.0, taken.2), (expected.0, expected.2));
+        assert!((taken.1 - expected.1).abs() < 1e-6, "{taken:?}");
+    }
+    assert_eq!(taken.len(), 3);
 }
 
 #[test]
