@@ -1,20 +1,32 @@
-//! Work that takes longer than a frame: on another thread, with its stage to show, and given up when it is dropped. A page
-//! has no threads: there, it runs between frames, from one stage to the next.
+//! Work that takes longer than a frame: on another thread, with its stage to show, and given up before its next stage when it
+//! is dropped. A page has no threads: there, it runs between frames, from one stage to the next.
 
-use std::future::Future;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::task::Poll;
 
 /// What a task says about itself.
 #[derive(Debug, Clone, Default)]
 pub struct Stage(Arc<Mutex<&'static str>>);
 
 impl Stage {
-    /// Says what the task does now. A page shows that before the task goes on.
+    /// Says what the task does now. A page shows that before the task goes on. A task that nobody waits for ends here.
     pub async fn set(&self, stage: &'static str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
         #[cfg(target_arch = "wasm32")]
         crate::browser::pause().await;
+        let mut has_paused = false;
+        poll_fn(|context| {
+            if has_paused {
+                return Poll::Ready(());
+            }
+            has_paused = true;
+            context.waker().wake_by_ref();
+            Poll::Pending
+        })
+        .await;
     }
 
     /// What the task does now.
@@ -23,7 +35,7 @@ impl Stage {
     }
 }
 
-/// A running task. Dropped before its end, its result is dropped, too.
+/// A running task. Dropped before its end, it ends with the stage that it is in.
 #[derive(Debug)]
 pub struct Task<T> {
     /// What it works on, such as the name of a file.
@@ -31,6 +43,8 @@ pub struct Task<T> {
     /// What it does now.
     pub stage: Stage,
     result: Receiver<T>,
+    /// Lives as long as somebody waits.
+    _waiting: Arc<()>,
 }
 
 impl<T: Send + 'static> Task<T> {
@@ -43,10 +57,18 @@ impl<T: Send + 'static> Task<T> {
         let stage = Stage::default();
         let (sender, result) = channel();
         let own_stage = stage.clone();
+        let waiting = Arc::new(());
+        let is_waited_for = Arc::downgrade(&waiting);
         let run = async move || {
-            let result = work(own_stage).await;
-            // Nobody waits for it any more.
-            let _ = sender.send(result);
+            let mut work = pin!(work(own_stage));
+            let result = poll_fn(|context| match is_waited_for.strong_count() {
+                0 => Poll::Ready(None),
+                _ => work.as_mut().poll(context).map(Some),
+            });
+            if let Some(result) = result.await {
+                // It may have been dropped meanwhile.
+                let _ = sender.send(result);
+            }
             done();
         };
         #[cfg(target_arch = "wasm32")]
@@ -63,6 +85,7 @@ impl<T: Send + 'static> Task<T> {
             subject: subject.to_owned(),
             stage,
             result,
+            _waiting: waiting,
         }
     }
 
@@ -107,16 +130,24 @@ mod tests {
     }
 
     #[test]
-    fn a_task_that_is_dropped_is_given_up() {
+    fn a_task_that_is_dropped_ends_before_its_next_stage() {
         let (go, wait) = channel::<()>();
         let (woken, wakes) = channel();
+        let (reached, far) = channel();
         let task = Task::start(
             "nothing",
             move || woken.send(()).unwrap(),
-            move |_| async move { wait.recv() },
+            move |stage| async move {
+                reached.send("first").unwrap();
+                wait.recv().unwrap();
+                stage.set("second").await;
+                reached.send("second").unwrap();
+            },
         );
+        assert_eq!(far.recv(), Ok("first"));
         drop(task);
         go.send(()).unwrap();
         wakes.recv().unwrap();
+        assert!(far.recv().is_err());
     }
 }
