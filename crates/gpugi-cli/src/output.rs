@@ -175,6 +175,11 @@ fn rgb9e5(word: u32) -> [f32; 3] {
     [0, 9, 18].map(|shift| (word >> shift & 511) as f32 * scale)
 }
 
+/// The number of the low 16 bits.
+fn half(word: u32) -> f32 {
+    half::f16::from_bits(word as u16).to_f32()
+}
+
 /// Width and height, and three numbers per texel.
 fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
     let grey = |value: f32| [value; 3];
@@ -193,6 +198,7 @@ fn texels(gpu: &Gpu, texels: &Texels) -> anyhow::Result<([u32; 2], Vec<f32>)> {
                 [number, ..] if *is_number => grey(number as f32),
                 [r, g, b, ..] => [r, g, b].map(f32::from_bits),
                 [word] => rgb9e5(word),
+                [low, high] => [low, low >> 16, high].map(half),
                 _ => grey(0.0),
             });
             return Ok((*size, values.collect()));

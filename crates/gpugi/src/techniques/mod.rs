@@ -155,8 +155,8 @@ pub enum Texels {
         size: [u32; 2],
         /// Distance from texel to texel (bytes).
         stride: u64,
-        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, or rgb9e5 where
-        /// the stride is 4.
+        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, rgb9e5 where the
+        /// stride is 4, or three 16-bit floats where it is 8.
         is_number: bool,
     },
 }
