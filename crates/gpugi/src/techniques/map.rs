@@ -28,8 +28,8 @@ pub enum Texels {
         size: [u32; 2],
         /// Distance from texel to texel (bytes).
         stride: u64,
-        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, or rgb9e5 where
-        /// the stride is 4.
+        /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, rgb9e5 where the
+        /// stride is 4, or three 16-bit floats where it is 8.
         is_number: bool,
     },
 }
@@ -111,6 +111,7 @@ impl Map {
                     encoding: match *stride {
                         _ if *is_number => Encoding::Number,
                         4 => Encoding::SharedExponent,
+                        8 => Encoding::Halves,
                         _ => Encoding::Floats,
                     },
                 });

@@ -4,6 +4,8 @@ use glam::{Mat3, Vec2, Vec3};
 use gpugi_scene::Scene;
 use gpugi_scene::provoking::provoking_order;
 
+use super::clusters::{halves, nearest, refine};
+
 /// A point of a surface at which direct light enters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Entry {
@@ -41,8 +43,8 @@ struct Triangle {
     number: u32,
 }
 
-/// Rounds of means.
-const ROUNDS: u32 = 16;
+/// Numbers by which transfer compares entry points: `PROBES` of columns.wesl.
+pub(super) const COLUMN: usize = 64;
 
 impl Entries {
     /// `count` points, spread evenly over the scene's surfaces, in `clusters` clusters, and `samples` light samples;
@@ -53,29 +55,52 @@ impl Entries {
         if triangles.is_empty() || !(all as f32).is_finite() {
             return Self::default();
         }
-        let normal_scale = normal_scale(all, clusters);
-        let site = |entry: &Entry| {
-            let ([x, y, z], normal) = (entry.position.to_array(), entry.normal * normal_scale);
-            [x, y, z, normal.x, normal.y, normal.z]
-        };
         let entries = spread(&triangles, &sums, count);
-        let sites: Vec<[f32; 6]> = entries.iter().map(site).collect();
+        let mut made = Self {
+            samples: spread(&triangles, &sums, samples),
+            area: (all / f64::from(count)) as f32,
+            normal_scale: normal_scale(all, clusters),
+            ..Self::default()
+        };
+        let sites: Vec<_> = entries.iter().map(|entry| made.site(entry)).collect();
         let mut groups = halves(&sites, (0..entries.len()).collect(), clusters as usize);
         refine(&sites, &mut groups);
-        let (sorted, firsts) = by_group(&entries, &groups, 0);
-        let samples = spread(&triangles, &sums, samples);
-        let sites_of_samples: Vec<[f32; 6]> = samples.iter().map(site).collect();
-        let means: Vec<[f32; 6]> = groups.iter().map(|group| mean(&sites, group)).collect();
-        let (samples, first_samples) =
-            by_group(&samples, &nearest(&sites_of_samples, &means), sorted.len());
-        Self {
-            entries: sorted,
-            firsts,
-            samples,
-            first_samples,
-            area: (all / f64::from(count)) as f32,
-            normal_scale,
-        }
+        made.entries = entries;
+        made.divide(&groups);
+        made
+    }
+
+    /// Clusters the entry points by rows of numbers, one row per entry point, instead: k-means, from the clusters that
+    /// there are.
+    pub fn cluster_by(&mut self, columns: &[[f32; COLUMN]]) {
+        let ends = self.firsts.windows(2);
+        let mut groups: Vec<Vec<usize>> = ends
+            .map(|ends| (ends[0] as usize..ends[1] as usize).collect())
+            .collect();
+        refine(columns, &mut groups);
+        self.divide(&groups);
+    }
+
+    /// Sorts the entry points by their groups, and the light samples by those of the nearest entry points.
+    fn divide(&mut self, groups: &[Vec<usize>]) {
+        let sites = |points: &[Entry]| -> Vec<[f32; 6]> {
+            points.iter().map(|point| self.site(point)).collect()
+        };
+        let of_entries = nearest(&sites(&self.samples), &sites(&self.entries));
+        let of_group = |group: &Vec<usize>| {
+            let samples = group.iter().flat_map(|&entry| of_entries[entry].iter());
+            samples.copied().collect()
+        };
+        let samples: Vec<Vec<usize>> = groups.iter().map(of_group).collect();
+        let count = self.entries.len();
+        (self.entries, self.firsts) = by_group(&self.entries, groups, 0);
+        (self.samples, self.first_samples) = by_group(&self.samples, &samples, count);
+    }
+
+    /// What k-means compares: the place, and the normal as a place.
+    fn site(&self, entry: &Entry) -> [f32; 6] {
+        let (place, normal) = (entry.position, entry.normal * self.normal_scale);
+        [place.x, place.y, place.z, normal.x, normal.y, normal.z]
     }
 
     /// Number of clusters.
@@ -181,97 +206,4 @@ fn on_triangle(u: f32, v: f32) -> Vec2 {
     } else {
         Vec2::new(u - v / 2.0, v / 2.0)
     }
-}
-
-/// Splits the sites with the numbers `group` into `parts` groups of about the same size, at medians of the coordinate
-/// that varies most.
-fn halves(sites: &[[f32; 6]], mut group: Vec<usize>, parts: usize) -> Vec<Vec<usize>> {
-    let parts = parts.min(group.len());
-    if parts < 2 {
-        return if group.is_empty() {
-            Vec::new()
-        } else {
-            vec![group]
-        };
-    }
-    let extent = |&axis: &usize| {
-        let values = group.iter().map(|&index| sites[index][axis]);
-        values.clone().fold(f32::MIN, f32::max) - values.fold(f32::MAX, f32::min)
-    };
-    let axis = (0..6)
-        .max_by(|a, b| extent(a).total_cmp(&extent(b)))
-        .unwrap_or(0);
-    group.sort_unstable_by(|&a, &b| sites[a][axis].total_cmp(&sites[b][axis]).then(a.cmp(&b)));
-    let of_first = parts / 2;
-    let rest = group.split_off(group.len() * of_first / parts);
-    let mut groups = halves(sites, group, of_first);
-    groups.extend(halves(sites, rest, parts - of_first));
-    groups
-}
-
-/// The sites by the nearest of the means.
-fn nearest(sites: &[[f32; 6]], means: &[[f32; 6]]) -> Vec<Vec<usize>> {
-    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); means.len()];
-    // Means by their place along the longest axis: the search goes outward from the site, and ends where that distance
-    // alone is too far.
-    let extent = |&axis: &usize| {
-        let values = means.iter().map(|mean| mean[axis]);
-        values.clone().fold(f32::MIN, f32::max) - values.fold(f32::MAX, f32::min)
-    };
-    let axis = (0..3)
-        .max_by(|a, b| extent(a).total_cmp(&extent(b)))
-        .unwrap_or(0);
-    let mut order: Vec<usize> = (0..means.len()).collect();
-    order.sort_by(|&a, &b| means[a][axis].total_cmp(&means[b][axis]));
-    for (index, site) in sites.iter().enumerate() {
-        let (mut found, mut least) = (0, f32::INFINITY);
-        let middle = order.partition_point(|&number| means[number][axis] < site[axis]);
-        let mut look = |numbers: &mut dyn Iterator<Item = &usize>| {
-            for &number in numbers {
-                let mean = &means[number];
-                if (site[axis] - mean[axis]).powi(2) > least {
-                    break;
-                }
-                let apart = site.iter().zip(mean).map(|(a, b)| (a - b) * (a - b));
-                let squared: f32 = apart.sum();
-                if squared < least || (squared == least && number < found) {
-                    (found, least) = (number, squared);
-                }
-            }
-        };
-        look(&mut order[middle..].iter());
-        look(&mut order[..middle].iter().rev());
-        groups[found].push(index);
-    }
-    groups
-}
-
-/// Lloyd's iteration of k-means. A group that runs empty takes half of the largest one.
-fn refine(sites: &[[f32; 6]], groups: &mut [Vec<usize>]) {
-    for _ in 0..ROUNDS {
-        let means: Vec<[f32; 6]> = groups.iter().map(|group| mean(sites, group)).collect();
-        let mut moved = nearest(sites, &means);
-        while let Some(empty) = moved.iter().position(Vec::is_empty) {
-            let largest = moved.iter_mut().max_by_key(|group| group.len());
-            let Some(largest) = largest.filter(|group| group.len() > 1) else {
-                break;
-            };
-            let half = largest.split_off(largest.len() / 2);
-            moved[empty] = half;
-        }
-        if moved == groups {
-            break;
-        }
-        groups.clone_from_slice(&moved);
-    }
-}
-
-fn mean(sites: &[[f32; 6]], group: &[usize]) -> [f32; 6] {
-    let mut sum = [0.0_f64; 6];
-    for &index in group {
-        for (sum, value) in sum.iter_mut().zip(sites[index]) {
-            *sum += f64::from(value);
-        }
-    }
-    sum.map(|sum| (sum / group.len().max(1) as f64) as f32)
 }

@@ -4,7 +4,7 @@ use bytemuck::Zeroable;
 
 use gpugi_scene::LightPathPanes;
 
-use super::entries::Entries;
+use super::entries::{COLUMN, Entries};
 use super::{Settings, stored};
 use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -105,10 +105,22 @@ impl EntryPoints {
             (Some(host), Some(stored)) => stored::entries(host, stored),
             (Some(host), None) => {
                 let samples = settings.entries * (settings.light_samples - 1);
-                Entries::new(host, settings.entries, samples, settings.clusters)
+                let (entries, clusters) = (settings.entries, settings.clusters);
+                Entries::new(host, entries, samples, clusters)
             }
             (None, _) => Entries::default(),
         };
+        self.write(gpu);
+    }
+
+    /// Clusters the entry points by rows of numbers, one row per entry point, instead.
+    pub fn cluster_by(&mut self, gpu: &Gpu, columns: &[[f32; COLUMN]]) {
+        self.entries.cluster_by(columns);
+        self.write(gpu);
+    }
+
+    /// Copies the points and their clusters to the GPU.
+    fn write(&self, gpu: &Gpu) {
         let entries = self.entries.points();
         let places = entries.map(|entry| {
             let [u, v] = entry.barycentrics.to_array().map(f32::to_bits);

@@ -25,7 +25,7 @@ pub struct Work {
     pub first_word: u32,
 }
 
-/// `Site` of owners.wesl.
+/// `Site` of light_path.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Site {

@@ -6,7 +6,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, LightPathPanes};
 
 use super::gpu::{Choice, LANES, SLOT_BYTES};
-use super::panes::{Panes, count_tiles};
+use super::panes::{Panes, count_tiles, of_panes};
 use super::{INFO, Settings, entry_points};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
@@ -92,7 +92,7 @@ impl LightPathMaps {
             )?,
             weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
             choose: kernel(shader!("techniques.light_path_map.choose"))?,
-            relight: kernel(shader!("techniques.light_path_map.relight"))?,
+            relight: of_panes(gpu, &shader!("techniques.light_path_map.relight"), settings)?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
             gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[], &kept)?,
@@ -327,7 +327,8 @@ impl LightPathMaps {
         for sheet in &self.panes.sheets {
             let name = format!("panes-{}", sheet.panes.start);
             let count = sheet.panes.len() as u32;
-            maps.push(map(&name, &sheet.words, [size[0], size[1] * count], 4));
+            let stride = 4 * u64::from(self.panes.stored_as().words());
+            maps.push(map(&name, &sheet.words, [size[0], size[1] * count], stride));
         }
         maps
     }

@@ -6,6 +6,7 @@
 //! to the irradiance of the texels. Gather: looks up the irradiance at a point's place in the atlas.
 //! docs/techniques/light-path-map.md.
 
+mod clusters;
 mod entries;
 mod entry_points;
 pub(crate) mod gpu;
@@ -28,7 +29,7 @@ use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use maps::LightPathMaps;
-pub use settings::Settings;
+pub use settings::{Clustering, Settings, Store};
 
 /// Light paths of any length.
 const ALL: &str = "LDD+E";
@@ -204,8 +205,11 @@ impl Precomputed for LightPathMap {
     type Stored = LightPathPanes;
 
     fn refusal(name: &str, _: &str) -> Option<&'static str> {
-        let of_lookup = ["panes", "left-out"].contains(&name);
-        of_lookup.then_some("it changes how panes are added, not what a file holds")
+        match name {
+            "panes" | "left-out" => Some("it changes how panes are added, not what a file holds"),
+            "store" => Some("files hold panes as rgb9e5"),
+            _ => None,
+        }
     }
 
     fn finished(

@@ -1,16 +1,19 @@
 //! The panes: the indirect irradiance of all texels for irradiance 1 of each cluster, computed in steps.
 
+mod steps;
+
 use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::Zeroable;
 use gpugi_scene::LightPathPanes;
 
+use super::entries::COLUMN;
 use super::entry_points::EntryPoints;
-use super::gpu::{Choice, LANES, NEAR_BYTES, Site, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
-use super::{Settings, unfit};
+use super::gpu::{Choice, LANES, NEAR_BYTES, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
+use super::{Settings, Store, unfit};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, Shader, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -34,12 +37,16 @@ const NEAR_BOUNCES: u32 = 8;
 #[derive(Debug)]
 pub(super) struct Sheet {
     pub panes: Range<u32>,
-    /// rgb9e5, pane by pane.
+    /// Pane by pane, `sum::WORDS` per texel.
     pub words: wgpu::Buffer,
 }
 
+/// Transfer of entry points, on its way to the host.
+type Columns = Box<ReadBack<Vec<[f32; COLUMN]>>>;
+
 #[derive(Debug)]
 struct Kernels {
+    columns: Kernel,
     owners: Kernel,
     near: Kernel,
     walks: Kernel,
@@ -79,6 +86,8 @@ pub(super) struct Panes {
     made: Option<[u64; 2]>,
     /// Steps that are done.
     steps: usize,
+    /// Transfer of the entry points, by which they will be clustered, on its way to the host.
+    columns: Option<Columns>,
 }
 
 impl Panes {
@@ -90,7 +99,7 @@ impl Panes {
         lookup: &AtlasLookup,
         stored: Option<Arc<LightPathPanes>>,
     ) -> Result<Self, GpuError> {
-        let kernels = Kernels::new(gpu, scene)?;
+        let kernels = Kernels::new(gpu, scene, settings)?;
         let corners = [("atlas", lookup.words.as_entire_binding())];
         let texels = capture.size * capture.size * capture.pages;
         let buffer = |label: &str, count: u64, bytes: u64| {
@@ -127,7 +136,7 @@ impl Panes {
                 NEAR_BYTES,
             )?,
             lit: [light()?, light()?, light()?],
-            sheets: sheets(gpu, texels, settings.clusters + 1)?,
+            sheets: sheets(gpu, texels * settings.store.words(), settings.clusters + 1)?,
             energies: buffer(
                 "energy of panes [bytes]",
                 count_tiles(capture) * u64::from(settings.clusters + 1),
@@ -142,6 +151,7 @@ impl Panes {
             stored,
             made: None,
             steps: 0,
+            columns: None,
         })
     }
 
@@ -153,6 +163,16 @@ impl Panes {
     /// Most surfaces that walks visit after their entry points.
     pub fn depth(&self) -> u32 {
         self.settings.depth
+    }
+
+    /// How panes are stored.
+    pub fn stored_as(&self) -> Store {
+        self.settings.store
+    }
+
+    /// Words of a pane.
+    fn words(&self) -> u32 {
+        self.texels * self.settings.store.words()
     }
 
     /// Bytes of all buffers but the sheets.
@@ -197,6 +217,7 @@ impl Panes {
                 .choose(gpu, scene, &self.settings, self.stored.as_deref());
             self.made = now;
             self.steps = 0;
+            self.columns = None;
         }
         Ok(())
     }
@@ -233,7 +254,10 @@ impl Panes {
         let tiles = self.tiles.len();
         let clusters = self.points.entries.clusters() as usize;
         let rays = match self.steps {
-            0 => self.walk(frame, scene)?,
+            0 => match self.cluster(frame, scene)? {
+                Some(rays) => return Ok(rays),
+                None => self.walk(frame, scene)?,
+            },
             step if step <= tiles => self.find_near(frame, scene, capture, step - 1)?,
             step if step <= tiles * (1 + clusters) => {
                 let step = step - 1 - tiles;
@@ -255,176 +279,6 @@ impl Panes {
         Ok(rays)
     }
 
-    /// Entry points and their virtual lights: passes `light-path-map.entries` and `light-path-map.walks`.
-    fn walk(&self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
-        let work = gpu.uniform("light path map", &self.work())?;
-        self.points.resolve(frame, scene, &work)?;
-        if self.stored.is_some() {
-            return Ok(0);
-        }
-        frame.clear(&self.lights);
-        let walks = &self.kernels.walks;
-        let from = [
-            ("work", work.as_entire_binding()),
-            (
-                "points",
-                self.points.receiver.points.points.as_entire_binding(),
-            ),
-        ];
-        let from = walks.bind(gpu, 1, &from)?;
-        let to = walks.bind(gpu, 3, &[("lights", self.lights.as_entire_binding())])?;
-        let count = self.points.entries.entries.len() as u32 * self.settings.walks;
-        frame.compute("light-path-map.walks", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            walks.dispatch(pass, &groups, [count, 1, 1]);
-        });
-        Ok(u64::from(count) * LIGHTS_PER_WALK)
-    }
-
-    /// Parameters of a tile, and its piece.
-    fn tile<'a>(&self, capture: &'a AtlasCapture, tile: usize) -> (Work, &'a AtlasPiece) {
-        let (piece, points) = &self.tiles[tile];
-        let piece = &capture.pieces()[*piece];
-        let work = Work {
-            first_texel: piece.rows.start * self.size,
-            first_point: points.start,
-            end_point: points.end,
-            ..self.work()
-        };
-        (work, piece)
-    }
-
-    /// Clusters and near surfaces of a tile's texels: passes `light-path-map.owners` and `light-path-map.near`.
-    fn find_near(
-        &self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        capture: &AtlasCapture,
-        tile: usize,
-    ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
-        let (work, piece) = self.tile(capture, tile);
-        let count = work.end_point - work.first_point;
-        let work = gpu.uniform("light path map", &work)?;
-        let points = piece.points.points.as_entire_binding();
-        let entries = &self.points.entries;
-        let site = |(entry, cluster): (&super::entries::Entry, u32)| Site {
-            position: entry.position.to_array(),
-            cluster,
-            normal: entry.normal.to_array(),
-            normal_scale: entries.normal_scale,
-        };
-        let sites: Vec<Site> = entries.with_clusters().map(site).collect();
-        let sites = gpu.storage("sites of entry points [bytes]", &sites)?;
-        let owners = &self.kernels.owners;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("points", points.clone()),
-            ("sites", sites.as_entire_binding()),
-        ];
-        let from = owners.bind(gpu, 1, &from)?;
-        let to = [
-            ("owners", self.owners.as_entire_binding()),
-            ("areas", self.areas.as_entire_binding()),
-        ];
-        let to = owners.bind(gpu, 3, &to)?;
-        frame.compute("light-path-map.owners", |pass| {
-            owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
-        });
-        let compared = entries.entries.len() as u64 / COMPARED_PER_RAY;
-        if self.stored.is_some() {
-            return Ok(u64::from(count) * compared);
-        }
-        let near = &self.kernels.near;
-        let from = [("work", work.as_entire_binding()), ("points", points)];
-        let from = near.bind(gpu, 1, &from)?;
-        let to = near.bind(gpu, 3, &[("near", self.near.as_entire_binding())])?;
-        frame.compute("light-path-map.near", |pass| {
-            let groups = [
-                (0, &scene.ray_bind_group),
-                (1, &from),
-                (2, &self.corners),
-                (3, &to),
-            ];
-            near.dispatch(pass, &groups, [count, 1, 1]);
-        });
-        let rays = u64::from(self.settings.near_rays);
-        Ok(u64::from(count) * (rays + compared))
-    }
-
-    /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
-    fn light(
-        &self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        capture: &AtlasCapture,
-        cluster: u32,
-        tile: usize,
-    ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
-        let (work, piece) = self.tile(capture, tile);
-        let firsts = &self.points.entries.firsts;
-        let work = Work {
-            cluster,
-            first_entry: firsts[cluster as usize],
-            end_entry: firsts[cluster as usize + 1],
-            ..work
-        };
-        let count = work.end_point - work.first_point;
-        let entries = work.end_entry - work.first_entry;
-        let work = gpu.uniform("light path map", &work)?;
-        let kernel = &self.kernels.light;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("points", piece.points.points.as_entire_binding()),
-        ];
-        let to = [
-            ("lights", self.lights.as_entire_binding()),
-            ("owners", self.owners.as_entire_binding()),
-            ("lit", self.lit[0].as_entire_binding()),
-        ];
-        let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
-        frame.compute("light-path-map.light", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            kernel.dispatch(pass, &groups, [count, 1, 1]);
-        });
-        let per_entry = 1 + LIGHTS_PER_WALK * u64::from(self.settings.walks);
-        Ok(u64::from(count) * u64::from(entries) * per_entry)
-    }
-
-    /// Adds the light of near surfaces and stores the pane: passes `light-path-map.add-near` and
-    /// `light-path-map.store`.
-    fn finish_pane(&self, frame: &mut Frame<'_>, pane: u32) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let kernel = &self.kernels.add_near;
-        let work = gpu.uniform("light path map", &self.work())?;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("near", self.near.as_entire_binding()),
-            ("lit", self.lit[0].as_entire_binding()),
-        ];
-        let from = kernel.bind(gpu, 1, &from)?;
-        let mut before = &self.lit[0];
-        let bounces = match self.settings.depth {
-            Settings::DEEPEST => NEAR_BOUNCES,
-            _ => 1,
-        };
-        for bounce in 0..bounces {
-            let after = &self.lit[1 + bounce as usize % 2];
-            let to = [
-                ("before", before.as_entire_binding()),
-                ("after", after.as_entire_binding()),
-            ];
-            let to = kernel.bind(gpu, 3, &to)?;
-            frame.compute("light-path-map.add-near", |pass| {
-                kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
-            });
-            before = after;
-        }
-        self.store(frame, pane, before)
-    }
-
     /// Stores irradiance of all texels as a pane: pass `light-path-map.store`.
     ///
     /// # Errors
@@ -440,7 +294,7 @@ impl Panes {
             return Ok(());
         };
         let work = Work {
-            first_word: (pane - sheet.panes.start) * self.texels,
+            first_word: (pane - sheet.panes.start) * self.words(),
             ..self.work()
         };
         let work = gpu.uniform("light path map", &work)?;
@@ -527,7 +381,7 @@ impl Panes {
         for sheet in &self.sheets {
             let panes = rest.min(sheet.panes.len() as u64);
             if panes > 0 {
-                let bytes = panes * u64::from(self.texels) * 4;
+                let bytes = panes * u64::from(self.words()) * 4;
                 words.extend(read_buffer::<u32>(gpu, &sheet.words, bytes)?);
             }
             rest -= panes;
@@ -544,15 +398,15 @@ impl Panes {
         if self.steps <= tiles {
             return Ok(false);
         }
-        let texels = self.texels as usize;
-        let panes = words.len() / texels.max(1);
-        if words.len() != panes * texels || panes > self.points.entries.clusters() as usize {
+        let of_pane = self.words() as usize;
+        let panes = words.len() / of_pane.max(1);
+        if words.len() != panes * of_pane || panes > self.points.entries.clusters() as usize {
             return Err("other texels or other clusters".into());
         }
         for sheet in &self.sheets {
             let end = (sheet.panes.end as usize).min(panes);
             let first = (sheet.panes.start as usize).min(end);
-            gpu.write(&sheet.words, 0, &words[first * texels..end * texels]);
+            gpu.write(&sheet.words, 0, &words[first * of_pane..end * of_pane]);
         }
         self.steps = self.steps.max(1 + tiles * (1 + panes));
         Ok(true)
@@ -560,19 +414,34 @@ impl Panes {
 }
 
 impl Kernels {
-    fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let plain = |shader| Kernel::new(gpu, &shader, "main", None);
+        let of_panes = |shader| of_panes(gpu, shader, settings);
         let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
         Ok(Self {
+            columns: tracing(shader!("techniques.light_path_map.columns"))?,
             owners: plain(shader!("techniques.light_path_map.owners"))?,
             near: tracing(shader!("techniques.light_path_map.near"))?,
             walks: tracing(shader!("techniques.light_path_map.walks"))?,
             light: tracing(shader!("techniques.light_path_map.light"))?,
             add_near: plain(shader!("techniques.light_path_map.add_near"))?,
-            store: plain(shader!("techniques.light_path_map.store"))?,
-            energy: plain(shader!("techniques.light_path_map.energy"))?,
+            store: of_panes(&shader!("techniques.light_path_map.store"))?,
+            energy: of_panes(&shader!("techniques.light_path_map.energy"))?,
         })
     }
+}
+
+/// A pass over panes.
+pub(super) fn of_panes(
+    gpu: &Gpu,
+    shader: &Shader,
+    settings: &Settings,
+) -> Result<Kernel, GpuError> {
+    let options = KernelOptions {
+        constants: &[("WORDS", settings.store.words().into())],
+        ..Default::default()
+    };
+    Kernel::with_options(gpu, shader, "main", None, &options)
 }
 
 /// Columns and rows of tiles.
@@ -586,13 +455,13 @@ pub(super) fn count_tiles(capture: &AtlasCapture) -> u64 {
     u64::from(columns) * u64::from(rows)
 }
 
-/// As many sheets as the adapter's limits ask for.
-fn sheets(gpu: &Gpu, texels: u32, panes: u32) -> Result<Vec<Sheet>, GpuError> {
+/// As many sheets as the adapter's limits ask for. `words`: of a pane.
+fn sheets(gpu: &Gpu, words: u32, panes: u32) -> Result<Vec<Sheet>, GpuError> {
     let limits = gpu.limits();
     let most = limits
         .max_buffer_size
         .min(limits.max_storage_buffer_binding_size);
-    let bytes = u64::from(texels) * 4;
+    let bytes = u64::from(words) * 4;
     let at_once = (most / bytes.max(1)).clamp(1, panes.into()) as u32;
     (0..panes)
         .step_by(at_once as usize)

@@ -3,19 +3,52 @@
 use gpugi_scene::LightPathPanes;
 use gpugi_scene::panes::ANY_DEPTH;
 
+crate::choices! {
+    /// Which entry points form a cluster.
+    pub enum Clustering {
+        /// Those that lie near each other and face alike.
+        Kmeans = "kmeans",
+        /// Those that send light to the same places.
+        Transfer = "transfer",
+    }
+}
+
+crate::choices! {
+    /// What a texel of a pane takes.
+    pub enum Store {
+        /// 4 bytes: three channels with a shared exponent.
+        Rgb9e5 = "rgb9e5",
+        /// 8 bytes: three 16-bit floats, padded.
+        Half = "half",
+    }
+}
+
+impl Store {
+    /// 32-bit words per texel.
+    pub(super) fn words(self) -> u32 {
+        match self {
+            Self::Rgb9e5 => 1,
+            Self::Half => 2,
+        }
+    }
+}
+
 crate::settings! {
     /// Settings of light path maps.
     pub struct Settings {
         /// Points, spread evenly over the surfaces, at which direct light enters.
         pub entries: u32 = 4096 => in_range(16.0, 16_384.0),
         /// Points per entry point at which the light is sampled, the entry point included.
-        pub light_samples: u32 = 4 => in_range(1.0, 16.0),
+        pub light_samples: u32 = 8 => in_range(1.0, 16.0),
         /// Random walks from each entry point.
         pub walks: u32 = 2 => in_range(1.0, 16.0),
         /// Most surfaces that a walk visits after its entry point; 0: light of one reflection only.
         pub depth: u32 = 32 => in_range(0.0, 32.0),
         /// Clusters of entry points, and panes.
         pub clusters: u32 = 256 => in_range(1.0, 1024.0),
+        /// Which entry points form a cluster: kmeans, those near each other that face alike; transfer, those that send
+        /// light to the same places.
+        pub clustering: Clustering = Clustering::Kmeans => any(),
         /// Most panes that are added in a tile of 8 x 8 texels whenever the light changes, those that matter most there;
         /// the rest shares one. 0: all.
         pub panes: u32 = 0 => in_range(0.0, 1024.0),
@@ -27,6 +60,9 @@ crate::settings! {
         pub resolution: u32 = 256 => in_range(16.0, 8192.0).unit("texels"),
         /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
+        /// How panes are stored: rgb9e5, three channels with a shared exponent in 4 bytes per texel; half, 16-bit floats
+        /// in 8 bytes.
+        pub store: Store = Store::Rgb9e5 => any(),
         /// Steps per frame; each step is about 4 million rays.
         pub steps: u32 = 4 => in_range(1.0, 4096.0),
         /// Whether panes that the scene's file holds are used instead of new ones. They decide all that panes are made
@@ -50,6 +86,8 @@ impl Settings {
             settings.light_samples = 1 + (stored.samples.len() / entries) as u32;
             settings.clusters = stored.clusters() as u32;
             settings.depth = stored.depth;
+            settings.clustering = Clustering::Kmeans;
+            settings.store = Store::Rgb9e5;
             // No ray is traced.
             settings.walks = 1;
             settings.near_rays = 1;

@@ -7,7 +7,7 @@ use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::{Camera, Material, Mesh, Scene};
 
 use super::LightPathMap;
-use super::entries::Entries;
+use super::entries::{COLUMN, Entries, Entry};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::impostor::Impostors;
@@ -244,6 +244,59 @@ fn entry_points_are_spread_by_area_and_clustered_by_place_and_side() {
     assert_eq!(Entries::new(&Scene::new(""), 64, 64, 4).clusters(), 0);
 }
 
+/// Columns of transfer decide the clusters, wherever their points are, and light samples follow.
+#[test]
+fn entry_points_are_clustered_by_columns() {
+    let large = quad(vec3(0.0, 0.0, 0.0), Vec3::X * 3.0, Vec3::NEG_Z, 1);
+    let small = quad(vec3(0.0, 2.0, 0.0), Vec3::X, Vec3::Z, 4);
+    let scene = scene_of([(large, 0.5), (small, 0.5)]);
+    let mut found = Entries::new(&scene, 512, 1536, 2);
+    let is_left = |entry: &Entry| entry.position.x < 1.0;
+    let column = |entry: &Entry| [f32::from(is_left(entry)); COLUMN];
+    let columns: Vec<_> = found.entries.iter().map(column).collect();
+    found.cluster_by(&columns);
+    assert_eq!(found.clusters(), 2);
+    let sides: Vec<bool> = (found.firsts.windows(2))
+        .map(|ends| {
+            let entries = &found.entries[ends[0] as usize..ends[1] as usize];
+            assert!(!entries.is_empty());
+            assert!(
+                entries
+                    .iter()
+                    .all(|entry| is_left(entry) == is_left(&entries[0]))
+            );
+            is_left(&entries[0])
+        })
+        .collect();
+    assert_ne!(sides[0], sides[1]);
+    for (ends, side) in found.first_samples.windows(2).zip(sides) {
+        let samples = &found.samples[ends[0] as usize - 512..ends[1] as usize - 512];
+        let stray = samples.iter().filter(|sample| is_left(sample) != side);
+        assert!(stray.count() * 20 < samples.len());
+    }
+}
+
+/// Clusters by transfer hold the same light as those by place.
+#[test]
+fn clusters_by_transfer_hold_the_same_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let mean = |clustering| {
+        let settings = [
+            ("entries", "256"),
+            ("clusters", "8"),
+            ("clustering", clustering),
+        ];
+        let solver = Solver::new(&gpu, &closed_box(0.5), &settings).solve();
+        let [mean, _] = errors(&solver.sum(), |_| 1.0);
+        let entries = solver.technique.made.unwrap().panes.points.entries;
+        (mean, entries.firsts)
+    };
+    let [by_place, by_transfer] = ["kmeans", "transfer"].map(mean);
+    println!("{by_place:?} {by_transfer:?}");
+    assert!(by_place.0.abs() < 0.015 && by_transfer.0.abs() < 0.015);
+    assert!(by_place.1 != by_transfer.1 && by_transfer.1.len() == 9);
+}
+
 /// Weights of 32 clusters that differ.
 fn uneven_weights(round: usize) -> Vec<[f32; 4]> {
     let weight = |cluster: usize| {
@@ -295,6 +348,41 @@ fn tiles_leave_out_panes_up_to_a_bound() {
         assert!(mean < before, "{mean} {before}");
         before = mean;
     }
+}
+
+/// Panes as 16-bit floats are the same light, finer, in twice the memory.
+#[test]
+fn panes_may_be_16_bit_floats() {
+    let Some(gpu) = test_gpu() else { return };
+    let solved = |store| {
+        let settings = [
+            ("clusters", "32"),
+            ("depth", "2"),
+            ("left-out", "0"),
+            ("store", store),
+        ];
+        Solver::new(&gpu, &closed_box(0.6), &settings).solve()
+    };
+    let [mut words, mut halves] = ["rgb9e5", "half"].map(solved);
+    let bytes = [&words, &halves].map(|solver| 4 * solver.words().len());
+    assert_eq!(bytes[1], 2 * bytes[0]);
+    let weights = uneven_weights(0);
+    let pairs = words
+        .lit(&weights, 0)
+        .into_iter()
+        .zip(halves.lit(&weights, 0));
+    let pairs = pairs.filter(|pair| pair.0[3] > 0.0);
+    let off: Vec<f32> = pairs
+        .map(|(one, other)| (one[1] / other[1] - 1.0).abs())
+        .collect();
+    let worst = off.iter().copied().fold(0.0, f32::max);
+    println!("rgb9e5 is off by up to {worst} from 16-bit floats");
+    assert!(
+        off.len() > 200 && worst > 1e-5 && worst < 1.0 / 512.0,
+        "{worst}"
+    );
+    let saved = halves.technique.save(&gpu).unwrap().unwrap();
+    assert!(words.technique.resume(&gpu, &saved).is_err());
 }
 
 /// The rest shares one pane: no power is lost, and even light is exact whatever the number of panes.

@@ -1,0 +1,240 @@
+//! The steps that make panes: columns of transfer, walks, near surfaces, and the light of each cluster.
+
+use crate::capture::atlas::{AtlasCapture, AtlasPiece};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::GpuScene;
+
+use super::super::entries::{COLUMN, Entry};
+use super::super::gpu::{Site, Work};
+use super::super::{Clustering, Settings};
+use super::{COMPARED_PER_RAY, Columns, LIGHTS_PER_WALK, NEAR_BOUNCES, Panes};
+
+impl Panes {
+    /// Clusters the entry points by transfer, if that is wanted. Returns the rays of this step until that is done: the
+    /// columns take a while to reach the host.
+    pub(super) fn cluster(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+    ) -> Result<Option<u64>, GpuError> {
+        let is_wanted = self.settings.clustering == Clustering::Transfer && self.stored.is_none();
+        if !is_wanted || self.points.entries.entries.is_empty() {
+            return Ok(None);
+        }
+        let Some(columns) = &self.columns else {
+            let (columns, rays) = self.find_columns(frame, scene)?;
+            self.columns = Some(columns);
+            return Ok(Some(rays));
+        };
+        let Some(found) = columns.get() else {
+            return Ok(Some(0));
+        };
+        self.points.cluster_by(frame.gpu, &found?);
+        self.columns = None;
+        Ok(None)
+    }
+
+    /// Entry points for shaders.
+    fn sites(&self, gpu: &Gpu) -> Result<wgpu::Buffer, GpuError> {
+        let entries = &self.points.entries;
+        let site = |(entry, cluster): (&Entry, u32)| Site {
+            position: entry.position.to_array(),
+            cluster,
+            normal: entry.normal.to_array(),
+            normal_scale: entries.normal_scale,
+        };
+        let sites: Vec<Site> = entries.with_clusters().map(site).collect();
+        gpu.storage("sites of entry points [bytes]", &sites)
+    }
+
+    /// What each entry point sends to some of the others, on its way to the host, and the number of rays: pass
+    /// `light-path-map.columns`.
+    fn find_columns(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+    ) -> Result<(Columns, u64), GpuError> {
+        let gpu = frame.gpu;
+        let kernel = &self.kernels.columns;
+        let count = self.points.entries.entries.len() * COLUMN;
+        let bytes = count as u64 * 4;
+        let columns = gpu.buffer("transfer [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let work = gpu.uniform("light path map", &self.work())?;
+        let sites = self.sites(gpu)?;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("sites", sites.as_entire_binding()),
+        ];
+        let from = kernel.bind(gpu, 1, &from)?;
+        let to = kernel.bind(gpu, 3, &[("columns", columns.as_entire_binding())])?;
+        frame.compute("light-path-map.columns", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+            kernel.dispatch(pass, &groups, [count as u32, 1, 1]);
+        });
+        let columns = frame.read_back(&columns, bytes)?;
+        Ok((Box::new(columns), count as u64))
+    }
+
+    /// Entry points and their virtual lights: passes `light-path-map.entries` and `light-path-map.walks`.
+    pub(super) fn walk(&self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let work = gpu.uniform("light path map", &self.work())?;
+        self.points.resolve(frame, scene, &work)?;
+        if self.stored.is_some() {
+            return Ok(0);
+        }
+        frame.clear(&self.lights);
+        let walks = &self.kernels.walks;
+        let from = [
+            ("work", work.as_entire_binding()),
+            (
+                "points",
+                self.points.receiver.points.points.as_entire_binding(),
+            ),
+        ];
+        let from = walks.bind(gpu, 1, &from)?;
+        let to = walks.bind(gpu, 3, &[("lights", self.lights.as_entire_binding())])?;
+        let count = self.points.entries.entries.len() as u32 * self.settings.walks;
+        frame.compute("light-path-map.walks", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+            walks.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        Ok(u64::from(count) * LIGHTS_PER_WALK)
+    }
+
+    /// Parameters of a tile, and its piece.
+    fn tile<'a>(&self, capture: &'a AtlasCapture, tile: usize) -> (Work, &'a AtlasPiece) {
+        let (piece, points) = &self.tiles[tile];
+        let piece = &capture.pieces()[*piece];
+        let work = Work {
+            first_texel: piece.rows.start * self.size,
+            first_point: points.start,
+            end_point: points.end,
+            ..self.work()
+        };
+        (work, piece)
+    }
+
+    /// Clusters and near surfaces of a tile's texels: passes `light-path-map.owners` and `light-path-map.near`.
+    pub(super) fn find_near(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        tile: usize,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let (work, piece) = self.tile(capture, tile);
+        let count = work.end_point - work.first_point;
+        let work = gpu.uniform("light path map", &work)?;
+        let points = piece.points.points.as_entire_binding();
+        let entries = &self.points.entries;
+        let sites = self.sites(gpu)?;
+        let owners = &self.kernels.owners;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("points", points.clone()),
+            ("sites", sites.as_entire_binding()),
+        ];
+        let from = owners.bind(gpu, 1, &from)?;
+        let to = [
+            ("owners", self.owners.as_entire_binding()),
+            ("areas", self.areas.as_entire_binding()),
+        ];
+        let to = owners.bind(gpu, 3, &to)?;
+        frame.compute("light-path-map.owners", |pass| {
+            owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
+        });
+        let compared = entries.entries.len() as u64 / COMPARED_PER_RAY;
+        if self.stored.is_some() {
+            return Ok(u64::from(count) * compared);
+        }
+        let near = &self.kernels.near;
+        let from = [("work", work.as_entire_binding()), ("points", points)];
+        let from = near.bind(gpu, 1, &from)?;
+        let to = near.bind(gpu, 3, &[("near", self.near.as_entire_binding())])?;
+        frame.compute("light-path-map.near", |pass| {
+            let groups = [
+                (0, &scene.ray_bind_group),
+                (1, &from),
+                (2, &self.corners),
+                (3, &to),
+            ];
+            near.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        let rays = u64::from(self.settings.near_rays);
+        Ok(u64::from(count) * (rays + compared))
+    }
+
+    /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
+    pub(super) fn light(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        capture: &AtlasCapture,
+        cluster: u32,
+        tile: usize,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let (work, piece) = self.tile(capture, tile);
+        let firsts = &self.points.entries.firsts;
+        let work = Work {
+            cluster,
+            first_entry: firsts[cluster as usize],
+            end_entry: firsts[cluster as usize + 1],
+            ..work
+        };
+        let count = work.end_point - work.first_point;
+        let entries = work.end_entry - work.first_entry;
+        let work = gpu.uniform("light path map", &work)?;
+        let kernel = &self.kernels.light;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("points", piece.points.points.as_entire_binding()),
+        ];
+        let to = [
+            ("lights", self.lights.as_entire_binding()),
+            ("owners", self.owners.as_entire_binding()),
+            ("lit", self.lit[0].as_entire_binding()),
+        ];
+        let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
+        frame.compute("light-path-map.light", |pass| {
+            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+            kernel.dispatch(pass, &groups, [count, 1, 1]);
+        });
+        let per_entry = 1 + LIGHTS_PER_WALK * u64::from(self.settings.walks);
+        Ok(u64::from(count) * u64::from(entries) * per_entry)
+    }
+
+    /// Adds the light of near surfaces and stores the pane: passes `light-path-map.add-near` and
+    /// `light-path-map.store`.
+    pub(super) fn finish_pane(&self, frame: &mut Frame<'_>, pane: u32) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let kernel = &self.kernels.add_near;
+        let work = gpu.uniform("light path map", &self.work())?;
+        let from = [
+            ("work", work.as_entire_binding()),
+            ("near", self.near.as_entire_binding()),
+            ("lit", self.lit[0].as_entire_binding()),
+        ];
+        let from = kernel.bind(gpu, 1, &from)?;
+        let mut before = &self.lit[0];
+        let bounces = match self.settings.depth {
+            Settings::DEEPEST => NEAR_BOUNCES,
+            _ => 1,
+        };
+        for bounce in 0..bounces {
+            let after = &self.lit[1 + bounce as usize % 2];
+            let to = [
+                ("before", before.as_entire_binding()),
+                ("after", after.as_entire_binding()),
+            ];
+            let to = kernel.bind(gpu, 3, &to)?;
+            frame.compute("light-path-map.add-near", |pass| {
+                kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
+            });
+            before = after;
+        }
+        self.store(frame, pane, before)
+    }
+}
