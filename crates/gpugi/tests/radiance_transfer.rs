@@ -2,6 +2,7 @@
 
 mod common;
 
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 use common::{gpu, measured, picture, place, rel_mse, renderer_of};
@@ -18,30 +19,40 @@ use gpugi_scene::{
     TransferVectors,
 };
 
-/// A smooth sky: spherical harmonics of order 6 hold nearly all of it.
-fn smooth_sky() -> Environment {
+/// An environment with the radiance of each direction.
+fn sky(radiance: impl Fn(Vec3) -> Vec3) -> Environment {
     let (width, height) = (64, 32);
     let texel = |index: u32| {
-        let phi = std::f32::consts::PI * (((index % width) as f32 + 0.5) / 16.0 / 2.0 - 1.0);
-        let theta = std::f32::consts::PI * ((index / width) as f32 + 0.5) / 32.0;
+        let phi = PI * (((index % width) as f32 + 0.5) / 16.0 / 2.0 - 1.0);
+        let theta = PI * ((index / width) as f32 + 0.5) / 32.0;
         let d = vec3(
             phi.sin() * theta.sin(),
             theta.cos(),
             -phi.cos() * theta.sin(),
         );
-        let sun = (4.0 * (d.dot(vec3(0.6, 0.64, 0.48)) - 1.0)).exp();
-        let radiance = vec3(0.3, 0.4, 0.6) * (1.2 + d.y) + vec3(4.0, 3.5, 2.5) * sun;
-        radiance.extend(1.0).to_array()
+        radiance(d).extend(1.0).to_array()
     };
     Environment {
         image: Arc::new(Image {
-            name: "smooth sky".into(),
+            name: "sky".into(),
             width,
             height,
             pixels: Pixels::Rgba32Float((0..width * height).flat_map(texel).collect()),
         }),
-        rotation: 0.7,
+        rotation: 0.0,
         intensity: 1.0,
+    }
+}
+
+/// A smooth sky: spherical harmonics of order 6 hold nearly all of it.
+fn smooth_sky() -> Environment {
+    let radiance = |d: Vec3| {
+        let sun = (4.0 * (d.dot(vec3(0.6, 0.64, 0.48)) - 1.0)).exp();
+        vec3(0.3, 0.4, 0.6) * (1.2 + d.y) + vec3(4.0, 3.5, 2.5) * sun
+    };
+    Environment {
+        rotation: 0.7,
+        ..sky(radiance)
     }
 }
 
@@ -254,6 +265,41 @@ fn fine_meshes_are_lit_at_vertices() {
     println!("between them {between:.1e}");
     assert!(rel_mse(vertices) < 0.01, "{}", rel_mse(vertices));
     assert!(between < 0.005, "{between}");
+}
+
+/// A floor of two triangles shows the shadow of a block above it once its edges are bisected.
+#[test]
+fn coarse_meshes_are_subdivided() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("block above a floor");
+    let floor = quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 1);
+    let block = cuboid(vec3(-0.4, 0.15, -0.4), vec3(0.3, 0.4, 0.3), 1);
+    for mesh in [floor, block] {
+        place(&mut scene, mesh, Material::matt("wall", Vec3::splat(0.7)));
+    }
+    scene.environment = Some(smooth_sky());
+    let names = ["radiance-transfer"];
+    let errors = ["subdivide=0", "subdivide=0.12"].map(|subdivide| {
+        let settings = ["at=vertices", subdivide, "rays=256", "steps=4096"];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 32, names[0], &settings);
+        let found = measured(&gpu, &scene, &camera(), &mut renderer, [4, 128]);
+        let warnings = renderer.warnings().join("; ");
+        println!("{subdivide}: rel-mse {:.1e}; {warnings}", rel_mse(&found));
+        let is_said = warnings.contains("points take");
+        assert_eq!(is_said, subdivide != "subdivide=0", "{warnings}");
+        rel_mse(&found)
+    });
+    let [coarse, fine] = errors;
+    assert!(fine < 0.005 && 5.0 * fine < coarse, "{errors:?}");
+
+    let settings = ["at=vertices", "subdivide=1e-5"];
+    let mut renderer = renderer_of(&gpu, &scene, &names, 16, names[0], &settings);
+    let refused = renderer.render_sample(&camera(), 1, None, false);
+    let message = refused
+        .map(|_| ())
+        .expect_err("too many points")
+        .to_string();
+    assert!(message.contains("raise subdivide"), "{message}");
 }
 
 /// A sheet behind a ball on a floor, both translucent: from the camera, the sun stands behind the sheet.

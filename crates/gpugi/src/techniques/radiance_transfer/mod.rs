@@ -220,6 +220,7 @@ impl Technique for RadianceTransfer {
                 "new transfer vectors are computed, because those of the file do not fit: {reason}"
             ));
         }
+        warnings.extend(made.places.described(&self.settings));
         warnings.extend(made.transfer.glossy.as_ref().map(Glossy::described));
         if self.leaves_objects {
             warnings.push(

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use gpugi_scene::Atlas;
 
-use super::INFO;
 use super::vertices::{Vertices, WIDTH};
+use super::{INFO, Settings};
 use crate::capture::atlas::blocks::texels_of;
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, AtlasLookup, LeakTest};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -42,6 +42,7 @@ impl Places {
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
+        settings: &Settings,
         atlas: Option<Arc<Atlas>>,
         most_texels: Option<u32>,
     ) -> Result<Self, GpuError> {
@@ -50,7 +51,8 @@ impl Places {
             reason: "the scene was uploaded without its meshes".into(),
         })?;
         let Some(atlas) = atlas else {
-            return Ok(Self::Vertices(Box::new(Vertices::new(gpu, scene, host)?)));
+            let vertices = Vertices::new(gpu, scene, host, settings)?;
+            return Ok(Self::Vertices(Box::new(vertices)));
         };
         let options = AtlasCaptureOptions {
             most_texels: most_texels.unwrap_or(u32::MAX),
@@ -66,10 +68,15 @@ impl Places {
     }
 
     /// Whether these are the texels of the atlas, or without one the vertices of the scene.
-    pub fn serves(&self, scene: &GpuScene, atlas: Option<&Arc<Atlas>>) -> bool {
+    pub fn serves(
+        &self,
+        scene: &GpuScene,
+        settings: &Settings,
+        atlas: Option<&Arc<Atlas>>,
+    ) -> bool {
         match (self, atlas) {
             (Self::Texels(texels), Some(atlas)) => Arc::ptr_eq(&texels.atlas, atlas),
-            (Self::Vertices(vertices), None) => vertices.serves(scene),
+            (Self::Vertices(vertices), None) => vertices.serves(scene, settings),
             _ => false,
         }
     }
@@ -146,6 +153,14 @@ impl Places {
         match self {
             Self::Texels(texels) => Some(&texels.capture),
             Self::Vertices(_) => None,
+        }
+    }
+
+    /// What they cost, in words, if that is more than the meshes say.
+    pub fn described(&self, settings: &Settings) -> Option<String> {
+        match self {
+            Self::Texels(_) => None,
+            Self::Vertices(vertices) => vertices.described(settings),
         }
     }
 

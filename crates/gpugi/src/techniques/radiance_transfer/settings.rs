@@ -31,6 +31,9 @@ crate::settings! {
         /// Points that have transfer vectors: texels, those of an atlas; vertices, those of all meshes, which need no
         /// atlas but show no shadow finer than their triangles.
         pub at: At = At::Texels => any(),
+        /// At vertices, the longest distance between points along the edges of triangles: longer edges have points
+        /// between their vertices, too, so that coarse meshes show shadows; 0: vertices alone.
+        pub subdivide: f32 = 0.0 => in_range(0.0, 1e6).unit("m"),
         /// Functions of the direction that light is a sum of: harmonics, spherical harmonics; haar, Haar wavelets on a
         /// cube map of 64 texels per side, for small, bright lights.
         pub basis: Basis = Basis::Harmonics => any(),

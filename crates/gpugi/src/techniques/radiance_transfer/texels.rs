@@ -61,7 +61,7 @@ impl LitTexels {
         atlas: Option<Arc<Atlas>>,
         most_texels: Option<u32>,
     ) -> Result<Self, GpuError> {
-        let places = Places::new(gpu, scene, atlas, most_texels)?;
+        let places = Places::new(gpu, scene, settings, atlas, most_texels)?;
         let size = places.map_size();
         let irradiance = Target::new(gpu, size[0] * size[1])?;
         let (relight, length) = match settings.basis {
@@ -126,7 +126,7 @@ impl LitTexels {
         atlas: Option<&Arc<Atlas>>,
     ) -> bool {
         let made = self.transfer.glossy.as_ref();
-        self.places.serves(scene, atlas)
+        self.places.serves(scene, settings, atlas)
             && self.passages == scene.passages()
             && self.transfer.is_of(settings)
             && made.map_or(glossy.is_empty(), |made| made.is_of(glossy))

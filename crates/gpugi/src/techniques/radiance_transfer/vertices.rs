@@ -1,9 +1,17 @@
-//! Vertices as the points of transfer vectors.
+//! Vertices as the points of transfer vectors, and midpoints of edges that are too long.
 
+mod subdivision;
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::ops::Range;
 
-use gpugi_scene::{Instance, Scene, provoking_order};
+use glam::Mat3;
+use gpugi_scene::{Instance, Scene};
 
+use self::subdivision::Subdivision;
+use super::Settings;
+use super::gpu::COEFFICIENT_BYTES;
 use crate::capture::SURFACE_POINT_BYTES;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -22,8 +30,8 @@ const NO_INSTANCE: u32 = u32::MAX;
 /// Points per row of a map.
 pub(super) const WIDTH: u32 = 512;
 
-/// The vertices of all instances: one point per vertex of an instance's mesh, and one more for its back where
-/// [`has_back`] says so.
+/// The vertices of all instances: one point per vertex of an instance's mesh and per midpoint of its [`Subdivision`], and
+/// one more for its back where [`has_back`] says so.
 #[derive(Debug)]
 pub(super) struct Vertices {
     /// Surface points, in whole rows of [`WIDTH`].
@@ -34,16 +42,35 @@ pub(super) struct Vertices {
     /// First point of each instance, and of none.
     firsts: Vec<u32>,
     resolve: (Kernel, wgpu::BindGroup),
-    /// Version of the meshes.
-    meshes: u64,
+    made: MadeFor,
     /// Versions of geometry and materials that the points are of.
     captured: Option<[u64; 2]>,
 }
 
-/// The words that shaders find vertices by, and a corner per vertex.
+/// What decides which points there are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct MadeFor {
+    /// Version of the meshes.
+    meshes: u64,
+    /// Longest distance of points along edges (m), and the version of what is measured; `None`: vertices alone.
+    longest: Option<(f32, u64)>,
+}
+
+impl MadeFor {
+    fn new(scene: &GpuScene, settings: &Settings) -> Self {
+        let longest = settings.subdivide;
+        Self {
+            meshes: scene.versions.meshes,
+            longest: (longest > 0.0).then_some((longest, scene.versions.geometry)),
+        }
+    }
+}
+
+/// The words that shaders find points by, and where each point lies.
 struct Table {
     words: Vec<u32>,
-    corners: Vec<[u32; 2]>,
+    /// `corners` of vertices/points.wesl.
+    corners: Vec<[u32; 4]>,
     firsts: Vec<u32>,
 }
 
@@ -55,64 +82,83 @@ fn has_back(scene: &Scene, instance: &Instance) -> bool {
 }
 
 impl Table {
-    fn new(scene: &Scene) -> Self {
+    /// `None` if there would be more than `most` points.
+    fn new(scene: &Scene, longest: f32, most: usize) -> Option<Self> {
         let instances = scene.instances.len();
         let mut words = vec![0, instances as u32];
         words.resize(HEADER_WORDS + INSTANCE_WORDS * instances, NO_TRIANGLES);
-        let mut corners: Vec<[u32; 2]> = Vec::new();
+        let mut corners: Vec<[u32; 4]> = Vec::new();
         let mut firsts = vec![0];
-        let mut first_words = vec![None; scene.meshes.len()];
+        // Instances share points as long as their edges have the same lengths.
+        let mut known = HashMap::new();
         for (index, instance) in scene.instances.iter().enumerate() {
-            let mesh = &scene.meshes[instance.mesh];
-            let order = provoking_order(&mesh.indices, mesh.positions.len());
-            let first_word = *first_words[instance.mesh].get_or_insert_with(|| {
-                words.extend(&order.vertices);
-                (words.len() - order.vertices.len()) as u32
-            });
-            let first = corners.len();
-            corners.resize(first + mesh.positions.len(), [NO_INSTANCE, 0]);
-            // The largest triangle at each vertex has the most reliable front.
-            let mut largest = vec![f32::NEG_INFINITY; mesh.positions.len()];
-            for (primitive, triangle) in order.indices.as_chunks::<3>().0.iter().enumerate() {
-                let vertices = triangle.map(|vertex| order.vertices[vertex as usize] as usize);
-                let [a, b, c] = vertices.map(|vertex| mesh.positions[vertex]);
-                let area = (b - a).cross(c - a).length();
-                for (corner, vertex) in vertices.into_iter().enumerate() {
-                    if area > largest[vertex] {
-                        largest[vertex] = area;
-                        corners[first + vertex] = [index as u32, (3 * primitive + corner) as u32];
-                    }
-                }
+            let mut world_from_mesh = Mat3::ZERO;
+            if longest > 0.0 {
+                world_from_mesh = Mat3::from_mat4(instance.world_from_mesh);
             }
-            let mut at = HEADER_WORDS + INSTANCE_WORDS * index;
-            words[at..at + 2].copy_from_slice(&[first_word, first as u32]);
-            if has_back(scene, instance) {
-                at += 2;
-                words[at..at + 2].copy_from_slice(&[first_word, corners.len() as u32]);
-                for point in first..corners.len() {
-                    let [of, corner] = corners[point];
-                    corners.push([of, corner | BACK]);
+            let shape = world_from_mesh.to_cols_array().map(f32::to_bits);
+            let (first_word, subdivision) = match known.entry((instance.mesh, shape)) {
+                Entry::Occupied(one) => one.into_mut(),
+                Entry::Vacant(none) => {
+                    let mesh = &scene.meshes[instance.mesh];
+                    let made = Subdivision::new(mesh, world_from_mesh, longest, most)?;
+                    let first_word = words.len() as u32;
+                    words.extend(made.nodes.as_flattened());
+                    none.insert((first_word, made))
                 }
+            };
+            let has_back = has_back(scene, instance);
+            let points = corners.len() + subdivision.points.len() * (1 + usize::from(has_back));
+            if points > most {
+                return None;
+            }
+            for (side, back) in [0, BACK]
+                .into_iter()
+                .take(1 + usize::from(has_back))
+                .enumerate()
+            {
+                let at = HEADER_WORDS + INSTANCE_WORDS * index + 2 * side;
+                words[at..at + 2].copy_from_slice(&[*first_word, corners.len() as u32]);
+                corners.extend(subdivision.points.iter().map(|point| match point {
+                    Some(on) => {
+                        let [u, v] = on.barycentrics.to_array().map(f32::to_bits);
+                        [index as u32, on.primitive | back, u, v]
+                    }
+                    None => [NO_INSTANCE, 0, 0, 0],
+                }));
             }
             firsts.push(corners.len() as u32);
         }
         let rows = corners.len().max(1).next_multiple_of(WIDTH as usize);
-        corners.resize(rows, [NO_INSTANCE, 0]);
-        Self {
+        corners.resize(rows, [NO_INSTANCE, 0, 0, 0]);
+        Some(Self {
             words,
             corners,
             firsts,
-        }
+        })
     }
 }
 
 impl Vertices {
-    /// The vertices of `scene`, whose meshes are `host`'s.
+    /// The points of `scene`, whose meshes are `host`'s.
     ///
     /// # Errors
-    /// [`GpuError`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, host: &Scene) -> Result<Self, GpuError> {
-        let table = Table::new(host);
+    /// [`GpuError::Input`] if there would be more points than fit buffers; [`GpuError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        host: &Scene,
+        settings: &Settings,
+    ) -> Result<Self, GpuError> {
+        let longest = settings.subdivide;
+        let most = most_points(gpu, settings);
+        let table = Table::new(host, longest, most).ok_or_else(|| GpuError::Input {
+            what: format!(
+                "radiance-transfer: at=vertices and subdivide={longest} give more than the {most} points whose vectors fit \
+                 a buffer of {}; raise subdivide, lower order or coefficients, or use at=texels",
+                gpu.adapter.name
+            ),
+        })?;
         let count = table.corners.len() as u32;
         let bytes = u64::from(count) * SURFACE_POINT_BYTES;
         let storage = wgpu::BufferUsages::STORAGE;
@@ -133,14 +179,26 @@ impl Vertices {
             points,
             count,
             firsts: table.firsts,
-            meshes: scene.versions.meshes,
+            made: MadeFor::new(scene, settings),
             captured: None,
         })
     }
 
-    /// Whether these are the vertices of the scene.
-    pub fn serves(&self, scene: &GpuScene) -> bool {
-        self.meshes == scene.versions.meshes
+    /// Whether these are the points of the scene.
+    pub fn serves(&self, scene: &GpuScene, settings: &Settings) -> bool {
+        self.made == MadeFor::new(scene, settings)
+    }
+
+    /// What a subdivision costs, in words.
+    pub fn described(&self, settings: &Settings) -> Option<String> {
+        self.made.longest.map(|(longest, _)| {
+            let bytes = u64::from(self.count) * bytes_of_point(settings);
+            format!(
+                "subdivide={longest}: the transfer vectors of {} points take {} MiB",
+                self.count,
+                bytes.div_ceil(1 << 20)
+            )
+        })
     }
 
     /// The points of an instance.
@@ -164,7 +222,28 @@ impl Vertices {
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        // A corner has eight bytes.
-        self.points.size() + self.lookup.size() + u64::from(self.count) * 8
+        // A corner has 16 bytes.
+        self.points.size() + self.lookup.size() + u64::from(self.count) * 16
     }
+}
+
+/// Bytes of a point's transfer vector.
+fn bytes_of_point(settings: &Settings) -> u64 {
+    u64::from(settings.terms()) * COEFFICIENT_BYTES
+}
+
+/// Most points whose vectors, surface points and nodes fit a buffer each.
+fn most_points(gpu: &Gpu, settings: &Settings) -> usize {
+    // A mesh has about twice as many triangles as points, and a tree twice as many nodes as leaves.
+    let bytes_of_nodes = 48;
+    let bytes = bytes_of_point(settings)
+        .max(SURFACE_POINT_BYTES)
+        .max(bytes_of_nodes);
+    let limits = gpu.limits();
+    let limit = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    // Whole rows, and numbers of 31 bits.
+    let most = (limit / bytes).min(1 << 31);
+    (most - most % u64::from(WIDTH)) as usize
 }
