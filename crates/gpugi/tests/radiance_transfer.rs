@@ -203,6 +203,83 @@ fn a_glossy_teapot_is_the_path_tracers() {
     }
 }
 
+/// A lobe times the cosine: of the normal, the direction toward the eye, and that of the light.
+type Lobe = fn(Vec3, Vec3, Vec3) -> f32;
+
+/// Phong's of exponent 20: (n + 2) / (2 pi) cos^n about the mirror direction.
+fn phong_lobe(normal: Vec3, toward_eye: Vec3, toward_light: Vec3) -> f32 {
+    let mirrored = (-toward_eye).reflect(normal);
+    let cosine = mirrored.dot(toward_light).max(0.0);
+    22.0 / (2.0 * PI) * cosine.powi(20) * normal.dot(toward_light)
+}
+
+/// GGX of roughness 0.4 without Fresnel's factor: D G2 / (4 n.v), G2 height-correlated (Heitz 2014, equation 99).
+fn ggx_lobe(normal: Vec3, toward_eye: Vec3, toward_light: Vec3) -> f32 {
+    let squared = 0.16_f32.powi(2);
+    let half = (toward_eye + toward_light).normalize();
+    let d = 1.0 + (squared - 1.0) * normal.dot(half).powi(2);
+    let (v, l) = (normal.dot(toward_eye), normal.dot(toward_light));
+    let of = |a: f32, b: f32| a * (b * b * (1.0 - squared) + squared).sqrt();
+    squared / (PI * d * d) * 0.5 / (of(l, v) + of(v, l)) * l
+}
+
+/// A ball that reflects by its glossy lobe alone, under light of bands 0 and 4: each of its pixels is the integral of
+/// lobe and light. Without edges and diffuse light, width, axis and scale of the lobe decide the error.
+#[test]
+fn a_glossy_ball_is_the_integral_of_its_lobe() {
+    let Some(gpu) = gpu() else { return };
+    let axis = vec3(0.36, 0.48, 0.8);
+    let radiance = |d: Vec3| {
+        let x2 = d.dot(axis).powi(2);
+        1.0 + 0.9 * (35.0 * x2 * x2 - 30.0 * x2 + 3.0) / 8.0
+    };
+    let phong = Material {
+        model: MaterialModel::Phong {
+            kd: Vec3::ZERO,
+            ks: Vec3::ONE,
+            shininess: 20.0,
+        },
+        ..Material::default()
+    };
+    let white_metal = Material::metal("metal", Vec3::ONE, 0.4);
+    let cells = (0..32 * 64).map(|cell| {
+        let z = (cell / 64) as f32 / 16.0 - 1.0 + 1.0 / 32.0;
+        let phi = 2.0 * PI * (cell % 64) as f32 / 64.0;
+        let across = (1.0 - z * z).sqrt();
+        vec3(across * phi.cos(), across * phi.sin(), z)
+    });
+    let directions: Vec<(Vec3, f32)> = cells.map(|d| (d, radiance(d))).collect();
+    let eye = vec3(0.5, 0.8, 3.5);
+    let camera = Camera::look_at("", eye, Vec3::ZERO, 0.6);
+    let lobes: [(Material, Lobe, f32); 2] =
+        [(phong, phong_lobe, 0.03), (white_metal, ggx_lobe, 0.03)];
+    for (material, lobe, bound) in lobes {
+        let mut scene = Scene::new("ball");
+        let ball = place(&mut scene, sphere(1.0, 24), material);
+        scene.instances[ball].name = "ball".into();
+        scene.environment = Some(sky(|d| Vec3::splat(radiance(d))));
+        let settings = ["at=vertices", "glossy=ball", "rays=256", "steps=4096"];
+        let names = ["radiance-transfer"];
+        let mut renderer = renderer_of(&gpu, &scene, &names, 24, names[0], &settings);
+        let (mut errors, mut squares, mut pixels) = (0.0, 0.0, 0);
+        for lit in picture(&mut renderer, &camera).lit() {
+            let toward_eye = (eye - lit.position).normalize();
+            if lit.normal.dot(toward_eye) < 0.4 {
+                continue;
+            }
+            let seen = directions.iter().filter(|(d, _)| d.dot(lit.normal) > 0.0);
+            let terms = seen.map(|&(d, light)| light * lobe(lit.normal, toward_eye, d));
+            let expected = terms.sum::<f32>() * 4.0 * PI / directions.len() as f32;
+            errors += (lit.radiance.x - expected).powi(2);
+            squares += expected.powi(2);
+            pixels += 1;
+        }
+        let error = (errors / squares).sqrt();
+        println!("{error} of the light at {pixels} pixels");
+        assert!(pixels > 100 && error < bound, "{error} at {pixels} pixels");
+    }
+}
+
 /// Glossy objects are those of the list that have a glossy lobe; their paths exclude other techniques'.
 #[test]
 fn glossy_objects_are_chosen() {

@@ -90,7 +90,7 @@ pub(super) fn refine<const N: usize>(sites: &[[f32; N]], groups: &mut [Vec<usize
     }
 }
 
-fn mean<const N: usize>(sites: &[[f32; N]], group: &[usize]) -> [f32; N] {
+pub(super) fn mean<const N: usize>(sites: &[[f32; N]], group: &[usize]) -> [f32; N] {
     let mut sum = [0.0_f64; N];
     for &index in group {
         for (sum, value) in sum.iter_mut().zip(sites[index]) {

@@ -4,7 +4,7 @@ use glam::{Mat3, Vec2, Vec3};
 use gpugi_scene::Scene;
 use gpugi_scene::provoking::provoking_order;
 
-use super::clusters::{halves, nearest, refine};
+use super::clusters::{halves, mean, nearest, refine};
 
 /// A point of a surface at which direct light enters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,11 +62,13 @@ impl Entries {
             normal_scale: normal_scale(all, clusters),
             ..Self::default()
         };
-        let sites: Vec<_> = entries.iter().map(|entry| made.site(entry)).collect();
+        let sites = made.sites(&entries);
         let mut groups = halves(&sites, (0..entries.len()).collect(), clusters as usize);
         refine(&sites, &mut groups);
+        let means: Vec<_> = groups.iter().map(|group| mean(&sites, group)).collect();
+        let samples = nearest(&made.sites(&made.samples), &means);
         made.entries = entries;
-        made.divide(&groups);
+        made.divide(&groups, &samples);
         made
     }
 
@@ -78,29 +80,30 @@ impl Entries {
             .map(|ends| (ends[0] as usize..ends[1] as usize).collect())
             .collect();
         refine(columns, &mut groups);
-        self.divide(&groups);
-    }
-
-    /// Sorts the entry points by their groups, and the light samples by those of the nearest entry points.
-    fn divide(&mut self, groups: &[Vec<usize>]) {
-        let sites = |points: &[Entry]| -> Vec<[f32; 6]> {
-            points.iter().map(|point| self.site(point)).collect()
-        };
-        let of_entries = nearest(&sites(&self.samples), &sites(&self.entries));
+        // These clusters have no place: a light sample follows the nearest entry point.
+        let of_entries = nearest(&self.sites(&self.samples), &self.sites(&self.entries));
         let of_group = |group: &Vec<usize>| {
             let samples = group.iter().flat_map(|&entry| of_entries[entry].iter());
             samples.copied().collect()
         };
         let samples: Vec<Vec<usize>> = groups.iter().map(of_group).collect();
-        let count = self.entries.len();
-        (self.entries, self.firsts) = by_group(&self.entries, groups, 0);
-        (self.samples, self.first_samples) = by_group(&self.samples, &samples, count);
+        self.divide(&groups, &samples);
     }
 
-    /// What k-means compares: the place, and the normal as a place.
-    fn site(&self, entry: &Entry) -> [f32; 6] {
-        let (place, normal) = (entry.position, entry.normal * self.normal_scale);
-        [place.x, place.y, place.z, normal.x, normal.y, normal.z]
+    /// Sorts the entry points and the light samples by their groups.
+    fn divide(&mut self, entries: &[Vec<usize>], samples: &[Vec<usize>]) {
+        let count = self.entries.len();
+        (self.entries, self.firsts) = by_group(&self.entries, entries, 0);
+        (self.samples, self.first_samples) = by_group(&self.samples, samples, count);
+    }
+
+    /// What k-means compares: places, and normals as places.
+    fn sites(&self, points: &[Entry]) -> Vec<[f32; 6]> {
+        let site = |point: &Entry| {
+            let (place, normal) = (point.position, point.normal * self.normal_scale);
+            [place.x, place.y, place.z, normal.x, normal.y, normal.z]
+        };
+        points.iter().map(site).collect()
     }
 
     /// Number of clusters.
