@@ -118,3 +118,56 @@ fn media_dim_light_on_surfaces() {
         }
     }
 }
+
+/// A ball of fog with a radius of 1 m over a floor, lit by a slanting sun or glowing. The camera sees the floor alone.
+fn ball_over_a_floor(is_glowing: bool) -> (Scene, Camera) {
+    let mut scene = common::floor(3.0);
+    let place = |index: u32| (index as f32 + 0.5) / 4.0 - 1.0;
+    let density = |cell: u32| {
+        let at = [cell % 8, cell / 8 % 8, cell / 64].map(place);
+        (1.5 - 1.5 * Vec3::from_array(at).length()).clamp(0.0, 1.0)
+    };
+    scene.media.push(Medium {
+        name: "ball".into(),
+        world_from_box: Some(
+            Mat4::from_translation(Vec3::Y * 1.3) * Mat4::from_scale(Vec3::splat(2.0)),
+        ),
+        extinction: Vec3::splat(4.0),
+        albedo: Vec3::splat(0.9),
+        phase: PhaseFunction::HenyeyGreenstein(0.3),
+        emission: Vec3::splat(if is_glowing { 2.0 } else { 0.0 }),
+        density: Some(Arc::new(DensityGrid {
+            size: [8; 3],
+            values: (0..512).map(density).collect(),
+        })),
+        node: None,
+    });
+    if !is_glowing {
+        let sun = Light::new("sun", LightKind::Directional, Vec3::splat(30.0));
+        scene.lights = vec![sun.aimed(vec3(2.0, 2.0, 1.0), Vec3::ZERO)];
+    }
+    let camera = Camera::look_at("low", vec3(0.0, 0.25, 2.6), vec3(0.0, 0.0, 1.0), 0.35);
+    (scene, camera)
+}
+
+/// Light paths LV+DE. What glows also lights the floor directly, which counts as LDE.
+#[test]
+fn media_light_surfaces_as_in_the_path_tracer() {
+    let Some(gpu) = gpu() else { return };
+    for is_glowing in [true, false] {
+        let (scene, camera) = ball_over_a_floor(is_glowing);
+        let technique = "participating-media";
+        let all = ["shadow-map", technique];
+        let names = if is_glowing { &all[..] } else { &all[1..] };
+        let mut renderer = renderer_of(&gpu, &scene, names, 32, technique, &[]);
+        let found = measured(&gpu, &scene, &camera, &mut renderer, [16, 256]);
+        let error = found.value(Metric::RelMse4).expect("a value");
+        let mean = picture(&mut renderer, &camera)
+            .lit()
+            .map(|point| point.radiance.x)
+            .sum::<f32>()
+            / 1024.0;
+        assert!(error < 0.006, "glowing {is_glowing}: {error}");
+        assert!(mean > 0.05, "glowing {is_glowing}: {mean}");
+    }
+}

@@ -2,7 +2,8 @@
 //!
 //! Generate: media become particles. Each looks in D directions, and finds the next particle, a surface or the sky
 //! there. Light that arrives at the particles spreads along these links, some iterations per frame. Gather: rays from
-//! the eye sum what particles scatter toward it, and dim what is behind. docs/techniques/participating-media.md.
+//! surfaces sum what particles send there, and rays from the eye what they scatter toward it, and dim what is behind.
+//! docs/techniques/participating-media.md.
 
 mod cells;
 pub(crate) mod gpu;
@@ -10,6 +11,7 @@ mod network;
 mod particles;
 mod phase_matrix;
 mod seen;
+mod sources;
 #[cfg(test)]
 mod tests;
 
@@ -25,7 +27,8 @@ use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use network::{Kernels, Network};
 use particles::Particles;
-use seen::Seen;
+use seen::{How, Seen};
+pub(crate) use sources::Sources;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -33,14 +36,21 @@ pub const INFO: Info = Info {
     summary: "multiple scattering in fog, smoke and clouds, by links between particles",
     source: "tutorial section 7.4; Szirmay-Kalos, Sbert and Umenhoffer 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "LV+E"),
-        LightPaths::new(LightClass::Area, "LV+E"),
-        LightPaths::new(LightClass::Environment, "LV+E"),
+        LightPaths::new(LightClass::Punctual, "LV+D?E"),
+        LightPaths::new(LightClass::Area, "LV+D?E"),
+        LightPaths::new(LightClass::Environment, "LV+D?E"),
     ],
     suits: |scene| !scene.media.is_empty(),
     keeps_texels: true,
     lights_points: false,
 };
+
+/// The paths without surfaces that media light.
+const SEEN_ALONE: [LightPaths; 3] = [
+    LightPaths::new(LightClass::Punctual, "LV+E"),
+    LightPaths::new(LightClass::Area, "LV+E"),
+    LightPaths::new(LightClass::Environment, "LV+E"),
+];
 
 crate::settings! {
     /// Settings of participating-media.
@@ -55,6 +65,8 @@ crate::settings! {
         pub most_iterations: u32 = 64 => in_range(0.0, 1024.0),
         /// Points on each view ray at which media are sampled.
         pub steps: u32 = 64 => in_range(1.0, 1024.0),
+        /// Rays on which each surface point finds the light that media send to it; 0: they light no surfaces.
+        pub light_surfaces: u32 = 1 => in_range(0.0, 64.0),
         /// Sample points on all area lights together.
         pub area_samples: u32 = 16 => in_range(1.0, 4096.0),
     }
@@ -77,7 +89,7 @@ struct MadeFrom {
 struct Made {
     from: MadeFrom,
     network: Network,
-    seen: Option<(u32, Seen)>,
+    seen: Option<(How, Seen)>,
     /// What visibility and light were computed for.
     looked: Option<[u64; 2]>,
     lit: Option<(Versions, u32)>,
@@ -95,6 +107,11 @@ pub struct ParticipatingMedia {
 }
 
 impl ParticipatingMedia {
+    /// For rays of other techniques; `None` while there are no media.
+    pub(crate) fn sources(&self) -> Option<Sources> {
+        self.made.as_ref().map(|made| made.network.sources())
+    }
+
     /// The lights of the scene as samples.
     fn lights(&self, scene: &GpuScene) -> Vec<LightSample> {
         let punctual = scene.lights.iter().map(punctual);
@@ -128,13 +145,13 @@ impl Technique for ParticipatingMedia {
     }
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
-        let paths = if scene.media.is_empty() {
-            &[]
-        } else {
-            INFO.paths
+        let paths: &[LightPaths] = match self.settings.light_surfaces {
+            _ if scene.media.is_empty() => &[],
+            0 => &SEEN_ALONE,
+            _ => INFO.paths,
         };
         Plan {
-            lookups: self.settings.steps,
+            lookups: self.settings.steps + 16 * self.settings.light_surfaces,
             ..Plan::adding(paths, scene)
         }
     }
@@ -184,9 +201,12 @@ impl Technique for ParticipatingMedia {
         let Some(made) = &mut self.made else {
             return Ok(Generated::FINAL);
         };
-        let steps = self.settings.steps;
-        if made.seen.as_ref().is_none_or(|(of, _)| *of != steps) {
-            made.seen = Some((steps, Seen::new(gpu, scene, &made.network, steps)?));
+        let how = How {
+            steps: self.settings.steps,
+            surface_rays: self.settings.light_surfaces,
+        };
+        if made.seen.as_ref().is_none_or(|(of, _)| *of != how) {
+            made.seen = Some((how, Seen::new(gpu, scene, &made.network, how)?));
         }
         let Versions {
             geometry,

@@ -5,6 +5,7 @@ use bytemuck::Zeroable;
 use super::gpu;
 use super::particles::Particles;
 use super::phase_matrix::phase_matrix;
+use super::sources::Sources;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
@@ -68,6 +69,7 @@ pub struct Network {
     /// What each particle sees: [particle x directions + direction], as all that follow.
     pub visible: wgpu::Buffer,
     pub emitted: wgpu::Buffer,
+    /// The sources of the light that arrived last.
     pub source: wgpu::Buffer,
     /// Radiance that arrives, of even and of odd iterations.
     pub incoming: [wgpu::Buffer; 2],
@@ -239,8 +241,8 @@ impl Network {
         self.entries().into()
     }
 
-    /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.emit` and
-    /// `.sky`. Returns the number of rays.
+    /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.emit`, `.sky` and
+    /// `.scatter`. Returns the number of rays.
     pub fn light(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
         let rays = self.values.particles * self.values.lights;
         if rays > 0 {
@@ -259,32 +261,49 @@ impl Network {
                 .sky
                 .dispatch(pass, &groups, [self.values.directions, 1, 1]);
         });
+        self.scatter(frame, scene, kernels);
         rays.into()
     }
 
-    /// One iteration: passes `participating-media.scatter` and `participating-media.transport`. Returns the number of
-    /// lookups.
-    pub fn iterate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+    /// The sources of the light that arrived last.
+    fn scatter(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) {
         let parity = (self.iterations % 2) as usize;
-        self.iterations += 1;
         frame.compute("participating-media.scatter", |pass| {
             let groups = [(0, &scene.bind_group), (3, &self.groups.scatter[parity])];
             // A workgroup of 64 per particle.
             let invocations = [64 * self.values.particles, 1, 1];
             kernels.scatter.dispatch(pass, &groups, invocations);
         });
+    }
+
+    /// One iteration: passes `participating-media.transport` and `participating-media.scatter`. Returns the number of
+    /// lookups.
+    pub fn iterate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+        let parity = (self.iterations % 2) as usize;
         frame.compute("participating-media.transport", |pass| {
             let groups = [(3, &self.groups.transport[parity])];
             kernels
                 .transport
                 .dispatch(pass, &groups, [self.entries(), 1, 1]);
         });
+        self.iterations += 1;
+        self.scatter(frame, scene, kernels);
         u64::from(self.entries())
     }
 
     /// The light that arrived in the last iteration.
     pub fn latest(&self) -> &wgpu::Buffer {
         &self.incoming[(self.iterations % 2) as usize]
+    }
+
+    /// For rays through the media.
+    pub fn sources(&self) -> Sources {
+        Sources {
+            directions: self.values.directions,
+            source: self.source.clone(),
+            neighbours: self.neighbours.clone(),
+            fields: self.fields.clone(),
+        }
     }
 
     /// Bytes of all buffers.

@@ -1,4 +1,5 @@
-//! Media as a view sees them: what is behind them dims, and what they scatter is added.
+//! Media as a view sees them: they light the surfaces behind them, what is behind them dims, and what they scatter is
+//! added.
 
 use std::sync::Arc;
 
@@ -14,11 +15,28 @@ pub struct Seen {
     toward_eye: Kernel,
     field_kernel: Kernel,
     composite: ReceiverKernel,
+    surfaces: Option<Surfaces>,
     /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
     scattered: wgpu::Buffer,
     field: wgpu::Buffer,
     field_group: wgpu::BindGroup,
     kept: PerReceiver<Arc<Behind>>,
+}
+
+/// The pass that adds the light of media on surfaces, and its bind group 2.
+#[derive(Debug)]
+struct Surfaces {
+    kernel: ReceiverKernel,
+    sources: wgpu::BindGroup,
+}
+
+/// How media are seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct How {
+    /// Points on each view ray.
+    pub steps: u32,
+    /// Rays on which each surface point finds the light of media.
+    pub surface_rays: u32,
 }
 
 /// What is kept for a receiver.
@@ -30,19 +48,15 @@ struct Behind {
     toward_eye: [[wgpu::BindGroup; 2]; 2],
     /// Groups 1 and 3.
     composite: [wgpu::BindGroup; 2],
+    surfaces: Option<[wgpu::BindGroup; 2]>,
 }
 
 impl Seen {
-    /// Compiles the passes, with `steps` points per ray.
+    /// Compiles the passes.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        network: &Network,
-        steps: u32,
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, how: How) -> Result<Self, GpuError> {
         let toward_eye = shader!("techniques.participating_media.toward_eye");
         let toward_eye = Kernel::new(gpu, &toward_eye, "main", Some(&scene.layout))?;
         let field_kernel = shader!("techniques.participating_media.field");
@@ -51,8 +65,12 @@ impl Seen {
             gpu,
             scene,
             &shader!("techniques.participating_media.composite"),
-            &[("STEPS", steps.into())],
+            &[("STEPS", how.steps.into())],
         )?;
+        let surfaces = match how.surface_rays {
+            0 => None,
+            rays => Some(Surfaces::new(gpu, scene, network, rays)?),
+        };
         let rows = |count: u32| u64::from(count) * 16;
         let storage = wgpu::BufferUsages::STORAGE;
         let particles = rows(network.values.particles);
@@ -76,6 +94,7 @@ impl Seen {
             toward_eye,
             field_kernel,
             composite,
+            surfaces,
             scattered,
             field,
             field_group,
@@ -98,8 +117,9 @@ impl Seen {
         Ok(behind.clone())
     }
 
-    /// Adds to the receiver what was gathered since [`Seen::begin`], dimmed, and what the media scatter and emit:
-    /// passes `participating-media.toward-eye`, `.field` and `.composite`.
+    /// Adds the light of media on surfaces to what was gathered since [`Seen::begin`], and adds that to the receiver,
+    /// dimmed, with what the media scatter and emit: passes `participating-media.surfaces`, `.toward-eye`, `.field` and
+    /// `.composite`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -124,6 +144,14 @@ impl Seen {
                 let nodes = [network.values.nodes, 1, 1];
                 self.field_kernel
                     .dispatch(pass, &[(3, &self.field_group)], nodes);
+            });
+        }
+        if let (Some(surfaces), Some([seen, own])) = (&self.surfaces, &kept.surfaces) {
+            let kernel = surfaces.kernel.of(gpu, &receiver.points)?;
+            frame.compute("participating-media.surfaces", |pass| {
+                let [scene, sources] = [&scene.ray_bind_group, &surfaces.sources];
+                let groups = [(0, scene), (1, seen), (2, sources), (3, own)];
+                kernel.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
             });
         }
         let composite = self.composite.of(gpu, &receiver.points)?;
@@ -162,6 +190,12 @@ impl Seen {
                 ])
             };
             let [even, odd] = &network.incoming;
+            let surfaces = self.surfaces.as_ref().map(|surfaces| {
+                let kernel = surfaces.kernel.to_bind();
+                let own = [("net", of(&network.uniform)), ("radiance", of(&behind))];
+                Ok::<_, GpuError>([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &own)?])
+            });
+            let surfaces = surfaces.transpose()?;
             let composite = self.composite.to_bind();
             let resources = [
                 ("field", of(&self.field)),
@@ -175,9 +209,22 @@ impl Seen {
                     points.bind(gpu, composite)?,
                     composite.bind(gpu, 3, &resources)?,
                 ],
+                surfaces,
                 receiver: Receiver::new(points, &Target { radiance: behind }),
             }))
         };
         self.kept.of(receiver, make).cloned()
+    }
+}
+
+impl Surfaces {
+    fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, rays: u32) -> Result<Self, GpuError> {
+        let shader = shader!("techniques.participating_media.surfaces");
+        let constants = [("RAYS", rays.into())];
+        let kernel = ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)?;
+        Ok(Self {
+            sources: network.sources().bind(gpu, kernel.to_bind())?,
+            kernel,
+        })
     }
 }

@@ -354,17 +354,15 @@ fn lamps_inside_of_particles_stay_bounded() {
     assert!(found.emitted[8..].iter().all(|value| value.x < expected));
 }
 
-/// A mirror shows a medium behind the camera: 2 m that emit 0.25 W/(m^3 sr).
-#[test]
-fn mirrors_show_media() {
-    let Some(gpu) = test_gpu() else { return };
+/// A mirror ball, and a layer of 2 m behind the camera that emits 0.25 W/(m^3 sr).
+fn mirror(extinction: f32) -> Scene {
     let mut scene = Scene::new("mirror");
     scene.media.push(Medium {
         world_from_box: Some(
             Mat4::from_translation(Vec3::Z * 8.0) * Mat4::from_scale(vec3(40.0, 40.0, 2.0)),
         ),
         emission: Vec3::splat(0.25),
-        ..medium(0.0, 0.0, 0.0)
+        ..medium(extinction, 0.0, 0.0)
     });
     let mesh = scene.add_mesh(sphere(0.5, 32));
     let mirror = Material {
@@ -374,10 +372,34 @@ fn mirrors_show_media() {
     };
     let mirror = scene.add_material(mirror);
     scene.add_instance("ball", mesh, mirror, Mat4::IDENTITY);
-    let techniques = [INFO.name, "distance-impostor"];
-    let found = picture(&gpu, &scene, &techniques, &[("most-iterations", "0")]);
+    scene
+}
+
+#[test]
+fn mirrors_show_media() {
+    let Some(gpu) = test_gpu() else { return };
+    for mirrors in ["distance-impostor", "ray-tracing"] {
+        let techniques = [INFO.name, mirrors];
+        let found = picture(&gpu, &mirror(0.0), &techniques, &[("most-iterations", "0")]);
+        let middle = found[(8 * 16 + 8) * 3];
+        assert!((middle - 0.52).abs() < 0.05, "{mirrors}: {middle}");
+    }
+}
+
+/// integral of e^(-tau s) L_e ds + e^(-tau d) L: light of a layer that absorbs, and of a sky of radiance 1 behind it.
+#[test]
+fn media_dim_what_mirrors_show() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = mirror(0.3);
+    scene.environment = Some(white());
+    let found = picture(&gpu, &scene, &[INFO.name, "ray-tracing"], &[]);
     let middle = found[(8 * 16 + 8) * 3];
-    assert!((middle - 0.52).abs() < 0.05, "{middle}");
+    let transmittance = (-0.3_f32 * 2.0 * 1.03).exp();
+    let expected = 0.25 / 0.3 * (1.0 - transmittance) + transmittance;
+    assert!(
+        (middle - expected).abs() < 0.02,
+        "{middle} instead of {expected}"
+    );
 }
 
 /// A sky of radiance 1 above and 0.2 below, interpolated in between.

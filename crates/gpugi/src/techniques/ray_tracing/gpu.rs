@@ -26,5 +26,6 @@ pub struct Chunk {
     pub split: u32,
     pub step: u32,
     pub sees_only_environment: u32,
-    pub padding: [u32; 2],
+    pub media_directions: u32,
+    pub padding: u32,
 }

@@ -9,6 +9,7 @@ mod passes;
 #[cfg(test)]
 mod tests;
 
+use super::participating_media::ParticipatingMedia;
 use super::{Earlier, Generated, Info, Inspection, Plan, Technique, distance_impostor};
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
@@ -84,7 +85,7 @@ pub struct RayTracing {
     has_objects: bool,
     passes: Option<Passes>,
     /// With which constants, and for which tracer, the passes are compiled.
-    compiled_for: Option<([(&'static str, f64); 1], Tracer)>,
+    compiled_for: Option<([(&'static str, f64); 2], Tracer)>,
     /// Whether `cones` counts the pairs of tiles and triangles that it tests.
     counts_pairs: bool,
     /// Most rays in flight, if not [`MOST_RAYS`].
@@ -167,7 +168,8 @@ impl Technique for RayTracing {
                 reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
             });
         }
-        let wanted = Some((scene.ray_constants(), self.settings.tracer));
+        let [of_rays] = scene.ray_constants();
+        let wanted = Some(([of_rays, scene.media_constant()], self.settings.tracer));
         if self.has_objects && self.compiled_for != wanted {
             let counts = self.counts_pairs;
             self.passes = Some(Passes::new(frame.gpu, scene, &self.settings, counts)?);
@@ -192,6 +194,8 @@ impl Technique for RayTracing {
         }
         match &mut self.passes {
             Some(passes) => {
+                let media = earlier.technique::<ParticipatingMedia>();
+                passes.see(frame.gpu, media.and_then(ParticipatingMedia::sources))?;
                 let most = self.most_rays.unwrap_or(MOST_RAYS);
                 passes.record(frame, scene, receiver, &self.settings, most, earlier)
             }

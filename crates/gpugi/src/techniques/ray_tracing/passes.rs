@@ -5,10 +5,11 @@ use super::{SeenEnvironment, Settings, Tracer, gpu};
 use crate::capture::{
     Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
 };
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
+use crate::techniques::participating_media::Sources;
 
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
 const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
@@ -36,6 +37,8 @@ pub struct Passes {
     chunks: PerReceiver<Vec<Chunk>>,
     /// All triangles, if the tracer tests every one.
     triangles: Option<Triangles>,
+    /// Media that rays pass, and bind group 2 of `shade`.
+    media: (Sources, wgpu::BindGroup),
     /// With which `chunks` are bound.
     settings: Settings,
 }
@@ -94,18 +97,25 @@ impl Passes {
             }
         };
         let plan = shader!("techniques.ray_tracing.plan");
-        let [begin, shade, add] = [
+        let [begin, add] = [
             (shader!("techniques.ray_tracing.begin"), layout),
-            (shader!("techniques.ray_tracing.shade"), layout),
             (shader!("techniques.ray_tracing.add"), None),
         ]
         .map(|(shader, layout)| Kernel::new(gpu, &shader, "main", layout));
+        let shade = shader!("techniques.ray_tracing.shade");
+        let options = KernelOptions {
+            constants: &[scene.media_constant()],
+            ..Default::default()
+        };
+        let shade = Kernel::with_options(gpu, &shade, "main", layout, &options)?;
+        let no_media = Sources::none(gpu)?;
         Ok(Self {
             begin: begin?,
             plan: Kernel::new(gpu, &plan, "main", None)?,
             advance: Kernel::new(gpu, &plan, "advance", None)?,
             trace: scene.ray_kernel(gpu, &trace, &constants)?,
-            shade: shade?,
+            media: (no_media.clone(), no_media.bind(gpu, &shade)?),
+            shade,
             add: add?,
             in_flight: None,
             chunks: PerReceiver::default(),
@@ -134,6 +144,24 @@ impl Passes {
             count: runs.last().map_or(0, |all| all[2]),
             versions,
         });
+        Ok(())
+    }
+
+    /// Has rays see media from now on, or none.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn see(&mut self, gpu: &Gpu, media: Option<Sources>) -> Result<(), GpuError> {
+        let media = match media {
+            Some(media) => media,
+            None if self.media.0.directions == 0 => return Ok(()),
+            None => Sources::none(gpu)?,
+        };
+        if self.media.0 != media {
+            let group = media.bind(gpu, &self.shade)?;
+            self.media = (media, group);
+            self.chunks.clear();
+        }
         Ok(())
     }
 
@@ -178,6 +206,7 @@ impl Passes {
             add,
             chunks,
             triangles,
+            media: (media, media_group),
             ..
         } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
@@ -193,7 +222,12 @@ impl Passes {
                 split: settings.split,
                 step: triangles_per_pass(gpu, count << settings.split),
                 sees_only_environment: u32::from(sees_only_environment),
-                padding: [0; 2],
+                media_directions: if sees_only_environment {
+                    0
+                } else {
+                    media.directions
+                },
+                padding: 0,
             });
             all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk, settings.tracer))
                 .collect()
@@ -234,7 +268,7 @@ impl Passes {
                 });
                 frame.compute("ray-tracing.shade", |pass| {
                     let [seen, rays] = &chunk.shade;
-                    let groups = [own, (1, seen), (3, rays)];
+                    let groups = [own, (1, seen), (2, &*media_group), (3, rays)];
                     shade.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
                 });
                 if !sees_only_environment {

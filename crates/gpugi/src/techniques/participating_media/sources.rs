@@ -1,0 +1,43 @@
+//! What along_ray.wesl reads: the light that particles send out.
+
+use super::network::of;
+use crate::gpu::{Gpu, GpuError, Kernel};
+
+/// Sources of particles, and how they are interpolated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sources {
+    /// Directions per particle; 0 without media.
+    pub directions: u32,
+    pub(super) source: wgpu::Buffer,
+    pub(super) neighbours: wgpu::Buffer,
+    pub(super) fields: wgpu::Buffer,
+}
+
+impl Sources {
+    /// To be bound where there are no media.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub fn none(gpu: &Gpu) -> Result<Self, GpuError> {
+        let empty = gpu.buffer("no media", 16, wgpu::BufferUsages::STORAGE)?;
+        Ok(Self {
+            directions: 0,
+            source: empty.clone(),
+            neighbours: empty.clone(),
+            fields: empty,
+        })
+    }
+
+    /// Bind group 2 of a kernel that imports along_ray.wesl.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
+        let resources = [
+            ("source", of(&self.source)),
+            ("neighbours", of(&self.neighbours)),
+            ("fields", of(&self.fields)),
+        ];
+        kernel.bind(gpu, 2, &resources)
+    }
+}
