@@ -159,7 +159,8 @@ fn media_light_surfaces_as_in_the_path_tracer() {
         let technique = "participating-media";
         let all = ["shadow-map", technique];
         let names = if is_glowing { &all[..] } else { &all[1..] };
-        let mut renderer = renderer_of(&gpu, &scene, names, 32, technique, &[]);
+        let settings = ["light-surfaces=1"];
+        let mut renderer = renderer_of(&gpu, &scene, names, 32, technique, &settings);
         let found = measured(&gpu, &scene, &camera, &mut renderer, [16, 256]);
         let error = found.value(Metric::RelMse4).expect("a value");
         let mean = picture(&mut renderer, &camera)

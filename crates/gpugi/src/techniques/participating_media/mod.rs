@@ -66,7 +66,7 @@ crate::settings! {
         /// Points on each view ray at which media are sampled.
         pub steps: u32 = 64 => in_range(1.0, 1024.0),
         /// Rays on which each surface point finds the light that media send to it; 0: they light no surfaces.
-        pub light_surfaces: u32 = 1 => in_range(0.0, 64.0),
+        pub light_surfaces: u32 = 0 => in_range(0.0, 64.0),
         /// Sample points on all area lights together.
         pub area_samples: u32 = 16 => in_range(1.0, 4096.0),
     }
