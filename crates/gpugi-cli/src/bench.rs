@@ -9,6 +9,7 @@ use gpugi::Renderer;
 use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::scene::Edit;
+use gpugi::techniques::Figure;
 use gpugi_scene::Camera;
 
 use crate::output::{median, write_json};
@@ -92,6 +93,8 @@ struct Measured {
     completing: Option<Completing>,
     /// Median GPU milliseconds of each pass, summed over all its parts in a frame, in frames that rebuild maps.
     passes: BTreeMap<String, f64>,
+    /// What the techniques counted in a frame.
+    figures: Vec<OfFrame>,
     /// Median of the total GPU milliseconds of a frame's passes.
     passes_total_ms: f64,
     /// Wall time per frame (ms) with many frames queued and maps rebuilt.
@@ -100,6 +103,30 @@ struct Measured {
     frame_static_ms: f64,
     /// Median CPU time to record and submit a frame (ms), with maps rebuilt.
     cpu_record_ms: f64,
+}
+
+/// A number about a technique's work in a frame.
+#[derive(Debug, serde::Serialize)]
+struct OfFrame {
+    name: String,
+    value: f64,
+    unit: &'static str,
+    /// The number over the time of the pass that does this work.
+    per_second: Option<f64>,
+}
+
+/// Figures and their rates, given the milliseconds of the passes.
+fn of_frame(figures: Vec<Figure>, passes: &BTreeMap<String, f64>) -> Vec<OfFrame> {
+    let figures = figures.into_iter().map(|figure| {
+        let milliseconds = figure.pass.and_then(|pass| passes.get(pass));
+        OfFrame {
+            per_second: milliseconds.map(|milliseconds| figure.value / milliseconds * 1e3),
+            name: figure.name,
+            value: figure.value,
+            unit: figure.unit,
+        }
+    });
+    figures.collect()
 }
 
 /// Time that all maps take from nothing, once pipelines are compiled and texels laid out.
@@ -200,7 +227,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         completing = Some(Completing::measure(&mut renderer, &camera)?);
     }
     let mut moves = 0;
-    let mut frame = |dynamic: bool, timed: bool| {
+    let mut frame = |renderer: &mut Renderer, dynamic: bool, timed: bool| {
         renderer.restart();
         if dynamic && arguments.moving_light {
             moves += 1;
@@ -215,12 +242,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         renderer.render_sample(&camera, 1, Some(&display), timed)
     };
     for _ in 0..3 {
-        frame(true, true)?.wait()?;
+        frame(&mut renderer, true, true)?.wait()?;
     }
     let mut passes: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut totals = Vec::new();
     for _ in 0..arguments.frames {
-        let timings = frame(true, true)?.wait()?;
+        let timings = frame(&mut renderer, true, true)?.wait()?;
         totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
         // A pass may run several times per frame, for example in batches.
         let mut sums = BTreeMap::new();
@@ -236,7 +263,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let started = Instant::now();
         for index in 0..arguments.frames {
             let before = Instant::now();
-            frame(dynamic, false)?;
+            frame(&mut renderer, dynamic, false)?;
             if dynamic {
                 recorded.push(before.elapsed().as_secs_f64() * 1e3);
             }
@@ -250,6 +277,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     };
     let frame_dynamic_ms = wall(true)?;
     let frame_static_ms = wall(false)?;
+    // What the techniques count in one of the frames whose passes were timed.
+    renderer.figures()?;
+    frame(&mut renderer, true, false)?;
+    let figures = renderer.figures()?;
+    let passes = passes.into_iter();
+    let passes: BTreeMap<_, _> = passes.map(|(pass, times)| (pass, median(times))).collect();
     let measured = Measured {
         adapter: gpu.adapter.name.clone(),
         driver: gpu.adapter.driver.clone(),
@@ -260,10 +293,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         moving: arguments.moving,
         moving_light: arguments.moving_light,
         completing,
-        passes: passes
-            .into_iter()
-            .map(|(pass, times)| (pass, median(times)))
-            .collect(),
+        figures: of_frame(figures, &passes),
+        passes,
         passes_total_ms: median(totals),
         frame_dynamic_ms,
         frame_static_ms,
@@ -296,6 +327,18 @@ fn print_table(measured: &Measured) {
         "  {:34} {:9.4} ms GPU",
         "all passes", measured.passes_total_ms
     );
+    for figure in &measured.figures {
+        let OfFrame {
+            name, value, unit, ..
+        } = figure;
+        // Counts have no fraction.
+        let digits = if value.fract() == 0.0 { 0 } else { 2 };
+        let rate = figure
+            .per_second
+            .map(|rate| format!(", {:.3} million per second", rate * 1e-6));
+        let rate = rate.unwrap_or_default();
+        println!("  {name:34} {value:9.digits$} {unit}{rate}");
+    }
     for (name, milliseconds) in [
         (
             match (measured.moving, measured.moving_light) {

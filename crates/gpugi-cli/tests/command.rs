@@ -268,6 +268,53 @@ fn measures_rays_a_second() {
 }
 
 #[test]
+fn measures_what_cones_exclude() {
+    if skip_gpu() {
+        return;
+    }
+    let json = folder("cones").join("cones.json");
+    let output = gpugi(&[
+        "bench",
+        "--technique",
+        "ray-tracing",
+        "--set",
+        "ray-tracing.tracer=cones",
+        "--set",
+        "ray-tracing.bounces=2",
+        "--scene",
+        "ornaments",
+        "--size",
+        "96x64",
+        "--frames",
+        "1",
+        "--json",
+        &json.display().to_string(),
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let json = std::fs::read_to_string(json).expect("the table as JSON");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let figure = |name: &str| {
+        let figures = json["figures"].as_array().expect("figures");
+        let found = figures.iter().find(|figure| figure["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name}")).clone()
+    };
+    let rays = figure("ray-tracing.rays");
+    let generations = ["1", "2"].map(|number| {
+        let name = format!("ray-tracing.rays of generation {number}");
+        figure(&name)["value"].as_f64().expect("a number")
+    });
+    assert!(generations[1] > 0.0 && generations[0] > generations[1]);
+    assert_eq!(rays["value"], generations[0] + generations[1]);
+    assert!(rays["per_second"].as_f64().expect("a rate") > 0.0);
+    let culled = figure("ray-tracing.culled by cones")["value"].as_f64();
+    assert!(culled.is_some_and(|share| share > 10.0 && share < 100.0));
+}
+
+#[test]
 fn measures_edits() {
     if skip_gpu() {
         return;

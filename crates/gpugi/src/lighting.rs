@@ -18,7 +18,7 @@ use crate::prefiltered::Environments;
 use crate::scene::{Claims, GpuScene, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
-use crate::techniques::{Earlier, Generated, Inspection, Map, Plan, Registry, Technique};
+use crate::techniques::{Earlier, Figure, Generated, Inspection, Map, Plan, Registry, Technique};
 
 /// Lighting that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -496,6 +496,18 @@ impl Lighting {
         self.techniques
             .iter()
             .map(|technique| (technique.info().name, technique.inspect()))
+    }
+
+    /// Numbers about the techniques' work since the last call. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn figures(&mut self) -> Result<Vec<Figure>, GpuError> {
+        let mut all = Vec::new();
+        for technique in &mut self.techniques {
+            all.extend(technique.figures(&self.gpu)?);
+        }
+        Ok(all)
     }
 }
 

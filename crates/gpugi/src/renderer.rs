@@ -22,7 +22,7 @@ use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
-use crate::techniques::{Inspection, Map, Registry, Technique};
+use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
 use tiles::{Tile, tiles};
 
 /// Renders one scene with a set of techniques at one size.
@@ -602,6 +602,14 @@ impl Renderer {
     /// What exists of each technique on the GPU, with its name.
     pub fn inspect(&self) -> impl Iterator<Item = (&'static str, Inspection)> {
         self.lighting.inspect()
+    }
+
+    /// Numbers about the techniques' work since the last call. Waits for the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn figures(&mut self) -> Result<Vec<Figure>, GpuError> {
+        self.lighting.figures()
     }
 
     /// Bytes that techniques hold to make their maps.

@@ -135,6 +135,39 @@ pub struct Inspection {
     pub warnings: Vec<String>,
 }
 
+/// A number about a technique's work, for measurements.
+#[derive(Debug, Clone)]
+pub struct Figure {
+    /// What it is of: the technique, a dot, and a few words.
+    pub name: String,
+    /// The number.
+    pub value: f64,
+    /// Its unit.
+    pub unit: &'static str,
+    /// The pass that does this work, whose time makes the number a rate.
+    pub pass: Option<&'static str>,
+}
+
+impl Figure {
+    /// A number that no time divides.
+    pub fn new(name: &str, value: f64, unit: &'static str) -> Self {
+        Self {
+            name: name.to_owned(),
+            value,
+            unit,
+            pass: None,
+        }
+    }
+
+    /// The same, with the pass that does this work.
+    pub fn by(self, pass: &'static str) -> Self {
+        Self {
+            pass: Some(pass),
+            ..self
+        }
+    }
+}
+
 /// A technique. In each frame [`crate::lighting::Lighting`] calls `generate` of all techniques in the registry's order,
 /// then `gather` of all techniques for each receiver.
 pub trait Technique: std::fmt::Debug + Any + Send + Sync {
@@ -199,6 +232,14 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// Its resources on the GPU.
     fn inspect(&self) -> Inspection {
         Inspection::default()
+    }
+
+    /// Numbers about its work since the last call, counted on the GPU. Waits for the GPU; for measurements.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    fn figures(&mut self, _gpu: &Gpu) -> Result<Vec<Figure>, GpuError> {
+        Ok(Vec::new())
     }
 
     /// Saving and resuming, for techniques whose maps take long.

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// `Rays` of rays.wesl, excluding its rows. What comes before `pairs` is zero when a chunk begins.
+/// `Rays` of rays.wesl, excluding its rows. What comes before `capacity` is zero when a chunk begins.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Header {
@@ -11,9 +11,18 @@ pub struct Header {
     pub generation: u32,
     pub listed: u32,
     pub triangle: u32,
-    pub pairs: u32,
-    pub pairs_left: u32,
     pub capacity: u32,
+    pub counted: Counted,
+    pub padding: [u32; 2],
+}
+
+/// `Counted` of rays.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct Counted {
+    pub pairs: [u32; 2],
+    pub pairs_left: [u32; 2],
+    pub rays: [u32; 16],
 }
 
 /// `Chunk` of rays.wesl.

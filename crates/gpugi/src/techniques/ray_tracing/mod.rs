@@ -10,9 +10,9 @@ mod passes;
 mod tests;
 
 use super::participating_media::ParticipatingMedia;
-use super::{Earlier, Generated, Info, Inspection, Plan, Technique, distance_impostor};
+use super::{Earlier, Figure, Generated, Info, Inspection, Plan, Technique, distance_impostor};
 use crate::capture::{Output, Receiver, View};
-use crate::gpu::{Frame, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
@@ -86,8 +86,6 @@ pub struct RayTracing {
     passes: Option<Passes>,
     /// With which constants, and for which tracer, the passes are compiled.
     compiled_for: Option<([(&'static str, f64); 2], Tracer)>,
-    /// Whether `cones` counts the pairs of tiles and triangles that it tests.
-    counts_pairs: bool,
     /// Most rays in flight, if not [`MOST_RAYS`].
     most_rays: Option<u64>,
 }
@@ -171,8 +169,7 @@ impl Technique for RayTracing {
         let [of_rays] = scene.ray_constants();
         let wanted = Some(([of_rays, scene.media_constant()], self.settings.tracer));
         if self.has_objects && self.compiled_for != wanted {
-            let counts = self.counts_pairs;
-            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings, counts)?);
+            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings)?);
             self.compiled_for = wanted;
         }
         if let Some(passes) = &mut self.passes {
@@ -214,5 +211,10 @@ impl Technique for RayTracing {
             warnings: Vec::from_iter((triangles > MOST_TRIANGLES).then_some(warning)),
             ..Inspection::default()
         }
+    }
+
+    fn figures(&mut self, gpu: &Gpu) -> Result<Vec<Figure>, GpuError> {
+        let figures = self.passes.as_ref().map(|passes| passes.figures(gpu));
+        figures.unwrap_or_else(|| Ok(Vec::new()))
     }
 }

@@ -1,15 +1,17 @@
 //! The passes of a gather: rays from a receiver's points, generation by generation. Nothing is read back; the GPU sets
 //! the number of workgroups of each generation.
 
+use bytemuck::Zeroable;
+
 use super::{SeenEnvironment, Settings, Tracer, gpu};
 use crate::capture::{
     Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
 };
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::Earlier;
 use crate::techniques::participating_media::Sources;
+use crate::techniques::{Earlier, Figure};
 
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
 const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
@@ -22,7 +24,7 @@ const MOST_TESTS_IN_SOFTWARE: u64 = 1 << 25;
 /// `ROW_OF_POINTS` of plan.wesl.
 const ROW_OF_POINTS: u32 = 1024;
 /// Bytes of the header that are zero when a chunk begins.
-const COUNTERS: u64 = std::mem::offset_of!(gpu::Header, pairs) as u64;
+const COUNTERS: u64 = std::mem::offset_of!(gpu::Header, capacity) as u64;
 
 /// The compiled passes, and the rays in flight.
 #[derive(Debug)]
@@ -76,25 +78,16 @@ struct Chunk {
 }
 
 impl Passes {
-    /// Compiles the passes. `counts`: `cones` counts the pairs that it tests.
+    /// Compiles the passes.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        settings: &Settings,
-        counts: bool,
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let layout = Some(&scene.layout);
-        let mut constants = vec![("LOWEST_WINS", 1.0)];
         let trace = match settings.tracer {
             Tracer::Bvh => shader!("techniques.ray_tracing.bvh"),
             Tracer::Engine => shader!("techniques.ray_tracing.engine"),
-            Tracer::Cones => {
-                constants.push(("COUNT_PAIRS", f64::from(u8::from(counts))));
-                shader!("techniques.ray_tracing.cones")
-            }
+            Tracer::Cones => shader!("techniques.ray_tracing.cones"),
         };
         let plan = shader!("techniques.ray_tracing.plan");
         let [begin, add] = [
@@ -113,7 +106,7 @@ impl Passes {
             begin: begin?,
             plan: Kernel::new(gpu, &plan, "main", None)?,
             advance: Kernel::new(gpu, &plan, "advance", None)?,
-            trace: scene.ray_kernel(gpu, &trace, &constants)?,
+            trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
             media: (no_media.clone(), no_media.bind(gpu, &shade)?),
             shade,
             add: add?,
@@ -284,6 +277,37 @@ impl Passes {
         Ok(())
     }
 
+    /// Rays, the bytes that they take in each generation, and the share of pairs of a tile and a triangle that cones
+    /// exclude, since the last call.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn figures(&self, gpu: &Gpu) -> Result<Vec<Figure>, GpuError> {
+        let Some(in_flight) = &self.in_flight else {
+            return Ok(Vec::new());
+        };
+        let counted = in_flight.counted(gpu)?;
+        let all = counted.rays.map(f64::from).iter().sum();
+        let mut figures =
+            vec![Figure::new("ray-tracing.rays", all, "rays").by("ray-tracing.trace")];
+        let bytes_per_ray = in_flight.bytes() / u64::from(in_flight.capacity);
+        let generations = counted.rays.iter().take(self.settings.bounces as usize);
+        for (index, &rays) in generations.enumerate() {
+            let name = format!("ray-tracing.rays of generation {}", index + 1);
+            figures.push(Figure::new(&name, f64::from(rays), "rays"));
+            let name = format!("ray-tracing.bytes of generation {}", index + 1);
+            let bytes = u64::from(rays) * bytes_per_ray;
+            figures.push(Figure::new(&name, bytes as f64, "bytes"));
+        }
+        let [pairs, left] = [counted.pairs, counted.pairs_left]
+            .map(|[low, high]| f64::from(high) * 2_f64.powi(32) + f64::from(low));
+        if pairs > 0.0 {
+            let share = 100.0 * (1.0 - left / pairs);
+            figures.push(Figure::new("ray-tracing.culled by cones", share, "%"));
+        }
+        Ok(figures)
+    }
+
     /// Memory of the rays in flight (bytes).
     pub fn bytes(&self) -> u64 {
         self.in_flight.as_ref().map_or(0, InFlight::bytes)
@@ -319,7 +343,7 @@ impl InFlight {
         let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
         let header = gpu::Header {
             capacity,
-            ..bytemuck::Zeroable::zeroed()
+            ..gpu::Header::zeroed()
         };
         gpu.write(&rays, 0, &[header]);
         let view = gpu.buffer(
@@ -419,6 +443,15 @@ impl InFlight {
             ],
             values,
         })
+    }
+
+    /// What the passes have counted, which begins anew.
+    fn counted(&self, gpu: &Gpu) -> Result<gpu::Counted, GpuError> {
+        let size = size_of::<gpu::Header>() as u64;
+        let header: Vec<gpu::Header> = read_buffer(gpu, &self.rays, size)?;
+        let place = std::mem::offset_of!(gpu::Header, counted) as u64;
+        gpu.write(&self.rays, place, &[gpu::Counted::zeroed()]);
+        Ok(header[0].counted)
     }
 
     fn bytes(&self) -> u64 {

@@ -289,30 +289,55 @@ fn cones_enclose_their_rays() {
     }
 }
 
-/// The share of pairs of a tile and a triangle that cones exclude.
+/// The share of pairs of a tile and a triangle that cones exclude (percent).
 fn culled(gpu: &Gpu, shown: Shown, triangles: u32, bounces: &str) -> f64 {
     let scene = scene(shown, triangles, 1);
     let settings = [("tracer", "cones"), ("bounces", bounces)];
     let mut renderer = renderer(gpu, &scene, [128, 128], &settings);
-    let counts = renderer.change(|technique: &mut RayTracing| technique.counts_pairs = true);
-    counts.unwrap();
     let camera = Camera::look_at("", Vec3::Z * 1.2, Vec3::ZERO, 0.9);
     renderer.render_sample(&camera, 1, None, false).unwrap();
-    let mut share = 0.0;
-    let look = |technique: &mut RayTracing| {
-        let in_flight = technique
-            .passes
-            .as_ref()
-            .unwrap()
-            .in_flight
-            .as_ref()
-            .unwrap();
-        let size = size_of::<gpu::Header>() as u64;
-        let header: Vec<gpu::Header> = read_buffer(gpu, &in_flight.rays, size).unwrap();
-        share = 1.0 - f64::from(header[0].pairs_left) / f64::from(header[0].pairs.max(1));
-    };
-    renderer.change(look).unwrap();
-    share
+    figures(&mut renderer, ["culled by cones"])[0]
+}
+
+/// The figures of these names, about the samples since the last question.
+fn figures<const N: usize>(renderer: &mut Renderer, names: [&str; N]) -> [f64; N] {
+    let all = renderer.figures().unwrap();
+    names.map(|name| {
+        let name = format!("{}.{name}", INFO.name);
+        all.iter().find(|one| one.name == name).unwrap().value
+    })
+}
+
+/// Each pixel of a mirror that fills the picture has one ray, in chunks as well, and none goes on from the sky.
+#[test]
+fn rays_are_counted() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::new("mirror");
+    let mesh = scene.add_mesh(quad(
+        vec3(-5.0, -5.0, 0.0),
+        Vec3::X * 10.0,
+        Vec3::Y * 10.0,
+        1,
+    ));
+    let material = scene.add_material(Material::metal("mirror", Vec3::ONE, 0.0));
+    scene.add_instance("mirror", mesh, material, Mat4::IDENTITY);
+    scene.environment = Some(Environment::default_sky());
+    let settings = [("bounces", "2"), ("tracer", "cones")];
+    let mut renderer = renderer(&gpu, &scene, [64, 48], &settings);
+    let few = renderer.change(|technique: &mut RayTracing| technique.most_rays = Some(1024));
+    few.unwrap();
+    let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 0.9);
+    for _ in 0..2 {
+        renderer.render_sample(&camera, 1, None, false).unwrap();
+        let names = [
+            "rays",
+            "rays of generation 1",
+            "bytes of generation 1",
+            "rays of generation 2",
+        ];
+        let expected = [3072.0, 3072.0, 3072.0 * 204.0, 0.0];
+        assert_eq!(figures(&mut renderer, names), expected);
+    }
 }
 
 /// `cargo test -p gpugi --lib culling -- --ignored --nocapture` prints the table of docs/techniques/ray-tracing.md.
@@ -328,8 +353,7 @@ fn culling_rates() {
     ];
     for (name, shown) in all {
         for triangles in [100, 1_000, 10_000] {
-            let [one, four] =
-                ["1", "4"].map(|bounces| 100.0 * culled(&gpu, shown, triangles, bounces));
+            let [one, four] = ["1", "4"].map(|bounces| culled(&gpu, shown, triangles, bounces));
             println!("| {name} | {triangles} | {one:.1} % | {four:.1} % |");
         }
     }
