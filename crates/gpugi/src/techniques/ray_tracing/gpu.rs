@@ -20,8 +20,8 @@ pub struct Header {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Counted {
-    pub pairs: [u32; 2],
-    pub pairs_left: [u32; 2],
+    pub tests: [u32; 2],
+    pub tests_left: [u32; 2],
     pub rays: [u32; 16],
 }
 

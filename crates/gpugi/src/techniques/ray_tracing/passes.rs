@@ -277,8 +277,8 @@ impl Passes {
         Ok(())
     }
 
-    /// Rays, the bytes that they take in each generation, and the share of pairs of a tile and a triangle that cones
-    /// exclude, since the last call.
+    /// Rays, the bytes that they take in each generation, and the share of tests against triangles that cones
+    /// spare, since the last call.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -299,10 +299,10 @@ impl Passes {
             let bytes = u64::from(rays) * bytes_per_ray;
             figures.push(Figure::new(&name, bytes as f64, "bytes"));
         }
-        let [pairs, left] = [counted.pairs, counted.pairs_left]
+        let [tests, left] = [counted.tests, counted.tests_left]
             .map(|[low, high]| f64::from(high) * 2_f64.powi(32) + f64::from(low));
-        if pairs > 0.0 {
-            let share = 100.0 * (1.0 - left / pairs);
+        if tests > 0.0 {
+            let share = 100.0 * (1.0 - left / tests);
             figures.push(Figure::new("ray-tracing.culled by cones", share, "%"));
         }
         Ok(figures)
