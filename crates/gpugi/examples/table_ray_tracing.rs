@@ -222,7 +222,7 @@ struct Measured {
     /// Wall time, with frames queued (ms).
     frame: f64,
     rays: f64,
-    /// Share of pairs of a tile and a triangle that cones exclude (percent).
+    /// Share of tests against triangles that cones spare (percent).
     culled: Option<f64>,
 }
 

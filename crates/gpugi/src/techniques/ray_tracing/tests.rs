@@ -174,7 +174,7 @@ fn hits(gpu: &Gpu, scene: &Scene, tracer: &str) -> Vec<[u32; 4]> {
 #[test]
 fn all_tracers_find_the_same_hits() {
     let Some(gpu) = test_gpu() else { return };
-    for shown in [Shown::MirrorBall, Shown::FlatMirror] {
+    for shown in [Shown::MirrorBall, Shown::FlatMirror, Shown::GlassBall] {
         let scene = scene(shown, 6_000, 3);
         let expected = hits(&gpu, &scene, "bvh");
         let hit = |found: &&[u32; 4]| found[1] != u32::MAX && found[0] != 0;
@@ -289,7 +289,7 @@ fn cones_enclose_their_rays() {
     }
 }
 
-/// The share of pairs of a tile and a triangle that cones exclude (percent).
+/// The share of tests against triangles that cones spare (percent).
 fn culled(gpu: &Gpu, shown: Shown, triangles: u32, bounces: &str) -> f64 {
     let scene = scene(shown, triangles, 1);
     let settings = [("tracer", "cones"), ("bounces", bounces)];
@@ -306,6 +306,14 @@ fn figures<const N: usize>(renderer: &mut Renderer, names: [&str; N]) -> [f64; N
         let name = format!("{}.{name}", INFO.name);
         all.iter().find(|one| one.name == name).unwrap().value
     })
+}
+
+/// Neighbours in glass are reflected or refracted by chance: one cone around both would exclude little.
+#[test]
+fn cones_tell_reflected_rays_from_refracted_ones() {
+    let Some(gpu) = test_gpu() else { return };
+    let share = culled(&gpu, Shown::GlassBall, 1_000, "1");
+    assert!(share > 75.0, "{share} %");
 }
 
 /// Each pixel of a mirror that fills the picture has one ray, in chunks as well, and none goes on from the sky.
