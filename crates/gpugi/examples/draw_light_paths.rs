@@ -2,7 +2,8 @@
 //! local illumination only. `cargo run -p gpugi --example draw_light_paths` writes
 //! `docs/images/light-path-map-chamber.png`, or into the folder given as argument. With `table` and a scene (`room`,
 //! `cornell` or `chamber`) as the arguments it prints errors against the path tracer instead, with a light at twelve
-//! places; the settings may follow, one case per argument: `table cornell "panes=32" "entries=1024 clusters=128"`.
+//! places, or `places=6`; the settings may follow, one case per argument: `table cornell places=6 "panes=32"
+//! "entries=1024 clusters=128"`.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -205,10 +206,11 @@ fn table(
     name: &str,
     way: [Vec3; 2],
     target: Vec3,
+    count: u32,
     cases: &[String],
 ) -> Result<(), Box<dyn Error>> {
     let scene = lit_by_points(name)?;
-    let lights = places(&scene, way, target, PLACES);
+    let lights = places(&scene, way, target, count);
     let truths = lights.iter().map(|light| truth(gpu, &scene, light));
     let truths = truths.collect::<Result<Vec<_>, _>>()?;
     let camera = &scene.cameras[0];
@@ -268,10 +270,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => return Err("table needs room, cornell or chamber".into()),
         };
         let mut cases: Vec<String> = std::env::args().skip(3).collect();
+        let mut count = PLACES;
+        if let Some(places) = cases.first().and_then(|case| case.strip_prefix("places=")) {
+            count = places.parse()?;
+            cases.remove(0);
+        }
         if cases.is_empty() {
             cases = vec![String::new()];
         }
-        return table(&gpu, &name, way, target, &cases);
+        return table(&gpu, &name, way, target, count, &cases);
     }
     let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/images");
     let folder = argument.map_or(images, PathBuf::from);

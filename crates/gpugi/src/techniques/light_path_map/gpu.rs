@@ -23,6 +23,8 @@ pub struct Work {
     pub reach: f32,
     pub entry_area: f32,
     pub first_word: u32,
+    pub map_resolution: u32,
+    pub continues: u32,
 }
 
 /// `Site` of light_path.wesl.
@@ -65,6 +67,9 @@ pub const VIRTUAL_LIGHT_BYTES: u64 = 32;
 
 /// Bytes of a near surface of a texel.
 pub const NEAR_BYTES: u64 = 8;
+
+/// `RUN` of light_path.wesl.
+pub const RUN: u32 = 8;
 
 /// Texels per side of a tile of sum.wesl.
 pub const TILE: u32 = 8;

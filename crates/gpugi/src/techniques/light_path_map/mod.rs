@@ -29,7 +29,7 @@ use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use maps::LightPathMaps;
-pub use settings::{Clustering, Settings, Store};
+pub use settings::{Clustering, Settings, Store, Visibility};
 
 /// Light paths of any length.
 const ALL: &str = "LDD+E";

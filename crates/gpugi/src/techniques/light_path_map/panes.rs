@@ -11,7 +11,7 @@ use gpugi_scene::LightPathPanes;
 use super::entries::COLUMN;
 use super::entry_points::EntryPoints;
 use super::gpu::{Choice, LANES, NEAR_BYTES, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
-use super::{Settings, Store, unfit};
+use super::{Settings, Store, Visibility, unfit};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, Shader, read_buffer};
 use crate::scene::GpuScene;
@@ -25,6 +25,12 @@ const LIGHTS_PER_WALK: u64 = 3;
 
 /// Entry points whose distance to a texel takes about as long as a ray.
 const COMPARED_PER_RAY: u64 = 64;
+
+/// Texels that a virtual light's depth map is looked up for in about the time of a ray.
+const LOOKED_UP_PER_RAY: u64 = 8;
+
+/// Bytes of depth maps that are kept at once, roughly.
+const MAP_BYTES: u64 = 1 << 26;
 
 /// The geometric term is bounded so that no virtual light within this many times the distance between entry points
 /// brightens a texel more than one at that distance.
@@ -50,6 +56,7 @@ struct Kernels {
     owners: Kernel,
     near: Kernel,
     walks: Kernel,
+    depth_maps: Kernel,
     light: Kernel,
     add_near: Kernel,
     store: Kernel,
@@ -68,6 +75,9 @@ pub(super) struct Panes {
     corners: wgpu::BindGroup,
     pub points: EntryPoints,
     lights: wgpu::Buffer,
+    /// Depth maps of the virtual lights of `mapped_at_once` entry points.
+    depths: wgpu::Buffer,
+    mapped_at_once: u32,
     /// The cluster of each texel, `NOTHING` where it has no point.
     pub owners: wgpu::Buffer,
     /// Area of each texel (m^2), 0 where it has no point.
@@ -110,6 +120,18 @@ impl Panes {
         let entries = u64::from(settings.entries);
         let of_cluster = entries.div_ceil(settings.clusters.into());
         let rays = of_cluster * (1 + LIGHTS_PER_WALK * u64::from(settings.walks));
+        let map = u64::from(settings.map_resolution).pow(2) * 4;
+        let (rays, depths, mapped_at_once) = match settings.visibility {
+            Visibility::Rays => (rays, 4, u32::MAX),
+            Visibility::Maps => {
+                let at_once = (MAP_BYTES / (per_entry * map)).clamp(1, entries);
+                (
+                    rays / LOOKED_UP_PER_RAY,
+                    at_once * per_entry * map,
+                    at_once as u32,
+                )
+            }
+        };
         let at_once = (RAYS_OF_STEP / rays.max(settings.near_rays.into())).clamp(64, 1 << 20);
         let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
             let count = piece.points.count;
@@ -128,6 +150,8 @@ impl Panes {
                 entries * per_entry,
                 VIRTUAL_LIGHT_BYTES,
             )?,
+            depths: buffer("depth maps [bytes]", 1, depths)?,
+            mapped_at_once,
             owners: buffer("clusters of texels [bytes]", texels.into(), 4)?,
             areas: buffer("areas of texels [bytes]", texels.into(), 4)?,
             near: buffer(
@@ -179,7 +203,11 @@ impl Panes {
     pub fn work_bytes(&self) -> u64 {
         let lit = self.lit.iter().map(wgpu::Buffer::size).sum::<u64>();
         let of_texels = self.owners.size() + self.areas.size() + self.near.size();
-        lit + self.lights.size() + of_texels + self.energies.size() + self.points.bytes()
+        lit + self.lights.size()
+            + self.depths.size()
+            + of_texels
+            + self.energies.size()
+            + self.points.bytes()
     }
 
     /// Steps until all panes are done: entry points and walks; per tile owners and near surfaces; per cluster and tile
@@ -237,6 +265,7 @@ impl Panes {
             bound: 1.0 / (reach * reach),
             reach,
             entry_area: entries.area,
+            map_resolution: self.settings.map_resolution,
             ..Work::zeroed()
         }
     }
@@ -417,13 +446,19 @@ impl Kernels {
     fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let plain = |shader| Kernel::new(gpu, &shader, "main", None);
         let of_panes = |shader| of_panes(gpu, shader, settings);
+        let with_maps = settings.visibility == Visibility::Maps;
         let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
         Ok(Self {
             columns: tracing(shader!("techniques.light_path_map.columns"))?,
             owners: plain(shader!("techniques.light_path_map.owners"))?,
             near: tracing(shader!("techniques.light_path_map.near"))?,
             walks: tracing(shader!("techniques.light_path_map.walks"))?,
-            light: tracing(shader!("techniques.light_path_map.light"))?,
+            depth_maps: tracing(shader!("techniques.light_path_map.depth_maps"))?,
+            light: scene.ray_kernel(
+                gpu,
+                &shader!("techniques.light_path_map.light"),
+                &[("MAPS", f64::from(u8::from(with_maps)))],
+            )?,
             add_near: plain(shader!("techniques.light_path_map.add_near"))?,
             store: of_panes(&shader!("techniques.light_path_map.store"))?,
             energy: of_panes(&shader!("techniques.light_path_map.energy"))?,

@@ -14,6 +14,16 @@ crate::choices! {
 }
 
 crate::choices! {
+    /// How it is found which texels a virtual light sees.
+    pub enum Visibility {
+        /// By a shadow ray from each texel.
+        Rays = "rays",
+        /// By a depth map of the light's hemisphere.
+        Maps = "maps",
+    }
+}
+
+crate::choices! {
     /// What a texel of a pane takes.
     pub enum Store {
         /// 4 bytes: three channels with a shared exponent.
@@ -54,6 +64,11 @@ crate::settings! {
         pub panes: u32 = 0 => in_range(0.0, 1024.0),
         /// Part of a tile's light that may be in the wrong place in it, for fewer panes.
         pub left_out: f32 = 0.005 => in_range(0.0, 1.0),
+        /// How it is found which texels a virtual light sees: rays, by a shadow ray from each texel; maps, by a depth map
+        /// of the light's hemisphere.
+        pub visibility: Visibility = Visibility::Rays => any(),
+        /// Side of these depth maps.
+        pub map_resolution: u32 = 64 => in_range(8.0, 128.0).unit("texels"),
         /// Short rays per texel, for the light of near surfaces.
         pub near_rays: u32 = 32 => in_range(1.0, 256.0),
         /// Side of the atlas's pages.
@@ -89,6 +104,7 @@ impl Settings {
             settings.clustering = Clustering::Kmeans;
             settings.store = Store::Rgb9e5;
             // No ray is traced.
+            settings.visibility = Visibility::Rays;
             settings.walks = 1;
             settings.near_rays = 1;
         }

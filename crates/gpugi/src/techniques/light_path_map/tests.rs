@@ -208,6 +208,41 @@ fn one_reflection_between_squares_is_their_form_factor() {
     assert!(mean.abs() < 0.01 && worst < 0.02, "{mean} {worst}");
 }
 
+/// The irradiance of texels by depth maps is that by rays, but for texels at the edges of shadows.
+#[test]
+fn depth_maps_see_what_rays_see() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut with_obstacle = closed_box(0.6);
+    let block = cuboid(vec3(-0.6, 0.3, -0.6), vec3(0.5, 0.6, 0.4), 1);
+    let mesh = with_obstacle.add_mesh(block);
+    let material = with_obstacle.add_material(Material::matt("dark", Vec3::splat(0.2)));
+    with_obstacle.add_instance("", mesh, material, Mat4::IDENTITY);
+    for (name, scene) in [("box", closed_box(0.6)), ("obstacle", with_obstacle)] {
+        // Some panes, so that shadows show.
+        let [by_rays, by_maps] = ["rays", "maps"].map(|visibility| {
+            let settings = [
+                ("entries", "256"),
+                ("clusters", "8"),
+                ("visibility", visibility),
+            ];
+            let solver = Solver::new(&gpu, &scene, &settings).solve();
+            let texels = solver.technique.made.as_ref().unwrap().panes.texels as usize;
+            let areas: Vec<f32> = solver.points().iter().map(|point| point.area).collect();
+            let panes = solver.words()[..8 * texels].to_vec();
+            let lit = panes.iter().zip(areas.iter().cycle());
+            lit.map(|(&word, area)| area * red(word))
+                .collect::<Vec<_>>()
+        });
+        let total: f32 = by_rays.iter().sum();
+        let more = by_maps.iter().sum::<f32>() / total - 1.0;
+        let pairs = by_rays.iter().zip(&by_maps);
+        let off = pairs.map(|(a, b)| (a - b).abs()).sum::<f32>() / total;
+        println!("{name}: {more} more, off by {off}");
+        assert!(more.abs() < 0.01, "{name}: {more}");
+        assert!(off < 0.02, "{name}: {off}");
+    }
+}
+
 #[test]
 fn entry_points_are_spread_by_area_and_clustered_by_place_and_side() {
     let large = quad(vec3(0.0, 0.0, 0.0), Vec3::X * 3.0, Vec3::NEG_Z, 1);

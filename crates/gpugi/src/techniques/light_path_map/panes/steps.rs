@@ -5,9 +5,9 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 
 use super::super::entries::{COLUMN, Entry};
-use super::super::gpu::{Site, Work};
-use super::super::{Clustering, Settings};
-use super::{COMPARED_PER_RAY, Columns, LIGHTS_PER_WALK, NEAR_BOUNCES, Panes};
+use super::super::gpu::{RUN, Site, Work};
+use super::super::{Clustering, Settings, Visibility};
+use super::{COMPARED_PER_RAY, Columns, LIGHTS_PER_WALK, LOOKED_UP_PER_RAY, NEAR_BOUNCES, Panes};
 
 impl Panes {
     /// Clusters the entry points by transfer, if that is wanted. Returns the rays of this step until that is done: the
@@ -166,7 +166,8 @@ impl Panes {
         Ok(u64::from(count) * (rays + compared))
     }
 
-    /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`.
+    /// Light of a cluster's virtual lights at a tile's texels: pass `light-path-map.light`, after
+    /// `light-path-map.depth-maps` if these tell what is visible.
     pub(super) fn light(
         &self,
         frame: &mut Frame<'_>,
@@ -176,34 +177,80 @@ impl Panes {
         tile: usize,
     ) -> Result<u64, GpuError> {
         let gpu = frame.gpu;
-        let (work, piece) = self.tile(capture, tile);
+        let (of_tile, piece) = self.tile(capture, tile);
+        let count = of_tile.end_point - of_tile.first_point;
         let firsts = &self.points.entries.firsts;
-        let work = Work {
-            cluster,
-            first_entry: firsts[cluster as usize],
-            end_entry: firsts[cluster as usize + 1],
-            ..work
+        let [first, end] = [0, 1].map(|next| firsts[cluster as usize + next]);
+        let batches = (end - first).div_ceil(self.mapped_at_once).max(1);
+        let mut rays = 0;
+        for batch in 0..batches {
+            let first_entry = first + batch * self.mapped_at_once;
+            let work = Work {
+                cluster,
+                first_entry,
+                end_entry: end.min(first_entry.saturating_add(self.mapped_at_once)),
+                continues: (batch > 0).into(),
+                ..of_tile
+            };
+            let uniform = gpu.uniform("light path map", &work)?;
+            // Maps that are all there serve the tiles that follow, too.
+            if self.settings.visibility == Visibility::Maps && (tile == 0 || batches > 1) {
+                rays += self.map_depths(frame, scene, &work, &uniform)?;
+            }
+            let kernel = &self.kernels.light;
+            let from = [
+                ("work", uniform.as_entire_binding()),
+                ("points", piece.points.points.as_entire_binding()),
+            ];
+            let to = [
+                ("lights", self.lights.as_entire_binding()),
+                ("owners", self.owners.as_entire_binding()),
+                ("lit", self.lit[0].as_entire_binding()),
+                ("depths", self.depths.as_entire_binding()),
+            ];
+            let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
+            frame.compute("light-path-map.light", |pass| {
+                let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
+                kernel.dispatch(pass, &groups, [count, 1, 1]);
+            });
+        }
+        let per_light = match self.settings.visibility {
+            Visibility::Rays => u64::from(count),
+            Visibility::Maps => u64::from(count) / LOOKED_UP_PER_RAY,
         };
-        let count = work.end_point - work.first_point;
+        Ok(rays + per_light * u64::from(end - first) * self.lights_per_entry())
+    }
+
+    /// Virtual lights of an entry point, roughly.
+    fn lights_per_entry(&self) -> u64 {
+        1 + LIGHTS_PER_WALK * u64::from(self.settings.walks)
+    }
+
+    /// Depth maps of the virtual lights of some entry points, and the number of rays, roughly: pass
+    /// `light-path-map.depth-maps`.
+    fn map_depths(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        work: &Work,
+        uniform: &wgpu::Buffer,
+    ) -> Result<u64, GpuError> {
+        let gpu = frame.gpu;
+        let kernel = &self.kernels.depth_maps;
         let entries = work.end_entry - work.first_entry;
-        let work = gpu.uniform("light path map", &work)?;
-        let kernel = &self.kernels.light;
+        let texels = work.map_resolution * work.map_resolution;
+        let slots = entries * (1 + work.walks * work.depth);
         let from = [
-            ("work", work.as_entire_binding()),
-            ("points", piece.points.points.as_entire_binding()),
-        ];
-        let to = [
+            ("work", uniform.as_entire_binding()),
             ("lights", self.lights.as_entire_binding()),
-            ("owners", self.owners.as_entire_binding()),
-            ("lit", self.lit[0].as_entire_binding()),
         ];
-        let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
-        frame.compute("light-path-map.light", |pass| {
+        let from = kernel.bind(gpu, 1, &from)?;
+        let to = kernel.bind(gpu, 3, &[("depths", self.depths.as_entire_binding())])?;
+        frame.compute("light-path-map.depth-maps", |pass| {
             let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            kernel.dispatch(pass, &groups, [count, 1, 1]);
+            kernel.dispatch(pass, &groups, [slots * texels.div_ceil(RUN), 1, 1]);
         });
-        let per_entry = 1 + LIGHTS_PER_WALK * u64::from(self.settings.walks);
-        Ok(u64::from(count) * u64::from(entries) * per_entry)
+        Ok(u64::from(entries) * self.lights_per_entry() * u64::from(texels))
     }
 
     /// Adds the light of near surfaces and stores the pane: passes `light-path-map.add-near` and
