@@ -360,6 +360,8 @@ pub fn keys(ui: &mut Ui) {
             ("double click", "turn there, and orbit around it"),
             ("R", "back to where the camera stood"),
             ("space", "play or pause the animation"),
+            ("T", "the path tracer beside the picture, or not"),
+            ("F2, F3, F4", "save the view, a PNG, an EXR"),
         ] {
             ui.horizontal(|ui| {
                 ui.strong(keys);
