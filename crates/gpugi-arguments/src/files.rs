@@ -21,19 +21,21 @@ impl Files {
         self.0.insert(name, bytes.into());
     }
 
-    /// What is to be opened: a scene, or else an image.
+    /// What is to be opened: a view file, which names its scene, or else a scene, or else an image.
     pub fn main(&self) -> Option<&str> {
-        let scene = self.0.keys().find(|name| is_scene(Path::new(name)));
-        scene.or_else(|| self.0.keys().next()).map(String::as_str)
+        let first = |extensions: &[&str]| self.0.keys().find(|name| is_one_of(name, extensions));
+        let named = first(&["json"]).or_else(|| first(&["gltf", "glb", "obj", "ply"]));
+        named.or_else(|| self.0.keys().next()).map(String::as_str)
     }
 }
 
-/// Whether a file's extension is that of a scene.
-fn is_scene(file: &Path) -> bool {
-    let extension = file.extension().unwrap_or_default().to_string_lossy();
-    ["gltf", "glb", "obj", "ply"]
+/// Whether a file's extension is one of `extensions`.
+fn is_one_of(file: &str, extensions: &[&str]) -> bool {
+    let extension = Path::new(file).extension();
+    let extension = extension.unwrap_or_default().to_string_lossy();
+    extensions
         .iter()
-        .any(|scene| extension.eq_ignore_ascii_case(scene))
+        .any(|one| extension.eq_ignore_ascii_case(one))
 }
 
 impl Resolver for Files {
@@ -54,6 +56,19 @@ mod tests {
         "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
         "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"uri":"data/positions.bin","byteLength":36}]}"#;
+
+    #[test]
+    fn a_view_file_goes_before_its_scene_and_that_before_images() {
+        let mut files = Files::default();
+        for name in ["a.hdr", "b.GLB", "c.JSON"] {
+            files.insert(name.into(), Vec::new());
+        }
+        assert_eq!(files.main(), Some("c.JSON"));
+        files.0.remove("c.JSON");
+        assert_eq!(files.main(), Some("b.GLB"));
+        files.0.remove("b.GLB");
+        assert_eq!(files.main(), Some("a.hdr"));
+    }
 
     #[test]
     fn a_scene_and_what_it_refers_to_are_found_by_name() {

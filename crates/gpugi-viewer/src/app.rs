@@ -15,10 +15,11 @@ use web_time::Instant;
 use crate::command::command;
 use crate::gizmo::{self, Selected};
 use crate::panels::{self, Action, Maps};
-use crate::saving::{self, Saving};
+use crate::saving::{self, Saving, What};
 use crate::session::{Pick, Session};
 use crate::task::Task;
 use crate::technique_set::TechniqueSet;
+use crate::truth;
 use crate::viewer::{Start, Viewer};
 
 #[cfg(target_arch = "wasm32")]
@@ -357,6 +358,7 @@ impl eframe::App for App {
                 });
             });
             self.maps.windows(&context, session);
+            keys(ui, session, &mut actions);
         }
         for action in actions {
             if let Err(error) = self.act(&context, action) {
@@ -368,6 +370,29 @@ impl eframe::App for App {
             context.request_repaint();
         }
         egui::CentralPanel::no_frame().show(ui, |ui| self.view(ui));
+    }
+}
+
+/// Keys that save what is seen and show the truth beside it.
+fn keys(ui: &Ui, session: &mut Session, actions: &mut Vec<Action>) {
+    if ui.ctx().egui_wants_keyboard_input() {
+        return;
+    }
+    let is_pressed = |key| ui.input(|input| input.key_pressed(key));
+    for (key, what) in [
+        (Key::F2, What::View),
+        (Key::F3, What::Picture),
+        (Key::F4, What::Radiance),
+    ] {
+        if is_pressed(key) {
+            actions.push(Action::Save(what));
+        }
+    }
+    if is_pressed(Key::T) && truth::IS_POSSIBLE {
+        session.compared = match session.compared {
+            None => Some(Compared::Split(0.5)),
+            Some(_) => None,
+        };
     }
 }
 

@@ -1,16 +1,21 @@
-//! Handles over the picture: lights to be clicked, arrows that move what is selected, and a ring that turns it.
+//! Handles over the picture: lights to be clicked, suns to be dragged, arrows that move what is selected, and a ring
+//! that turns it.
 
 use eframe::egui::{self, Color32, Id, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use glam::{Mat4, Vec3};
 use gpugi::scene::Edit;
-use gpugi_scene::{Camera, LightKind, Projection, Scene};
+use gpugi_scene::{Camera, Light, LightKind, Projection, Scene};
 
 /// Length of an arrow, as a part of the picture's height.
 const ARROW: f32 = 0.12;
+/// Radius of the ball on which the suns are, as a part of the picture's height.
+const BALL: f32 = 0.3;
 /// Side of the square that the mouse can grasp (points).
 const GRIP: f32 = 18.0;
 /// Corners of the ring.
 const CORNERS: usize = 48;
+/// Of lights.
+const LAMP: Color32 = Color32::from_rgb(255, 220, 100);
 const AXES: [(Vec3, Color32); 3] = [
     (Vec3::X, Color32::from_rgb(230, 70, 70)),
     (Vec3::Y, Color32::from_rgb(80, 200, 80)),
@@ -88,24 +93,27 @@ pub fn show(
     let projector = Projector::new(camera, rect);
     let id = ui.scope_id().with("gizmo");
     let painter = ui.painter_at(rect);
+    let mut edit = None;
     for (index, light) in scene.lights.iter().enumerate() {
         if matches!(light.kind, LightKind::Directional) {
+            if let Some(light) = sun(ui, &projector, id.with(("light", index)), light) {
+                edit = Some(Edit::Light { index, light });
+            }
             continue;
         }
         let Some(place) = projector.place(light.position()) else {
             continue;
         };
         let is_selected = *selected == Some(Selected::Light(index));
-        let color = if is_selected {
-            Color32::WHITE
-        } else {
-            Color32::from_rgb(255, 220, 100)
-        };
+        let color = if is_selected { Color32::WHITE } else { LAMP };
         painter.circle_stroke(place, 6.0, Stroke::new(2.0, color));
         let grip = grip(ui, rect, id.with(("light", index)), place, Sense::click());
         if grip.on_hover_text(light.name.as_str()).clicked() {
             *selected = Some(Selected::Light(index));
         }
+    }
+    if edit.is_some() {
+        return edit;
     }
     let center = center(scene, (*selected)?)?;
     let length = ARROW * projector.height_at(center)?;
@@ -141,6 +149,62 @@ pub fn show(
             })
         }
     }
+}
+
+/// A directional light's handle: on a ball in the middle of the picture, where the light comes from. Returns the light
+/// as it is dragged to.
+fn sun(ui: &Ui, projector: &Projector, id: Id, light: &Light) -> Option<Light> {
+    let rect = projector.rect;
+    let radius = BALL * rect.height();
+    let seen = projector
+        .view_from_world
+        .transform_vector3(-light.direction());
+    let place = rect.center() + radius * Vec2::new(seen.x, -seen.y);
+    let painter = ui.painter_at(rect);
+    let grip = grip(ui, rect, id, place, Sense::drag());
+    if grip.hovered() || grip.dragged() {
+        painter.circle_stroke(rect.center(), radius, Stroke::new(1.0, LAMP));
+    }
+    // In front of the ball it is full.
+    if seen.z >= 0.0 {
+        painter.circle_filled(place, 6.0, LAMP);
+    }
+    painter.circle_stroke(place, 6.0, Stroke::new(2.0, LAMP));
+    let inward = 0.2 * (rect.center() - place);
+    painter.arrow(place, inward, Stroke::new(2.0, LAMP));
+    let grip = grip.on_hover_text(light.name.as_str());
+    if grip.drag_started() {
+        let pressed = ui.input(|input| input.pointer.press_origin())?;
+        ui.data_mut(|data| data.insert_temp(id, (seen, pressed)));
+    }
+    if !(grip.dragged() || grip.drag_stopped()) {
+        return None;
+    }
+    let (start, pressed): (Vec3, Pos2) = ui.data(|data| data.get_temp(id))?;
+    let way = (grip.interact_pointer_pos()? - pressed) / radius.max(1.0);
+    let toward = on_ball(start, glam::vec2(way.x, -way.y));
+    let toward = projector
+        .view_from_world
+        .inverse()
+        .transform_vector3(toward);
+    let position = light.position();
+    (toward.distance(-light.direction()) > 1e-4)
+        .then(|| light.clone().aimed(position, position - toward))
+}
+
+/// Where a handle on the unit ball at `start` comes to, seen along -Z, if the mouse drags it by `way`. Beyond the rim it
+/// goes on along the other side.
+fn on_ball(start: Vec3, way: glam::Vec2) -> Vec3 {
+    let flat = start.truncate() + way;
+    let length = flat.length();
+    let side = if start.z >= 0.0 { 1.0 } else { -1.0 };
+    let (inside, side) = if length <= 1.0 {
+        (flat, side)
+    } else {
+        (flat * ((2.0 - length).max(0.0) / length), -side)
+    };
+    let depth = (1.0 - inside.length_squared()).max(0.0).sqrt();
+    inside.extend(side * depth).normalize()
 }
 
 /// Where the arrows begin (m).
@@ -239,5 +303,23 @@ mod tests {
             projector.way_along(Vec3::ZERO, Vec3::Z, Vec2::splat(9.0)),
             0.0
         );
+    }
+
+    #[test]
+    fn suns_stay_under_the_mouse_and_pass_the_rim() {
+        let near = |a: Vec3, b: Vec3| assert!(a.distance(b) < 1e-5, "{a} is not {b}");
+        for side in [1.0, -1.0] {
+            let start = Vec3::new(0.0, 0.6, 0.8 * side);
+            near(on_ball(start, glam::Vec2::ZERO), start);
+            let dragged = on_ball(start, glam::vec2(0.3, 0.2));
+            near(dragged.with_z(0.0), Vec3::new(0.3, 0.8, 0.0));
+            assert!(dragged.z * side > 0.0);
+            // 0.4 to the rim, and 0.4 back on the other side.
+            near(
+                on_ball(start, glam::vec2(0.0, 0.8)),
+                Vec3::new(0.0, 0.6, -0.8 * side),
+            );
+            near(on_ball(start, glam::vec2(0.0, 9.0)), Vec3::NEG_Z * side);
+        }
     }
 }

@@ -357,9 +357,12 @@ pub fn keys(ui: &mut Ui) {
             ("W A S D, Q E", "fly; with shift faster"),
             ("click", "select an object, or a light's circle"),
             ("drag an arrow", "move what is selected"),
+            ("drag a sun's circle", "turn a directional light"),
             ("double click", "turn there, and orbit around it"),
             ("R", "back to where the camera stood"),
             ("space", "play or pause the animation"),
+            ("T", "the path tracer beside the picture, or not"),
+            ("F2, F3, F4", "save the view, a PNG, an EXR"),
         ] {
             ui.horizontal(|ui| {
                 ui.strong(keys);
