@@ -247,6 +247,12 @@ impl<'a> Frame<'a> {
         self.encoder().clear_buffer(buffer, 0, Some(bytes));
     }
 
+    /// Copies the first `bytes` of a buffer to `offset` in another one (both multiples of 4).
+    pub fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, [offset, bytes]: [u64; 2]) {
+        self.encoder()
+            .copy_buffer_to_buffer(from, 0, to, offset, bytes);
+    }
+
     /// Copies a buffer into a texture; the buffer's rows lie `bytes_per_row` apart (a multiple of 256).
     pub fn fill(&mut self, texture: &wgpu::Texture, buffer: &wgpu::Buffer, bytes_per_row: u32) {
         self.encoder().copy_buffer_to_texture(

@@ -23,5 +23,5 @@ pub struct Network {
     pub cells_origin: [f32; 3],
     pub cell_side: f32,
     pub cell_counts: [u32; 3],
-    pub padding: u32,
+    pub sees_surfaces: u32,
 }

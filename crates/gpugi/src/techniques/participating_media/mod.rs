@@ -10,6 +10,7 @@ pub(crate) mod gpu;
 mod network;
 mod particles;
 mod phase_matrix;
+mod reflecting;
 mod seen;
 mod sources;
 #[cfg(test)]
@@ -27,6 +28,7 @@ use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use network::{Kernels, Network};
 use particles::Particles;
+use reflecting::Reflecting;
 use seen::{How, Seen};
 pub(crate) use sources::Sources;
 
@@ -42,7 +44,7 @@ pub const INFO: Info = Info {
     ],
     suits: |scene| !scene.media.is_empty(),
     keeps_texels: true,
-    lights_points: false,
+    lights_points: true,
 };
 
 /// The paths without surfaces that media light.
@@ -67,6 +69,8 @@ crate::settings! {
         pub steps: u32 = 64 => in_range(1.0, 1024.0),
         /// Rays on which each surface point finds the light that media send to it; 0: they light no surfaces.
         pub light_surfaces: u32 = 0 => in_range(0.0, 64.0),
+        /// Particles see what surfaces reflect; otherwise they see surfaces black.
+        pub surfaces: bool = true => any(),
         /// Sample points on all area lights together.
         pub area_samples: u32 = 16 => in_range(1.0, 4096.0),
     }
@@ -82,6 +86,7 @@ struct MadeFrom {
     directions: u32,
     /// Light samples.
     lights: usize,
+    sees_surfaces: bool,
 }
 
 /// Particles, their light, and how they are seen.
@@ -89,10 +94,13 @@ struct MadeFrom {
 struct Made {
     from: MadeFrom,
     network: Network,
+    reflecting: Option<Reflecting>,
     seen: Option<(How, Seen)>,
     /// What visibility and light were computed for.
     looked: Option<[u64; 2]>,
     lit: Option<(Versions, u32)>,
+    /// Versions, settings and revision of the light that surfaces reflect.
+    reflected: Option<(Versions, [u64; 2])>,
 }
 
 /// Participating media.
@@ -119,6 +127,11 @@ impl ParticipatingMedia {
         punctual.chain(area).collect()
     }
 
+    /// Whether particles see what surfaces reflect: single scattering of lights has no use for it.
+    fn sees_surfaces(&self) -> bool {
+        self.settings.surfaces && self.settings.most_iterations > 0
+    }
+
     fn made_from(&self, scene: &GpuScene, lights: usize) -> MadeFrom {
         let fills_everything = scene.media.iter().any(|one| one.world_from_box.is_none());
         MadeFrom {
@@ -127,6 +140,7 @@ impl ParticipatingMedia {
             particles: self.settings.particles,
             directions: self.settings.directions,
             lights,
+            sees_surfaces: self.sees_surfaces(),
         }
     }
 }
@@ -144,12 +158,16 @@ impl Technique for ParticipatingMedia {
         &mut self.settings
     }
 
-    fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
-        let paths: &[LightPaths] = match self.settings.light_surfaces {
-            _ if scene.media.is_empty() => &[],
-            0 => &SEEN_ALONE,
-            _ => INFO.paths,
+    fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
+        let (own, last): (&[LightPaths], _) = match self.settings.light_surfaces {
+            _ if scene.media.is_empty() => return Plan::adding([], scene),
+            0 => (&SEEN_ALONE, "V+"),
+            _ => (INFO.paths, "V+D?"),
         };
+        let mut paths = own.to_vec();
+        if self.sees_surfaces() {
+            paths.extend(covered.iter().map(|light| light.continued(last)));
+        }
         Plan {
             lookups: self.settings.steps + 16 * self.settings.light_surfaces,
             ..Plan::adding(paths, scene)
@@ -188,13 +206,25 @@ impl Technique for ParticipatingMedia {
             let particles = Particles::new(&scene.media, from.particles, &scene.bounds);
             self.made = None;
             if particles.are_seen {
-                let network = Network::new(gpu, kernels, &particles, from.directions, &lights)?;
+                let network = Network::new(
+                    gpu,
+                    kernels,
+                    &particles,
+                    from.directions,
+                    &lights,
+                    from.sees_surfaces,
+                )?;
+                let reflecting = from
+                    .sees_surfaces
+                    .then(|| Reflecting::new(gpu, kernels, &network));
                 self.made = Some(Made {
                     from,
                     network,
+                    reflecting: reflecting.transpose()?,
                     seen: None,
                     looked: None,
                     lit: None,
+                    reflected: None,
                 });
             }
         }
@@ -225,6 +255,20 @@ impl Technique for ParticipatingMedia {
             made.lit = Some(lit);
             self.progress = 0;
         }
+        let reflected = (scene.versions, [earlier.settings_version, earlier.revision]);
+        let mut is_current = true;
+        if let Some(reflecting) = &made.reflecting
+            && made.reflected != Some(reflected)
+        {
+            // Without a budget, light that is not yet final is gathered once only.
+            let is_due = earlier.is_final || earlier.is_limited();
+            is_current = made.reflected.is_none() || (is_due && earlier.may_step());
+            if is_current {
+                reflecting.record(frame, scene, kernels, &made.network, earlier)?;
+                made.reflected = Some(reflected);
+                self.progress = 0;
+            }
+        }
         let most = self.settings.most_iterations;
         let wanted = self
             .settings
@@ -242,8 +286,10 @@ impl Technique for ParticipatingMedia {
             revision: self.revision,
             progress: if self.progress < most {
                 self.progress as f32 / most as f32
-            } else {
+            } else if is_current {
                 1.0
+            } else {
+                0.999
             },
             pending: None,
         })
@@ -287,7 +333,12 @@ impl Technique for ParticipatingMedia {
     }
 
     fn inspect(&self) -> Inspection {
-        let Some(Made { network, .. }) = &self.made else {
+        let Some(Made {
+            network,
+            reflecting,
+            ..
+        }) = &self.made
+        else {
             return Inspection::default();
         };
         let size = [network.values.directions, network.values.particles];
@@ -307,7 +358,7 @@ impl Technique for ParticipatingMedia {
         ];
         let shown: u64 = maps.iter().map(Map::bytes).sum();
         Inspection {
-            work_bytes: network.bytes() - shown,
+            work_bytes: network.bytes() + reflecting.as_ref().map_or(0, Reflecting::bytes) - shown,
             maps,
             warnings: Vec::new(),
         }

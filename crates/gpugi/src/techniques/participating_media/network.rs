@@ -15,6 +15,8 @@ use crate::shader;
 #[derive(Debug)]
 pub struct Kernels {
     visibility: Kernel,
+    /// See [`super::reflecting`].
+    pub reflecting: Kernel,
     arriving: Kernel,
     emit: Kernel,
     sky: Kernel,
@@ -33,6 +35,11 @@ impl Kernels {
             visibility: scene.ray_kernel(
                 gpu,
                 &shader!("techniques.participating_media.visibility"),
+                &[],
+            )?,
+            reflecting: scene.ray_kernel(
+                gpu,
+                &shader!("techniques.participating_media.reflecting"),
                 &[],
             )?,
             arriving: scene.ray_kernel(
@@ -68,6 +75,8 @@ pub struct Network {
     pub arriving: wgpu::Buffer,
     /// What each particle sees: [particle x directions + direction], as all that follow.
     pub visible: wgpu::Buffer,
+    /// Radiance that surfaces send along the links that end on them; one row if particles see surfaces black.
+    pub reflected: wgpu::Buffer,
     pub emitted: wgpu::Buffer,
     /// The sources of the light that arrived last.
     pub source: wgpu::Buffer,
@@ -92,7 +101,8 @@ struct Groups {
 }
 
 impl Network {
-    /// Allocates and uploads the network of `directions` directions among particles, for light samples.
+    /// Allocates and uploads the network of `directions` directions among particles, for light samples. `sees_surfaces`:
+    /// there is room for the light of surfaces.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -102,6 +112,7 @@ impl Network {
         made: &Particles,
         directions: u32,
         lights: &[LightSample],
+        sees_surfaces: bool,
     ) -> Result<Self, GpuError> {
         let particles = made.particles.len() as u32;
         let values = gpu::Network {
@@ -112,7 +123,7 @@ impl Network {
             cells_origin: made.cells.origin.to_array(),
             cell_side: made.cells.side,
             cell_counts: made.cells.counts.to_array(),
-            padding: 0,
+            sees_surfaces: sees_surfaces.into(),
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let entries = u64::from(particles) * u64::from(directions) * 16;
@@ -127,6 +138,11 @@ impl Network {
         let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
         let arriving = gpu.buffer("light that arrives at particles [bytes]", reached, storage)?;
         let visible = array("visibility network [bytes]")?;
+        let reflected = gpu.buffer(
+            "light that surfaces send to particles [bytes]",
+            if sees_surfaces { entries } else { 16 },
+            storage,
+        )?;
         let emitted = array("light emitted by particles [bytes]")?;
         let source = array("sources of particles [bytes]")?;
         let incoming = [
@@ -193,6 +209,7 @@ impl Network {
                         ("source", of(&source)),
                         ("sky", of(&sky)),
                         ("before", of(before)),
+                        ("reflected", of(&reflected)),
                         ("incoming", of(after)),
                     ];
                     kernels.transport.bind(gpu, 3, &resources)
@@ -210,6 +227,7 @@ impl Network {
             lights,
             arriving,
             visible,
+            reflected,
             emitted,
             source,
             incoming,
@@ -226,7 +244,8 @@ impl Network {
         gpu.write(&self.lights, 0, lights);
     }
 
-    fn entries(&self) -> u32 {
+    /// Links: particles x directions.
+    pub fn entries(&self) -> u32 {
         self.values.particles * self.values.directions
     }
 
@@ -316,6 +335,7 @@ impl Network {
             &self.lights,
             &self.arriving,
             &self.visible,
+            &self.reflected,
             &self.emitted,
             &self.source,
             even,

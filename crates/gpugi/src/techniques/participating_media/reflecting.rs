@@ -1,0 +1,122 @@
+//! What surfaces reflect to particles: light paths L[DG]V+E.
+
+use bytemuck::Zeroable;
+
+use super::network::{Kernels, Network, of};
+use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError};
+use crate::scene::GpuScene;
+use crate::techniques::Earlier;
+
+/// Points per row of their hit records.
+const WIDTH: u32 = 1024;
+/// Links whose surface points are lit at once, at most.
+const MOST_LINKS: u32 = 1 << 17;
+/// `view::RAYS`.
+const RAYS: u32 = 2;
+
+/// The surface points at the ends of links, some links at a time.
+#[derive(Debug)]
+pub struct Reflecting {
+    receiver: Receiver,
+    /// Of each pass.
+    groups: Vec<wgpu::BindGroup>,
+}
+
+impl Reflecting {
+    /// Room for surface points at the ends of the network's links.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, kernels: &Kernels, network: &Network) -> Result<Self, GpuError> {
+        let links = network.entries();
+        let rows = links.min(MOST_LINKS).div_ceil(WIDTH);
+        let count = WIDTH * rows;
+        let hits = gpu.texture(&wgpu::TextureDescriptor {
+            label: Some("hits of links"),
+            size: wgpu::Extent3d {
+                width: WIDTH,
+                height: rows,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::R32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+            view_formats: &[],
+        })?;
+        let hits = hits.create_view(&Default::default());
+        let view = ViewUniform {
+            width: WIDTH,
+            height: rows,
+            faces: RAYS,
+            ..Zeroable::zeroed()
+        };
+        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
+        let storage = wgpu::BufferUsages::STORAGE;
+        let points = SurfacePoints {
+            points: gpu.buffer("ends of links [bytes]", bytes, storage)?,
+            view: gpu.uniform("view of ends of links", &view)?,
+            count,
+            hits: hits.clone(),
+            output: Output::RadianceToEye,
+            slots: Default::default(),
+        };
+        let group = |first: u32| {
+            let first = gpu.uniform("first link", &[first, 0, 0, 0])?;
+            let resources = [
+                ("net", of(&network.uniform)),
+                ("particles", of(&network.particles)),
+                ("visible", of(&network.visible)),
+                ("points", of(&points.points)),
+                ("hits", wgpu::BindingResource::TextureView(&hits)),
+                ("first", of(&first)),
+            ];
+            kernels.reflecting.bind(gpu, 3, &resources)
+        };
+        let firsts = (0..links).step_by(count as usize);
+        Ok(Self {
+            groups: firsts.map(group).collect::<Result<_, GpuError>>()?,
+            receiver: Receiver::new(&points, &Target::new(gpu, count)?),
+        })
+    }
+
+    /// Gathers the light that the techniques before add at the ends of links: pass `participating-media.reflecting`,
+    /// and theirs.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        network: &Network,
+        earlier: &mut Earlier<'_>,
+    ) -> Result<(), GpuError> {
+        let count = self.receiver.points.count;
+        for (pass, group) in (0..).zip(&self.groups) {
+            frame.compute("participating-media.reflecting", |compute| {
+                let groups = [(0, &scene.ray_bind_group), (3, group)];
+                kernels.reflecting.dispatch(compute, &groups, [count, 1, 1]);
+            });
+            earlier.count(count.into());
+            earlier.gather(frame, scene, &self.receiver, false)?;
+            let first = pass * count;
+            let links = count.min(network.entries() - first);
+            frame.copy(
+                &self.receiver.target.radiance,
+                &network.reflected,
+                [u64::from(first) * 16, u64::from(links) * 16],
+            );
+        }
+        Ok(())
+    }
+
+    /// Bytes of all buffers and hit records.
+    pub fn bytes(&self) -> u64 {
+        let Receiver { points, target, .. } = &self.receiver;
+        points.points.size() + target.radiance.size() + u64::from(points.count) * 4
+    }
+}
