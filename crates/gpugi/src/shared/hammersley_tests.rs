@@ -91,6 +91,9 @@ fn each_point_is_uniform_over_seeds() {
             .map(|cell| (cell - expected) * (cell - expected) / expected)
             .sum();
         // 255 degrees of freedom, six standard deviations.
-        assert!((statistic - 255.0).abs() < 6.0 * 22.6, "point {index}: chi-square {statistic}");
+        assert!(
+            (statistic - 255.0).abs() < 6.0 * 22.6,
+            "point {index}: chi-square {statistic}"
+        );
     }
 }
