@@ -3,6 +3,7 @@
 mod brdf_tests;
 pub(crate) mod cpu;
 mod cube_tests;
+mod hammersley_tests;
 mod impostor_cpu;
 mod impostor_tests;
 mod octahedral_tests;

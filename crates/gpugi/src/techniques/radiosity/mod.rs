@@ -108,10 +108,17 @@ pub struct Radiosity {
 }
 
 /// What of a scene decides how the passes are compiled.
-fn compiled_for(scene: &GpuScene) -> [bool; 4] {
+fn compiled_for(scene: &GpuScene) -> [bool; 5] {
     let [has_alpha, transmits] = scene.passages();
     let is_see_through = scene.has_see_through(Claims::SHADOW);
-    [has_alpha, transmits, scene.has_gloss(), is_see_through]
+    let has_media = !scene.media.is_empty();
+    [
+        has_alpha,
+        transmits,
+        scene.has_gloss(),
+        is_see_through,
+        has_media,
+    ]
 }
 
 /// The light of a scene, and what it was computed for.
@@ -119,7 +126,7 @@ fn compiled_for(scene: &GpuScene) -> [bool; 4] {
 struct LitTexels {
     atlas: Arc<Atlas>,
     /// What of the scene the passes were compiled for.
-    compiled_for: [bool; 4],
+    compiled_for: [bool; 5],
     kernels: Kernels,
     solution: Solution,
     gather: TexelGather,

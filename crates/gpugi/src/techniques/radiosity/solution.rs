@@ -33,7 +33,10 @@ impl Kernels {
             rays: scene.ray_kernel(
                 gpu,
                 &shader!("techniques.radiosity.rays"),
-                &[("HAS_GLOSS", f64::from(u8::from(scene.has_gloss())))],
+                &[
+                    ("HAS_GLOSS", f64::from(u8::from(scene.has_gloss()))),
+                    scene.media_constant(),
+                ],
             )?,
         })
     }

@@ -21,6 +21,8 @@ pub const MOST_RAYS: u64 = 1 << 20;
 /// likewise on a processor.
 const MOST_TESTS: u64 = 1 << 30;
 const MOST_TESTS_IN_SOFTWARE: u64 = 1 << 25;
+/// Of a triangle, a `vec4f`.
+const SPHERE_BYTES: u64 = 16;
 /// `ROW_OF_POINTS` of plan.wesl.
 const ROW_OF_POINTS: u32 = 1024;
 /// Bytes of the header that are zero when a chunk begins.
@@ -32,6 +34,8 @@ pub struct Passes {
     begin: Kernel,
     plan: Kernel,
     advance: Kernel,
+    /// Bounding spheres of triangles, for `cones`.
+    spheres: Option<Kernel>,
     trace: Kernel,
     shade: Kernel,
     add: Kernel,
@@ -61,6 +65,8 @@ pub(super) struct InFlight {
 struct Triangles {
     /// Bind group 2 of `trace`.
     group: wgpu::BindGroup,
+    /// Bind group 2 of the pass that makes their bounding spheres, until it has run.
+    spheres: Option<wgpu::BindGroup>,
     count: u32,
     /// For which geometry and instances.
     versions: [u64; 2],
@@ -101,9 +107,16 @@ impl Passes {
             ..Default::default()
         };
         let shade = Kernel::with_options(gpu, &shade, "main", layout, &options)?;
+        let spheres = (settings.tracer == Tracer::Cones)
+            .then(|| {
+                let shader = shader!("techniques.ray_tracing.spheres");
+                Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))
+            })
+            .transpose()?;
         let no_media = Sources::none(gpu)?;
         Ok(Self {
             begin: begin?,
+            spheres,
             plan: Kernel::new(gpu, &plan, "main", None)?,
             advance: Kernel::new(gpu, &plan, "advance", None)?,
             trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
@@ -130,11 +143,25 @@ impl Passes {
         let Some(runs) = scene.triangle_runs(gpu)? else {
             return Ok(());
         };
+        let count = runs.last().map_or(0, |all| all[2]);
         let buffer = gpu.storage("ray-tracing.triangles [bytes]", &runs)?;
-        let resources = [("runs", buffer.as_entire_binding())];
+        let mut resources = vec![("runs", buffer.as_entire_binding())];
+        let mut made_by = None;
+        let spheres;
+        if let Some(kernel) = &self.spheres {
+            let bytes = u64::from(count.max(1)) * SPHERE_BYTES;
+            spheres = gpu.buffer(
+                "ray-tracing.spheres [bytes]",
+                bytes,
+                wgpu::BufferUsages::STORAGE,
+            )?;
+            resources.push(("spheres", spheres.as_entire_binding()));
+            made_by = Some(kernel.bind(gpu, 2, &resources)?);
+        }
         self.triangles = Some(Triangles {
             group: self.trace.bind(gpu, 2, &resources)?,
-            count: runs.last().map_or(0, |all| all[2]),
+            spheres: made_by,
+            count,
             versions,
         });
         Ok(())
@@ -194,6 +221,7 @@ impl Passes {
             begin,
             plan,
             advance,
+            spheres,
             trace,
             shade,
             add,
@@ -226,6 +254,14 @@ impl Passes {
                 .collect()
         })?;
         let own = (0, &scene.bind_group);
+        if let (Some(kernel), Some(all)) = (spheres, triangles.as_mut())
+            && let Some(group) = all.spheres.take()
+        {
+            frame.compute("ray-tracing.spheres", |pass| {
+                let groups = [(0, &scene.ray_bind_group), (2, &group)];
+                kernel.dispatch(pass, &groups, [all.count, 1, 1]);
+            });
+        }
         for chunk in chunks {
             frame.clear_first(&in_flight.rays, COUNTERS);
             frame.compute("ray-tracing.begin", |pass| {
