@@ -120,6 +120,27 @@ fn media_dim_light_on_surfaces() {
     }
 }
 
+/// Light that radiosity brings from surface to surface, in smoke that only absorbs.
+#[test]
+fn media_dim_light_between_surfaces() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = builtin("room", 1).expect("a scene");
+    scene.media.push(Medium {
+        world_from_box: None,
+        extinction: vec3(0.6, 0.4, 0.2),
+        albedo: Vec3::ZERO,
+        ..layer(0.0, None)
+    });
+    let camera = scene.cameras[0].clone();
+    let names = ["shadow-map", "radiosity", "participating-media"];
+    let settings = ["resolution=64"];
+    let mut renderer = renderer_of(&gpu, &scene, &names, 32, "radiosity", &settings);
+    let found = measured(&gpu, &scene, &camera, &mut renderer, [4, 256]);
+    let error = found.value(Metric::RelMse4).expect("a value");
+    // Found on a software adapter: 0.00026, and 0.0037 where media let all this light pass.
+    assert!(error < 0.001, "{error}");
+}
+
 /// A ball of fog with a radius of 1 m over a floor, lit by a slanting sun or glowing. The camera sees the floor alone.
 fn ball_over_a_floor(is_glowing: bool) -> (Scene, Camera) {
     let mut scene = common::floor(3.0);
