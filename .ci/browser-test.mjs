@@ -57,7 +57,21 @@ function glb() {
 
 const complaints = [];
 
+/// Opens a page, once more if the browser's GPU process has crashed on the way: the browser starts it anew.
 async function open(browser, url) {
+    try {
+        return await openOnce(browser, url);
+    } catch (error) {
+        if (!error.message.includes('finds no GPU')) {
+            throw error;
+        }
+        console.log('the browser lost its GPU; once more');
+        complaints.length = 0;
+        return openOnce(browser, url);
+    }
+}
+
+async function openOnce(browser, url) {
     const page = await browser.newPage();
     page.on('console', (message) => {
         if (['error', 'warn'].includes(message.type())) {
