@@ -104,7 +104,7 @@ fn light_under_glass_and_between_boxes_is_no_leak() {
 #[test]
 fn dilation_fills_what_is_empty_and_nothing_else() {
     let Some(gpu) = test_gpu() else { return };
-    for [width, height] in [[64, 64], [37, 90], [1, 5], [1, 1]] {
+    for [width, height] in [[64, 64], [37, 90], [1, 5], [1, 1], [610, 300]] {
         let dilation = Dilation::new(&gpu, [width, height]).unwrap();
         // Two colours, left and right, as sums of three samples; holes between them and in the middle of each.
         let colors = [[3.0, 0.0, 6.0_f32], [0.0, 9.0, 0.0]];
