@@ -87,7 +87,9 @@ fn converged(gpu: &Gpu, settings: &[[&str; 3]], names: &[&str], budget: Budget) 
 fn words_of_maps(gpu: &Gpu, renderer: &Renderer) -> Vec<(String, Vec<u32>)> {
     let maps = renderer.maps().into_iter().filter_map(|map| {
         let words = match &map.texels {
-            Texels::Buffer { buffer, .. } => read_buffer(gpu, buffer, buffer.size()).unwrap(),
+            Texels::Buffer { buffer, .. } | Texels::Blocks { buffer, .. } => {
+                read_buffer(gpu, buffer, buffer.size()).unwrap()
+            }
             Texels::Texture(texture) => {
                 let layers = 0..texture.depth_or_array_layers();
                 let read = |layer| -> Option<Vec<u32>> {

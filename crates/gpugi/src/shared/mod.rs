@@ -1,5 +1,6 @@
 //! Tests of the WESL functions in this folder, run by the kernels of `testing/`.
 
+mod bc6h_tests;
 mod brdf_tests;
 pub(crate) mod cpu;
 mod cube_tests;

@@ -6,6 +6,9 @@ use wgpu::TextureFormat;
 use crate::gpu::TextureAspect::{All, DepthOnly};
 use crate::gpu::{Gpu, GpuError, ReadBack, begin_read_buffer, begin_read_texture};
 
+/// Bytes of a BC6H block.
+const BLOCK_BYTES: u64 = 16;
+
 /// A map that a technique keeps for its gather.
 #[derive(Debug, Clone)]
 pub struct Map {
@@ -31,6 +34,13 @@ pub enum Texels {
         /// Whether a texel begins with one unsigned 32-bit integer instead of a colour: three floats, rgb9e5 where the
         /// stride is 4, or three 16-bit floats where it is 8.
         is_number: bool,
+    },
+    /// A buffer of BC6H blocks of 4 x 4 texels, row by row.
+    Blocks {
+        /// The buffer.
+        buffer: wgpu::Buffer,
+        /// Width and height (texels); the height is that of whole blocks.
+        size: [u32; 2],
     },
 }
 
@@ -58,6 +68,8 @@ enum Encoding {
     Halves,
     /// rgb9e5.
     SharedExponent,
+    /// BC6H.
+    Blocks,
 }
 
 impl Map {
@@ -65,7 +77,7 @@ impl Map {
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.texels {
             Texels::Texture(texture) => Some(texture),
-            Texels::Buffer { .. } => None,
+            Texels::Buffer { .. } | Texels::Blocks { .. } => None,
         }
     }
 
@@ -75,7 +87,7 @@ impl Map {
             Texels::Texture(texture) => texture
                 .format()
                 .theoretical_memory_footprint(texture.size()),
-            Texels::Buffer { buffer, .. } => buffer.size(),
+            Texels::Buffer { buffer, .. } | Texels::Blocks { buffer, .. } => buffer.size(),
         }
     }
 
@@ -116,6 +128,15 @@ impl Map {
                     },
                 });
             }
+            Texels::Blocks { buffer, size } => {
+                let bytes = u64::from(size[0].div_ceil(4)) * u64::from(size[1] / 4) * BLOCK_BYTES;
+                return Ok(MapRead {
+                    size: *size,
+                    words: begin_read_buffer(gpu, buffer, bytes)?,
+                    stride: BLOCK_BYTES as usize / 4,
+                    encoding: Encoding::Blocks,
+                });
+            }
         };
         let format = texture.format();
         let (aspect, stride, encoding) = match format {
@@ -147,17 +168,37 @@ impl MapRead {
     /// # Errors
     /// As [`ReadBack::wait`].
     pub fn wait(self) -> Result<Vec<f32>, GpuError> {
-        let (stride, encoding) = (self.stride, self.encoding);
+        let (stride, encoding, width) = (self.stride, self.encoding, self.size[0]);
         let words = self.words.wait()?;
-        Ok(decoded(&words, stride, encoding))
+        Ok(decoded(&words, stride, encoding, width))
     }
 
     fn decoded(&self, words: &[u32]) -> Vec<f32> {
-        decoded(words, self.stride, self.encoding)
+        decoded(words, self.stride, self.encoding, self.size[0])
     }
 }
 
-fn decoded(words: &[u32], stride: usize, encoding: Encoding) -> Vec<f32> {
+/// Texels of rows of BC6H blocks.
+fn of_blocks(words: &[u32], width: u32) -> Vec<f32> {
+    let columns = width.div_ceil(4) as usize;
+    let mut colors = Vec::new();
+    let mut wide = vec![0.0; 4 * 3 * 4 * columns];
+    for row in words.chunks_exact(4 * columns) {
+        for (column, block) in row.chunks_exact(4).enumerate() {
+            let texels = &mut wide[column * 12..];
+            bcdec_rs::bc6h_float(bytemuck::cast_slice(block), texels, 12 * columns, false);
+        }
+        for line in wide.chunks_exact(12 * columns) {
+            colors.extend_from_slice(&line[..3 * width as usize]);
+        }
+    }
+    colors
+}
+
+fn decoded(words: &[u32], stride: usize, encoding: Encoding, width: u32) -> Vec<f32> {
+    if encoding == Encoding::Blocks {
+        return of_blocks(words, width);
+    }
     let texels = words.chunks_exact(stride);
     let colors = texels.flat_map(|texel| match (encoding, texel) {
         (Encoding::Number, [number, ..]) => [*number as f32; 3],
@@ -185,18 +226,21 @@ mod tests {
     #[test]
     fn words_are_texels() {
         let floats = [0.5_f32, 2.0, -1.0, 9.0].map(f32::to_bits);
-        assert_eq!(decoded(&floats, 4, Encoding::Floats), [0.5, 2.0, -1.0]);
+        assert_eq!(decoded(&floats, 4, Encoding::Floats, 1), [0.5, 2.0, -1.0]);
         let half = |value: f32| u32::from(f16::from_f32(value).to_bits());
         let halves = [half(1.0) | half(2.0) << 16, half(0.25) | half(7.0) << 16];
-        assert_eq!(decoded(&halves, 2, Encoding::Halves), [1.0, 2.0, 0.25]);
+        assert_eq!(decoded(&halves, 2, Encoding::Halves, 1), [1.0, 2.0, 0.25]);
         assert_eq!(
-            decoded(&[7, 0, 8, 0], 2, Encoding::Number),
+            decoded(&[7, 0, 8, 0], 2, Encoding::Number, 1),
             [7.0, 7.0, 7.0, 8.0, 8.0, 8.0]
         );
-        assert_eq!(decoded(&[0.5_f32.to_bits()], 1, Encoding::Depth), [0.5; 3]);
+        assert_eq!(
+            decoded(&[0.5_f32.to_bits()], 1, Encoding::Depth, 1),
+            [0.5; 3]
+        );
         let shared = 24 << 27 | 3 | 5 << 9 | 511 << 18;
         assert_eq!(
-            decoded(&[shared], 1, Encoding::SharedExponent),
+            decoded(&[shared], 1, Encoding::SharedExponent, 1),
             [3.0, 5.0, 511.0]
         );
     }

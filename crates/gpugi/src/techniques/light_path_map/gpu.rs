@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Work {
+    pub size: u32,
     pub first_texel: u32,
     pub first_point: u32,
     pub end_point: u32,
@@ -76,3 +77,6 @@ pub const TILE: u32 = 8;
 
 /// Lanes of the workgroup that averages a cluster's light, and of those with one lane per texel of a tile.
 pub const LANES: u32 = 64;
+
+/// `LANES` of choose.wesl.
+pub const CHOOSING_LANES: u32 = 128;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, LightPathPanes};
 
-use super::gpu::{Choice, LANES, SLOT_BYTES};
+use super::gpu::{CHOOSING_LANES, Choice, LANES, SLOT_BYTES};
 use super::panes::{Panes, count_tiles, of_panes};
-use super::{INFO, Settings, entry_points};
+use super::{INFO, Settings, Store, entry_points};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
 };
@@ -92,7 +92,12 @@ impl LightPathMaps {
             )?,
             weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
             choose: kernel(shader!("techniques.light_path_map.choose"))?,
-            relight: of_panes(gpu, &shader!("techniques.light_path_map.relight"), settings)?,
+            relight: of_panes(
+                gpu,
+                &shader!("techniques.light_path_map.relight"),
+                "main",
+                settings,
+            )?,
             dilation: Dilation::new(gpu, size)?,
             seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
             gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[], &kept)?,
@@ -233,7 +238,7 @@ impl LightPathMaps {
         let to = [("slots", self.slots.as_entire_binding())];
         let to = self.choose.bind(gpu, 3, &to)?;
         frame.compute("light-path-map.choose", |pass| {
-            let lanes = self.panes.lanes();
+            let lanes = self.panes.lanes(CHOOSING_LANES);
             self.choose.dispatch(pass, &[(1, &from), (3, &to)], lanes);
         });
         Ok(())
@@ -279,7 +284,7 @@ impl LightPathMaps {
             let to = [("irradiance", self.irradiance.radiance.as_entire_binding())];
             let to = self.relight.bind(gpu, 3, &to)?;
             frame.compute("light-path-map.relight", |pass| {
-                let lanes = self.panes.lanes();
+                let lanes = self.panes.lanes(LANES);
                 self.relight.dispatch(pass, &[(1, &from), (3, &to)], lanes);
             });
         }
@@ -327,8 +332,20 @@ impl LightPathMaps {
         for sheet in &self.panes.sheets {
             let name = format!("panes-{}", sheet.panes.start);
             let count = sheet.panes.len() as u32;
-            let stride = 4 * u64::from(self.panes.stored_as().words());
-            maps.push(map(&name, &sheet.words, [size[0], size[1] * count], stride));
+            let store = self.panes.stored_as();
+            let texels = [size[0], size[1] * count];
+            maps.push(match store {
+                Store::Rgb9e5 | Store::Half => {
+                    map(&name, &sheet.words, texels, 4 * u64::from(store.words()))
+                }
+                Store::Bc6h => Map {
+                    name: format!("{}.{name}", INFO.name),
+                    texels: Texels::Blocks {
+                        buffer: sheet.words.clone(),
+                        size: [size[0], size[1].next_multiple_of(4) * count],
+                    },
+                },
+            });
         }
         maps
     }

@@ -43,7 +43,7 @@ const NEAR_BOUNCES: u32 = 8;
 #[derive(Debug)]
 pub(super) struct Sheet {
     pub panes: Range<u32>,
-    /// Pane by pane, `sum::WORDS` per texel.
+    /// Pane by pane, as [`Store`] has it.
     pub words: wgpu::Buffer,
 }
 
@@ -160,7 +160,13 @@ impl Panes {
                 NEAR_BYTES,
             )?,
             lit: [light()?, light()?, light()?],
-            sheets: sheets(gpu, texels * settings.store.words(), settings.clusters + 1)?,
+            sheets: sheets(
+                gpu,
+                settings
+                    .store
+                    .stored([capture.size, capture.size * capture.pages]),
+                settings.clusters + 1,
+            )?,
             energies: buffer(
                 "energy of panes [bytes]",
                 count_tiles(capture) * u64::from(settings.clusters + 1),
@@ -194,9 +200,14 @@ impl Panes {
         self.settings.store
     }
 
+    /// Rows of texels of all pages.
+    fn rows(&self) -> u32 {
+        self.texels / self.size
+    }
+
     /// Words of a pane.
     fn words(&self) -> u32 {
-        self.texels * self.settings.store.words()
+        self.settings.store.stored([self.size, self.rows()])
     }
 
     /// Bytes of all buffers but the sheets.
@@ -255,6 +266,7 @@ impl Panes {
         let entries = &self.points.entries;
         let reach = BOUNDED_DISTANCES * entries.area.max(1e-12).sqrt();
         Work {
+            size: self.size,
             texels: self.texels,
             entries: entries.entries.len() as u32,
             points: entries.points().count() as u32,
@@ -331,11 +343,16 @@ impl Panes {
         let from = [
             ("work", work.as_entire_binding()),
             ("lit", lit.as_entire_binding()),
+            ("areas", self.areas.as_entire_binding()),
         ];
         let from = kernel.bind(gpu, 1, &from)?;
         let to = kernel.bind(gpu, 3, &[("panes", sheet.words.as_entire_binding())])?;
+        let lanes = match self.settings.store {
+            Store::Bc6h => self.words() / self.settings.store.words(),
+            Store::Rgb9e5 | Store::Half => self.texels,
+        };
         frame.compute("light-path-map.store", |pass| {
-            kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
+            kernel.dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
         });
         Ok(())
     }
@@ -367,7 +384,7 @@ impl Panes {
             let from = kernel.bind(gpu, 1, &from)?;
             let to = [("energies", self.energies.as_entire_binding())];
             let to = kernel.bind(gpu, 3, &to)?;
-            let [x, y, _] = self.lanes();
+            let [x, y, _] = self.lanes(LANES);
             // The scene may have fewer clusters than there is room for.
             let panes = sheet.panes.end.min(clusters + 1) - sheet.panes.start.min(clusters + 1);
             if panes > 0 {
@@ -379,10 +396,10 @@ impl Panes {
         Ok(())
     }
 
-    /// Invocations of passes with one workgroup per tile of texels.
-    pub fn lanes(&self) -> [u32; 3] {
-        let [columns, rows] = tiles(self.size, self.texels / self.size);
-        [columns * LANES, rows, 1]
+    /// Invocations of passes with one workgroup of so many lanes per tile of texels.
+    pub fn lanes(&self, of_tile: u32) -> [u32; 3] {
+        let [columns, rows] = tiles(self.size, self.rows());
+        [columns * of_tile, rows, 1]
     }
 
     /// Parameters of passes over a sheet, of which up to `slots` panes are added per tile, whose slots are `stride`
@@ -445,7 +462,7 @@ impl Panes {
 impl Kernels {
     fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let plain = |shader| Kernel::new(gpu, &shader, "main", None);
-        let of_panes = |shader| of_panes(gpu, shader, settings);
+        let of_panes = |shader, entry| of_panes(gpu, shader, entry, settings);
         let with_maps = settings.visibility == Visibility::Maps;
         let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
         Ok(Self {
@@ -460,8 +477,14 @@ impl Kernels {
                 &[("MAPS", f64::from(u8::from(with_maps)))],
             )?,
             add_near: plain(shader!("techniques.light_path_map.add_near"))?,
-            store: of_panes(&shader!("techniques.light_path_map.store"))?,
-            energy: of_panes(&shader!("techniques.light_path_map.energy"))?,
+            store: of_panes(
+                &shader!("techniques.light_path_map.store"),
+                match settings.store {
+                    Store::Bc6h => "blocks",
+                    Store::Rgb9e5 | Store::Half => "texels",
+                },
+            )?,
+            energy: of_panes(&shader!("techniques.light_path_map.energy"), "main")?,
         })
     }
 }
@@ -470,13 +493,14 @@ impl Kernels {
 pub(super) fn of_panes(
     gpu: &Gpu,
     shader: &Shader,
+    entry: &str,
     settings: &Settings,
 ) -> Result<Kernel, GpuError> {
     let options = KernelOptions {
         constants: &[("WORDS", settings.store.words().into())],
         ..Default::default()
     };
-    Kernel::with_options(gpu, shader, "main", None, &options)
+    Kernel::with_options(gpu, shader, entry, None, &options)
 }
 
 /// Columns and rows of tiles.

@@ -30,15 +30,26 @@ crate::choices! {
         Rgb9e5 = "rgb9e5",
         /// 8 bytes: three 16-bit floats, padded.
         Half = "half",
+        /// 1 byte: blocks of 4 x 4 texels, with two colours and what lies between them.
+        Bc6h = "bc6h",
     }
 }
 
 impl Store {
-    /// 32-bit words per texel.
+    /// 32-bit words that hold a texel; a block of BC6H holds 16. `WORDS` of sum.wesl.
     pub(super) fn words(self) -> u32 {
         match self {
             Self::Rgb9e5 => 1,
             Self::Half => 2,
+            Self::Bc6h => 4,
+        }
+    }
+
+    /// Words of a pane (texels), or blocks.
+    pub(super) fn stored(self, [width, height]: [u32; 2]) -> u32 {
+        match self {
+            Self::Bc6h => width.div_ceil(4) * height.div_ceil(4) * self.words(),
+            _ => width * height * self.words(),
         }
     }
 }
@@ -76,7 +87,7 @@ crate::settings! {
         /// Texels per metre, on as many pages as needed; 0: as many texels as fit on one page.
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
         /// How panes are stored: rgb9e5, three channels with a shared exponent in 4 bytes per texel; half, 16-bit floats
-        /// in 8 bytes.
+        /// in 8 bytes; bc6h, compressed to 1 byte.
         pub store: Store = Store::Rgb9e5 => any(),
         /// Steps per frame; each step is about 4 million rays.
         pub steps: u32 = 4 => in_range(1.0, 4096.0),

@@ -416,6 +416,19 @@ fn panes_may_be_16_bit_floats() {
         off.len() > 200 && worst > 1e-5 && worst < 1.0 / 512.0,
         "{worst}"
     );
+    let mut blocks = solved("bc6h");
+    assert_eq!(4 * 4 * blocks.words().len(), bytes[0]);
+    let pairs = blocks
+        .lit(&weights, 0)
+        .into_iter()
+        .zip(halves.lit(&weights, 0));
+    let pairs: Vec<_> = pairs.filter(|pair| pair.1[3] > 0.0).collect();
+    let squares = pairs
+        .iter()
+        .map(|(one, other)| (one[1] / other[1] - 1.0).powi(2));
+    let off = (squares.sum::<f32>() / pairs.len() as f32).sqrt();
+    println!("bc6h is off by {off}, in the mean of squares");
+    assert!(pairs.len() > 200 && off < 0.01, "{off}");
     let saved = halves.technique.save(&gpu).unwrap().unwrap();
     assert!(words.technique.resume(&gpu, &saved).is_err());
 }
