@@ -166,6 +166,31 @@ impl Session {
         })
     }
 
+    /// The same view on another device, with `loaded` in place of its scene: what people chose stays.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn renewed(
+        self,
+        gpu: &Gpu,
+        loaded: Loaded,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Self, LightingError> {
+        Ok(Self {
+            camera: self.camera,
+            display: self.display,
+            pace: self.pace,
+            samples: self.samples,
+            clock: self.clock,
+            is_held: self.is_held,
+            is_timed: self.is_timed,
+            quantity: self.quantity,
+            compared: self.compared,
+            truth_samples: self.truth_samples,
+            ..Self::new(gpu, loaded, &self.first, wake)?
+        })
+    }
+
     /// Shows another scene as `camera` sees it; exposure, pace and the like stay.
     pub fn open(&mut self, loaded: Loaded, camera: &Camera) {
         self.first = camera.clone();

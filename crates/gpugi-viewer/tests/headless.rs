@@ -205,6 +205,28 @@ fn a_saved_view_opens_with_its_edits() {
 }
 
 #[test]
+fn a_lost_device_is_made_anew_once() {
+    let Some(gpu) = open() else { return };
+    let start = start("room", &["shadow-map"]);
+    let steps = "0 set shadow-map.taps=4\n1 orbit 20 10\n2 edit light.0.position=0.1,1.5,0.2";
+    let (mut viewer, picture) = shown(&gpu, start.clone(), steps);
+    // The edit finds the device lost.
+    let script = steps.replace("2 edit", "2 lose-device\n2 edit");
+    let (mut renewed, again) = shown(&gpu, start.clone(), &script);
+    assert!(gpu.check_lost().is_err() && renewed.gpu().check_lost().is_ok());
+    assert_same(&again, &picture);
+    assert_eq!(
+        view_file(renewed.session().unwrap()),
+        view_file(viewer.session().unwrap())
+    );
+    let script = Script::parse("1 lose-device\n3 lose-device").unwrap();
+    let gpu = open().unwrap();
+    let twice = headless::run(&gpu, start, SIZE, 6, &script, None, None);
+    let reason = twice.err().unwrap();
+    assert!(reason.contains("the GPU was lost"), "{reason}");
+}
+
+#[test]
 fn a_recording_has_complete_frames_at_fixed_times() {
     let Some(gpu) = open() else { return };
     let script = Script::parse("0 play\n1 edit light.0.position=0.1,1.5,0.2").unwrap();
