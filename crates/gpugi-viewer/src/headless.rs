@@ -140,6 +140,8 @@ fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
         .frame(size, STEP_SECONDS)
         .map_err(|error| error.to_string())?;
     session.gpu().wait().map_err(|error| error.to_string())?;
+    // Before the next step, the camera knows what it orbits around.
+    session.picked();
     Ok(shown.is_new)
 }
 

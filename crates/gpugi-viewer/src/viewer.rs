@@ -9,6 +9,7 @@ use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 
 use crate::arguments::{is_view_file, of_view_file};
+use crate::camera_control::CameraControl;
 use crate::opening::{self, Opening};
 use crate::session::{Loaded, Session};
 use crate::technique_set::TechniqueSet;
@@ -261,13 +262,17 @@ impl Viewer {
     fn show(&mut self, loaded: Loaded) -> Result<(), String> {
         let look = self.look.take();
         let choice = look.as_ref().and_then(|look| look.camera.as_deref());
-        let camera = scene_argument::camera(&loaded.scene, choice, 4.0 / 3.0);
-        let camera = camera.map_err(|error| format!("{error:#}"))?;
+        let view = scene_argument::view(&loaded.scene, choice, 4.0 / 3.0);
+        let (camera, target) = view.map_err(|error| format!("{error:#}"))?;
+        let mut camera = CameraControl::new(&camera, &loaded.scene.bounds());
+        if let Some(target) = target {
+            camera = camera.around(target);
+        }
         match &mut self.session {
-            Some(session) => session.open(loaded, &camera),
+            Some(session) => session.open(loaded, camera),
             None => {
                 let wake = self.wake.clone();
-                let session = Session::new(&self.gpu, loaded, &camera, move || wake());
+                let session = Session::new(&self.gpu, loaded, camera, move || wake());
                 self.session = Some(session.map_err(|error| error.to_string())?);
             }
         }

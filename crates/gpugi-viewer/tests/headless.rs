@@ -7,7 +7,7 @@ use gpugi::Renderer;
 use gpugi::display::Compared;
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi_arguments::files::Files;
-use gpugi_arguments::scene_argument::SceneArguments;
+use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::save_exr;
@@ -185,6 +185,8 @@ fn a_saved_view_opens_with_its_edits() {
     let opened = of_view_file(saved.as_bytes()).unwrap();
     let (mut viewer, again) = shown(&gpu, opened.clone(), "");
     assert_same(&again, &picture);
+    // To the last digit, with what the camera orbits around.
+    assert_eq!(view_file(viewer.session().unwrap()), saved);
     let edits = viewer.session().unwrap().edits();
     assert_eq!(
         edits,
@@ -276,6 +278,24 @@ fn an_opening_that_is_cancelled_changes_nothing() {
     assert!(viewer.opening().is_none());
     viewer.finish_opening().unwrap();
     assert_eq!(viewer.session().unwrap().loaded().arguments, ["room"]);
+}
+
+#[test]
+fn a_camera_orbits_around_what_it_shows_in_the_middle() {
+    let Some(gpu) = open() else { return };
+    let start = start("room", &["shadow-map"]);
+    let (mut viewer, _) = shown(&gpu, start, "0 orbit 0 0");
+    let session = viewer.session().unwrap();
+    let points = session.loaded().renderer.surface_points().unwrap();
+    let middle = (SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) as usize;
+    let seen = points[middle].as_ref().unwrap().position;
+    let words = session.camera.argument(&[]).unwrap();
+    let scene = &session.loaded().scene;
+    let (_, target) = scene_argument::view(scene, Some(&words), 1.0).unwrap();
+    let eye = session.camera.camera().world_from_view.w_axis.truncate();
+    // Within a pixel, along its diagonal.
+    let off = target.unwrap().distance(seen) / eye.distance(seen);
+    assert!(off < 0.05, "{off}");
 }
 
 /// Frames at rest until `done`.
