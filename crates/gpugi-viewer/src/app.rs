@@ -24,6 +24,8 @@ use crate::viewer::{Start, Viewer};
 
 #[cfg(target_arch = "wasm32")]
 mod address;
+#[cfg(not(target_arch = "wasm32"))]
+mod shaders;
 
 /// The viewer's window, or page.
 pub struct App {
@@ -36,6 +38,8 @@ pub struct App {
     /// What was dropped on a page, which is being read.
     dropped: Option<Task<Result<Files, String>>>,
     saving: Option<Saving>,
+    #[cfg(not(target_arch = "wasm32"))]
+    shaders: shaders::Shaders,
     #[cfg(target_arch = "wasm32")]
     address: address::Address,
     message: Option<Message>,
@@ -84,6 +88,8 @@ impl App {
             maps: Maps::default(),
             dropped: None,
             saving: None,
+            #[cfg(not(target_arch = "wasm32"))]
+            shaders: shaders::Shaders::default(),
             #[cfg(target_arch = "wasm32")]
             address: address::Address::default(),
             message: None,
@@ -368,6 +374,8 @@ impl App {
         }
         self.follow_openings(context);
         self.follow_saving();
+        #[cfg(not(target_arch = "wasm32"))]
+        self.shaders.follow(context, &mut self.viewer);
         #[cfg(target_arch = "wasm32")]
         if let Some(session) = self.viewer.session() {
             self.address.follow(session, context);

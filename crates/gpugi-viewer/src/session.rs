@@ -219,6 +219,8 @@ impl Session {
         self.loaded = loaded;
         self.readiness = Readiness::Refining { progress: 0.0 };
         self.changed();
+        // The next one has the shaders of today.
+        self.truth = None;
         self.pass_times.clear();
         self.picks.clear();
         self.middle = None;
@@ -438,7 +440,7 @@ impl Session {
         }
         let truth = self.truth.get_or_insert_with(|| {
             let wake = self.wake.clone();
-            Truth::start(&self.gpu.adapter.name, move || wake())
+            Truth::start(&self.gpu, move || wake())
         });
         let camera = self.camera.camera();
         let size = self.loaded.renderer.size();

@@ -98,6 +98,7 @@ impl Viewer {
     /// Begins to make what was on show anew, on another device, after its own was lost. What was to take its place is
     /// given up.
     pub fn renew(&mut self, gpu: &Gpu, wake: impl Fn() + Send + Sync + 'static) {
+        gpu.replace_shaders(self.gpu.replaced_shaders());
         self.gpu = gpu.clone();
         self.wake = Arc::new(wake);
         let size = self.size();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use gpugi::Renderer;
 use gpugi::display::Compared;
-use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::Scene;
@@ -353,4 +353,40 @@ fn a_click_finds_the_object_under_it() {
     assert_eq!(picked.len(), 1);
     assert_eq!(picked[0].1.as_ref().unwrap().instance, expected);
     assert!(session.picked().is_empty());
+}
+
+/// The picture at rest, lit with other shaders in place of those that were built.
+fn lit_with(viewer: &mut Viewer, shaders: Vec<Shader>) -> Result<Vec<f32>, String> {
+    viewer.gpu().replace_shaders(shaders);
+    let set = viewer.session().unwrap().loaded().set.clone();
+    viewer.change_set(set);
+    viewer.finish_opening()?;
+    let session = viewer.session().unwrap();
+    frames_until(session, |session| {
+        session.loaded().renderer.samples() >= SAMPLES
+    });
+    Ok(session.loaded().renderer.radiance().unwrap())
+}
+
+#[test]
+fn shaders_under_development_light_the_next_picture() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, built) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let name = "techniques.shadow_map.gather";
+    let (_, source) = all_shaders().iter().find(|(one, _)| *one == name).unwrap();
+    let with = |light: &str| {
+        assert!(source.contains("vec4f(sum, 0.0)"));
+        let source = source.replace("vec4f(sum, 0.0)", light).into();
+        vec![Shader { name, source }]
+    };
+    let brighter = lit_with(&mut viewer, with("vec4f(2.0 * sum, 0.0)")).unwrap();
+    let sum = |picture: &[f32]| picture.iter().sum::<f32>();
+    // Lamps that are seen stay as they are.
+    assert!((1.5..=2.001).contains(&(sum(&brighter) / sum(&built))));
+    let reason = lit_with(&mut viewer, with("vec4f(2.0 * tsum, 0.0)")).unwrap_err();
+    assert!(reason.contains("tsum") && reason.contains(name), "{reason}");
+    let session = viewer.session().unwrap();
+    let left = session.loaded().renderer.radiance().unwrap();
+    assert_same(&left, &brighter);
+    assert_same(&lit_with(&mut viewer, Vec::new()).unwrap(), &built);
 }
