@@ -118,6 +118,9 @@ impl Device {
         viewer: &mut Viewer,
         mut work: impl FnMut(&mut Viewer) -> Result<(), String>,
     ) -> Result<(), String> {
+        let time = viewer
+            .session()
+            .map(|session| (session.clock, session.is_held));
         let done = work(viewer);
         let is_lost = viewer.gpu().check_lost().is_err();
         // What was being opened is not opened again: it may be what the device was lost by.
@@ -129,6 +132,10 @@ impl Device {
         let gpu = Gpu::open(&choice).map_err(|error| error.to_string())?;
         viewer.renew(&gpu, || {});
         viewer.finish_opening()?;
+        if let (Some(session), Some(time)) = (viewer.session(), time) {
+            // The same moment once more.
+            (session.clock, session.is_held) = time;
+        }
         work(viewer)
     }
 }
