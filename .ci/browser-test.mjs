@@ -145,7 +145,14 @@ try {
     await shoot(page, 'orbited', /--camera 'eye=.*--technique shadow-map /);
 
     await page.waitForFunction(() => /camera=eye.*technique=shadow-map/.test(location.hash));
-    const again = await open(browser, await page.evaluate(() => location.href));
+    const seen = await page.evaluate(() => location.href);
+    await page.evaluate(() => window.gpugi.run('lose-device'));
+    await page.waitForFunction(() => document.body.innerText.includes('lost the GPU'));
+    await Promise.all([page.waitForNavigation(), page.click('button')]);
+    check(page.url() === seen, `the page that is loaded again shows ${page.url()} in place of ${seen}`);
+    await page.waitForFunction(() => window.gpugi);
+
+    const again = await open(browser, seen);
     await shoot(again, 'again', /--camera 'eye=.*--technique shadow-map /);
 
     await again.evaluate((bytes) => {

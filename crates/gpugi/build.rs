@@ -3,6 +3,8 @@
 //!
 //! `src/techniques/shadow_map/gather.wesl` becomes `$OUT_DIR/techniques.shadow_map.gather.wgsl`. `shaders.rs` in
 //! `OUT_DIR` lists all of them, so that a test can validate each.
+//!
+//! In debug builds, the viewer runs this program again when a source changes: `gpu::shader_linker` says where it is.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -65,6 +67,12 @@ fn main() {
     table.push(']');
     std::fs::write(out.join("shaders.rs"), table).expect("OUT_DIR is writable");
     println!("cargo:rerun-if-changed=src");
+    if std::env::var("PROFILE").is_ok_and(|profile| profile == "debug") {
+        let program = std::env::current_exe().expect("a program has a path");
+        println!("cargo:rustc-env=GPUGI_LINKER={}", program.display());
+        let folder = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
+        println!("cargo:rustc-env=GPUGI_LINKER_FOLDER={folder}");
+    }
 }
 
 fn link(source: &Path, module: &str) -> String {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use glam::Vec3;
 use gpugi_scene::{
     Camera, Environment, FileResolver, Limits, Scene, builtin, import, import_environment,
     import_file, import_file_within,
@@ -188,16 +189,33 @@ fn check_is_readable(name: &str) -> anyhow::Result<()> {
 
 /// The camera that `choice` selects, for an image of the given aspect ratio (width / height).
 pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Result<Camera> {
+    view(scene, choice, aspect).map(|(camera, _)| camera)
+}
+
+/// As [`camera`], with the point (world space (m)) at which it looks, if `choice` says so.
+pub fn view(
+    scene: &Scene,
+    choice: Option<&str>,
+    aspect: f32,
+) -> anyhow::Result<(Camera, Option<Vec3>)> {
+    match choice.filter(|choice| choice.contains('=')) {
+        Some(text) => {
+            let (camera, target) =
+                look_at(scene, text).map_err(|error| Usage(format!("--camera: {error:#}")))?;
+            Ok((camera, Some(target)))
+        }
+        None => Ok((camera_of_scene(scene, choice, aspect)?, None)),
+    }
+}
+
+/// The camera with a name or an index; without, the first, or one that frames the scene.
+fn camera_of_scene(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Result<Camera> {
     let Some(choice) = choice else {
         return Ok(match scene.cameras.first() {
             Some(camera) => camera.clone(),
             None => Camera::framing(&scene.bounds(), aspect),
         });
     };
-    if choice.contains('=') {
-        return look_at(scene, choice)
-            .map_err(|error| Usage(format!("--camera: {error:#}")).into());
-    }
     let by_index = choice
         .parse::<usize>()
         .ok()
@@ -222,25 +240,27 @@ pub fn camera(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::Resul
     })
 }
 
-/// Parses `eye=x,y,z;target=x,y,z;fov=DEGREES`. A missing eye or target is chosen to frame the scene; a missing fov is
-/// 35 degrees.
-fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
+/// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES`, and returns the target, too. A missing eye or target is chosen
+/// to frame the scene; a missing up is +Y, a missing fov 35 degrees.
+fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Vec3)> {
     let framing = Camera::framing(&scene.bounds(), 1.0);
     let mut eye = framing.world_from_view.w_axis.truncate();
     let mut target = scene.bounds().center();
+    let mut up = None;
     let mut degrees = 35.0;
     for part in text.split(';').filter(|part| !part.trim().is_empty()) {
         let (key, value) = part.split_once('=').context("expected key=value")?;
         match key.trim() {
             "eye" => eye = numbers(value)?.into(),
             "target" => target = numbers(value)?.into(),
+            "up" => up = Some(Vec3::from(numbers(value)?)),
             "fov" => {
                 degrees = value
                     .trim()
                     .parse()
                     .context("fov needs a number of degrees")?
             }
-            other => anyhow::bail!("there is no {other:?}; there are eye, target and fov"),
+            other => anyhow::bail!("there is no {other:?}; there are eye, target, up and fov"),
         }
     }
     anyhow::ensure!(
@@ -248,10 +268,39 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<Camera> {
         "fov must lie between 1 and 170 degrees"
     );
     anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
-    Ok(Camera::look_at(
-        "command line",
-        eye,
-        target,
-        f32::to_radians(degrees),
-    ))
+    let mut camera = Camera::look_at("command line", eye, target, f32::to_radians(degrees));
+    if let Some(up) = up {
+        let backward = camera.world_from_view.z_axis.truncate();
+        let right = up.normalize_or_zero().cross(backward);
+        anyhow::ensure!(right.length() > 1e-6, "up must point aside of the view");
+        let right = right.normalize();
+        camera.world_from_view.x_axis = right.extend(0.0);
+        camera.world_from_view.y_axis = backward.cross(right).extend(0.0);
+    }
+    Ok((camera, target))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn up_turns_a_camera_around_its_view() {
+        let scene = builtin::builtin("cornell", 1).unwrap();
+        let seen_as = |words: &str| view(&scene, Some(words), 1.0);
+        let (camera, target) = seen_as("eye=0,3,0;target=0,1,0;up=2,0,0;fov=50").unwrap();
+        assert_eq!(target, Some(Vec3::Y));
+        let axes = [0, 1, 2, 3].map(|axis| camera.world_from_view.col(axis).truncate());
+        assert_eq!(axes, [Vec3::Z, Vec3::X, Vec3::Y, Vec3::new(0.0, 3.0, 0.0)]);
+        for (wrong, said) in [
+            ("eye=0,3,0;target=0,1,0;up=0,1,0", "aside"),
+            ("eye=0,3,0;target=0,1,0;up=0,0,0", "aside"),
+            ("eye=0,3,0;target=0,1,0;up=1,nan,0", "x,y,z"),
+            ("eye=0,3,0;down=0,1,0", "there are eye, target, up and fov"),
+            ("eye=0,1,0;target=0,1,0", "differ"),
+        ] {
+            let error = format!("{:#}", seen_as(wrong).unwrap_err());
+            assert!(error.contains(said), "{wrong}: {error}");
+        }
+    }
 }

@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
     size: [u32; 2],
-    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
     /// Exposure in EV (0 shows radiance 1 as 1), or auto

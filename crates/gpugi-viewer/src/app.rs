@@ -24,6 +24,8 @@ use crate::viewer::{Start, Viewer};
 
 #[cfg(target_arch = "wasm32")]
 mod address;
+#[cfg(not(target_arch = "wasm32"))]
+mod shaders;
 
 /// The viewer's window, or page.
 pub struct App {
@@ -36,6 +38,8 @@ pub struct App {
     /// What was dropped on a page, which is being read.
     dropped: Option<Task<Result<Files, String>>>,
     saving: Option<Saving>,
+    #[cfg(not(target_arch = "wasm32"))]
+    shaders: shaders::Shaders,
     #[cfg(target_arch = "wasm32")]
     address: address::Address,
     message: Option<Message>,
@@ -54,14 +58,29 @@ struct Message {
 impl App {
     /// A window on the device of `render_state`, in which a scene is being opened.
     pub fn new(context: &egui::Context, render_state: &RenderState, start: Start) -> Self {
-        let gpu = Gpu::from_device(
-            &render_state.adapter,
-            render_state.device.clone(),
-            render_state.queue.clone(),
-        );
+        let gpu = gpu_of(render_state);
         let context = context.clone();
+        let viewer = Viewer::new(&gpu, start, move || context.request_repaint());
+        Self::of(viewer, gpu, render_state)
+    }
+
+    /// Another window, on another device, that shows what this one showed before its own was lost.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn renewed(mut self, context: &egui::Context, render_state: &RenderState) -> Self {
+        let gpu = gpu_of(render_state);
+        let context = context.clone();
+        self.viewer.renew(&gpu, move || context.request_repaint());
+        let lost = self.gpu.check_lost();
+        let mut app = Self::of(self.viewer, gpu, render_state);
+        if let Err(lost) = lost {
+            app.complain(lost.to_string());
+        }
+        app
+    }
+
+    fn of(viewer: Viewer, gpu: Gpu, render_state: &RenderState) -> Self {
         Self {
-            viewer: Viewer::new(&gpu, start, move || context.request_repaint()),
+            viewer,
             gpu,
             render_state: render_state.clone(),
             texture: None,
@@ -69,6 +88,8 @@ impl App {
             maps: Maps::default(),
             dropped: None,
             saving: None,
+            #[cfg(not(target_arch = "wasm32"))]
+            shaders: shaders::Shaders::default(),
             #[cfg(target_arch = "wasm32")]
             address: address::Address::default(),
             message: None,
@@ -98,7 +119,6 @@ impl App {
         match self.viewer.take_opened() {
             Ok(false) => {}
             Ok(true) => {
-                self.message = None;
                 self.selected = None;
                 self.maps.clear();
                 if let Some(session) = self.viewer.session() {
@@ -111,6 +131,7 @@ impl App {
     }
 
     fn open_file(&mut self, file: &Path, files: Files) {
+        self.message = None;
         if let Err(reason) = self.viewer.open_file(file, files) {
             self.complain(reason);
         }
@@ -141,6 +162,7 @@ impl App {
         let Some(session) = self.viewer.session() else {
             return Ok(());
         };
+        self.message = None;
         match action {
             Action::Open(name) => {
                 self.viewer
@@ -151,6 +173,7 @@ impl App {
             Action::Edit(edit) => session.edit(&edit)?,
             Action::Pose(seconds) => session.pose(seconds)?,
             Action::Camera(index) => session.stand_at(index),
+            Action::LoseDevice => self.viewer.lose_device(),
             Action::CopyCommand => {
                 let command = command(session, session.loaded().renderer.size());
                 context.copy_text(command.clone());
@@ -183,6 +206,11 @@ impl App {
     /// What is on show, and what is being opened.
     pub fn viewer(&mut self) -> &mut Viewer {
         &mut self.viewer
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
     }
 
     /// What people are told, if it is about an error.
@@ -328,11 +356,29 @@ impl eframe::App for App {
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {
         let context = ui.ctx().clone();
-        self.follow_openings(&context);
+        self.show(ui, &context);
+        if self.gpu.check_lost().is_err() {
+            // The window closes, to open on another device; the page says what to do. Until then, egui must draw
+            // nothing: on a lost device it panics.
+            context.graphics_mut(std::mem::take);
+            context.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+    }
+}
+
+impl App {
+    /// All of the window.
+    fn show(&mut self, ui: &mut Ui, context: &egui::Context) {
+        if self.gpu.check_lost().is_err() {
+            return;
+        }
+        self.follow_openings(context);
         self.follow_saving();
+        #[cfg(not(target_arch = "wasm32"))]
+        self.shaders.follow(context, &mut self.viewer);
         #[cfg(target_arch = "wasm32")]
         if let Some(session) = self.viewer.session() {
-            self.address.follow(session, &context);
+            self.address.follow(session, context);
         }
         let mut actions = Vec::new();
         let is_opening = self.viewer.opening().is_some();
@@ -357,11 +403,11 @@ impl eframe::App for App {
                     panels::keys(ui);
                 });
             });
-            self.maps.windows(&context, session);
+            self.maps.windows(context, session);
             keys(ui, session, &mut actions);
         }
         for action in actions {
-            if let Err(error) = self.act(&context, action) {
+            if let Err(error) = self.act(context, action) {
                 self.message = Some(Message {
                     text: error.to_string(),
                     is_error: true,
@@ -373,7 +419,16 @@ impl eframe::App for App {
     }
 }
 
-/// Keys that save what is seen and show the truth beside it.
+/// gpugi on egui's device.
+fn gpu_of(render_state: &RenderState) -> Gpu {
+    Gpu::from_device(
+        &render_state.adapter,
+        render_state.device.clone(),
+        render_state.queue.clone(),
+    )
+}
+
+/// Keys that save what is seen and show the truth beside it. For tests, F12 loses the device.
 fn keys(ui: &Ui, session: &mut Session, actions: &mut Vec<Action>) {
     if ui.ctx().egui_wants_keyboard_input() {
         return;
@@ -387,6 +442,9 @@ fn keys(ui: &Ui, session: &mut Session, actions: &mut Vec<Action>) {
         if is_pressed(key) {
             actions.push(Action::Save(what));
         }
+    }
+    if is_pressed(Key::F12) && cfg!(all(debug_assertions, not(target_arch = "wasm32"))) {
+        actions.push(Action::LoseDevice);
     }
     if is_pressed(Key::T) && truth::IS_POSSIBLE {
         session.compared = match session.compared {

@@ -25,7 +25,7 @@ pub(crate) const REPEATED: [&str; 2] = ["set", "edit"];
 pub struct ViewArguments {
     #[command(flatten)]
     scene: SceneArguments,
-    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG"
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
     /// Exposure in EV (0 shows radiance 1 as 1), or auto

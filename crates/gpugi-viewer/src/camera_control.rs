@@ -1,11 +1,13 @@
 //! A camera that people steer: it orbits around a target, pans, zooms, flies and looks around, and follows its goal
 //! smoothly.
 
-use glam::{Mat3, Mat4, Vec2, Vec3};
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+
+use glam::{Mat3, Mat4, Vec2, Vec3, Vec3Swizzles};
 use gpugi_scene::{Bounds, Camera, Projection};
 
-/// Steepest angle against the horizon (rad): straight up, the camera would have no side that is up.
-const STEEPEST: f32 = 1.55;
+/// Steepest angle against the horizon (rad): beyond straight up or down, the picture would stand on its head.
+const STEEPEST: f32 = FRAC_PI_2;
 /// Time in which the camera covers all but 1/e of the way to its goal (s).
 const DAMPING_SECONDS: f32 = 0.06;
 /// Perspective cameras keep their vertical field of view between these (rad).
@@ -38,10 +40,11 @@ impl Viewpoint {
         self.target + self.distance * self.backward()
     }
 
-    /// Columns: right, up and backward, world space.
+    /// Columns: right, up and backward, world space. Right is horizontal, straight up and down too.
     fn axes(&self) -> Mat3 {
         let backward = self.backward();
-        let right = Vec3::Y.cross(backward).normalize_or(Vec3::X);
+        let (sin_yaw, cos_yaw) = self.yaw.sin_cos();
+        let right = Vec3::new(cos_yaw, 0.0, -sin_yaw);
         Mat3::from_cols(right, backward.cross(right), backward)
     }
 
@@ -77,6 +80,8 @@ impl Viewpoint {
 pub struct CameraControl {
     /// The scene's camera, exactly as it is, until somebody steers.
     untouched: Option<Camera>,
+    /// Whether nobody has said yet what it orbits around.
+    is_target_guessed: bool,
     shown: Viewpoint,
     goal: Viewpoint,
     is_parallel: bool,
@@ -85,15 +90,49 @@ pub struct CameraControl {
 }
 
 impl CameraControl {
-    /// Stands where `camera` stands in a scene within `bounds`.
+    /// Stands where `camera` stands in a scene within `bounds`, and orbits around the point of its axis that is nearest
+    /// to the middle of the scene.
     pub fn new(camera: &Camera, bounds: &Bounds) -> Self {
         let viewpoint = viewpoint_of(camera, bounds);
         Self {
             untouched: Some(camera.clone()),
+            is_target_guessed: true,
             shown: viewpoint,
             goal: viewpoint,
             is_parallel: matches!(camera.projection, Projection::Orthographic { .. }),
-            diagonal: bounds.diagonal().max(1e-3),
+            diagonal: size_of(bounds),
+        }
+    }
+
+    /// Orbits around `target`, at which it looks (world space (m)).
+    pub fn around(mut self, target: Vec3) -> Self {
+        self.is_target_guessed = false;
+        let distance = self.goal.eye().distance(target);
+        if distance > 0.0 && distance.is_finite() {
+            self.goal.distance = distance;
+            self.goal.target = target;
+            self.shown = self.goal;
+        }
+        self
+    }
+
+    /// Whether what is seen in the middle of the picture is a better target than the one that it has.
+    pub fn wants_target(&self) -> bool {
+        self.is_target_guessed && self.untouched.is_some()
+    }
+
+    /// Takes what is seen in the middle of the picture as its target, if that is anything (world space (m)).
+    pub fn take_target(&mut self, seen: Option<Vec3>) {
+        let is_wanted = self.wants_target();
+        self.is_target_guessed = false;
+        let eye = self.goal.eye();
+        let backward = self.goal.backward();
+        let distance = seen.map(|point| (eye - point).dot(backward));
+        let distance = distance.filter(|distance| *distance > 0.0 && distance.is_finite());
+        if let (Some(distance), true) = (distance, is_wanted) {
+            self.goal.distance = distance;
+            self.goal.target = eye - distance * backward;
+            self.shown = self.goal;
         }
     }
 
@@ -133,13 +172,18 @@ impl CameraControl {
         if self.is_parallel {
             return None;
         }
-        let point = |point: Vec3| format!("{:.5},{:.5},{:.5}", point.x, point.y, point.z);
-        Some(format!(
-            "eye={};target={};fov={:.3}",
-            point(self.goal.eye()),
-            point(self.goal.target),
-            self.goal.opening.to_degrees()
-        ))
+        let eye = match &self.untouched {
+            Some(camera) => camera.world_from_view.w_axis.truncate(),
+            None => self.goal.eye(),
+        };
+        let target = self.goal.target;
+        let mut words = format!("eye={};target={}", in_words(eye), in_words(target));
+        let axes = self.goal.axes();
+        // Near the vertical, eye and target do not say what is up.
+        if axes.z_axis.y.abs() > 0.99 {
+            words += &format!(";up={}", in_words(axes.y_axis));
+        }
+        Some(words + &format!(";fov={}", degrees_in_words(self.goal.opening)))
     }
 
     /// Moves toward the goal for `seconds`. Returns whether the camera moves.
@@ -188,8 +232,11 @@ impl CameraControl {
             self.goal.opening = (self.goal.opening * factor).clamp(1e-4, 100.0 * self.diagonal);
             return;
         }
-        let range = [1e-4, 100.0].map(|times| times * self.diagonal);
-        self.goal.distance = (self.goal.distance * factor).clamp(range[0], range[1]);
+        let distance = self.goal.distance;
+        let [nearest, farthest] = [1e-4, 100.0].map(|times| times * self.diagonal);
+        // A camera that stands beyond is not moved at once.
+        let range = [nearest.min(distance), farthest.max(distance)];
+        self.goal.distance = (distance * factor).clamp(range[0], range[1]);
     }
 
     /// Flies right, up and forward; a length of 1 crosses the scene in four seconds.
@@ -208,10 +255,10 @@ impl CameraControl {
             return;
         }
         self.untouched = None;
-        let [yaw, pitch] = angles_of(way.normalize());
+        let [yaw, pitch] = angles_of(way.normalize(), self.goal.axes().x_axis);
         // The shorter way around.
-        let turn = (yaw - self.goal.yaw + std::f32::consts::PI).rem_euclid(std::f32::consts::TAU);
-        self.goal.yaw += turn - std::f32::consts::PI;
+        let turn = (yaw - self.goal.yaw + PI).rem_euclid(TAU);
+        self.goal.yaw += turn - PI;
         self.goal.pitch = pitch;
         self.goal.distance = way.length();
         self.goal.target = eye - self.goal.distance * self.goal.backward();
@@ -230,13 +277,40 @@ impl CameraControl {
     }
 }
 
-/// Yaw and pitch of a unit vector from the target to the eye.
-fn angles_of(backward: Vec3) -> [f32; 2] {
-    let pitch = backward.y.clamp(-1.0, 1.0).asin();
-    [
-        backward.x.atan2(backward.z),
-        pitch.clamp(-STEEPEST, STEEPEST),
-    ]
+/// Yaw and pitch of a camera by its axes: unit vectors from the target to the eye, and to the right.
+fn angles_of(backward: Vec3, right: Vec3) -> [f32; 2] {
+    let across = backward.xz().length();
+    // Straight up or down, only the side says where it turns.
+    let yaw = if across > 1e-3 {
+        backward.x.atan2(backward.z)
+    } else {
+        (-right.z).atan2(right.x)
+    };
+    [yaw, backward.y.atan2(across).clamp(-STEEPEST, STEEPEST)]
+}
+
+/// A point in the shortest words that are read as the same numbers.
+fn in_words(point: Vec3) -> String {
+    // No -0.
+    let point = point + Vec3::ZERO;
+    format!("{},{},{}", point.x, point.y, point.z)
+}
+
+/// An angle (rad) in degrees, in the shortest words that are read as the same angle.
+fn degrees_in_words(angle: f32) -> String {
+    let degrees = angle.to_degrees();
+    let is_same = |words: &String| {
+        let read = words.parse::<f32>();
+        read.is_ok_and(|degrees| degrees.to_radians() == angle)
+    };
+    let mut rounded = (0..8).map(|digits| format!("{degrees:.digits$}"));
+    rounded.find(is_same).unwrap_or_else(|| degrees.to_string())
+}
+
+/// The diagonal of a scene (m), or of what stands for one without extent.
+fn size_of(bounds: &Bounds) -> f32 {
+    let diagonal = bounds.diagonal();
+    if diagonal > 0.0 { diagonal } else { 1.0 }
 }
 
 /// The viewpoint of a camera. It looks at the point of its axis that is nearest to the middle of the scene.
@@ -244,10 +318,11 @@ fn viewpoint_of(camera: &Camera, bounds: &Bounds) -> Viewpoint {
     let eye = camera.world_from_view.w_axis.truncate();
     let backward = camera.world_from_view.z_axis.truncate();
     let backward = backward.normalize_or(Vec3::Z);
-    let diagonal = bounds.diagonal().max(1e-3);
     let along = (eye - bounds.center()).dot(backward);
-    let [yaw, pitch] = angles_of(backward);
-    let distance = along.clamp(0.1 * diagonal, 10.0 * diagonal);
+    let [yaw, pitch] = angles_of(backward, camera.world_from_view.x_axis.truncate());
+    // Farther away, rounding moves the eye by more than the scene.
+    let [least, most] = [0.1, 1e6].map(|times| times * size_of(bounds));
+    let distance = along.clamp(least, most);
     let mut viewpoint = Viewpoint {
         target: Vec3::ZERO,
         distance,
@@ -264,6 +339,8 @@ fn viewpoint_of(camera: &Camera, bounds: &Bounds) -> Viewpoint {
 
 #[cfg(test)]
 mod tests {
+    use gpugi_arguments::scene_argument;
+
     use super::*;
 
     fn bounds() -> Bounds {
@@ -296,10 +373,7 @@ mod tests {
         let of_scene = [control.camera()];
         assert_eq!(control.argument(&of_scene).as_deref(), Some("first"));
         let elsewhere = control.argument(&[]).unwrap();
-        assert!(
-            elsewhere.starts_with("eye=1.00000,2.00000,5.00000;"),
-            "{elsewhere}"
-        );
+        assert!(elsewhere.starts_with("eye=1,2,5;"), "{elsewhere}");
         // What it becomes when somebody steers stands at the same place.
         let before = control.camera();
         control.orbit(Vec2::ZERO);
@@ -316,7 +390,109 @@ mod tests {
         control.orbit(Vec2::new(0.5, 9.0));
         let after = eye(&settle(&mut control));
         assert!((after.distance(before.target) - before.distance).abs() < 1e-3);
-        assert!(control.camera().world_from_view.y_axis.y > 0.0);
+        // Straight down, up is horizontal.
+        assert!(control.camera().world_from_view.y_axis.y > -1e-6);
+    }
+
+    /// Whether somebody who takes hold of the camera sees no jump.
+    #[track_caller]
+    fn assert_no_jump(control: &CameraControl) {
+        let before = control.camera();
+        let mut touched = control.clone();
+        touched.orbit(Vec2::ZERO);
+        let after = touched.camera();
+        let difference = before.world_from_view - after.world_from_view;
+        let scale = eye(&before).length().max(1.0);
+        let largest = difference.to_cols_array().map(|one| one.abs() / scale);
+        assert!(largest.iter().all(|one| *one < 1e-5), "{difference}");
+    }
+
+    #[test]
+    fn a_camera_that_looks_straight_down_or_up_does_not_jump() {
+        for (height, turn) in [(3.0, 0.0), (3.0, 2.0), (-3.0, -1.0)] {
+            let mut camera = Camera::look_at("", Vec3::new(0.1, height, 0.2), Vec3::ZERO, 0.7);
+            // Exactly vertical, and turned around that.
+            camera.world_from_view = Mat4::from_translation(Vec3::new(0.1, height, 0.2))
+                * Mat4::from_rotation_y(turn)
+                * Mat4::from_rotation_x(-FRAC_PI_2 * f32::signum(height));
+            let mut control = CameraControl::new(&camera, &bounds());
+            assert_no_jump(&control);
+            // A millimetre of orbiting turns it by that much.
+            control.orbit(Vec2::new(0.001, 0.0));
+            let turned = settle(&mut control).world_from_view.x_axis.truncate();
+            let right = camera.world_from_view.x_axis.truncate();
+            assert!(turned.angle_between(right) < 0.0015);
+            // Its words stand for it.
+            let scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
+            let words = control.argument(&[]).unwrap();
+            let read = scene_argument::camera(&scene, Some(&words), 1.0).unwrap();
+            let difference = read.world_from_view - control.camera().world_from_view;
+            let largest = difference.to_cols_array().map(f32::abs);
+            assert!(
+                largest.iter().all(|one| *one < 1e-4),
+                "{words}: {difference}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_target_is_what_is_seen_in_the_middle() {
+        // In a room, looking at the wall behind; near one of many objects; and far away.
+        for (eye_z, seen_z) in [(0.5, 0.9), (1.01, 1.0), (400.0, 1.0), (3000.0, 1.0)] {
+            let from = Vec3::new(0.0, 0.0, eye_z);
+            let seen = Vec3::new(0.0, 0.0, seen_z);
+            let camera = Camera::look_at("", from, seen, 0.7);
+            let mut control = CameraControl::new(&camera, &bounds());
+            assert!(control.wants_target());
+            // The ray through a pixel is not quite the axis.
+            control.take_target(Some(seen + Vec3::new(1e-4, 0.0, 0.0)));
+            assert!(!control.wants_target());
+            assert_eq!(control.camera(), camera);
+            assert_no_jump(&control);
+            let close = 1e-6 * eye_z.max(1.0);
+            assert!(control.goal.target.distance(seen) < close, "{eye_z}");
+            // Zooming goes there from where it is.
+            let distance = control.goal.distance;
+            control.zoom(0.9);
+            assert!((control.goal.distance / distance - 0.9).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_seen_the_target_is_as_far_as_the_middle_of_the_scene() {
+        let from = Vec3::new(0.0, 0.0, 100.0);
+        let camera = Camera::look_at("", from, Vec3::new(30.0, 0.0, 0.0), 0.7);
+        let mut control = CameraControl::new(&camera, &bounds());
+        control.take_target(None);
+        assert!(!control.wants_target());
+        let nearest = control.goal.target;
+        let axis = (nearest - from).normalize();
+        assert!(axis.dot(nearest).abs() < 1e-3, "{nearest}");
+        // Who steers already keeps the target.
+        let mut control = CameraControl::new(&camera, &bounds());
+        control.orbit(Vec2::X);
+        let before = control.goal;
+        control.take_target(Some(Vec3::ZERO));
+        assert_eq!(control.goal, before);
+    }
+
+    #[test]
+    fn words_are_read_as_the_same_camera_however_small_it_is() {
+        let scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
+        for size in [1e-6, 0.001, 1.0, 4321.0] {
+            let bounds = Bounds::of([Vec3::splat(-size), Vec3::splat(size)]);
+            let from = size * Vec3::new(1.234_567, 2.1, 4.9);
+            let camera = Camera::look_at("", from, size * Vec3::new(0.1, 0.2, 0.3), 0.7);
+            let control = CameraControl::new(&camera, &bounds);
+            let words = control.argument(&[]).unwrap();
+            let (read, target) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
+            let again = CameraControl::new(&read, &bounds).around(target.unwrap());
+            assert_eq!(again.argument(&[]).unwrap(), words);
+            assert_eq!(eye(&read), from, "{words}");
+            assert_eq!(again.goal.target, control.goal.target, "{words}");
+            assert_eq!(again.goal.opening, 0.7, "{words}");
+            assert!(!again.wants_target());
+        }
     }
 
     #[test]

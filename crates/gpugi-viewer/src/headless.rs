@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use gpugi::Readiness;
-use gpugi::gpu::Gpu;
+use gpugi::gpu::{AdapterChoice, Gpu};
 use serde::Serialize;
 
 use crate::script::Script;
@@ -37,7 +37,7 @@ pub type Recorder<'a> = &'a mut dyn FnMut(u32, &Session) -> Result<(), String>;
 
 /// Shows `frames` frames of `size` pixels after the first picture, while `script` runs. With `samples`, more frames
 /// follow until the picture at rest has so many per pixel. The resolution stays the same. Before `recorder` takes a
-/// frame, time stands still until it is complete.
+/// frame, time stands still until it is complete. A device that is lost is made anew, once.
 ///
 /// # Errors
 /// Why it cannot be shown.
@@ -59,26 +59,33 @@ pub fn run(
     while !show(&mut viewer, size)? {}
     let first_picture_seconds = started.elapsed().as_secs_f64();
     let mut times = Vec::new();
+    let mut device = Device::First;
     for frame in 0..frames {
         let began = Instant::now();
-        script.run(frame, &mut viewer)?;
-        if let Some(recorder) = &mut recorder {
-            viewer.finish_opening()?;
-            show(&mut viewer, size)?;
-            hold(&mut viewer, true)?;
-            finish(&mut viewer, size)?;
-            recorder(frame, hold(&mut viewer, false)?)?;
-        } else {
-            viewer.take_opened()?;
-            show(&mut viewer, size)?;
+        for step in script.steps(frame) {
+            let done = device.outlive(&mut viewer, |viewer| step.run(viewer));
+            done.map_err(|reason| format!("frame {frame}: {reason}"))?;
         }
+        device.outlive(&mut viewer, |viewer| {
+            let Some(recorder) = &mut recorder else {
+                viewer.take_opened()?;
+                return show(viewer, size).map(drop);
+            };
+            viewer.finish_opening()?;
+            show(viewer, size)?;
+            hold(viewer, true)?;
+            finish(viewer, size)?;
+            recorder(frame, hold(viewer, false)?)
+        })?;
         times.push(began.elapsed().as_secs_f64() * 1e3);
     }
     if samples.is_some() {
-        viewer.finish_opening()?;
-        let session = viewer.session().ok_or("nothing is on show")?;
-        session.clock.is_playing = false;
-        finish(&mut viewer, size)?;
+        device.outlive(&mut viewer, |viewer| {
+            viewer.finish_opening()?;
+            let session = viewer.session().ok_or("nothing is on show")?;
+            session.clock.is_playing = false;
+            finish(viewer, size)
+        })?;
     }
     let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
     let (slowest_frame, slowest_ms) = slowest.map_or((0, 0.0), |(frame, time)| (frame, *time));
@@ -94,6 +101,45 @@ pub fn run(
     Ok((viewer, times))
 }
 
+/// The device of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Device {
+    /// As the run began.
+    First,
+    /// The first was lost.
+    Second,
+}
+
+impl Device {
+    /// Does some work. If that fails because the first device is lost, makes what is on show anew on a second one, and
+    /// does the work there.
+    fn outlive(
+        &mut self,
+        viewer: &mut Viewer,
+        mut work: impl FnMut(&mut Viewer) -> Result<(), String>,
+    ) -> Result<(), String> {
+        let time = viewer
+            .session()
+            .map(|session| (session.clock, session.is_held));
+        let done = work(viewer);
+        let is_lost = viewer.gpu().check_lost().is_err();
+        // What was being opened is not opened again: it may be what the device was lost by.
+        if done.is_ok() || !is_lost || *self == Self::Second || viewer.opening().is_some() {
+            return done;
+        }
+        *self = Self::Second;
+        let choice = AdapterChoice::Named(viewer.gpu().adapter.name.clone());
+        let gpu = Gpu::open(&choice).map_err(|error| error.to_string())?;
+        viewer.renew(&gpu, || {});
+        viewer.finish_opening()?;
+        if let (Some(session), Some(time)) = (viewer.session(), time) {
+            // The same moment once more.
+            (session.clock, session.is_held) = time;
+        }
+        work(viewer)
+    }
+}
+
 /// A frame, until the GPU has run it. Returns whether the picture changed.
 fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
     let session = viewer.session().ok_or("nothing is on show")?;
@@ -101,6 +147,8 @@ fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
         .frame(size, STEP_SECONDS)
         .map_err(|error| error.to_string())?;
     session.gpu().wait().map_err(|error| error.to_string())?;
+    // Before the next step, the camera knows what it orbits around.
+    session.picked();
     Ok(shown.is_new)
 }
 

@@ -18,6 +18,8 @@ mod panels;
 mod saving;
 pub mod script;
 pub mod session;
+#[cfg(not(target_arch = "wasm32"))]
+mod shader_watch;
 pub mod task;
 pub mod technique_set;
 pub mod timings;

@@ -1,14 +1,16 @@
 //! `gpugi-view`: opens a window. `./gpugi view` builds and runs it.
 
+use std::cell::RefCell;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::rc::Rc;
 
 use anyhow::{Context, anyhow};
 use clap::Parser;
 use clap::error::ErrorKind;
 use eframe::egui;
-use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use eframe::egui_wgpu::{RenderState, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use gpugi::gpu::{Gpu, instance_descriptor};
 use gpugi_arguments::parse_size;
 use gpugi_cli::output::{self, Format};
@@ -85,6 +87,23 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(frames) = arguments.headless_frames {
         return run_headless(arguments, start, frames);
     }
+    let app = run_window(arguments, |context, device| {
+        App::new(context, device, start)
+    })?;
+    let Err(lost) = app.gpu().check_lost() else {
+        return Ok(());
+    };
+    // eframe cannot give a window another device: another window opens.
+    eprintln!("note: {lost}; another window opens on another device");
+    let app = run_window(arguments, |context, device| app.renewed(context, device))?;
+    Ok(app.gpu().check_lost()?)
+}
+
+/// Shows what `make` makes in a window until that closes, because somebody closes it or its device is lost.
+fn run_window(
+    arguments: &Arguments,
+    make: impl FnOnce(&egui::Context, &RenderState) -> App,
+) -> anyhow::Result<App> {
     let [width, height] = arguments.size.map(|side| side as f32);
     let viewport = egui::ViewportBuilder::default()
         .with_app_id("gpugi")
@@ -97,13 +116,28 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
         },
         ..Default::default()
     };
-    let app = |context: &eframe::CreationContext<'_>| {
+    let app = Rc::new(RefCell::new(None));
+    let shown = Window(app.clone());
+    let create = |context: &eframe::CreationContext<'_>| {
         let render_state = context.wgpu_render_state.as_ref();
         let render_state = render_state.ok_or("the window has no GPU")?;
-        let app = App::new(&context.egui_ctx, render_state, start);
-        Ok(Box::new(app) as Box<dyn eframe::App>)
+        *shown.0.borrow_mut() = Some(make(&context.egui_ctx, render_state));
+        Ok(Box::new(shown) as Box<dyn eframe::App>)
     };
-    eframe::run_native("gpugi", options, Box::new(app)).map_err(|error| anyhow!("{error}"))
+    let closed = eframe::run_native("gpugi", options, Box::new(create));
+    closed.map_err(|error| anyhow!("{error}"))?;
+    app.take().context("the window did not open")
+}
+
+/// What a window shows, which outlives it.
+struct Window(Rc<RefCell<Option<App>>>);
+
+impl eframe::App for Window {
+    fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
+        if let Some(app) = &mut *self.0.borrow_mut() {
+            app.ui(ui, frame);
+        }
+    }
 }
 
 /// Shows frames without a window.

@@ -78,9 +78,10 @@ pub fn change_environment(
     })
 }
 
-/// The scene on show with the techniques of `set`.
-pub fn change_set(
+/// The scene on show with the techniques of `set`, on any device. `subject` says why.
+pub fn upload_again(
     gpu: &Gpu,
+    subject: &str,
     current: &Loaded,
     set: TechniqueSet,
     size: [u32; 2],
@@ -89,7 +90,7 @@ pub fn change_set(
     let (gpu, scene) = (gpu.clone(), current.scene.clone());
     let arguments = current.arguments.clone();
     let source = (arguments, current.edits.clone(), current.notes.clone());
-    Task::start("techniques", done, move |stage| async move {
+    Task::start(subject, done, move |stage| async move {
         stage.set("uploading").await;
         renderer(&gpu, scene, set, size, source)
     })

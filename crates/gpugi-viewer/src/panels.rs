@@ -37,6 +37,8 @@ pub enum Action {
     CopyCommand,
     /// To write what is seen.
     Save(What),
+    /// To lose the device, in tests.
+    LoseDevice,
 }
 
 /// Scene, cameras and animation.

@@ -12,7 +12,7 @@ use crate::viewer::Viewer;
 
 /// What happens.
 #[derive(Debug, Clone, PartialEq)]
-enum Step {
+pub enum Step {
     /// Turns the camera around its target (degrees).
     Orbit(Vec2),
     /// Shifts the view (heights of the picture).
@@ -31,6 +31,8 @@ enum Step {
     Edit(String),
     /// Runs the animation, or stops it.
     Play(bool),
+    /// Loses the device.
+    LoseDevice,
 }
 
 /// Steps with the frames before which they happen.
@@ -62,20 +64,15 @@ impl Script {
         Ok(Self(steps))
     }
 
-    /// Does what happens before a frame.
-    ///
-    /// # Errors
-    /// Why it cannot be done.
-    pub fn run(&self, frame: u32, viewer: &mut Viewer) -> Result<(), String> {
-        for (_, step) in self.0.iter().filter(|(at, _)| *at == frame) {
-            run_step(step, viewer).map_err(|reason| format!("frame {frame}: {reason}"))?;
-        }
-        Ok(())
+    /// What happens before a frame.
+    pub fn steps(&self, frame: u32) -> impl Iterator<Item = &Step> {
+        let all = self.0.iter();
+        all.filter_map(move |(at, step)| (*at == frame).then_some(step))
     }
 }
 
 const HELP: &str = "orbit RIGHT UP (degrees), pan RIGHT UP (heights), zoom FACTOR, reset, open FILE|SCENE, \
-    technique NAME,..., set TECHNIQUE.KEY=VALUE, edit WHAT.KEY=VALUE, play, pause";
+    technique NAME,..., set TECHNIQUE.KEY=VALUE, edit WHAT.KEY=VALUE, play, pause, lose-device";
 
 fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
     let (frame, rest) = words.split_first()?;
@@ -103,61 +100,72 @@ fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
         "edit" => (1, Step::Edit(values.first()?.to_string())),
         "play" => (0, Step::Play(true)),
         "pause" => (0, Step::Play(false)),
+        "lose-device" => (0, Step::LoseDevice),
         _ => return None,
     };
     (values.len() == count).then_some((frame.parse().ok()?, step))
 }
 
-fn run_step(step: &Step, viewer: &mut Viewer) -> Result<(), String> {
-    if let Step::Open(name) = step {
-        let file = PathBuf::from(name);
-        if file.extension().is_some() {
-            return viewer.open_file(&file, Files::default());
+impl Step {
+    /// Does it.
+    ///
+    /// # Errors
+    /// Why it cannot be done.
+    pub fn run(&self, viewer: &mut Viewer) -> Result<(), String> {
+        if let Self::Open(name) = self {
+            let file = PathBuf::from(name);
+            if file.extension().is_some() {
+                return viewer.open_file(&file, Files::default());
+            }
+            viewer.open(SceneArguments::of(name), &TechniqueSet::default());
+            return Ok(());
         }
-        viewer.open(SceneArguments::of(name), &TechniqueSet::default());
-        return Ok(());
-    }
-    let Some(session) = viewer.session() else {
-        return Err("nothing is on show yet".into());
-    };
-    if let Step::Techniques(names) = step {
-        let set = TechniqueSet {
-            names: Some(names.clone()),
-            ..session.loaded().set.clone()
+        if *self == Self::LoseDevice {
+            viewer.lose_device();
+            return Ok(());
+        }
+        let Some(session) = viewer.session() else {
+            return Err("nothing is on show yet".into());
         };
-        viewer.change_set(set);
-        return Ok(());
+        if let Self::Techniques(names) = self {
+            let set = TechniqueSet {
+                names: Some(names.clone()),
+                ..session.loaded().set.clone()
+            };
+            viewer.change_set(set);
+            return Ok(());
+        }
+        let scene = &session.loaded().scene;
+        let done = match self {
+            Self::Open(_) | Self::Techniques(_) | Self::LoseDevice => Ok(()),
+            Self::Orbit(degrees) => {
+                session.camera.orbit(degrees.map(f32::to_radians));
+                Ok(())
+            }
+            Self::Pan(heights) => {
+                session.camera.pan(*heights);
+                Ok(())
+            }
+            Self::Zoom(factor) => {
+                session.camera.zoom(*factor);
+                Ok(())
+            }
+            Self::Reset => {
+                session.reset_camera();
+                Ok(())
+            }
+            Self::Play(is_playing) => {
+                session.clock.is_playing = *is_playing;
+                Ok(())
+            }
+            Self::Set([technique, name, value]) => session.set(technique, name, value),
+            Self::Edit(text) => {
+                let edit = edits::edit_of(text, scene).map_err(|error| error.to_string())?;
+                session.edit(&edit)
+            }
+        };
+        done.map_err(|error| error.to_string())
     }
-    let scene = &session.loaded().scene;
-    let done = match step {
-        Step::Open(_) | Step::Techniques(_) => Ok(()),
-        Step::Orbit(degrees) => {
-            session.camera.orbit(degrees.map(f32::to_radians));
-            Ok(())
-        }
-        Step::Pan(heights) => {
-            session.camera.pan(*heights);
-            Ok(())
-        }
-        Step::Zoom(factor) => {
-            session.camera.zoom(*factor);
-            Ok(())
-        }
-        Step::Reset => {
-            session.reset_camera();
-            Ok(())
-        }
-        Step::Play(is_playing) => {
-            session.clock.is_playing = *is_playing;
-            Ok(())
-        }
-        Step::Set([technique, name, value]) => session.set(technique, name, value),
-        Step::Edit(text) => {
-            let edit = edits::edit_of(text, scene).map_err(|error| error.to_string())?;
-            session.edit(&edit)
-        }
-    };
-    done.map_err(|error| error.to_string())
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
 use gpugi::{LightingError, Readiness, Renderer};
 use gpugi_arguments::edits;
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::Scene;
 
 use crate::camera_control::CameraControl;
 use crate::pace::Pace;
@@ -74,8 +74,8 @@ pub struct Session {
     gpu: Gpu,
     present: Present,
     loaded: Loaded,
-    /// Where the camera stood before somebody steered.
-    first: Camera,
+    /// The camera before somebody steered.
+    first: CameraControl,
     /// The camera.
     pub camera: CameraControl,
     /// Exposure and tone mapping.
@@ -113,6 +113,8 @@ pub struct Session {
     /// Whether the last frame, if it rendered, was in motion.
     was_moving: Option<bool>,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
+    /// What is seen in the middle of the picture, for the camera to orbit around.
+    middle: Option<ReadBack<Option<VisiblePoint>>>,
 }
 
 /// What a click was for.
@@ -132,14 +134,14 @@ impl Session {
     pub fn new(
         gpu: &Gpu,
         loaded: Loaded,
-        camera: &Camera,
+        camera: CameraControl,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> Result<Self, LightingError> {
         Ok(Self {
             gpu: gpu.clone(),
             present: Present::new(gpu, FORMAT)?,
             first: camera.clone(),
-            camera: CameraControl::new(camera, &loaded.scene.bounds()),
+            camera,
             display: DisplaySettings::default(),
             pace: Pace::default(),
             samples: Look::default().samples,
@@ -162,14 +164,40 @@ impl Session {
             at_rest: 0.0,
             was_moving: None,
             picks: Vec::new(),
+            middle: None,
             loaded,
         })
     }
 
+    /// The same view on another device, with `loaded` in place of its scene: what people chose stays.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn renewed(
+        self,
+        gpu: &Gpu,
+        loaded: Loaded,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Self, LightingError> {
+        Ok(Self {
+            camera: self.camera,
+            display: self.display,
+            pace: self.pace,
+            samples: self.samples,
+            clock: self.clock,
+            is_held: self.is_held,
+            is_timed: self.is_timed,
+            quantity: self.quantity,
+            compared: self.compared,
+            truth_samples: self.truth_samples,
+            ..Self::new(gpu, loaded, self.first, wake)?
+        })
+    }
+
     /// Shows another scene as `camera` sees it; exposure, pace and the like stay.
-    pub fn open(&mut self, loaded: Loaded, camera: &Camera) {
+    pub fn open(&mut self, loaded: Loaded, camera: CameraControl) {
         self.first = camera.clone();
-        self.camera = CameraControl::new(camera, &loaded.scene.bounds());
+        self.camera = camera;
         self.clock = Clock::default();
         self.take(loaded);
     }
@@ -191,21 +219,25 @@ impl Session {
         self.loaded = loaded;
         self.readiness = Readiness::Refining { progress: 0.0 };
         self.changed();
+        // The next one has the shaders of today.
+        self.truth = None;
         self.pass_times.clear();
         self.picks.clear();
+        self.middle = None;
     }
 
     /// Stands where a camera of the scene stands.
     pub fn stand_at(&mut self, camera: usize) {
         if let Some(camera) = self.loaded.scene.cameras.get(camera) {
-            self.first = camera.clone();
+            self.first = CameraControl::new(camera, &self.loaded.scene.bounds());
             self.reset_camera();
         }
     }
 
     /// Goes back to where the camera stood before somebody steered.
     pub fn reset_camera(&mut self) {
-        self.camera = CameraControl::new(&self.first, &self.loaded.scene.bounds());
+        self.camera = self.first.clone();
+        self.middle = None;
         self.is_edited = true;
     }
 
@@ -291,22 +323,18 @@ impl Session {
 
     /// Asks what is seen at a place of the picture (0 to 1 from the top left); [`Session::picked`] answers later.
     pub fn pick(&mut self, purpose: Pick, place: [f32; 2]) {
-        let renderer = &self.loaded.renderer;
-        if renderer.samples() == 0 {
-            return;
-        }
-        let size = renderer.size();
-        let pixel = [0, 1].map(|axis| {
-            let at = (place[axis].clamp(0.0, 1.0) * size[axis] as f32) as u32;
-            at.min(size[axis] - 1)
-        });
-        if let Ok(pick) = renderer.pick(pixel) {
-            self.picks.push((purpose, pick));
+        if let Some(point) = point_at(&self.loaded.renderer, place) {
+            self.picks.push((purpose, point));
         }
     }
 
-    /// What was picked, as far as it is known by now.
+    /// What was picked, as far as it is known by now. The camera learns what it orbits around.
     pub fn picked(&mut self) -> Vec<(Pick, Option<VisiblePoint>)> {
+        if let Some(seen) = self.middle.as_ref().and_then(ReadBack::get) {
+            let point = seen.ok().flatten();
+            self.camera.take_target(point.map(|point| point.position));
+            self.middle = None;
+        }
         let mut picked = Vec::new();
         self.picks.retain(|(purpose, pick)| match pick.get() {
             None => true,
@@ -375,13 +403,16 @@ impl Session {
             if is_timed {
                 self.pass_times.follow(timings);
             }
+            if shown.is_new && self.camera.wants_target() && self.middle.is_none() {
+                self.middle = point_at(renderer, [0.5, 0.5]);
+            }
         } else if self.displayed != to_display || is_truth_new {
             shown.is_new = true;
             if is_plain {
                 renderer.display(&self.display)?;
             }
         } else {
-            shown.is_final = self.picks.is_empty();
+            shown.is_final = self.picks.is_empty() && self.middle.is_none();
         }
         if shown.is_new {
             if let Some(quantity) = quantity {
@@ -409,7 +440,7 @@ impl Session {
         }
         let truth = self.truth.get_or_insert_with(|| {
             let wake = self.wake.clone();
-            Truth::start(&self.gpu.adapter.name, move || wake())
+            Truth::start(&self.gpu, move || wake())
         });
         let camera = self.camera.camera();
         let size = self.loaded.renderer.size();
@@ -479,4 +510,17 @@ impl Session {
         frame.submit()?;
         Ok(())
     }
+}
+
+/// What is seen at a place of the picture (0 to 1 from the top left), when it is known.
+fn point_at(renderer: &Renderer, place: [f32; 2]) -> Option<ReadBack<Option<VisiblePoint>>> {
+    if renderer.samples() == 0 {
+        return None;
+    }
+    let size = renderer.size();
+    let pixel = [0, 1].map(|axis| {
+        let at = (place[axis].clamp(0.0, 1.0) * size[axis] as f32) as u32;
+        at.min(size[axis] - 1)
+    });
+    renderer.pick(pixel).ok()
 }

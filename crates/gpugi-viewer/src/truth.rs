@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use gpugi::LightingError;
 #[cfg(not(target_arch = "wasm32"))]
 use gpugi::gpu::AtWork;
-use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::gpu::{AdapterChoice, Gpu, Shader};
 use gpugi::reference::{PathTracer, Settings};
 use gpugi_scene::{Camera, Scene};
 
@@ -65,12 +65,13 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Starts the thread, on an adapter by its name. `wake` is called whenever the picture is better.
-    pub fn start(adapter: &str, wake: impl Fn() + Send + 'static) -> Self {
+    /// Starts the thread, on the adapter of `gpu` and with its shaders. `wake` is called whenever the picture is better.
+    pub fn start(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> Self {
         let (requests, to_do) = channel();
         let answer = Arc::new(Mutex::new(None));
         let slot = Arc::downgrade(&answer);
-        let choice = AdapterChoice::Named(adapter.to_owned());
+        let choice = AdapterChoice::Named(gpu.adapter.name.clone());
+        let shaders = gpu.replaced_shaders();
         #[cfg(not(target_arch = "wasm32"))]
         let at_work = AtWork::begin();
         thread::spawn(move || {
@@ -84,7 +85,7 @@ impl Truth {
                 wake();
                 true
             };
-            if let Err(error) = work(&choice, &to_do, &answer) {
+            if let Err(error) = work(&choice, shaders, &to_do, &answer) {
                 answer(Err(error.to_string()));
             }
         });
@@ -122,6 +123,7 @@ impl Truth {
 
 fn work(
     choice: &AdapterChoice,
+    shaders: Vec<Shader>,
     requests: &Receiver<(u64, View)>,
     answer: &dyn Fn(Result<Reference, String>) -> bool,
 ) -> Result<(), LightingError> {
@@ -129,6 +131,7 @@ fn work(
         return Ok(());
     };
     let gpu = Gpu::open(choice)?;
+    gpu.replace_shaders(shaders);
     let mut tracer: Option<(PathTracer, u64, [u32; 2])> = None;
     loop {
         // Older ones are of no interest any more.
@@ -190,9 +193,7 @@ mod tests {
         };
         let scene = Arc::new(builtin("cornell", 1).unwrap());
         let (woken, wakes) = channel();
-        let mut truth = Truth::start(&gpu.adapter.name, move || {
-            woken.send(()).unwrap_or_default()
-        });
+        let mut truth = Truth::start(&gpu, move || woken.send(()).unwrap_or_default());
         let view = |samples| View {
             scene: scene.clone(),
             version: 0,

@@ -9,6 +9,7 @@ use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 
 use crate::arguments::{is_view_file, of_view_file};
+use crate::camera_control::CameraControl;
 use crate::opening::{self, Opening};
 use crate::session::{Loaded, Session};
 use crate::technique_set::TechniqueSet;
@@ -46,14 +47,15 @@ impl Default for Look {
 }
 
 /// What is being opened.
-#[derive(Debug, Clone)]
 enum Kind {
-    /// Another scene.
-    Scene(SceneArguments),
+    /// Another scene, with these techniques.
+    Scene(SceneArguments, TechniqueSet),
     /// Another environment for the scene on show.
     Environment(SceneArguments),
     /// Other techniques for the scene on show.
     Techniques,
+    /// What was on show on a device that is lost.
+    Renewed(Box<Session>),
 }
 
 /// What is on show, and what is being opened.
@@ -93,6 +95,42 @@ impl Viewer {
         self.look = Some(start.look);
     }
 
+    /// Begins to make what was on show anew, on another device, after its own was lost. What was to take its place is
+    /// given up.
+    pub fn renew(&mut self, gpu: &Gpu, wake: impl Fn() + Send + Sync + 'static) {
+        gpu.replace_shaders(self.gpu.replaced_shaders());
+        self.gpu = gpu.clone();
+        self.wake = Arc::new(wake);
+        let size = self.size();
+        match (self.session.take(), self.opening.take()) {
+            (Some(session), _) => {
+                let wake = self.wake.clone();
+                let done = move || wake();
+                let (loaded, set) = (session.loaded(), session.loaded().set.clone());
+                let opening = opening::upload_again(gpu, "a new device", loaded, set, size, done);
+                self.opening = Some((opening, Kind::Renewed(Box::new(session))));
+            }
+            (None, Some((_, Kind::Scene(scene, set)))) => {
+                let look = self.look.take();
+                self.open(scene, &set);
+                self.look = look;
+            }
+            (None, _) => {}
+        }
+    }
+
+    /// Loses the device, as a driver does that resets the GPU. For tests.
+    pub fn lose_device(&self) {
+        self.gpu.device.destroy();
+        // wgpu tells of it once the queue is empty: this is the error that is asked for.
+        let _ = self.gpu.wait();
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
     /// The scene on show.
     pub fn session(&mut self) -> Option<&mut Session> {
         self.session.as_mut()
@@ -112,7 +150,7 @@ impl Viewer {
         let wake = self.wake.clone();
         let done = move || wake();
         let opening = opening::open(&self.gpu, &scene, files, set, self.size(), done);
-        self.opening = Some((opening, Kind::Scene(scene)));
+        self.opening = Some((opening, Kind::Scene(scene, set.clone())));
         self.look = None;
     }
 
@@ -152,7 +190,8 @@ impl Viewer {
         let Some(session) = &self.session else { return };
         let wake = self.wake.clone();
         let done = move || wake();
-        let opening = opening::change_set(&self.gpu, session.loaded(), set, self.size(), done);
+        let (loaded, size) = (session.loaded(), self.size());
+        let opening = opening::upload_again(&self.gpu, "techniques", loaded, set, size, done);
         self.opening = Some((opening, Kind::Techniques));
     }
 
@@ -190,7 +229,7 @@ impl Viewer {
         };
         let loaded = result.unwrap_or_else(|| Err("gpugi failed; please report it".into()))?;
         match (kind, &mut self.session) {
-            (Kind::Scene(scene), _) => {
+            (Kind::Scene(scene, _), _) => {
                 self.show(loaded)?;
                 if let Some(session) = &mut self.session {
                     session.clock.seconds = scene.time;
@@ -212,6 +251,11 @@ impl Viewer {
                     .map_err(|error| error.to_string())?;
             }
             (Kind::Environment(_) | Kind::Techniques, None) => {}
+            (Kind::Renewed(session), _) => {
+                let wake = self.wake.clone();
+                let session = session.renewed(&self.gpu, loaded, move || wake());
+                self.session = Some(session.map_err(|error| error.to_string())?);
+            }
         }
         Ok(())
     }
@@ -219,13 +263,17 @@ impl Viewer {
     fn show(&mut self, loaded: Loaded) -> Result<(), String> {
         let look = self.look.take();
         let choice = look.as_ref().and_then(|look| look.camera.as_deref());
-        let camera = scene_argument::camera(&loaded.scene, choice, 4.0 / 3.0);
-        let camera = camera.map_err(|error| format!("{error:#}"))?;
+        let view = scene_argument::view(&loaded.scene, choice, 4.0 / 3.0);
+        let (camera, target) = view.map_err(|error| format!("{error:#}"))?;
+        let mut camera = CameraControl::new(&camera, &loaded.scene.bounds());
+        if let Some(target) = target {
+            camera = camera.around(target);
+        }
         match &mut self.session {
-            Some(session) => session.open(loaded, &camera),
+            Some(session) => session.open(loaded, camera),
             None => {
                 let wake = self.wake.clone();
-                let session = Session::new(&self.gpu, loaded, &camera, move || wake());
+                let session = Session::new(&self.gpu, loaded, camera, move || wake());
                 self.session = Some(session.map_err(|error| error.to_string())?);
             }
         }

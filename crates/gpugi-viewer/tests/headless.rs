@@ -5,9 +5,9 @@ use std::path::Path;
 
 use gpugi::Renderer;
 use gpugi::display::Compared;
-use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
 use gpugi_arguments::files::Files;
-use gpugi_arguments::scene_argument::SceneArguments;
+use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::save_exr;
@@ -185,6 +185,8 @@ fn a_saved_view_opens_with_its_edits() {
     let opened = of_view_file(saved.as_bytes()).unwrap();
     let (mut viewer, again) = shown(&gpu, opened.clone(), "");
     assert_same(&again, &picture);
+    // To the last digit, with what the camera orbits around.
+    assert_eq!(view_file(viewer.session().unwrap()), saved);
     let edits = viewer.session().unwrap().edits();
     assert_eq!(
         edits,
@@ -205,9 +207,33 @@ fn a_saved_view_opens_with_its_edits() {
 }
 
 #[test]
+fn a_lost_device_is_made_anew_once() {
+    let Some(gpu) = open() else { return };
+    let start = start("room", &["shadow-map"]);
+    let steps = "0 set shadow-map.taps=4\n1 orbit 20 10\n2 edit light.0.position=0.1,1.5,0.2";
+    let (mut viewer, picture) = shown(&gpu, start.clone(), steps);
+    // The edit finds the device lost.
+    let script = steps.replace("2 edit", "2 lose-device\n2 edit");
+    let (mut renewed, again) = shown(&gpu, start.clone(), &script);
+    assert!(gpu.check_lost().is_err() && renewed.gpu().check_lost().is_ok());
+    assert_same(&again, &picture);
+    assert_eq!(
+        view_file(renewed.session().unwrap()),
+        view_file(viewer.session().unwrap())
+    );
+    let script = Script::parse("1 lose-device\n3 lose-device").unwrap();
+    let gpu = open().unwrap();
+    let twice = headless::run(&gpu, start, SIZE, 6, &script, None, None);
+    let reason = twice.err().unwrap();
+    assert!(reason.contains("the GPU was lost"), "{reason}");
+}
+
+#[test]
 fn a_recording_has_complete_frames_at_fixed_times() {
     let Some(gpu) = open() else { return };
-    let script = Script::parse("0 play\n1 edit light.0.position=0.1,1.5,0.2").unwrap();
+    // The loss of the device costs no time of the animation.
+    let script = "0 play\n1 edit light.0.position=0.1,1.5,0.2\n2 lose-device";
+    let script = Script::parse(script).unwrap();
     let mut taken = Vec::new();
     let mut recorder = |frame: u32, session: &Session| {
         let renderer = &session.loaded().renderer;
@@ -254,6 +280,24 @@ fn an_opening_that_is_cancelled_changes_nothing() {
     assert!(viewer.opening().is_none());
     viewer.finish_opening().unwrap();
     assert_eq!(viewer.session().unwrap().loaded().arguments, ["room"]);
+}
+
+#[test]
+fn a_camera_orbits_around_what_it_shows_in_the_middle() {
+    let Some(gpu) = open() else { return };
+    let start = start("room", &["shadow-map"]);
+    let (mut viewer, _) = shown(&gpu, start, "0 orbit 0 0");
+    let session = viewer.session().unwrap();
+    let points = session.loaded().renderer.surface_points().unwrap();
+    let middle = (SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) as usize;
+    let seen = points[middle].as_ref().unwrap().position;
+    let words = session.camera.argument(&[]).unwrap();
+    let scene = &session.loaded().scene;
+    let (_, target) = scene_argument::view(scene, Some(&words), 1.0).unwrap();
+    let eye = session.camera.camera().world_from_view.w_axis.truncate();
+    // Within a pixel, along its diagonal.
+    let off = target.unwrap().distance(seen) / eye.distance(seen);
+    assert!(off < 0.05, "{off}");
 }
 
 /// Frames at rest until `done`.
@@ -311,4 +355,40 @@ fn a_click_finds_the_object_under_it() {
     assert_eq!(picked.len(), 1);
     assert_eq!(picked[0].1.as_ref().unwrap().instance, expected);
     assert!(session.picked().is_empty());
+}
+
+/// The picture at rest, lit with other shaders in place of those that were built.
+fn lit_with(viewer: &mut Viewer, shaders: Vec<Shader>) -> Result<Vec<f32>, String> {
+    viewer.gpu().replace_shaders(shaders);
+    let set = viewer.session().unwrap().loaded().set.clone();
+    viewer.change_set(set);
+    viewer.finish_opening()?;
+    let session = viewer.session().unwrap();
+    frames_until(session, |session| {
+        session.loaded().renderer.samples() >= SAMPLES
+    });
+    Ok(session.loaded().renderer.radiance().unwrap())
+}
+
+#[test]
+fn shaders_under_development_light_the_next_picture() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, built) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let name = "techniques.shadow_map.gather";
+    let (_, source) = all_shaders().iter().find(|(one, _)| *one == name).unwrap();
+    let with = |light: &str| {
+        assert!(source.contains("vec4f(sum, 0.0)"));
+        let source = source.replace("vec4f(sum, 0.0)", light).into();
+        vec![Shader { name, source }]
+    };
+    let brighter = lit_with(&mut viewer, with("vec4f(2.0 * sum, 0.0)")).unwrap();
+    let sum = |picture: &[f32]| picture.iter().sum::<f32>();
+    // Lamps that are seen stay as they are.
+    assert!((1.5..=2.001).contains(&(sum(&brighter) / sum(&built))));
+    let reason = lit_with(&mut viewer, with("vec4f(2.0 * tsum, 0.0)")).unwrap_err();
+    assert!(reason.contains("tsum") && reason.contains(name), "{reason}");
+    let session = viewer.session().unwrap();
+    let left = session.loaded().renderer.radiance().unwrap();
+    assert_same(&left, &brighter);
+    assert_same(&lit_with(&mut viewer, Vec::new()).unwrap(), &built);
 }

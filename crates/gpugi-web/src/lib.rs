@@ -9,7 +9,7 @@ use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupExisting};
 use eframe::web_sys::HtmlCanvasElement;
 use eframe::{WebOptions, WebRunner, wgpu};
 use gpugi::Readiness;
-use gpugi::gpu::{AdapterChoice, AdapterSummary, Gpu, instance_descriptor};
+use gpugi::gpu::{AdapterChoice, AdapterSummary, Gpu, GpuError, instance_descriptor};
 use gpugi_scene::image::write_exr;
 use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::of_address;
@@ -75,7 +75,11 @@ impl Page {
     /// Why it cannot be done.
     pub fn run(&self, step: &str) -> Result<(), JsError> {
         let script = Script::parse(&format!("0 {step}")).map_err(error)?;
-        script.run(0, self.app()?.viewer()).map_err(error)
+        let mut app = self.app()?;
+        let mut steps = script.steps(0);
+        steps
+            .try_for_each(|step| step.run(app.viewer()))
+            .map_err(error)
     }
 
     /// Whether the picture is complete: nothing is being opened, all maps are made and all samples taken.
@@ -95,6 +99,16 @@ impl Page {
             let samples = session.loaded().renderer.samples();
             !is_opening && is_ready && samples >= session.samples
         }))
+    }
+
+    /// Why the device was lost, if it was. Nothing is drawn any more then.
+    pub fn lost(&self) -> Option<String> {
+        let lost = self.app().ok()?.gpu().check_lost();
+        let Err(GpuError::Lost { reason }) = lost else {
+            return None;
+        };
+        self.0.destroy();
+        Some(reason)
     }
 
     /// The command line that renders what is seen.

@@ -296,9 +296,10 @@ impl Kernel {
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
         let stages = wgpu::ShaderStages::COMPUTE;
-        let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
+        let shader = gpu.current(shader);
+        let (interface, reflection) = Interface::new(gpu, &shader, stages, scene)?;
         let entry = EntryPoint {
-            shader: shader.clone(),
+            shader,
             name: entry.to_owned(),
             unchecked: options.unchecked,
             overridable: overridable(&reflection),
@@ -458,14 +459,11 @@ impl RasterKernel {
         state: &RasterState<'_>,
     ) -> Result<Self, GpuError> {
         let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
-        let (interface, reflection) = Interface::new(gpu, shader, stages, scene)?;
+        let shader = gpu.current(shader);
+        let (interface, reflection) = Interface::new(gpu, &shader, stages, scene)?;
         let constants = linked_constants(shader.name, &overridable(&reflection), state.constants)?;
         let pipeline = Lazy::compile(gpu, {
-            let (gpu, shader, layout) = (
-                gpu.clone(),
-                shader.clone(),
-                interface.pipeline_layout.clone(),
-            );
+            let (gpu, layout) = (gpu.clone(), interface.pipeline_layout.clone());
             let colors = state.colors.to_vec();
             let RasterState {
                 blend,
@@ -578,7 +576,8 @@ pub(crate) fn scene_layout(
 ) -> Result<wgpu::BindGroupLayout, GpuError> {
     let mut declared = Vec::new();
     for shader in shaders {
-        declared.extend(shader.declared(&shader.parse_as(&gpu.source_of(shader))?)?);
+        let shader = gpu.current(shader);
+        declared.extend(shader.declared(&shader.parse_as(&gpu.source_of(&shader))?)?);
     }
     let entries: Vec<_> = declared
         .iter()

@@ -28,7 +28,7 @@ pub use kernel::{DepthTest, Kernel, KernelOptions, RasterKernel, RasterState};
 pub(crate) use quad::Quad;
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
-pub use shader::{BindingKind, Shader, all_shaders};
+pub use shader::{BindingKind, Shader, all_shaders, shader_linker};
 pub(crate) use upload::HostBuffer;
 use upload::Uploads;
 pub use wgpu::TextureAspect;
@@ -60,6 +60,8 @@ pub struct Gpu {
     compiling: Arc<AtomicUsize>,
     /// How many more allocations may succeed.
     allocations_left: Arc<AtomicU64>,
+    /// Shaders that take the place of those with their names.
+    replaced: Arc<Mutex<Vec<Shader>>>,
     uploads: Arc<Uploads>,
 }
 
@@ -138,6 +140,7 @@ impl Gpu {
             faults,
             compiling: Arc::default(),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
+            replaced: Arc::default(),
         }
     }
 
@@ -158,6 +161,25 @@ impl Gpu {
             max_storage_buffer_binding_size: available.max_storage_buffer_binding_size,
             ..defaults
         }
+    }
+
+    /// Kernels that are made from now on take these shaders in place of those with their names, and all others as they
+    /// were built. For shaders under development.
+    pub fn replace_shaders(&self, shaders: Vec<Shader>) {
+        *self.replaced.lock().unwrap_or_else(PoisonError::into_inner) = shaders;
+    }
+
+    /// What [`Gpu::replace_shaders`] was given last.
+    pub fn replaced_shaders(&self) -> Vec<Shader> {
+        let replaced = self.replaced.lock();
+        replaced.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The shader, or what takes its place.
+    fn current(&self, shader: &Shader) -> Shader {
+        let replaced = self.replaced.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = replaced.iter().find(|one| one.name == shader.name);
+        found.unwrap_or(shader).clone()
     }
 
     /// The source of a shader as this adapter needs it.

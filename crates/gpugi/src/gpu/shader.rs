@@ -1,6 +1,7 @@
 //! Linked shaders and their resources by naga's reflection.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 use super::GpuError;
 
@@ -32,6 +33,13 @@ macro_rules! shader {
 /// Every linked shader: name and WGSL.
 pub fn all_shaders() -> &'static [(&'static str, &'static str)] {
     include!(concat!(env!("OUT_DIR"), "/shaders.rs"))
+}
+
+/// In debug builds, the program that writes all shaders, linked anew from their sources, into the folder `OUT_DIR`; and
+/// the folder in which it runs, with the sources in `src`. It is build.rs.
+pub fn shader_linker() -> Option<(&'static Path, &'static Path)> {
+    let program = option_env!("GPUGI_LINKER").map(Path::new);
+    program.zip(option_env!("GPUGI_LINKER_FOLDER").map(Path::new))
 }
 
 /// Whether `linked` is the linker's form of `name`. In the root module, that is the name itself. In an imported module,
@@ -92,6 +100,23 @@ impl Shader {
     /// [`GpuError::Pass`] with the compiler's message.
     pub fn parse(&self) -> Result<naga::Module, GpuError> {
         self.parse_as(&self.source)
+    }
+
+    /// Checks that GPUs will take it, as far as that can be said without one.
+    ///
+    /// # Errors
+    /// As [`Shader::parse`].
+    pub fn validate(&self) -> Result<(), GpuError> {
+        // `pack2x16float` is part of WebGPU, but naga makes it a separate capability.
+        let capabilities = naga::valid::Capabilities::default()
+            | naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+        let flags = naga::valid::ValidationFlags::all();
+        let mut validator = naga::valid::Validator::new(flags, capabilities);
+        let validated = validator.validate(&self.parse()?);
+        validated.map(drop).map_err(|error| GpuError::Pass {
+            pass: self.name.to_owned(),
+            reason: error.emit_to_string(&self.source),
+        })
     }
 
     /// Like [`Shader::parse`], for the source as an adapter needs it.

@@ -28,15 +28,7 @@ fn every_shader_parses_and_validates() {
         shaders.len()
     );
     for shader in shaders {
-        let module = shader.parse().unwrap_or_else(|error| panic!("{error}"));
-        // `pack2x16float` is part of WebGPU, but naga makes it a separate capability.
-        let capabilities = naga::valid::Capabilities::default()
-            | naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
-        let mut validator =
-            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities);
-        if let Err(error) = validator.validate(&module) {
-            panic!("{}: {}", shader.name, error.emit_to_string(&shader.source));
-        }
+        shader.validate().unwrap_or_else(|error| panic!("{error}"));
     }
 }
 
