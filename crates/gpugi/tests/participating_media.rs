@@ -67,8 +67,8 @@ fn shadows_in_fog_are_sharp() {
     assert!(error < 0.0025, "{error}");
 }
 
-/// Two suns of different colours on a dense cloud (the tutorial's figure 79), and a lamp inside of it, by a bare bulb and
-/// by a sphere that emits.
+/// Two suns of different colours on the dense cloud (the tutorial's figure 79), and a lamp inside of a thinner one: a bare
+/// bulb, or a sphere that emits.
 #[test]
 fn suns_and_lamps_light_the_cloud_as_in_the_path_tracer() {
     let Some(gpu) = gpu() else { return };
@@ -80,6 +80,7 @@ fn suns_and_lamps_light_the_cloud_as_in_the_path_tracer() {
     ];
     let bulb = Light::new("bulb", LightKind::Point, Vec3::splat(3.0));
     let bulb = vec![bulb.aimed(vec3(0.3, 3.0, 0.0), Vec3::ZERO)];
+    // Found on a software adapter: 0.0018, 0.0052 and 0.011.
     for (what, lights) in [("suns", suns), ("bulb", bulb), ("sphere", Vec::new())] {
         let mut scene = builtin("cloud", 1).expect("a scene");
         scene.environment = None;
@@ -100,13 +101,10 @@ fn suns_and_lamps_light_the_cloud_as_in_the_path_tracer() {
         }
         let camera = scene.cameras[0].clone();
         let technique = "participating-media";
-        let settings = ["particles=4096"];
-        let mut renderer = renderer_of(&gpu, &scene, &[technique], 32, technique, &settings);
-        let samples = if is_inside { 256 } else { 64 };
+        let mut renderer = renderer_of(&gpu, &scene, &[technique], 24, technique, &[]);
+        let samples = if is_inside { 128 } else { 64 };
         let found = measured(&gpu, &scene, &camera, &mut renderer, [4, samples]);
         let error = found.value(Metric::RelMse4).expect("a value");
-        let sum = |values: &[f32]| values.iter().sum::<f32>();
-        println!("FOUND {what} {error} {:?} {}", found.notes, sum(&found.radiance) / sum(&found.truth.radiance));
         assert!(error < 0.03, "{what}: {error}");
     }
 }
