@@ -24,4 +24,6 @@ pub struct Network {
     pub cell_side: f32,
     pub cell_counts: [u32; 3],
     pub sees_surfaces: u32,
+    pub marched_lights: u32,
+    pub padding: [u32; 3],
 }

@@ -67,6 +67,8 @@ crate::settings! {
         pub most_iterations: u32 = 64 => in_range(0.0, 1024.0),
         /// Points on each view ray at which media are sampled.
         pub steps: u32 = 64 => in_range(1.0, 1024.0),
+        /// Shadow rays per view ray and light.
+        pub shadow_rays: u32 = 4 => in_range(1.0, 64.0),
         /// Rays on which each surface point finds the light that media send to it; 0: they light no surfaces.
         pub light_surfaces: u32 = 0 => in_range(0.0, 64.0),
         /// Particles see what surfaces reflect; otherwise they see surfaces black.
@@ -168,8 +170,9 @@ impl Technique for ParticipatingMedia {
         if self.sees_surfaces() {
             paths.extend(covered.iter().map(|light| light.continued(last)));
         }
+        let marched = scene.lights.len().min(network::MOST_MARCHED) as u32;
         Plan {
-            lookups: self.settings.steps + 16 * self.settings.light_surfaces,
+            lookups: self.settings.steps * (1 + marched) + 16 * self.settings.light_surfaces,
             ..Plan::adding(paths, scene)
         }
     }
@@ -233,6 +236,7 @@ impl Technique for ParticipatingMedia {
         };
         let how = How {
             steps: self.settings.steps,
+            shadow_rays: self.settings.shadow_rays,
             surface_rays: self.settings.light_surfaces,
         };
         if made.seen.as_ref().is_none_or(|(of, _)| *of != how) {

@@ -11,6 +11,9 @@ use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
 use crate::shader;
 
+/// Most lights that view rays march toward.
+pub const MOST_MARCHED: usize = 8;
+
 /// The passes over particles and directions.
 #[derive(Debug)]
 pub struct Kernels {
@@ -22,6 +25,7 @@ pub struct Kernels {
     sky: Kernel,
     scatter: Kernel,
     transport: Kernel,
+    light_depths: Kernel,
 }
 
 impl Kernels {
@@ -56,6 +60,7 @@ impl Kernels {
                 "main",
                 None,
             )?,
+            light_depths: in_scene(shader!("techniques.participating_media.light_depths"))?,
         })
     }
 }
@@ -73,6 +78,8 @@ pub struct Network {
     pub lights: wgpu::Buffer,
     /// [particle x lights + light].
     pub arriving: wgpu::Buffer,
+    /// [node x marched lights + light], 4 bytes each.
+    pub light_depths: wgpu::Buffer,
     /// What each particle sees: [particle x directions + direction], as all that follow.
     pub visible: wgpu::Buffer,
     /// Radiance that surfaces send along the links that end on them; one row if particles see surfaces black.
@@ -98,6 +105,7 @@ struct Groups {
     sky: wgpu::BindGroup,
     scatter: [wgpu::BindGroup; 2],
     transport: [wgpu::BindGroup; 2],
+    light_depths: wgpu::BindGroup,
 }
 
 impl Network {
@@ -115,6 +123,9 @@ impl Network {
         sees_surfaces: bool,
     ) -> Result<Self, GpuError> {
         let particles = made.particles.len() as u32;
+        let is_punctual = |light: &&LightSample| light.kind <= LightSample::DIRECTIONAL;
+        let marched_lights = lights.iter().take_while(is_punctual).count();
+        let marched_lights = marched_lights.min(MOST_MARCHED) as u32;
         let values = gpu::Network {
             particles,
             directions,
@@ -124,6 +135,8 @@ impl Network {
             cell_side: made.cells.side,
             cell_counts: made.cells.counts.to_array(),
             sees_surfaces: sees_surfaces.into(),
+            marched_lights,
+            padding: [0; 3],
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let entries = u64::from(particles) * u64::from(directions) * 16;
@@ -137,6 +150,9 @@ impl Network {
         let cells = gpu.storage("cells of particles", &made.cells.lists)?;
         let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
         let arriving = gpu.buffer("light that arrives at particles [bytes]", reached, storage)?;
+        let depths = u64::from(values.nodes) * u64::from(marched_lights) * 4;
+        let light_depths = gpu.buffer("optical depths to lights [bytes]", depths, storage)?;
+        let fields = gpu.storage("fields of media", &made.fields)?;
         let visible = array("visibility network [bytes]")?;
         let reflected = gpu.buffer(
             "light that surfaces send to particles [bytes]",
@@ -217,15 +233,26 @@ impl Network {
                 let [even, odd] = &incoming;
                 [transport(even, odd)?, transport(odd, even)?]
             },
+            light_depths: kernels.light_depths.bind(
+                gpu,
+                3,
+                &[
+                    net(),
+                    ("fields", of(&fields)),
+                    ("lights", of(&lights)),
+                    ("light_depths", of(&light_depths)),
+                ],
+            )?,
         };
         Ok(Self {
             values,
             uniform,
             particles: rows,
             neighbours: gpu.storage("neighbours of nodes", &made.neighbours)?,
-            fields: gpu.storage("fields of media", &made.fields)?,
+            fields,
             lights,
             arriving,
+            light_depths,
             visible,
             reflected,
             emitted,
@@ -260,14 +287,21 @@ impl Network {
         self.entries().into()
     }
 
-    /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.emit`, `.sky` and
-    /// `.scatter`. Returns the number of rays.
+    /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.light-depths`,
+    /// `.emit`, `.sky` and `.scatter`. Returns the number of rays.
     pub fn light(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
         let rays = self.values.particles * self.values.lights;
         if rays > 0 {
             frame.compute("participating-media.arriving", |pass| {
                 let groups = [(0, &scene.ray_bind_group), (3, &self.groups.arriving)];
                 kernels.arriving.dispatch(pass, &groups, [rays, 1, 1]);
+            });
+        }
+        let depths = self.values.nodes * self.values.marched_lights;
+        if depths > 0 {
+            frame.compute("participating-media.light-depths", |pass| {
+                let groups = [(0, &scene.bind_group), (3, &self.groups.light_depths)];
+                kernels.light_depths.dispatch(pass, &groups, [depths, 1, 1]);
             });
         }
         frame.compute("participating-media.emit", |pass| {
@@ -319,9 +353,12 @@ impl Network {
     pub fn sources(&self) -> Sources {
         Sources {
             directions: self.values.directions,
+            marched_lights: self.values.marched_lights,
             source: self.source.clone(),
             neighbours: self.neighbours.clone(),
             fields: self.fields.clone(),
+            lights: self.lights.clone(),
+            light_depths: self.light_depths.clone(),
         }
     }
 
@@ -334,6 +371,7 @@ impl Network {
             &self.fields,
             &self.lights,
             &self.arriving,
+            &self.light_depths,
             &self.visible,
             &self.reflected,
             &self.emitted,

@@ -15,6 +15,7 @@ pub struct Seen {
     toward_eye: Kernel,
     field_kernel: Kernel,
     composite: ReceiverKernel,
+    direct: Option<Direct>,
     surfaces: Option<Surfaces>,
     /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
     scattered: wgpu::Buffer,
@@ -30,11 +31,20 @@ struct Surfaces {
     sources: wgpu::BindGroup,
 }
 
+/// The pass that adds what media scatter of direct light, and its bind group 2.
+#[derive(Debug)]
+struct Direct {
+    kernel: ReceiverKernel,
+    lights: wgpu::BindGroup,
+}
+
 /// How media are seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct How {
     /// Points on each view ray.
     pub steps: u32,
+    /// Shadow rays per view ray and light.
+    pub shadow_rays: u32,
     /// Rays on which each surface point finds the light of media.
     pub surface_rays: u32,
 }
@@ -48,6 +58,7 @@ struct Behind {
     toward_eye: [[wgpu::BindGroup; 2]; 2],
     /// Groups 1 and 3.
     composite: [wgpu::BindGroup; 2],
+    direct: Option<[wgpu::BindGroup; 2]>,
     surfaces: Option<[wgpu::BindGroup; 2]>,
 }
 
@@ -67,6 +78,10 @@ impl Seen {
             &shader!("techniques.participating_media.composite"),
             &[("STEPS", how.steps.into())],
         )?;
+        let direct = match network.values.marched_lights {
+            0 => None,
+            _ => Some(Direct::new(gpu, scene, network, how)?),
+        };
         let surfaces = match how.surface_rays {
             0 => None,
             rays => Some(Surfaces::new(gpu, scene, network, rays)?),
@@ -94,6 +109,7 @@ impl Seen {
             toward_eye,
             field_kernel,
             composite,
+            direct,
             surfaces,
             scattered,
             field,
@@ -118,8 +134,8 @@ impl Seen {
     }
 
     /// Adds the light of media on surfaces to what was gathered since [`Seen::begin`], and adds that to the receiver,
-    /// dimmed, with what the media scatter and emit: passes `participating-media.surfaces`, `.toward-eye`, `.field` and
-    /// `.composite`.
+    /// dimmed, with what the media scatter and emit: passes `participating-media.surfaces`, `.toward-eye`, `.field`,
+    /// `.composite` and `.direct`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -160,6 +176,14 @@ impl Seen {
             let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
             composite.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
         });
+        if let (Some(direct), Some([seen, own])) = (&self.direct, &kept.direct) {
+            let kernel = direct.kernel.of(gpu, &receiver.points)?;
+            frame.compute("participating-media.direct", |pass| {
+                let [scene, lights] = [&scene.ray_bind_group, &direct.lights];
+                let groups = [(0, scene), (1, seen), (2, lights), (3, own)];
+                kernel.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
+            });
+        }
         Ok(())
     }
 
@@ -190,12 +214,15 @@ impl Seen {
                 ])
             };
             let [even, odd] = &network.incoming;
-            let surfaces = self.surfaces.as_ref().map(|surfaces| {
-                let kernel = surfaces.kernel.to_bind();
-                let own = [("net", of(&network.uniform)), ("radiance", of(&behind))];
+            let adding = |kernel: &ReceiverKernel, radiance: &wgpu::Buffer| {
+                let kernel = kernel.to_bind();
+                let own = [("net", of(&network.uniform)), ("radiance", of(radiance))];
                 Ok::<_, GpuError>([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &own)?])
-            });
-            let surfaces = surfaces.transpose()?;
+            };
+            let direct = self.direct.as_ref();
+            let direct = direct.map(|direct| adding(&direct.kernel, &target.radiance));
+            let surfaces = self.surfaces.as_ref();
+            let surfaces = surfaces.map(|surfaces| adding(&surfaces.kernel, &behind));
             let composite = self.composite.to_bind();
             let resources = [
                 ("field", of(&self.field)),
@@ -209,11 +236,27 @@ impl Seen {
                     points.bind(gpu, composite)?,
                     composite.bind(gpu, 3, &resources)?,
                 ],
-                surfaces,
+                direct: direct.transpose()?,
+                surfaces: surfaces.transpose()?,
                 receiver: Receiver::new(points, &Target { radiance: behind }),
             }))
         };
         self.kept.of(receiver, make).cloned()
+    }
+}
+
+impl Direct {
+    fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, how: How) -> Result<Self, GpuError> {
+        let shader = shader!("techniques.participating_media.direct");
+        let constants = [
+            ("STEPS", how.steps.into()),
+            ("SHADOW_RAYS", how.shadow_rays.into()),
+        ];
+        let kernel = ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)?;
+        Ok(Self {
+            lights: network.sources().bind_lights(gpu, kernel.to_bind())?,
+            kernel,
+        })
     }
 }
 

@@ -1,4 +1,5 @@
-//! What along_ray.wesl reads: the light that particles send out.
+//! What rays through media read: the light that particles send out (along_ray.wesl), and the lights themselves
+//! (single_scattering.wesl).
 
 use super::network::of;
 use crate::gpu::{Gpu, GpuError, Kernel};
@@ -8,9 +9,13 @@ use crate::gpu::{Gpu, GpuError, Kernel};
 pub struct Sources {
     /// Directions per particle; 0 without media.
     pub directions: u32,
+    /// Lights that rays march toward.
+    pub marched_lights: u32,
     pub(super) source: wgpu::Buffer,
     pub(super) neighbours: wgpu::Buffer,
     pub(super) fields: wgpu::Buffer,
+    pub(super) lights: wgpu::Buffer,
+    pub(super) light_depths: wgpu::Buffer,
 }
 
 impl Sources {
@@ -22,9 +27,12 @@ impl Sources {
         let empty = gpu.buffer("no media", 16, wgpu::BufferUsages::STORAGE)?;
         Ok(Self {
             directions: 0,
+            marched_lights: 0,
             source: empty.clone(),
             neighbours: empty.clone(),
-            fields: empty,
+            fields: empty.clone(),
+            lights: empty.clone(),
+            light_depths: empty,
         })
     }
 
@@ -36,6 +44,19 @@ impl Sources {
         let resources = [
             ("source", of(&self.source)),
             ("neighbours", of(&self.neighbours)),
+            ("fields", of(&self.fields)),
+        ];
+        kernel.bind(gpu, 2, &resources)
+    }
+
+    /// Bind group 2 of a kernel that imports single_scattering.wesl.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn bind_lights(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
+        let resources = [
+            ("lights", of(&self.lights)),
+            ("light_depths", of(&self.light_depths)),
             ("fields", of(&self.fields)),
         ];
         kernel.bind(gpu, 2, &resources)

@@ -36,5 +36,5 @@ pub struct Chunk {
     pub step: u32,
     pub sees_only_environment: u32,
     pub media_directions: u32,
-    pub padding: u32,
+    pub marched_lights: u32,
 }

@@ -37,14 +37,15 @@ pub struct Passes {
     /// Bounding spheres of triangles, for `cones`.
     spheres: Option<Kernel>,
     trace: Kernel,
+    media_kernel: Kernel,
     shade: Kernel,
     add: Kernel,
     pub(super) in_flight: Option<InFlight>,
     chunks: PerReceiver<Vec<Chunk>>,
     /// All triangles, if the tracer tests every one.
     triangles: Option<Triangles>,
-    /// Media that rays pass, and bind group 2 of `shade`.
-    media: (Sources, wgpu::BindGroup),
+    /// Media that rays pass, and bind groups 2 of `media_kernel` and `shade`.
+    media: (Sources, [wgpu::BindGroup; 2]),
     /// With which `chunks` are bound.
     settings: Settings,
 }
@@ -78,6 +79,7 @@ struct Chunk {
     begin: [wgpu::BindGroup; 2],
     plan: [wgpu::BindGroup; 2],
     trace: [wgpu::BindGroup; 2],
+    media: [wgpu::BindGroup; 2],
     shade: [wgpu::BindGroup; 2],
     add: [wgpu::BindGroup; 3],
     values: gpu::Chunk,
@@ -113,14 +115,21 @@ impl Passes {
                 Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))
             })
             .transpose()?;
-        let no_media = Sources::none(gpu)?;
+        let media = shader!("techniques.ray_tracing.media");
+        let media_kernel = scene.ray_kernel(gpu, &media, &[])?;
+        let none = Sources::none(gpu)?;
+        let no_media = [
+            none.bind_lights(gpu, &media_kernel)?,
+            none.bind(gpu, &shade)?,
+        ];
         Ok(Self {
             begin: begin?,
             spheres,
             plan: Kernel::new(gpu, &plan, "main", None)?,
             advance: Kernel::new(gpu, &plan, "advance", None)?,
             trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
-            media: (no_media.clone(), no_media.bind(gpu, &shade)?),
+            media: (none, no_media),
+            media_kernel,
             shade,
             add: add?,
             in_flight: None,
@@ -178,8 +187,11 @@ impl Passes {
             None => Sources::none(gpu)?,
         };
         if self.media.0 != media {
-            let group = media.bind(gpu, &self.shade)?;
-            self.media = (media, group);
+            let groups = [
+                media.bind_lights(gpu, &self.media_kernel)?,
+                media.bind(gpu, &self.shade)?,
+            ];
+            self.media = (media, groups);
             self.chunks.clear();
         }
         Ok(())
@@ -227,11 +239,12 @@ impl Passes {
             add,
             chunks,
             triangles,
-            media: (media, media_group),
+            media_kernel,
+            media: (media, [lights_group, sources_group]),
             ..
         } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
-        let kernels = [&*begin, plan, trace, shade, add];
+        let kernels = [&*begin, plan, trace, media_kernel, shade, add];
         let sees_only_environment = settings.environment == SeenEnvironment::Only;
         let chunks = chunks.of(receiver, || {
             let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
@@ -248,7 +261,11 @@ impl Passes {
                 } else {
                     media.directions
                 },
-                padding: 0,
+                marched_lights: if sees_only_environment {
+                    0
+                } else {
+                    media.marched_lights
+                },
             });
             all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk, settings.tracer))
                 .collect()
@@ -295,9 +312,17 @@ impl Passes {
                         }
                     }
                 });
+                if chunk.values.marched_lights > 0 {
+                    frame.compute("ray-tracing.media", |pass| {
+                        let [seen, rays] = &chunk.media;
+                        let own = (0, &scene.ray_bind_group);
+                        let groups = [own, (1, seen), (2, &*lights_group), (3, rays)];
+                        media_kernel.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
+                    });
+                }
                 frame.compute("ray-tracing.shade", |pass| {
                     let [seen, rays] = &chunk.shade;
-                    let groups = [own, (1, seen), (2, &*media_group), (3, rays)];
+                    let groups = [own, (1, seen), (2, &*sources_group), (3, rays)];
                     shade.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
                 });
                 if !sees_only_environment {
@@ -425,11 +450,11 @@ impl InFlight {
         })
     }
 
-    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `shade` and `add`.
+    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `media`, `shade` and `add`.
     fn bind(
         &self,
         gpu: &Gpu,
-        [begin, plan, trace, shade, add]: [&Kernel; 5],
+        [begin, plan, trace, media, shade, add]: [&Kernel; 6],
         receiver: &Receiver,
         values: gpu::Chunk,
         tracer: Tracer,
@@ -467,6 +492,10 @@ impl InFlight {
             trace: [
                 trace.bind(gpu, 1, of_trace)?,
                 trace.bind(gpu, 3, std::slice::from_ref(&rays))?,
+            ],
+            media: [
+                media.bind(gpu, 1, &[hits_seen.clone(), chunk.clone()])?,
+                media.bind(gpu, 3, std::slice::from_ref(&rays))?,
             ],
             shade: [
                 shade.bind(gpu, 1, &[hits_seen, chunk.clone()])?,
