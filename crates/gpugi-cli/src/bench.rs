@@ -1,6 +1,6 @@
 //! `gpugi bench`: GPU time of each technique's passes, and frames per second.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -16,6 +16,9 @@ use crate::output::{median, write_json};
 use crate::render::{apply_settings, is_path_tracer, path_tracer_settings, print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, bench_edits, bench_path_tracer, bench_rays};
+
+/// Most frames that the GPU is given before the first of them is done: enough that it never waits for the host.
+const MOST_IN_FLIGHT: usize = 16;
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
@@ -256,16 +259,19 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let mut recorded = Vec::new();
     let mut wall = |dynamic: bool| -> anyhow::Result<f64> {
         wait()?;
+        let mut in_flight = VecDeque::new();
         let started = Instant::now();
-        for index in 0..arguments.frames {
+        for _ in 0..arguments.frames {
             let before = Instant::now();
             frame(&mut renderer, dynamic, false)?;
             if dynamic {
                 recorded.push(before.elapsed().as_secs_f64() * 1e3);
             }
-            // Keep the queue bounded.
-            if index % 64 == 63 {
-                wait()?;
+            in_flight.extend(gpu.last_submission());
+            if in_flight.len() > MOST_IN_FLIGHT
+                && let Some(first) = in_flight.pop_front()
+            {
+                gpu.wait_for(first)?;
             }
         }
         wait()?;

@@ -279,7 +279,22 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::check`].
     pub fn wait(&self) -> Result<(), GpuError> {
-        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.wait_until(wgpu::PollType::wait_indefinitely())
+    }
+
+    /// Blocks until the GPU has run a submission and all before it, while later ones go on. Not for browsers.
+    ///
+    /// # Errors
+    /// As [`Gpu::check`].
+    pub fn wait_for(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        self.wait_until(wgpu::PollType::Wait {
+            submission_index: Some(submission),
+            timeout: None,
+        })
+    }
+
+    fn wait_until(&self, until: wgpu::PollType) -> Result<(), GpuError> {
+        let waited = self.device.poll(until);
         self.check()?;
         waited.map(|_| ()).map_err(|error| GpuError::Lost {
             reason: error.to_string(),

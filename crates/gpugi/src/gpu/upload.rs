@@ -73,6 +73,7 @@ pub(super) struct Uploads {
 struct Pending {
     belt: StagingBelt,
     encoder: Option<wgpu::CommandEncoder>,
+    last: Option<wgpu::SubmissionIndex>,
 }
 
 impl Uploads {
@@ -81,6 +82,7 @@ impl Uploads {
             pending: Mutex::new(Pending {
                 belt: StagingBelt::new(device.clone(), CHUNK),
                 encoder: None,
+                last: None,
             }),
             bytes: AtomicU64::new(0),
         }
@@ -104,7 +106,7 @@ impl Gpu {
             self.queue.write_buffer(buffer, offset, bytes);
             return;
         }
-        let Pending { belt, encoder } = &mut *pending;
+        let Pending { belt, encoder, .. } = &mut *pending;
         let encoder =
             encoder.get_or_insert_with(|| self.device.create_command_encoder(&Default::default()));
         let staging = belt.allocate(size, ALIGNMENT);
@@ -145,6 +147,11 @@ impl Gpu {
         self.flush(&mut self.pending(), Some(commands));
     }
 
+    /// The last submission so far, for [`Gpu::wait_for`].
+    pub fn last_submission(&self) -> Option<wgpu::SubmissionIndex> {
+        self.pending().last.clone()
+    }
+
     fn pending(&self) -> std::sync::MutexGuard<'_, Pending> {
         self.uploads
             .pending
@@ -154,12 +161,12 @@ impl Gpu {
 
     fn flush(&self, pending: &mut Pending, commands: Option<wgpu::CommandBuffer>) {
         let Some(writes) = pending.encoder.take() else {
-            self.queue.submit(commands);
+            pending.last = Some(self.queue.submit(commands));
             return;
         };
         pending.belt.finish();
         let writes = std::iter::once(writes.finish());
-        self.queue.submit(writes.chain(commands));
+        pending.last = Some(self.queue.submit(writes.chain(commands)));
         pending.belt.recall();
     }
 
