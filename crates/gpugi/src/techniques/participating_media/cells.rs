@@ -109,47 +109,73 @@ pub fn nearest<const K: usize>(
     let widest = counts.max_element();
     let search = |point: Vec3| {
         let centre = cell(point);
-        let mut found: Vec<(f32, u32)> = Vec::new();
+        let mut found = Found::<K>::default();
         // Rings of cells around that of the point, until nothing nearer can follow.
         for ring in 0..=widest {
-            let (low, high) = (
-                centre.saturating_sub(UVec3::splat(ring)),
-                (centre + ring).min(counts - 1),
-            );
-            for z in low.z..=high.z {
-                for y in low.y..=high.y {
-                    for x in low.x..=high.x {
-                        let at = UVec3::new(x, y, z);
-                        if at
-                            .as_ivec3()
-                            .wrapping_sub(centre.as_ivec3())
-                            .abs()
-                            .max_element()
-                            != ring as i32
-                        {
-                            continue;
-                        }
-                        let list = index(counts, at);
-                        let list = starts[list] as usize..starts[list + 1] as usize;
-                        found.extend(entries[list].iter().map(|&number| {
-                            (places[number as usize].distance_squared(point), number)
-                        }));
-                    }
+            for list in cells_of_ring(centre, ring, counts).map(|at| index(counts, at)) {
+                for &number in &entries[starts[list] as usize..starts[list + 1] as usize] {
+                    found.add(number, places[number as usize].distance_squared(point));
                 }
             }
-            found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            found.truncate(K);
             let reach = ring as f32 * side;
-            if found.len() == K && found[K - 1].0 <= reach * reach {
+            if found.count == K && found.nearest[K - 1].1 <= reach * reach {
                 break;
             }
         }
-        std::array::from_fn(|number| {
-            let (squared, index) = found[number.min(found.len() - 1)];
-            (index, squared)
-        })
+        let last = found.count - 1;
+        std::array::from_fn(|number| found.nearest[number.min(last)])
     };
     points.map(search).collect()
+}
+
+/// The cells of a grid whose largest distance from `centre` along an axis is `ring`.
+fn cells_of_ring(centre: UVec3, ring: u32, counts: UVec3) -> impl Iterator<Item = UVec3> {
+    let low = centre.saturating_sub(UVec3::splat(ring));
+    let high = (centre + ring).min(counts - 1);
+    let is_edge = move |at: u32, centre: u32| at.abs_diff(centre) == ring;
+    let row = move |z: u32, y: u32| {
+        let is_whole = is_edge(z, centre.z) || is_edge(y, centre.y);
+        // Of rows inside of the ring, at most the two ends are on it.
+        let step = if is_whole { 1 } else { 2 * ring };
+        let first = if is_whole || is_edge(low.x, centre.x) {
+            low.x
+        } else {
+            centre.x + ring
+        };
+        (first..=high.x)
+            .step_by(step.max(1) as usize)
+            .map(move |x| UVec3::new(x, y, z))
+    };
+    (low.z..=high.z).flat_map(move |z| (low.y..=high.y).flat_map(move |y| row(z, y)))
+}
+
+/// The `K` nearest so far, nearest first, those of the lowest number first where they are as near, and their squared
+/// distances.
+struct Found<const K: usize> {
+    nearest: [(u32, f32); K],
+    count: usize,
+}
+
+impl<const K: usize> Default for Found<K> {
+    fn default() -> Self {
+        Self {
+            nearest: [(u32::MAX, f32::INFINITY); K],
+            count: 0,
+        }
+    }
+}
+
+impl<const K: usize> Found<K> {
+    fn add(&mut self, number: u32, squared: f32) {
+        let is_before = |&(other, at): &(u32, f32)| (at, other) < (squared, number);
+        let place = self.nearest[..self.count].iter().rposition(is_before);
+        let place = place.map_or(0, |last| last + 1);
+        if place < K {
+            self.count = (self.count + 1).min(K);
+            self.nearest[place..self.count].rotate_right(1);
+            self.nearest[place] = (number, squared);
+        }
+    }
 }
 
 #[cfg(test)]

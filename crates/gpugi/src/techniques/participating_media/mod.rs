@@ -27,7 +27,7 @@ use crate::lights::samples::{on_emitters, punctual};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use network::{Kernels, Network};
-use particles::Particles;
+use particles::{Particles, Placements};
 use reflecting::Reflecting;
 use seen::{How, Seen};
 pub(crate) use sources::Sources;
@@ -110,6 +110,7 @@ struct Made {
 pub struct ParticipatingMedia {
     settings: Settings,
     kernels: Option<([(&'static str, f64); 1], Kernels)>,
+    placements: Placements,
     made: Option<Made>,
     /// Iterations so far since the light was final, and how often it became better.
     progress: u32,
@@ -187,6 +188,7 @@ impl Technique for ParticipatingMedia {
         let gpu = frame.gpu;
         if scene.media.is_empty() {
             self.made = None;
+            self.placements = Placements::default();
             return Ok(Generated::FINAL);
         }
         if !scene.has_rays() {
@@ -206,7 +208,12 @@ impl Technique for ParticipatingMedia {
         let lights = self.lights(scene);
         let from = self.made_from(scene, lights.len());
         if self.made.as_ref().is_none_or(|made| made.from != from) {
-            let particles = Particles::new(&scene.media, from.particles, &scene.bounds);
+            let particles = Particles::new(
+                &scene.media,
+                from.particles,
+                &scene.bounds,
+                &mut self.placements,
+            );
             self.made = None;
             if particles.are_seen {
                 let network = Network::new(

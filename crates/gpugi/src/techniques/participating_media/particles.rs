@@ -1,5 +1,7 @@
 //! Media as particles: spheres that stand for equal parts of the extinction.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Mat4, Vec3};
 use gpugi_scene::{Bounds, DensityGrid, Medium, PhaseFunction};
 
@@ -34,26 +36,53 @@ pub struct Particles {
     pub cells: Cells,
 }
 
+/// Placements of media by their numbers, kept for when the particles are made again: media that move or change colour
+/// keep theirs.
+#[derive(Debug, Default)]
+pub struct Placements {
+    by_medium: Vec<Option<Placement>>,
+}
+
+/// Particles and nodes of one medium in its box, wherever that is.
+#[derive(Debug)]
+struct Placement {
+    distribution: Arc<Distribution>,
+    count: u32,
+    /// Extents of the box (m).
+    extents: Vec3,
+    /// Places in the box (-0.5 to 0.5) and radii (m).
+    spheres: Vec<(Vec3, f32)>,
+    /// Nodes of the field along the axes.
+    nodes: [u32; 3],
+    /// As [`Particles::neighbours`], counting from the medium's first particle.
+    neighbours: Vec<[[u32; NEIGHBOURS]; 2]>,
+}
+
 /// A medium with the distribution of its extinction.
-struct Distributed<'a> {
+struct Distributed {
     world_from_box: Mat4,
-    distribution: Distribution<'a>,
+    distribution: Arc<Distribution>,
     /// Integral of the extinction over its volume (m^2), averaged over the channels.
     extinction: f64,
 }
 
 impl Particles {
     /// About `count` particles that represent `media`. A medium that fills everything is taken to fill `bounds`.
-    pub fn new(media: &[Medium], count: u32, bounds: &Bounds) -> Self {
-        let distributed = media.iter().map(|medium| distribute(medium, bounds));
-        let distributed: Vec<Option<Distributed<'_>>> = distributed.collect();
+    pub fn new(media: &[Medium], count: u32, bounds: &Bounds, known: &mut Placements) -> Self {
+        known.by_medium.resize_with(media.len(), || None);
+        let known = &mut known.by_medium;
+        let with_known = media.iter().zip(known.iter());
+        let distributed =
+            with_known.map(|(medium, known)| distribute(medium, bounds, known.as_ref()));
+        let distributed: Vec<Option<Distributed>> = distributed.collect();
         let all = distributed.iter().flatten();
         let total: f64 = all.map(|one| one.extinction).sum();
         let mut made = Self::default();
-        for (medium, one) in media.iter().zip(&distributed) {
+        for ((medium, one), known) in media.iter().zip(&distributed).zip(known) {
             made.phases.push(medium.phase);
             made.fields.push([1, 1, 1, 0]);
             let Some(one) = one else {
+                *known = None;
                 continue;
             };
             made.are_seen = true;
@@ -63,59 +92,105 @@ impl Particles {
             } else {
                 0
             };
-            made.add(one, own);
+            let kept = known.take().filter(|known| known.is_of(one, own));
+            let placement = kept.unwrap_or_else(|| Placement::new(one, own));
+            made.add(one, &placement);
+            *known = Some(placement);
         }
         made.cells = Cells::of_spheres(&made.particles);
         made
     }
 
-    /// Appends the particles of the last medium, `count` of them, and its field.
-    fn add(&mut self, one: &Distributed<'_>, count: u32) {
-        let first = self.particles.len();
-        let index = self.phases.len() as u32 - 1;
-        let extents = [0, 1, 2].map(|axis| one.world_from_box.col(axis).truncate().length());
-        let extents = Vec3::from_array(extents);
+    /// Appends the particles of the last medium and its field.
+    fn add(&mut self, one: &Distributed, placed: &Placement) {
+        let first = self.particles.len() as u32;
+        let medium = self.phases.len() as u32 - 1;
+        let particles = placed
+            .spheres
+            .iter()
+            .map(|&(in_box, radius)| gpu::Particle {
+                position: one.world_from_box.transform_point3(in_box).to_array(),
+                radius,
+                medium,
+                padding: [0; 3],
+            });
+        self.particles.extend(particles);
+        if !placed.spheres.is_empty() {
+            let [x, y, z] = placed.nodes;
+            self.fields[medium as usize] = [x, y, z, self.neighbours.len() as u32];
+        }
+        let neighbours = placed.neighbours.iter();
+        let neighbours =
+            neighbours.map(|[numbers, weights]| [numbers.map(|one| first + one), *weights]);
+        self.neighbours.extend(neighbours);
+    }
+}
+
+/// Lengths of the edges of a box (m).
+fn extents(world_from_box: &Mat4) -> Vec3 {
+    Vec3::from_array([0, 1, 2].map(|axis| world_from_box.col(axis).truncate().length()))
+}
+
+/// Extents that differ less, relatively, are the same: moves and turns round them.
+const SAME_EXTENTS: f32 = 1e-4;
+
+impl Placement {
+    fn is_of(&self, one: &Distributed, count: u32) -> bool {
+        let extents = extents(&one.world_from_box);
+        Arc::ptr_eq(&self.distribution, &one.distribution)
+            && self.count == count
+            && (extents - self.extents)
+                .abs()
+                .cmple(self.extents * SAME_EXTENTS)
+                .all()
+    }
+
+    /// Places `count` particles.
+    fn new(one: &Distributed, count: u32) -> Self {
+        let extents = extents(&one.world_from_box);
+        let mut made = Self {
+            distribution: one.distribution.clone(),
+            count,
+            extents,
+            spheres: Vec::new(),
+            nodes: [1; 3],
+            neighbours: Vec::new(),
+        };
+        if count == 0 {
+            return made;
+        }
         let volume = f64::from(one.world_from_box.determinant().abs());
         // A sphere larger than this would reach far out of the box.
         let largest = extents.min_element() / 4.0;
-        let mut places = Vec::new();
-        for number in 0..count {
+        let spheres = (0..count).map(|number| {
             let shifted = additive(R3, number).map(|u| (0.5 + u).fract());
             let drawn = one.distribution.draw(shifted);
-            let in_box = drawn.at.as_vec3() - 0.5;
             // The mean share of the volume of a particle where the density is as here.
             let share = volume / (f64::from(count) * drawn.relative_density);
             let radius = (share * 0.75 / std::f64::consts::PI).cbrt() as f32;
-            places.push(in_box * extents);
-            self.particles.push(gpu::Particle {
-                position: one.world_from_box.transform_point3(in_box).to_array(),
-                radius: radius.min(largest),
-                medium: index,
-                padding: [0; 3],
-            });
-        }
-        if count == 0 {
-            return;
-        }
+            (drawn.at.as_vec3() - 0.5, radius.min(largest))
+        });
+        made.spheres = spheres.collect();
         let filled = one.distribution.filled_share().max(LEAST_FILLED);
         let side = volume * filled / NODES_PER_PARTICLE / f64::from(count);
         let along = |extent: f32| (f64::from(extent) / side.cbrt()).round();
         let nodes = extents.to_array();
         let nodes = nodes.map(|extent| along(extent).clamp(2.0, MOST_NODES) as u32);
         let [x, y, z] = nodes;
-        self.fields[index as usize] = [x, y, z, self.neighbours.len() as u32];
+        made.nodes = nodes;
         let node_places = (0..x * y * z).map(|node| {
             let at = [node % x, node / x % y, node / (x * y)].map(|at| at as f32);
             let share = (Vec3::from_array(at) + 0.5) / Vec3::from_array(nodes.map(|n| n as f32));
             (share - 0.5) * extents
         });
-        let found = nearest::<NEIGHBOURS>(&places, node_places, extents);
+        let places = made.spheres.iter().map(|(in_box, _)| *in_box * extents);
+        let found = nearest::<NEIGHBOURS>(&places.collect::<Vec<_>>(), node_places, extents);
         let weighted = found.into_iter().map(|found| {
             let weights = weights(&found.map(|(_, squared)| squared));
-            let indices = found.map(|(number, _)| first as u32 + number);
-            [indices, weights.map(f32::to_bits)]
+            [found.map(|(number, _)| number), weights.map(f32::to_bits)]
         });
-        self.neighbours.extend(weighted);
+        made.neighbours = weighted.collect();
+        made
     }
 }
 
@@ -134,10 +209,15 @@ fn weights(squared: &[f32; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
 }
 
 /// The medium with its box and its distribution; `None` if it neither takes light nor gives any, or has no volume.
-fn distribute<'a>(medium: &'a Medium, bounds: &Bounds) -> Option<Distributed<'a>> {
+fn distribute(medium: &Medium, bounds: &Bounds, known: Option<&Placement>) -> Option<Distributed> {
     let world_from_box = world_from_box(medium, bounds);
     let volume = f64::from(world_from_box.determinant().abs());
-    let distribution = Distribution::new(medium.density.as_deref())?;
+    let density = medium.density.as_ref();
+    let known = known.map(|known| &known.distribution);
+    let distribution = match known.filter(|known| known.is_of(density)) {
+        Some(known) => known.clone(),
+        None => Arc::new(Distribution::new(density)?),
+    };
     let mean = f64::from(medium.extinction.element_sum()) / 3.0;
     let extinction = volume * mean * distribution.mean();
     let is_there = extinction > 0.0 || medium.emission.max_element() > 0.0;
@@ -149,9 +229,10 @@ fn distribute<'a>(medium: &'a Medium, bounds: &Bounds) -> Option<Distributed<'a>
 }
 
 /// The distribution of densities over a unit cube, constant in each cell of a grid.
-struct Distribution<'a> {
-    size: [usize; 3],
-    values: &'a [f32],
+#[derive(Debug)]
+struct Distribution {
+    /// `None`: the same everywhere.
+    grid: Option<Arc<DensityGrid>>,
     /// Sums of the values before each row along x, and before the end.
     rows: Vec<f64>,
 }
@@ -164,12 +245,14 @@ struct Drawn {
     relative_density: f64,
 }
 
-impl<'a> Distribution<'a> {
+impl Distribution {
     /// That of a grid, or an even one. `None` if there is nothing in it.
-    fn new(grid: Option<&'a DensityGrid>) -> Option<Self> {
-        let (size, values) = grid.map_or(([1; 3], &[1.0][..]), |grid| {
-            (grid.size.map(|cells| cells as usize), &grid.values[..])
-        });
+    fn new(grid: Option<&Arc<DensityGrid>>) -> Option<Self> {
+        let mut made = Self {
+            grid: grid.cloned(),
+            rows: vec![0.0],
+        };
+        let (size, values) = made.cells();
         if size.iter().product::<usize>() != values.len() {
             return None;
         }
@@ -179,7 +262,23 @@ impl<'a> Distribution<'a> {
             sum += row.iter().map(|&value| f64::from(value)).sum::<f64>();
             rows.push(sum);
         }
-        (sum > 0.0 && sum.is_finite()).then_some(Self { size, values, rows })
+        made.rows = rows;
+        (sum > 0.0 && sum.is_finite()).then_some(made)
+    }
+
+    fn is_of(&self, grid: Option<&Arc<DensityGrid>>) -> bool {
+        match (&self.grid, grid) {
+            (Some(own), Some(grid)) => Arc::ptr_eq(own, grid),
+            (None, None) => true,
+            _ => false,
+        }
+    }
+
+    /// Cells along the axes, and their values.
+    fn cells(&self) -> ([usize; 3], &[f32]) {
+        self.grid.as_ref().map_or(([1; 3], &[1.0]), |grid| {
+            (grid.size.map(|cells| cells as usize), &grid.values[..])
+        })
     }
 
     fn total(&self) -> f64 {
@@ -188,20 +287,20 @@ impl<'a> Distribution<'a> {
 
     /// Mean density.
     fn mean(&self) -> f64 {
-        self.total() / self.values.len() as f64
+        self.total() / self.cells().1.len() as f64
     }
 
     /// The share of the cube that the particles fill: (sum of values)^2 / (count x sum of squares).
     fn filled_share(&self) -> f64 {
-        let squares: f64 = (self.values.iter())
-            .map(|&value| f64::from(value).powi(2))
-            .sum();
-        self.total().powi(2) / (squares * self.values.len() as f64)
+        let (_, values) = self.cells();
+        let squares = values.iter().map(|&value| f64::from(value).powi(2));
+        self.total().powi(2) / (squares.sum::<f64>() * values.len() as f64)
     }
 
     /// Inverts the cumulative distributions of the layers along z, of the rows of a layer, and of the cells of a row.
     fn draw(&self, [u, v, w]: [f64; 3]) -> Drawn {
-        let [x_cells, y_cells, z_cells] = self.size;
+        let (size, values) = self.cells();
+        let [x_cells, y_cells, z_cells] = size;
         let layers = (0..=z_cells).map(|layer| self.rows[layer * y_cells]);
         let (layer, z) = invert(&layers.collect::<Vec<_>>(), w);
         let in_layer = &self.rows[layer * y_cells..=(layer + 1) * y_cells];
@@ -209,16 +308,16 @@ impl<'a> Distribution<'a> {
         let first = (layer * y_cells + row) * x_cells;
         let mut sums = vec![0.0];
         let mut sum = 0.0;
-        for value in &self.values[first..first + x_cells] {
+        for value in &values[first..first + x_cells] {
             sum += f64::from(*value);
             sums.push(sum);
         }
         let (cell, x) = invert(&sums, u);
         let place = DVec3::new(cell as f64 + x, row as f64 + y, layer as f64 + z);
-        let size = self.size.map(|cells| cells as f64);
+        let size = size.map(|cells| cells as f64);
         Drawn {
             at: place / DVec3::from_array(size),
-            relative_density: f64::from(self.values[first + cell]) / self.mean(),
+            relative_density: f64::from(values[first + cell]) / self.mean(),
         }
     }
 }
@@ -238,8 +337,6 @@ fn invert(sums: &[f64], u: f64) -> (usize, f64) {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use gpugi_scene::MAX_MEDIA;
 
     use super::*;
@@ -258,6 +355,10 @@ mod tests {
         }
     }
 
+    fn particles(media: &[Medium], count: u32) -> Particles {
+        Particles::new(media, count, &Bounds::EMPTY, &mut Placements::default())
+    }
+
     /// Three times as dense for x > 0, and empty for y < 0.
     fn uneven() -> DensityGrid {
         let value = |cell: u32| {
@@ -272,7 +373,7 @@ mod tests {
 
     #[test]
     fn particles_follow_the_density() {
-        let made = Particles::new(&[medium(Some(uneven()))], 1024, &Bounds::EMPTY);
+        let made = particles(&[medium(Some(uneven()))], 1024);
         assert_eq!(made.particles.len(), 1024);
         let count = |is_there: fn(&[f32; 3]) -> bool| {
             let found = made.particles.iter().filter(|one| is_there(&one.position));
@@ -299,20 +400,20 @@ mod tests {
             extinction: Vec3::ZERO,
             ..medium(None)
         };
-        let none = Particles::new(std::slice::from_ref(&clear), 64, &Bounds::EMPTY);
+        let none = particles(std::slice::from_ref(&clear), 64);
         assert!(none.particles.is_empty());
         let glowing = Medium {
             emission: Vec3::ONE,
             ..clear
         };
-        let made = Particles::new(&[glowing, medium(None)], 64, &Bounds::EMPTY);
+        let made = particles(&[glowing, medium(None)], 64);
         assert!(made.particles.iter().all(|one| one.medium == 1));
         assert_eq!(made.particles.len(), 64);
         let torn = DensityGrid {
             size: [3; 3],
             values: vec![1.0; 5],
         };
-        let made = Particles::new(&[medium(Some(torn))], 64, &Bounds::EMPTY);
+        let made = particles(&[medium(Some(torn))], 64);
         assert!(made.particles.is_empty());
     }
 
@@ -326,7 +427,7 @@ mod tests {
             values,
         };
         let media = vec![medium(Some(sparse)); MAX_MEDIA];
-        let made = Particles::new(&media, 1024, &Bounds::EMPTY);
+        let made = particles(&media, 1024);
         assert_eq!(made.particles.len(), 1024);
         assert!(
             made.neighbours.len() < 100 * 1024,
@@ -336,8 +437,41 @@ mod tests {
     }
 
     #[test]
+    fn media_that_move_keep_their_placements() {
+        let mut moved = medium(Some(uneven()));
+        let still = medium(None);
+        let mut known = Placements::default();
+        let mut make = |moved: &Medium| {
+            let media = [moved.clone(), still.clone()];
+            let made = Particles::new(&media, 512, &Bounds::EMPTY, &mut known);
+            let placed = known.by_medium.iter().flatten();
+            let placed: Vec<_> = placed.map(|one| one.spheres.as_ptr()).collect();
+            (made, placed)
+        };
+        let (_, first) = make(&moved);
+        let turned = Mat4::from_rotation_y(0.7) * Mat4::from_translation(Vec3::X);
+        moved.world_from_box = moved.world_from_box.map(|before| turned * before);
+        let (made, kept) = make(&moved);
+        assert_eq!(first, kept);
+        let anew = particles(&[moved.clone(), medium(None)], 512);
+        assert_eq!(made.neighbours.len(), anew.neighbours.len());
+        for (one, other) in made.particles.iter().zip(&anew.particles) {
+            let [at, expected] = [one, other].map(|one| Vec3::from_array(one.position));
+            assert!(at.distance(expected) < 1e-5 && (one.radius - other.radius).abs() < 1e-5);
+        }
+        moved.world_from_box = moved
+            .world_from_box
+            .map(|before| before * Mat4::from_scale(Vec3::splat(2.0)));
+        assert_ne!(make(&moved).0.particles[0].radius, made.particles[0].radius);
+        moved.density = None;
+        let (replaced, _) = make(&moved);
+        let is_below = |one: &gpu::Particle| one.medium == 0 && one.position[1] < 0.0;
+        assert!(replaced.particles.iter().any(is_below));
+    }
+
+    #[test]
     fn weights_of_neighbours_sum_to_one() {
-        let made = Particles::new(&[medium(Some(uneven()))], 300, &Bounds::EMPTY);
+        let made = particles(&[medium(Some(uneven()))], 300);
         assert!(made.neighbours.len() > 300);
         for [indices, weights] in &made.neighbours {
             let sum: f32 = weights.iter().map(|&bits| f32::from_bits(bits)).sum();
