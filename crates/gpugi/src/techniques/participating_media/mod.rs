@@ -16,6 +16,8 @@ mod sources;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
+
 use gpugi_scene::Bounds;
 
 use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
@@ -29,7 +31,7 @@ use crate::settings::SettingSet;
 use network::{Kernels, Network};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
-use seen::{How, Seen};
+use seen::{How, Passes, Seen};
 pub(crate) use sources::Sources;
 
 /// Name, summary, source and light paths of the technique.
@@ -97,7 +99,7 @@ struct Made {
     from: MadeFrom,
     network: Network,
     reflecting: Option<Reflecting>,
-    seen: Option<(How, Seen)>,
+    seen: Option<Seen>,
     /// What visibility and light were computed for.
     looked: Option<[u64; 2]>,
     lit: Option<(Versions, u32)>,
@@ -110,6 +112,7 @@ struct Made {
 pub struct ParticipatingMedia {
     settings: Settings,
     kernels: Option<([(&'static str, f64); 1], Kernels)>,
+    passes: Option<Arc<Passes>>,
     placements: Placements,
     made: Option<Made>,
     /// Iterations so far since the light was final, and how often it became better.
@@ -200,6 +203,7 @@ impl Technique for ParticipatingMedia {
         let constants = scene.ray_constants();
         if self.kernels.as_ref().is_none_or(|(of, _)| *of != constants) {
             self.kernels = Some((constants, Kernels::new(gpu, scene)?));
+            self.passes = None;
             self.made = None;
         }
         let Some((_, kernels)) = &self.kernels else {
@@ -214,7 +218,7 @@ impl Technique for ParticipatingMedia {
                 &scene.bounds,
                 &mut self.placements,
             );
-            self.made = None;
+            let before = self.made.take();
             if particles.are_seen {
                 let network = Network::new(
                     gpu,
@@ -224,6 +228,9 @@ impl Technique for ParticipatingMedia {
                     &lights,
                     from.sees_surfaces,
                 )?;
+                if let Some(before) = before.filter(|_| self.settings.most_iterations > 0) {
+                    network.continue_from(frame, &before.network);
+                }
                 let reflecting = from
                     .sees_surfaces
                     .then(|| Reflecting::new(gpu, kernels, &network));
@@ -245,10 +252,16 @@ impl Technique for ParticipatingMedia {
             steps: self.settings.steps,
             shadow_rays: self.settings.shadow_rays,
             surface_rays: self.settings.light_surfaces,
+            has_marched_lights: made.network.values.marched_lights > 0,
         };
-        if made.seen.as_ref().is_none_or(|(of, _)| *of != how) {
-            made.seen = Some((how, Seen::new(gpu, scene, &made.network, how)?));
+        let passes = match self.passes.take().filter(|passes| passes.how == how) {
+            Some(passes) => passes,
+            None => Arc::new(Passes::new(gpu, scene, how)?),
+        };
+        if made.seen.as_ref().is_none_or(|seen| !seen.is_by(&passes)) {
+            made.seen = Some(Seen::new(gpu, &made.network, &passes)?);
         }
+        self.passes = Some(passes);
         let Versions {
             geometry,
             materials,
@@ -317,7 +330,7 @@ impl Technique for ParticipatingMedia {
         match &mut self.made {
             Some(Made {
                 network,
-                seen: Some((_, seen)),
+                seen: Some(seen),
                 ..
             }) => seen.begin(frame, receiver, network).map(Some),
             _ => Ok(None),
@@ -334,7 +347,7 @@ impl Technique for ParticipatingMedia {
         match &mut self.made {
             Some(Made {
                 network,
-                seen: Some((_, seen)),
+                seen: Some(seen),
                 ..
             }) if receiver.points.output == Output::RadianceToEye => {
                 seen.end(frame, scene, receiver, network)

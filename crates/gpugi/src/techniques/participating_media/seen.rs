@@ -9,33 +9,31 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// The passes that show a network's media, and what they keep.
+/// The passes that show media.
+#[derive(Debug)]
+pub struct Passes {
+    pub how: How,
+    toward_eye: Kernel,
+    field: Kernel,
+    composite: ReceiverKernel,
+    /// Adds what media scatter of direct light.
+    direct: Option<ReceiverKernel>,
+    /// Adds the light of media on surfaces.
+    surfaces: Option<ReceiverKernel>,
+}
+
+/// The media of a network as they are seen.
 #[derive(Debug)]
 pub struct Seen {
-    toward_eye: Kernel,
-    field_kernel: Kernel,
-    composite: ReceiverKernel,
-    direct: Option<Direct>,
-    surfaces: Option<Surfaces>,
+    passes: Arc<Passes>,
+    /// Bind groups 2.
+    lights: Option<wgpu::BindGroup>,
+    sources: Option<wgpu::BindGroup>,
     /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
     scattered: wgpu::Buffer,
     field: wgpu::Buffer,
     field_group: wgpu::BindGroup,
     kept: PerReceiver<Arc<Behind>>,
-}
-
-/// The pass that adds the light of media on surfaces, and its bind group 2.
-#[derive(Debug)]
-struct Surfaces {
-    kernel: ReceiverKernel,
-    sources: wgpu::BindGroup,
-}
-
-/// The pass that adds what media scatter of direct light, and its bind group 2.
-#[derive(Debug)]
-struct Direct {
-    kernel: ReceiverKernel,
-    lights: wgpu::BindGroup,
 }
 
 /// How media are seen.
@@ -47,6 +45,8 @@ pub struct How {
     pub shadow_rays: u32,
     /// Rays on which each surface point finds the light of media.
     pub surface_rays: u32,
+    /// Whether there are lights to march toward.
+    pub has_marched_lights: bool,
 }
 
 /// What is kept for a receiver.
@@ -62,30 +62,50 @@ struct Behind {
     surfaces: Option<[wgpu::BindGroup; 2]>,
 }
 
-impl Seen {
+impl Passes {
     /// Compiles the passes.
     ///
     /// # Errors
-    /// [`GpuError`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, how: How) -> Result<Self, GpuError> {
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene, how: How) -> Result<Self, GpuError> {
         let toward_eye = shader!("techniques.participating_media.toward_eye");
-        let toward_eye = Kernel::new(gpu, &toward_eye, "main", Some(&scene.layout))?;
-        let field_kernel = shader!("techniques.participating_media.field");
-        let field_kernel = Kernel::new(gpu, &field_kernel, "main", None)?;
-        let composite = ReceiverKernel::new(
-            gpu,
-            scene,
-            &shader!("techniques.participating_media.composite"),
-            &[("STEPS", how.steps.into())],
-        )?;
-        let direct = match network.values.marched_lights {
-            0 => None,
-            _ => Some(Direct::new(gpu, scene, network, how)?),
+        let field = shader!("techniques.participating_media.field");
+        let composite = shader!("techniques.participating_media.composite");
+        let direct = || {
+            let shader = shader!("techniques.participating_media.direct");
+            let constants = [
+                ("STEPS", how.steps.into()),
+                ("SHADOW_RAYS", how.shadow_rays.into()),
+            ];
+            ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)
         };
-        let surfaces = match how.surface_rays {
-            0 => None,
-            rays => Some(Surfaces::new(gpu, scene, network, rays)?),
+        let surfaces = || {
+            let shader = shader!("techniques.participating_media.surfaces");
+            let constants = [("RAYS", how.surface_rays.into())];
+            ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)
         };
+        Ok(Self {
+            how,
+            toward_eye: Kernel::new(gpu, &toward_eye, "main", Some(&scene.layout))?,
+            field: Kernel::new(gpu, &field, "main", None)?,
+            composite: ReceiverKernel::new(gpu, scene, &composite, &[("STEPS", how.steps.into())])?,
+            direct: how.has_marched_lights.then(direct).transpose()?,
+            surfaces: (how.surface_rays > 0).then(surfaces).transpose()?,
+        })
+    }
+}
+
+impl Seen {
+    /// Room for what the passes find out about a network.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Gpu, network: &Network, passes: &Arc<Passes>) -> Result<Self, GpuError> {
+        let sources = network.sources();
+        let direct = passes.direct.as_ref();
+        let lights = direct.map(|direct| sources.bind_lights(gpu, direct.to_bind()));
+        let surfaces = passes.surfaces.as_ref();
+        let sources = surfaces.map(|surfaces| sources.bind(gpu, surfaces.to_bind()));
         let rows = |count: u32| u64::from(count) * 16;
         let storage = wgpu::BufferUsages::STORAGE;
         let particles = rows(network.values.particles);
@@ -95,7 +115,7 @@ impl Seen {
             rows(network.values.nodes),
             storage,
         )?;
-        let field_group = field_kernel.bind(
+        let field_group = passes.field.bind(
             gpu,
             3,
             &[
@@ -106,16 +126,19 @@ impl Seen {
             ],
         )?;
         Ok(Self {
-            toward_eye,
-            field_kernel,
-            composite,
-            direct,
-            surfaces,
+            passes: passes.clone(),
+            lights: lights.transpose()?,
+            sources: sources.transpose()?,
             scattered,
             field,
             field_group,
             kept: PerReceiver::default(),
         })
+    }
+
+    /// Whether these passes show it.
+    pub fn is_by(&self, passes: &Arc<Passes>) -> bool {
+        Arc::ptr_eq(&self.passes, passes)
     }
 
     /// A receiver of the same points, with a cleared target, for everything that media dim.
@@ -148,38 +171,44 @@ impl Seen {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let kept = self.of(gpu, receiver, network)?;
+        let passes = &self.passes;
         let parity = (network.iterations % 2) as usize;
         let count = network.values.particles;
         if count > 0 {
             frame.compute("participating-media.toward-eye", |pass| {
                 let [seen, own] = &kept.toward_eye[parity];
                 let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
-                self.toward_eye.dispatch(pass, &groups, [count, 1, 1]);
+                passes.toward_eye.dispatch(pass, &groups, [count, 1, 1]);
             });
             frame.compute("participating-media.field", |pass| {
                 let nodes = [network.values.nodes, 1, 1];
-                self.field_kernel
+                passes
+                    .field
                     .dispatch(pass, &[(3, &self.field_group)], nodes);
             });
         }
-        if let (Some(surfaces), Some([seen, own])) = (&self.surfaces, &kept.surfaces) {
-            let kernel = surfaces.kernel.of(gpu, &receiver.points)?;
+        if let (Some(surfaces), Some(sources), Some([seen, own])) =
+            (&passes.surfaces, &self.sources, &kept.surfaces)
+        {
+            let kernel = surfaces.of(gpu, &receiver.points)?;
             frame.compute("participating-media.surfaces", |pass| {
-                let [scene, sources] = [&scene.ray_bind_group, &surfaces.sources];
+                let scene = &scene.ray_bind_group;
                 let groups = [(0, scene), (1, seen), (2, sources), (3, own)];
                 kernel.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
             });
         }
-        let composite = self.composite.of(gpu, &receiver.points)?;
+        let composite = passes.composite.of(gpu, &receiver.points)?;
         frame.compute("participating-media.composite", |pass| {
             let [seen, own] = &kept.composite;
             let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
             composite.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
         });
-        if let (Some(direct), Some([seen, own])) = (&self.direct, &kept.direct) {
-            let kernel = direct.kernel.of(gpu, &receiver.points)?;
+        if let (Some(direct), Some(lights), Some([seen, own])) =
+            (&passes.direct, &self.lights, &kept.direct)
+        {
+            let kernel = direct.of(gpu, &receiver.points)?;
             frame.compute("participating-media.direct", |pass| {
-                let [scene, lights] = [&scene.ray_bind_group, &direct.lights];
+                let scene = &scene.ray_bind_group;
                 let groups = [(0, scene), (1, seen), (2, lights), (3, own)];
                 kernel.dispatch(pass, &groups, [receiver.points.count, 1, 1]);
             });
@@ -194,12 +223,13 @@ impl Seen {
         receiver: &Receiver,
         network: &Network,
     ) -> Result<Arc<Behind>, GpuError> {
+        let passes = &self.passes;
         let make = || {
             let Receiver { points, target, .. } = receiver;
             let size = target.radiance.size();
             let behind = gpu.buffer("light behind media", size, wgpu::BufferUsages::STORAGE)?;
             let toward_eye = |incoming: &wgpu::Buffer| {
-                let kernel = &self.toward_eye;
+                let kernel = &passes.toward_eye;
                 let resources = [
                     ("net", of(&network.uniform)),
                     ("particles", of(&network.particles)),
@@ -219,11 +249,11 @@ impl Seen {
                 let own = [("net", of(&network.uniform)), ("radiance", of(radiance))];
                 Ok::<_, GpuError>([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &own)?])
             };
-            let direct = self.direct.as_ref();
-            let direct = direct.map(|direct| adding(&direct.kernel, &target.radiance));
-            let surfaces = self.surfaces.as_ref();
-            let surfaces = surfaces.map(|surfaces| adding(&surfaces.kernel, &behind));
-            let composite = self.composite.to_bind();
+            let direct = passes.direct.as_ref();
+            let direct = direct.map(|direct| adding(direct, &target.radiance));
+            let surfaces = passes.surfaces.as_ref();
+            let surfaces = surfaces.map(|surfaces| adding(surfaces, &behind));
+            let composite = passes.composite.to_bind();
             let resources = [
                 ("field", of(&self.field)),
                 ("fields", of(&network.fields)),
@@ -242,32 +272,5 @@ impl Seen {
             }))
         };
         self.kept.of(receiver, make).cloned()
-    }
-}
-
-impl Direct {
-    fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, how: How) -> Result<Self, GpuError> {
-        let shader = shader!("techniques.participating_media.direct");
-        let constants = [
-            ("STEPS", how.steps.into()),
-            ("SHADOW_RAYS", how.shadow_rays.into()),
-        ];
-        let kernel = ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)?;
-        Ok(Self {
-            lights: network.sources().bind_lights(gpu, kernel.to_bind())?,
-            kernel,
-        })
-    }
-}
-
-impl Surfaces {
-    fn new(gpu: &Gpu, scene: &GpuScene, network: &Network, rays: u32) -> Result<Self, GpuError> {
-        let shader = shader!("techniques.participating_media.surfaces");
-        let constants = [("RAYS", rays.into())];
-        let kernel = ReceiverKernel::tracing_rays(gpu, scene, &shader, &constants)?;
-        Ok(Self {
-            sources: network.sources().bind(gpu, kernel.to_bind())?,
-            kernel,
-        })
     }
 }
