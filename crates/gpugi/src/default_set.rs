@@ -143,6 +143,10 @@ pub fn default_set(
         reason: reason(info, &classes),
         settings: match (info.name, purpose) {
             (SHADOWS, Purpose::StillPicture) => soft_shadows(scene, adapter),
+            // Where a picture soon has more samples, a quarter of each one's work is enough.
+            (SHADOWS, Purpose::LiveView) if has_emitters(scene) => {
+                vec![("interleaved", true.to_string())]
+            }
             (SKY, Purpose::StillPicture) => sky(triangles, Speed::of(adapter)),
             (CAUSTICS, Purpose::StillPicture) => photons(Speed::of(adapter)),
             _ => Vec::new(),
@@ -408,7 +412,12 @@ mod tests {
                 [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
             assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
             let (gather, direct) = live.choices.split_last().unwrap();
-            assert!(direct.iter().all(|one| one.settings.is_empty()));
+            for one in direct {
+                let is_shared = one.technique == SHADOWS && has_emitters(&scene);
+                let names: Vec<&str> = one.settings.iter().map(|(name, _)| *name).collect();
+                let expected: &[&str] = if is_shared { &["interleaved"] } else { &[] };
+                assert_eq!(names, expected, "{}: {}", scene.name, one.technique);
+            }
             assert_eq!(gather.technique, FINAL_GATHER);
             let mut expected = live.names();
             *expected.last_mut().unwrap() = RADIOSITY.to_owned();

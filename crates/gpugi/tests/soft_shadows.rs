@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::f64::consts::PI;
 
 use common::{
-    Lit, floor, from_above, gpu, lit_by, measured, meets, picture, place, render, renderer,
-    renderer_of,
+    Lit, Picture, floor, from_above, gpu, lit_by, measured, meets, picture, place, render,
+    renderer, renderer_of,
 };
 use glam::{DVec3, Vec3, Vec4, dvec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
@@ -499,4 +499,42 @@ fn samples_of_a_picture_add_up_to_exact_soft_shadows() {
         assert!(moved < 1e-3, "{kind:?}: {moved}");
         assert!(fixed > 5.0 * moved, "{kind:?}: {fixed}, {moved}");
     }
+}
+
+/// Mean of the red of 2 x 2 pixels.
+fn fours(picture: &Picture, side: usize) -> Vec<f32> {
+    let red = |x: usize, y: usize| picture.radiance[3 * (y * side + x)];
+    let corners = (0..side / 2).flat_map(|y| (0..side / 2).map(move |x| (2 * x, 2 * y)));
+    let sums = corners.map(|(x, y)| red(x, y) + red(x + 1, y) + red(x, y + 1) + red(x + 1, y + 1));
+    sums.map(|sum| sum / 4.0).collect()
+}
+
+#[test]
+fn neighbours_share_the_samples_of_an_area_light() {
+    const SIDE: u32 = 64;
+    let Some(gpu) = gpu() else { return };
+    let mut scene = under_a_lamp(false);
+    let block = cuboid(vec3(-0.3, 0.0, -0.3), vec3(0.3, 0.6, 0.3), 1);
+    place(&mut scene, block, Material::matt("", Vec3::splat(0.5)));
+    let camera = from_above(2.2, 1.8);
+    let [whole, shared] = ["false", "true"].map(|is_shared| {
+        let interleaved = format!("shadow-map.interleaved={is_shared}");
+        render(&gpu, &scene, &camera, SIDE, &[&interleaved])
+    });
+    let error =
+        |one: &[f32], other: &[f32]| rel_mse(one.iter().copied().zip(other.iter().copied()));
+    let of_pixels = error(&shared.radiance, &whole.radiance);
+    let of_fours = error(
+        &fours(&shared, SIDE as usize),
+        &fours(&whole, SIDE as usize),
+    );
+    println!("rel-mse of pixels {of_pixels:.1e}, of 2 x 2 pixels {of_fours:.1e}");
+    assert!(of_pixels < 5e-3, "{of_pixels}");
+    assert!(of_fours < 0.2 * of_pixels, "{of_fours}, {of_pixels}");
+    // Fewer samples are too few to share.
+    let [whole, shared] = ["false", "true"].map(|is_shared| {
+        let interleaved = format!("shadow-map.interleaved={is_shared}");
+        render(&gpu, &scene, &camera, SIDE, &[&samples(12), &interleaved])
+    });
+    assert_eq!(whole.radiance, shared.radiance);
 }

@@ -247,6 +247,14 @@ impl Shadows {
             .map_or(0, |made| made.samples.len() as u32)
     }
 
+    /// The first sample of an area light, which all others follow.
+    pub fn first_of_area(&self) -> u32 {
+        let samples = self.maps.iter().flat_map(|made| &made.samples);
+        samples
+            .take_while(|sample| sample.kind < LightSample::AREA)
+            .count() as u32
+    }
+
     /// Texels of all maps.
     pub fn texels(&self) -> u64 {
         let maps = self.maps.iter();

@@ -13,7 +13,7 @@ pub struct GatherSettings {
     pub cascade_blend: f32,
     pub second_depth: u32,
     pub area_taps: u32,
-    pub padding: u32,
+    pub first_shared: u32,
     pub first_light: u32,
     pub end_light: u32,
     pub first_point: u32,

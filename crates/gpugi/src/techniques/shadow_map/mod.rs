@@ -18,7 +18,7 @@ use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::{LightList, MapSettings, Shadows};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, Emitter, GpuScene, Versions};
 use crate::settings::SettingSet;
 use gather::ShadowGather;
 use gpu::GatherSettings;
@@ -82,11 +82,17 @@ crate::settings! {
         pub area_resolution: u32 = 256 => in_range(16.0, 2048.0).unit("texels"),
         /// Comparisons per lookup in an area sample's map.
         pub area_taps: u32 = 4 => in_range(1.0, 256.0),
+        /// Whether 2 x 2 pixels share the samples of area lights, and four samples of a picture make up for it. Lights
+        /// need 16 sample points each for this, on average.
+        pub interleaved: bool = false => any(),
         /// Whether each sample of a picture is lit from other points of area lights and of lights with a radius. Soft
         /// shadows become exact with the number of samples; each draws its own maps.
         pub per_sample: bool = false => any(),
     }
 }
+
+/// Fewest samples per area light that pixels share: a quarter of them still shows its shape.
+const SHARED_PER_LIGHT: usize = 16;
 
 impl Settings {
     /// Texels that the views of a light reach beyond their field of view, for the filter.
@@ -117,7 +123,13 @@ impl Settings {
     }
 
     /// The gather's settings, except for the range.
-    fn gather(&self) -> GatherSettings {
+    fn gather(&self, shadows: &Shadows, emitters: &[Emitter]) -> GatherSettings {
+        let (first, count) = (shadows.first_of_area(), shadows.light_count());
+        let shared = (count - first) as usize;
+        let lights = || emitters.chunk_by(|one, next| one.instance == next.instance);
+        let is_shared = self.interleaved
+            && shared.is_multiple_of(4)
+            && shared >= SHARED_PER_LIGHT * lights().count();
         GatherSettings {
             kind: match self.filter {
                 Filter::None => 0,
@@ -130,6 +142,7 @@ impl Settings {
             cascade_blend: 0.1,
             second_depth: u32::from(self.second_depth),
             area_taps: self.area_taps,
+            first_shared: if is_shared { first } else { count },
             ..bytemuck::Zeroable::zeroed()
         }
     }
@@ -302,7 +315,7 @@ impl Technique for ShadowMap {
             }
             self.generated_for = Some(key);
         }
-        let settings = self.settings.gather();
+        let settings = self.settings.gather(&self.shadows, &scene.emitters);
         if self.bound_with != Some(settings) {
             self.gather.look_up(frame.gpu, &self.shadows, settings)?;
             self.bound_with = Some(settings);
