@@ -48,6 +48,9 @@ pub struct ViewArguments {
     /// Samples per pixel of a picture at rest (default: 64)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub samples: Option<u32>,
+    /// Frames per second that are wanted while something moves (default: 60)
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(5..=240))]
+    frame_rate: Option<u32>,
 }
 
 impl ViewArguments {
@@ -68,9 +71,15 @@ impl ViewArguments {
             technique: Vec::new(),
             set: Vec::new(),
             samples: None,
+            frame_rate: None,
         };
-        let samples = self.samples;
-        if *self != (Self { samples, ..alone }) {
+        let (samples, frame_rate) = (self.samples, self.frame_rate);
+        let alone = Self {
+            samples,
+            frame_rate,
+            ..alone
+        };
+        if *self != alone {
             let message = format!("{name} says what is seen: options belong into it");
             return Err(Usage(message).into());
         }
@@ -104,6 +113,7 @@ impl ViewArguments {
                 camera: self.camera.clone(),
                 display: display_settings(&self.exposure, self.tone_map.as_deref())?,
                 samples: self.samples.unwrap_or(Look::default().samples),
+                frame_rate: self.frame_rate.unwrap_or(Look::default().frame_rate),
             },
         })
     }
@@ -193,7 +203,7 @@ mod tests {
     fn an_address_is_a_scene_and_options() {
         let start = of_address(
             "scene=glass%2Droom&camera=eye=1,2,-3;target=0,0,0;fov=35&exposure=-1.5&technique=shadow-map,caustics\
-             &set=shadow-map.taps=16&samples=3&time=2.5",
+             &set=shadow-map.taps=16&samples=3&frame-rate=30&time=2.5",
         )
         .unwrap();
         assert_eq!(
@@ -205,7 +215,7 @@ mod tests {
             Some("eye=1,2,-3;target=0,0,0;fov=35")
         );
         assert_eq!(start.look.display.exposure.to_string(), "-1.5");
-        assert_eq!(start.look.samples, 3);
+        assert_eq!((start.look.samples, start.look.frame_rate), (3, 30));
         assert_eq!(
             start.set.names.as_deref().unwrap(),
             ["shadow-map", "caustics"]
@@ -253,6 +263,7 @@ mod tests {
         for (wrong, said) in [
             ("flavour=mild", "--flavour"),
             ("samples=0", "samples"),
+            ("frame-rate=4", "frame-rate"),
             ("samples=999999999999", "samples"),
             ("exposure=nan", "--exposure"),
             ("set=shadow-map.taps", "technique.key=value"),

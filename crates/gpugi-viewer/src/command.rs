@@ -76,6 +76,9 @@ fn seen(session: &Session) -> Vec<(String, String)> {
     if session.samples != Look::default().samples {
         seen.push(("samples".into(), session.samples.to_string()));
     }
+    if session.pace.target_rate != Look::default().frame_rate {
+        seen.push(("frame-rate".into(), session.pace.target_rate.to_string()));
+    }
     seen
 }
 

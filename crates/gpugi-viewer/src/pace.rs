@@ -3,6 +3,8 @@
 
 use gpugi::lighting::Budget;
 
+use crate::viewer::Look;
+
 /// Each step of the resolution has this part of the pixels per side of the one before.
 const STEP: f32 = 0.84;
 /// Steps down to about an eighth of the side.
@@ -18,7 +20,7 @@ const UNITS: [u64; 2] = [20_000, 1 << 40];
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pace {
     /// Frames per second that are wanted in motion.
-    pub target_rate: f32,
+    pub target_rate: u32,
     /// Most pixels of the picture per pixel of the window, along a side.
     pub scale: f32,
     /// Whether pictures may have fewer pixels, so that frames are fast enough.
@@ -61,7 +63,7 @@ impl Resolution {
 impl Default for Pace {
     fn default() -> Self {
         Self {
-            target_rate: 30.0,
+            target_rate: Look::default().frame_rate,
             scale: 1.0,
             is_adaptive: true,
             in_motion: Resolution::default(),
@@ -74,7 +76,7 @@ impl Default for Pace {
 impl Pace {
     /// Takes notice of a frame that took `seconds` and did `work` on maps; `is_moving`: its picture was in motion.
     pub fn measure(&mut self, seconds: f32, work: u64, is_moving: bool) {
-        let due = 1.0 / self.target_rate.max(1.0);
+        let due = 1.0 / self.target_rate.max(1) as f32;
         let ratio = seconds / due;
         // Work on maps gives way first: pixels are seen at once.
         let [least, most] = UNITS;
@@ -129,7 +131,7 @@ mod tests {
     fn moving_pictures_keep_the_rate_and_still_ones_their_pixels() {
         let mut pace = Pace::default();
         let last = frames(&mut pace, 0.3, 10);
-        assert!(last < 1.25 / pace.target_rate, "{last}");
+        assert!(last < 1.25 / pace.target_rate as f32, "{last}");
         assert_eq!(pace.size([1000, 500], false), [1000, 500]);
         // The way back, on a faster machine.
         frames(&mut pace, 0.005, 400);

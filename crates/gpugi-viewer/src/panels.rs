@@ -160,7 +160,7 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                     );
                 ui.add(
                     DragValue::new(&mut pace.target_rate)
-                        .range(5.0..=60.0)
+                        .range(5..=240)
                         .suffix(" frames/s"),
                 );
             });

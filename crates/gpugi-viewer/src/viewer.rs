@@ -34,6 +34,8 @@ pub struct Look {
     pub display: DisplaySettings,
     /// Samples per pixel of a picture at rest.
     pub samples: u32,
+    /// Frames per second that are wanted in motion.
+    pub frame_rate: u32,
 }
 
 impl Default for Look {
@@ -42,6 +44,7 @@ impl Default for Look {
             camera: None,
             display: DisplaySettings::default(),
             samples: 64,
+            frame_rate: 60,
         }
     }
 }
@@ -280,6 +283,7 @@ impl Viewer {
         if let (Some(session), Some(look)) = (&mut self.session, look) {
             session.display = look.display;
             session.samples = look.samples;
+            session.pace.target_rate = look.frame_rate;
         }
         Ok(())
     }
