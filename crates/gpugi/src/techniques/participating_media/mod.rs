@@ -227,6 +227,7 @@ impl Technique for ParticipatingMedia {
                     from.directions,
                     &lights,
                     from.sees_surfaces,
+                    before.as_ref().map(|before| &before.network),
                 )?;
                 if let Some(before) = before.filter(|_| self.settings.most_iterations > 0) {
                     network.continue_from(frame, &before.network);

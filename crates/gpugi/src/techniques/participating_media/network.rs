@@ -1,9 +1,11 @@
 //! The illumination network on the GPU: particles, what they see, and what arrives at them.
 
+use std::sync::Arc;
+
 use bytemuck::Zeroable;
 
 use super::gpu;
-use super::particles::Particles;
+use super::particles::{NEIGHBOURS, Particles};
 use super::phase_matrix::phase_matrix;
 use super::sources::Sources;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -72,6 +74,8 @@ pub struct Network {
     pub uniform: wgpu::Buffer,
     pub particles: wgpu::Buffer,
     pub neighbours: wgpu::Buffer,
+    /// What that holds.
+    neighbours_made: Arc<Vec<[[u32; NEIGHBOURS]; 2]>>,
     /// [`Particles::fields`].
     pub fields: wgpu::Buffer,
     /// Light samples.
@@ -110,7 +114,7 @@ struct Groups {
 
 impl Network {
     /// Allocates and uploads the network of `directions` directions among particles, for light samples. `sees_surfaces`:
-    /// there is room for the light of surfaces.
+    /// there is room for the light of surfaces. `before`: a network whose neighbours may be the same.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -121,6 +125,7 @@ impl Network {
         directions: u32,
         lights: &[LightSample],
         sees_surfaces: bool,
+        before: Option<&Self>,
     ) -> Result<Self, GpuError> {
         let particles = made.particles.len() as u32;
         let is_punctual = |light: &&LightSample| light.kind <= LightSample::DIRECTIONAL;
@@ -248,7 +253,13 @@ impl Network {
             values,
             uniform,
             particles: rows,
-            neighbours: gpu.storage("neighbours of nodes", &made.neighbours)?,
+            neighbours: match before {
+                Some(before) if Arc::ptr_eq(&before.neighbours_made, &made.neighbours) => {
+                    before.neighbours.clone()
+                }
+                _ => gpu.storage("neighbours of nodes", &made.neighbours)?,
+            },
+            neighbours_made: made.neighbours.clone(),
             fields,
             lights,
             arriving,

@@ -31,7 +31,7 @@ pub struct Particles {
     pub fields: Vec<[u32; 4]>,
     pub particles: Vec<gpu::Particle>,
     /// Per node of the media's fields its nearest particles, and their weights as bits.
-    pub neighbours: Vec<[[u32; NEIGHBOURS]; 2]>,
+    pub neighbours: Arc<Vec<[[u32; NEIGHBOURS]; 2]>>,
     /// The cells that the particles' spheres reach into.
     pub cells: Cells,
 }
@@ -41,6 +41,8 @@ pub struct Particles {
 #[derive(Debug, Default)]
 pub struct Placements {
     by_medium: Vec<Option<Placement>>,
+    /// [`Particles::neighbours`] of all.
+    neighbours: Arc<Vec<[[u32; NEIGHBOURS]; 2]>>,
 }
 
 /// Particles and nodes of one medium in its box, wherever that is.
@@ -69,20 +71,22 @@ struct Distributed {
 impl Particles {
     /// About `count` particles that represent `media`. A medium that fills everything is taken to fill `bounds`.
     pub fn new(media: &[Medium], count: u32, bounds: &Bounds, known: &mut Placements) -> Self {
+        let mut are_same = known.by_medium.len() == media.len();
         known.by_medium.resize_with(media.len(), || None);
-        let known = &mut known.by_medium;
-        let with_known = media.iter().zip(known.iter());
+        let with_known = media.iter().zip(&known.by_medium);
         let distributed =
             with_known.map(|(medium, known)| distribute(medium, bounds, known.as_ref()));
         let distributed: Vec<Option<Distributed>> = distributed.collect();
         let all = distributed.iter().flatten();
         let total: f64 = all.map(|one| one.extinction).sum();
         let mut made = Self::default();
-        for ((medium, one), known) in media.iter().zip(&distributed).zip(known) {
+        let mut nodes = 0;
+        for ((medium, one), known) in media.iter().zip(&distributed).zip(&mut known.by_medium) {
             made.phases.push(medium.phase);
             made.fields.push([1, 1, 1, 0]);
+            let kept = known.take();
             let Some(one) = one else {
-                *known = None;
+                are_same &= kept.is_none();
                 continue;
             };
             made.are_seen = true;
@@ -92,18 +96,23 @@ impl Particles {
             } else {
                 0
             };
-            let kept = known.take().filter(|known| known.is_of(one, own));
+            let kept = kept.filter(|kept| kept.is_of(one, own));
+            are_same &= kept.is_some();
             let placement = kept.unwrap_or_else(|| Placement::new(one, own));
-            made.add(one, &placement);
+            made.add(one, &placement, nodes);
+            nodes += placement.neighbours.len() as u32;
             *known = Some(placement);
         }
+        if !are_same {
+            known.neighbours = Arc::new(neighbours(&known.by_medium));
+        }
+        made.neighbours = known.neighbours.clone();
         made.cells = Cells::of_spheres(&made.particles);
         made
     }
 
-    /// Appends the particles of the last medium and its field.
-    fn add(&mut self, one: &Distributed, placed: &Placement) {
-        let first = self.particles.len() as u32;
+    /// Appends the particles of the last medium and its field, which begins at `first_node`.
+    fn add(&mut self, one: &Distributed, placed: &Placement, first_node: u32) {
         let medium = self.phases.len() as u32 - 1;
         let particles = placed
             .spheres
@@ -117,13 +126,22 @@ impl Particles {
         self.particles.extend(particles);
         if !placed.spheres.is_empty() {
             let [x, y, z] = placed.nodes;
-            self.fields[medium as usize] = [x, y, z, self.neighbours.len() as u32];
+            self.fields[medium as usize] = [x, y, z, first_node];
         }
-        let neighbours = placed.neighbours.iter();
-        let neighbours =
-            neighbours.map(|[numbers, weights]| [numbers.map(|one| first + one), *weights]);
-        self.neighbours.extend(neighbours);
     }
+}
+
+/// [`Particles::neighbours`] of all media.
+fn neighbours(placements: &[Option<Placement>]) -> Vec<[[u32; NEIGHBOURS]; 2]> {
+    let mut first = 0;
+    let placements = placements.iter().flatten();
+    let of_all = placements.flat_map(|placed| {
+        let begin = first;
+        first += placed.spheres.len() as u32;
+        let own = placed.neighbours.iter();
+        own.map(move |[numbers, weights]| [numbers.map(|one| begin + one), *weights])
+    });
+    of_all.collect()
 }
 
 /// Lengths of the edges of a box (m).
@@ -448,13 +466,14 @@ mod tests {
             let placed: Vec<_> = placed.map(|one| one.spheres.as_ptr()).collect();
             (made, placed)
         };
-        let (_, first) = make(&moved);
+        let (before, first) = make(&moved);
         let turned = Mat4::from_rotation_y(0.7) * Mat4::from_translation(Vec3::X);
         moved.world_from_box = moved.world_from_box.map(|before| turned * before);
         let (made, kept) = make(&moved);
         assert_eq!(first, kept);
+        assert!(Arc::ptr_eq(&before.neighbours, &made.neighbours));
         let anew = particles(&[moved.clone(), medium(None)], 512);
-        assert_eq!(made.neighbours.len(), anew.neighbours.len());
+        assert_eq!(made.neighbours, anew.neighbours);
         for (one, other) in made.particles.iter().zip(&anew.particles) {
             let [at, expected] = [one, other].map(|one| Vec3::from_array(one.position));
             assert!(at.distance(expected) < 1e-5 && (one.radius - other.radius).abs() < 1e-5);
@@ -473,7 +492,7 @@ mod tests {
     fn weights_of_neighbours_sum_to_one() {
         let made = particles(&[medium(Some(uneven()))], 300);
         assert!(made.neighbours.len() > 300);
-        for [indices, weights] in &made.neighbours {
+        for [indices, weights] in made.neighbours.iter() {
             let sum: f32 = weights.iter().map(|&bits| f32::from_bits(bits)).sum();
             assert!((sum - 1.0).abs() < 1e-5);
             assert!(indices.iter().all(|&index| index < 300));
