@@ -32,8 +32,8 @@ pub struct Look {
     pub camera: Option<String>,
     /// Exposure and tone mapping.
     pub display: DisplaySettings,
-    /// Samples per pixel of a picture at rest.
-    pub samples: u32,
+    /// Samples per pixel of a picture at rest, if people chose them.
+    pub samples: Option<u32>,
 }
 
 impl Default for Look {
@@ -41,7 +41,7 @@ impl Default for Look {
         Self {
             camera: None,
             display: DisplaySettings::default(),
-            samples: 64,
+            samples: None,
         }
     }
 }
@@ -279,7 +279,8 @@ impl Viewer {
         }
         if let (Some(session), Some(look)) = (&mut self.session, look) {
             session.display = look.display;
-            session.samples = look.samples;
+            let default = session.loaded().set.default_samples();
+            session.samples = look.samples.unwrap_or(default);
         }
         Ok(())
     }
