@@ -520,7 +520,9 @@ impl Session {
         if !trails && !has_begun {
             truth.forget();
         }
-        let done = match is_moving && !trails {
+        // In motion, what takes long does not begin: the scene may be another one in the next frame.
+        let is_waiting = is_moving && !(trails && truth.is_made_for(&view));
+        let done = match is_waiting {
             true => Ok(false),
             false => truth.frame(&self.loaded.scene, &view, trails, seconds),
         };

@@ -104,7 +104,6 @@ impl Truth {
         trails: bool,
         seconds: f32,
     ) -> Result<bool, LightingError> {
-        let wanted = (view.version, view.size);
         if let Some((task, version, size)) = &self.making {
             let Some(made) = task.result() else {
                 return Ok(false);
@@ -117,8 +116,8 @@ impl Truth {
             self.tracer = Some((made.map_err(failed)?, *version, *size));
             (self.making, self.view) = (None, None);
         }
-        let tracer = self.tracer.take();
-        let tracer = tracer.filter(|(_, version, size)| (*version, *size) == wanted);
+        let is_made = self.is_made_for(view);
+        let tracer = self.tracer.take().filter(|_| is_made);
         let Some((mut tracer, version, size)) = tracer else {
             // The memory of the last one is free before the next one takes its own.
             self.make(scene, view);
@@ -190,6 +189,12 @@ impl Truth {
     /// Forgets the last picture.
     pub fn forget(&mut self) {
         (self.reference, self.view) = (None, None);
+    }
+
+    /// Whether it is ready for the scene and the size of a view.
+    pub fn is_made_for(&self, view: &View) -> bool {
+        let tracer = self.tracer.as_ref();
+        tracer.is_some_and(|(_, version, size)| (*version, *size) == (view.version, view.size))
     }
 
     /// The path tracer, if it traces this view.

@@ -14,6 +14,7 @@ use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::of_address;
 use gpugi_viewer::command::command;
 use gpugi_viewer::script::Script;
+use gpugi_viewer::session::Session;
 use js_sys::Uint8Array;
 use wasm_bindgen::prelude::*;
 
@@ -96,6 +97,18 @@ impl Page {
         let is_opening = viewer.opening().is_some();
         let session = viewer.session();
         Ok(!is_opening && session.is_some_and(|session| session.is_complete()))
+    }
+
+    /// Samples that the path tracer has of every pixel of what is seen.
+    ///
+    /// # Errors
+    /// gpugi has failed.
+    #[wasm_bindgen(js_name = tracedSamples)]
+    pub fn traced_samples(&self) -> Result<u32, JsError> {
+        let mut app = self.app()?;
+        let session = app.viewer().session();
+        let reference = session.as_deref().and_then(Session::reference);
+        Ok(reference.map_or(0, |reference| reference.samples))
     }
 
     /// Why the device was lost, if it was. Nothing is drawn any more then.

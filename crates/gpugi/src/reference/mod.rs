@@ -447,7 +447,8 @@ impl PathTracer {
             of: samples,
             fraction: match is_done && (is_measured || self.samples == 0) {
                 true => 1.0,
-                false => self.fraction(samples, noise),
+                // At the end, the noise is still to be measured.
+                false => self.fraction(samples, noise).min(0.999),
             },
             noise,
         })

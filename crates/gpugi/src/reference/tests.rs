@@ -252,7 +252,6 @@ fn pieces_that_never_wait_make_the_same_picture() {
         };
         assert!(count > 10, "{name}: {count} pieces");
         assert_eq!(progress.samples, 3);
-        println!("{name} {progress:?} {:?} {:?}", whole.noise(), pieces.noise());
         assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
         assert_eq!(progress.noise, Some(whole.noise().unwrap()), "{name}");
         let comparison = crate::display::Comparison::new(&gpu, size).unwrap();
