@@ -102,6 +102,26 @@ async function settled(page, expected) {
     throw new Error(`${expected} does not come; the page shows: ${command}`);
 }
 
+/// Waits until the path tracer has samples. Its kernels take a software adapter half a minute.
+function traced(page, samples) {
+    const has = (samples) => window.gpugi.tracedSamples() >= samples;
+    return page.waitForFunction(has, { timeout: 4 * PATIENCE }, samples);
+}
+
+/// Longest time between two of the next frames (ms).
+function slowestFrame(page) {
+    return page.evaluate(async () => {
+        const frame = () => new Promise(requestAnimationFrame);
+        let [last, slowest] = [await frame(), 0];
+        for (let count = 0; count < 20; count += 1) {
+            const now = await frame();
+            slowest = Math.max(slowest, now - last);
+            last = now;
+        }
+        return slowest;
+    });
+}
+
 async function shoot(page, name, expected) {
     const command = await settled(page, expected);
     const bytes = await page.evaluate(async () => Array.from(await window.gpugi.exr()));
@@ -165,6 +185,19 @@ try {
     await settled(again, /render box\.glb /);
     await again.evaluate(() => window.gpugi.run('technique shadow-map,image-based-lighting'));
     await shoot(again, 'dropped', /render box\.glb .*image-based-lighting /);
+
+    // The path tracer, alone and beside the picture. Frames go on while it works.
+    await again.evaluate(() => window.gpugi.open('scene=cornell&technique=path-tracer&samples=16'));
+    await traced(again, 1);
+    const slowest = await slowestFrame(again);
+    console.log(`slowest frame beside the path tracer: ${slowest.toFixed(0)} ms`);
+    check(slowest < 500, 'the path tracer blocks the page');
+    await shoot(again, 'traced', /render cornell .*--technique path-tracer --samples 16 /);
+    await again.evaluate(() => window.gpugi.open('scene=cornell&technique=shadow-map&samples=2'));
+    await settled(again, /--technique shadow-map .*--samples 2 /);
+    check(await again.evaluate(() => window.gpugi.tracedSamples()) === 0, 'a picture alone is traced');
+    await again.keyboard.press('t');
+    await traced(again, 2);
 
     check(complaints.length === 0, `the console says:\n${complaints.join('\n')}`);
 } catch (error) {

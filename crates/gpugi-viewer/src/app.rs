@@ -19,7 +19,6 @@ use crate::saving::{self, Saving, What};
 use crate::session::{Pick, Session};
 use crate::task::Task;
 use crate::technique_set::TechniqueSet;
-use crate::truth;
 use crate::viewer::{Start, Viewer};
 
 #[cfg(target_arch = "wasm32")]
@@ -247,13 +246,17 @@ impl App {
                 }
             }
             if let Some(session) = self.viewer.session() {
-                let renderer = &session.loaded().renderer;
                 let text = match session.readiness() {
                     Readiness::Pending { what, progress } => {
                         format!("{what} {:.0} %", 100.0 * progress)
                     }
                     Readiness::Refining { progress } => format!("maps {:.0} %", 100.0 * progress),
-                    Readiness::Ready => format!("{} samples", renderer.samples()),
+                    Readiness::Ready if session.loaded().set.is_path_tracer() => {
+                        panels::traced(session)
+                    }
+                    Readiness::Ready => {
+                        format!("{} samples", session.loaded().renderer.samples())
+                    }
                 };
                 ui.label(text);
                 if self.frame_seconds > 0.0 {
@@ -336,7 +339,8 @@ impl App {
         };
         let whole = Rect::from_min_max(egui::Pos2::ZERO, egui::Pos2::new(1.0, 1.0));
         ui.painter().image(texture, rect, whole, Color32::WHITE);
-        if let Some(Compared::Split(split)) = &mut session.compared {
+        let is_beside = !session.loaded().set.is_path_tracer();
+        if let (Some(Compared::Split(split)), true) = (&mut session.compared, is_beside) {
             divider(ui, rect, split);
         }
         let camera = session.camera.camera();
@@ -446,7 +450,7 @@ fn keys(ui: &Ui, session: &mut Session, actions: &mut Vec<Action>) {
     if is_pressed(Key::F12) && cfg!(all(debug_assertions, not(target_arch = "wasm32"))) {
         actions.push(Action::LoseDevice);
     }
-    if is_pressed(Key::T) && truth::IS_POSSIBLE {
+    if is_pressed(Key::T) && !session.loaded().set.is_path_tracer() {
         session.compared = match session.compared {
             None => Some(Compared::Split(0.5)),
             Some(_) => None,

@@ -11,7 +11,7 @@ use gpugi_arguments::{Usage, display_settings, split_settings};
 use percent_encoding::percent_decode_str;
 use serde_json::Value;
 
-use crate::technique_set::TechniqueSet;
+use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::viewer::{Look, Start};
 
 /// Name of the scene in an address or a view file. Everything else has the name of its option.
@@ -39,13 +39,13 @@ pub struct ViewArguments {
     /// Tone mapping: none, reinhard, aces, agx, neutral
     #[arg(long, value_name = "NAME")]
     tone_map: Option<String>,
-    /// Techniques, separated by commas (default: what suits the scene in motion)
+    /// Techniques, separated by commas, or path-tracer (default: what suits the scene in motion)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
-    /// Samples per pixel of a picture at rest (default: 64)
+    /// Samples per pixel of a picture at rest (default: 64; 1024 for path-tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub samples: Option<u32>,
     /// Frames per second that are wanted while something moves (default: 60)
@@ -99,7 +99,7 @@ impl ViewArguments {
         };
         let registry = Registry::default();
         for [technique, name, value] in split_settings(&self.set)? {
-            if registry.find(technique).is_none() {
+            if technique != PATH_TRACER && registry.find(technique).is_none() {
                 let message =
                     format!("--set {technique}.{name}: there is no technique {technique:?}");
                 return Err(Usage(message).into());
@@ -112,7 +112,7 @@ impl ViewArguments {
             look: Look {
                 camera: self.camera.clone(),
                 display: display_settings(&self.exposure, self.tone_map.as_deref())?,
-                samples: self.samples.unwrap_or(Look::default().samples),
+                samples: self.samples,
                 frame_rate: self.frame_rate.unwrap_or(Look::default().frame_rate),
             },
         })
@@ -215,7 +215,7 @@ mod tests {
             Some("eye=1,2,-3;target=0,0,0;fov=35")
         );
         assert_eq!(start.look.display.exposure.to_string(), "-1.5");
-        assert_eq!((start.look.samples, start.look.frame_rate), (3, 30));
+        assert_eq!((start.look.samples, start.look.frame_rate), (Some(3), 30));
         assert_eq!(
             start.set.names.as_deref().unwrap(),
             ["shadow-map", "caustics"]

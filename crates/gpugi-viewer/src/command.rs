@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::arguments::{REPEATED, SCENE};
 use crate::session::Session;
-use crate::viewer::Look;
+use crate::technique_set::PATH_TRACER;
 
 /// What addresses hold as it is.
 const ESCAPED: &AsciiSet = &NON_ALPHANUMERIC
@@ -73,7 +73,7 @@ fn seen(session: &Session) -> Vec<(String, String)> {
     }
     let options = options(session).into_iter();
     seen.extend(options.map(|(name, value)| (name.to_owned(), value)));
-    if session.samples != Look::default().samples {
+    if session.samples != session.loaded().set.default_samples() {
         seen.push(("samples".into(), session.samples.to_string()));
     }
     if session.pace.target_rate != Look::default().frame_rate {
@@ -114,6 +114,11 @@ fn options(session: &Session) -> Vec<(&'static str, String)> {
                 options.push(("set", format!("{name}.{}={text}", field.name)));
             }
         }
+    }
+    if loaded.set.is_path_tracer() {
+        let settings = loaded.set.settings.get(PATH_TRACER).into_iter().flatten();
+        let settings = settings.map(|(name, value)| format!("{PATH_TRACER}.{name}={value}"));
+        options.extend(settings.map(|setting| ("set", setting)));
     }
     options
 }

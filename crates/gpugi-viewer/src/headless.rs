@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use gpugi::Readiness;
 use gpugi::gpu::{AdapterChoice, Gpu};
 use serde::Serialize;
 
@@ -164,8 +163,7 @@ fn finish(viewer: &mut Viewer, size: [u32; 2]) -> Result<(), String> {
     loop {
         show(viewer, size)?;
         let session = viewer.session().ok_or("nothing is on show")?;
-        let samples = session.loaded().renderer.samples();
-        if session.readiness() == Readiness::Ready && samples >= session.samples {
+        if session.is_complete() {
             return Ok(());
         }
     }

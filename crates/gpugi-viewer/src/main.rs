@@ -192,10 +192,17 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
         output::write_json(path, &times)?;
     }
     if let (Some(path), Some(format), Some(session)) = (output, format, viewer.session()) {
-        let renderer = &session.loaded().renderer;
         match format {
-            Format::Png => output::write_png(path, size, &renderer.pixels()?)?,
-            format => output::write_radiance(path, format, size, &renderer.radiance()?)?,
+            Format::Png => {
+                let pixels = session.loaded().renderer.pixels()?;
+                output::write_png(path, size, &pixels)?;
+            }
+            format => {
+                let radiance = session.begin_radiance()?;
+                session.gpu().wait()?;
+                let radiance = pollster::block_on(radiance)?;
+                output::write_radiance(path, format, size, &radiance)?;
+            }
         }
     }
     Ok(())

@@ -12,8 +12,7 @@ use gpugi_scene::builtin;
 
 use crate::saving::What;
 use crate::session::Session;
-use crate::technique_set::{Preset, TechniqueSet};
-use crate::truth;
+use crate::technique_set::{PATH_TRACER, Preset, TechniqueSet};
 
 pub use edits::edits;
 pub use maps::Maps;
@@ -222,6 +221,7 @@ pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     }
                 }
             });
+            path_tracer(ui, &loaded.set, actions);
             let in_use = session.technique_names();
             for one in Registry::default().all() {
                 let name = one.info.name;
@@ -252,13 +252,26 @@ pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     let paths = loaded.renderer.light_paths_of(name);
                     let paths: Vec<String> = paths.iter().map(path).collect();
                     ui.weak(format!("adds {}", paths.join(", ")));
-                    settings::settings(ui, technique, actions);
+                    settings::settings(ui, name, technique.settings(), actions);
                 });
             }
             for missing in loaded.renderer.left_out() {
                 ui.weak(format!("not in this picture: {missing}"));
             }
         });
+}
+
+/// The path tracer in place of all techniques, and its settings.
+fn path_tracer(ui: &mut Ui, set: &TechniqueSet, actions: &mut Vec<Action>) {
+    let is_chosen = set.is_path_tracer();
+    let label = ui.selectable_label(is_chosen, PATH_TRACER);
+    let help = "All light, without any map: noise that goes while nothing moves";
+    if label.on_hover_text(help).clicked() && !is_chosen {
+        actions.push(Action::ChangeSet(set.path_tracer()));
+    }
+    if let (true, Ok(values)) = (is_chosen, set.path_tracer_settings()) {
+        settings::settings(ui, PATH_TRACER, &values, actions);
+    }
 }
 
 fn path(paths: &gpugi::light_paths::LightPaths) -> String {
@@ -268,8 +281,9 @@ fn path(paths: &gpugi::light_paths::LightPaths) -> String {
 /// The path tracer beside the picture.
 pub fn truth(ui: &mut Ui, session: &mut Session) {
     CollapsingHeader::new("Truth").show(ui, |ui| {
-        if !truth::IS_POSSIBLE {
-            ui.weak("the path tracer does not run on a page yet: ./gpugi view shows it");
+        if session.loaded().set.is_path_tracer() {
+            ui.weak("the path tracer lights the whole picture");
+            ui.label(traced(session));
             return;
         }
         let split = match session.compared {
@@ -293,14 +307,22 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
         if session.compared == Some(Compared::Error) {
             ui.weak("part of rel-mse: 1e-4 black, 1e-3 blue, 1e-2 red, 1e-1 yellow, 1 white");
         }
-        match session.reference() {
-            Some(reference) => ui.label(format!(
-                "path tracer: {} samples, estimated rel-mse {:.1e}",
-                reference.samples, reference.noise
-            )),
-            None => ui.label("the path tracer begins when nothing moves"),
-        };
+        ui.label(match session.reference() {
+            Some(_) => traced(session),
+            None => "the path tracer begins when nothing moves".to_owned(),
+        });
     });
+}
+
+/// How far the path tracer is.
+pub fn traced(session: &Session) -> String {
+    let reference = session.reference();
+    let samples = reference.map_or(0, |reference| reference.samples);
+    let noise = reference.and_then(|reference| reference.noise);
+    let noise = noise.map_or(String::new(), |noise| {
+        format!(", estimated rel-mse {noise:.1e}")
+    });
+    format!("path tracer: {samples} samples{noise}")
 }
 
 /// Times and memory.

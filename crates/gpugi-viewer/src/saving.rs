@@ -41,7 +41,7 @@ pub fn save(
             })
         }
         What::Radiance => {
-            let radiance = renderer.begin_radiance();
+            let radiance = session.begin_radiance();
             let radiance = radiance.map_err(|error| error.to_string())?;
             Task::start("EXR", done, move |_| async move {
                 let radiance = radiance.await.map_err(|error| error.to_string())?;

@@ -1,10 +1,12 @@
 //! What is seen: a scene, its renderer and a camera, and the loop that shows frame after frame. It knows nothing of
 //! windows, so that tests and headless runs drive the same loop.
 
-use gpugi::capture::VisiblePoint;
+use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 
-use gpugi::display::{Compared, Comparison, DisplaySettings, Present, Quantity, Surfaces};
+use gpugi::capture::VisiblePoint;
+use gpugi::display::{Compared, DisplaySettings, Present, Quantity, Surfaces};
 use gpugi::gpu::{Frame, Gpu, GpuError, ReadBack};
 use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
@@ -14,16 +16,18 @@ use gpugi_scene::Scene;
 
 use crate::camera_control::CameraControl;
 use crate::pace::Pace;
-use crate::technique_set::TechniqueSet;
+use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
 use crate::truth::{Reference, Truth, View};
-use crate::viewer::Look;
 
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
 
 /// Format of the picture, as egui wants it.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// Radiance on its way to the host.
+pub type Radiance = Pin<Box<dyn Future<Output = Result<Vec<f32>, GpuError>> + Send>>;
 
 /// A scene that is ready to be shown.
 #[derive(Debug)]
@@ -95,13 +99,13 @@ pub struct Session {
     /// What is shown of the surfaces in place of the picture, if anything.
     pub quantity: Option<Quantity>,
     surfaces: Option<([u32; 2], Surfaces)>,
-    /// What is shown of the path tracer's picture beside it, if anything. The surfaces go first.
+    /// What is shown of the path tracer's picture beside it, if anything. The surfaces go first. Without meaning where
+    /// the path tracer takes the place of all techniques.
     pub compared: Option<Compared>,
     truth: Option<Truth>,
-    /// Samples that the truth takes per pixel.
+    /// Samples that the path tracer takes per pixel beside the picture.
     pub truth_samples: u32,
-    reference: Option<(Reference, Comparison)>,
-    /// Wakes the window when the truth has become better.
+    /// Wakes the window when the truth begins.
     wake: Arc<dyn Fn() + Send + Sync>,
     /// Counts changes of the scene.
     version: u64,
@@ -144,7 +148,7 @@ impl Session {
             camera,
             display: DisplaySettings::default(),
             pace: Pace::default(),
-            samples: Look::default().samples,
+            samples: loaded.set.default_samples(),
             clock: Clock::default(),
             is_held: false,
             is_timed: false,
@@ -154,7 +158,6 @@ impl Session {
             compared: None,
             truth: None,
             truth_samples: 1024,
-            reference: None,
             wake: Arc::new(wake),
             version: 0,
             readiness: Readiness::Refining { progress: 0.0 },
@@ -216,6 +219,9 @@ impl Session {
     }
 
     fn take(&mut self, loaded: Loaded) {
+        if self.samples == self.loaded.set.default_samples() {
+            self.samples = loaded.set.default_samples();
+        }
         self.loaded = loaded;
         self.readiness = Readiness::Refining { progress: 0.0 };
         self.changed();
@@ -284,7 +290,14 @@ impl Session {
     /// # Errors
     /// [`LightingError`]; the setting is as before then.
     pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
-        self.loaded.renderer.set(technique, name, value)?;
+        if technique == PATH_TRACER {
+            let mut set = self.loaded.set.clone();
+            set.set(technique, name, value);
+            set.path_tracer_settings()?;
+            self.truth = None;
+        } else {
+            self.loaded.renderer.set(technique, name, value)?;
+        }
         self.loaded.set.set(technique, name, value);
         self.is_edited = true;
         Ok(())
@@ -297,8 +310,11 @@ impl Session {
         found.map(AsRef::as_ref)
     }
 
-    /// Names of the techniques in use.
+    /// Names of the techniques in use, or that of the path tracer in their place.
     pub fn technique_names(&self) -> Vec<&'static str> {
+        if self.loaded.set.is_path_tracer() {
+            return vec![PATH_TRACER];
+        }
         let all = self.loaded.renderer.techniques().iter();
         all.map(|one| one.info().name).collect()
     }
@@ -367,7 +383,9 @@ impl Session {
             self.at_rest + seconds
         };
         let is_moving_still = self.at_rest < REST_SECONDS;
-        let size = self.pace.size(window, is_moving_still);
+        let is_traced = self.loaded.set.is_path_tracer();
+        // The path tracer takes as long as it takes, whatever the frame's pixels.
+        let size = self.pace.size(window, is_moving_still && !is_traced);
         let renderer = &mut self.loaded.renderer;
         if size != renderer.size() {
             renderer.resize(size)?;
@@ -377,12 +395,17 @@ impl Session {
         }
         self.pass_times.update();
         self.was_moving = None;
-        let is_truth_new = self.follow_truth(is_moving_still)?;
+        let is_truth_new = self.follow_truth(is_moving_still, seconds)?;
+        let is_tracing = self.is_tracing();
+        let wanted = self.samples_of_techniques();
         let quantity = self.quantity;
+        let beside = self.beside();
         let renderer = &mut self.loaded.renderer;
-        let reference = self.reference.as_ref().map(|(_, comparison)| comparison);
-        let compared = self.compared.zip(reference);
-        let compared = compared.filter(|_| quantity.is_none());
+        let reference = self.truth.as_ref().and_then(Truth::reference);
+        let comparison = reference.map(|reference| &reference.comparison);
+        let compared = beside.zip(comparison);
+        let compared =
+            compared.filter(|(_, comparison)| comparison.size() == size && quantity.is_none());
         let is_plain = compared.is_none() && quantity.is_none();
         let to_display = (
             self.display,
@@ -390,16 +413,17 @@ impl Session {
             quantity,
         );
         let mut shown = Shown::default();
-        if renderer.samples() < self.samples {
+        if renderer.samples() < wanted {
             let is_timed = self.is_timed && self.pass_times.wants_more();
             renderer.set_budget(self.pace.budget());
             let display = is_plain.then_some(&self.display);
             let camera = self.camera.camera();
             let (readiness, timings) =
-                renderer.try_render_sample(&camera, self.samples, display, is_timed)?;
+                renderer.try_render_sample(&camera, wanted, display, is_timed)?;
             self.readiness = readiness;
             shown.is_new = readiness.is_usable();
-            self.was_moving = shown.is_new.then_some(is_moving_still);
+            // A frame's time says nothing about its pixels while the path tracer takes its part of it.
+            self.was_moving = (shown.is_new && !is_tracing).then_some(is_moving_still);
             if is_timed {
                 self.pass_times.follow(timings);
             }
@@ -412,7 +436,7 @@ impl Session {
                 renderer.display(&self.display)?;
             }
         } else {
-            shown.is_final = self.picks.is_empty() && self.middle.is_none();
+            shown.is_final = self.picks.is_empty() && self.middle.is_none() && !is_tracing;
         }
         if shown.is_new {
             if let Some(quantity) = quantity {
@@ -431,53 +455,105 @@ impl Session {
         Ok(shown)
     }
 
-    /// Asks for the truth of a picture at rest and takes what there is of it. Returns whether there is something new.
-    fn follow_truth(&mut self, is_moving: bool) -> Result<bool, LightingError> {
-        if self.compared.is_none() {
-            let was_shown = self.reference.take().is_some();
-            self.truth = None;
-            return Ok(was_shown);
+    /// What is shown of the path tracer's picture: all of it where it takes the place of the techniques.
+    fn beside(&self) -> Option<Compared> {
+        match self.loaded.set.is_path_tracer() {
+            true => Some(Compared::Split(0.0)),
+            false => self.compared,
         }
-        let truth = self.truth.get_or_insert_with(|| {
-            let wake = self.wake.clone();
-            Truth::start(&self.gpu, move || wake())
-        });
-        let camera = self.camera.camera();
-        let size = self.loaded.renderer.size();
-        let is_asked = |view: &View| view.is_of(self.version, &camera, size);
-        if !truth.asked().is_some_and(is_asked) {
-            let was_shown = self.reference.take().is_some();
-            if !is_moving {
-                truth.ask(View {
-                    scene: Arc::new(self.loaded.scene.clone()),
-                    version: self.version,
-                    camera,
-                    size,
-                    samples: self.truth_samples,
-                });
+    }
+
+    /// Samples per pixel that the techniques take at rest. Where the path tracer takes their place, what their picture
+    /// is needed for, such as clicks, needs one.
+    fn samples_of_techniques(&self) -> u32 {
+        match self.loaded.set.is_path_tracer() {
+            true => 1,
+            false => self.samples,
+        }
+    }
+
+    /// What the path tracer is to trace.
+    fn truth_view(&self) -> View {
+        View {
+            version: self.version,
+            camera: self.camera.camera(),
+            size: self.loaded.renderer.size(),
+            samples: match self.loaded.set.is_path_tracer() {
+                true => self.samples,
+                false => self.truth_samples,
+            },
+        }
+    }
+
+    /// Whether the path tracer has something to do.
+    fn is_tracing(&self) -> bool {
+        let truth = self.truth.as_ref();
+        self.beside().is_some() && truth.is_none_or(|truth| !truth.is_done(&self.truth_view()))
+    }
+
+    /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too.
+    pub fn is_complete(&self) -> bool {
+        let samples = self.loaded.renderer.samples();
+        self.readiness == Readiness::Ready
+            && samples >= self.samples_of_techniques()
+            && !self.is_tracing()
+    }
+
+    /// Lets the path tracer work on what is seen: beside the picture, only at rest. Returns whether there is something
+    /// new to show.
+    fn follow_truth(&mut self, is_moving: bool, seconds: f32) -> Result<bool, LightingError> {
+        if self.beside().is_none() {
+            let truth = self.truth.take();
+            return Ok(truth.is_some_and(|truth| truth.reference().is_some()));
+        }
+        let trails = self.loaded.set.is_path_tracer();
+        let view = self.truth_view();
+        let mut truth = match self.truth.take() {
+            Some(truth) => truth,
+            None => {
+                let settings = self.loaded.set.path_tracer_settings()?;
+                Truth::new(&self.gpu, settings, self.wake.clone())
             }
-            return Ok(was_shown);
+        };
+        let has_begun = truth.tracer(&view).is_some();
+        let was_shown = truth.reference().is_some();
+        if !trails && !has_begun {
+            truth.forget();
         }
-        let latest = truth.latest().map_err(|reason| {
-            self.compared = None;
-            let pass = "path-tracer".into();
-            LightingError::Gpu(GpuError::Pass { pass, reason })
-        })?;
-        let Some(reference) = latest else {
-            return Ok(false);
+        // In motion, what takes long does not begin: the scene may be another one in the next frame.
+        let is_waiting = is_moving && !(trails && truth.is_made_for(&view));
+        let done = match is_waiting {
+            true => Ok(false),
+            false => truth.frame(&self.loaded.scene, &view, trails, seconds),
         };
-        let comparison = match self.reference.take() {
-            Some((_, comparison)) if comparison.size() == size => comparison,
-            _ => Comparison::new(&self.gpu, size)?,
-        };
-        comparison.set_reference(&self.gpu, &reference.radiance);
-        self.reference = Some((reference, comparison));
-        Ok(true)
+        let is_shown = truth.reference().is_some();
+        self.truth = Some(truth);
+        Ok(done? || was_shown != is_shown)
     }
 
     /// The path tracer's picture, if it is of what is seen.
     pub fn reference(&self) -> Option<&Reference> {
-        self.reference.as_ref().map(|(reference, _)| reference)
+        let truth = self.truth.as_ref()?;
+        truth.tracer(&self.truth_view())?;
+        truth.reference()
+    }
+
+    /// Linear radiance of what is seen, three floats per pixel, row by row from the top, when it arrives: that of the
+    /// techniques, or of the path tracer in their place.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn begin_radiance(&self) -> Result<Radiance, LightingError> {
+        if !self.loaded.set.is_path_tracer() {
+            return Ok(Box::pin(self.loaded.renderer.begin_radiance()?));
+        }
+        let truth = self.truth.as_ref();
+        match truth.and_then(|truth| truth.tracer(&self.truth_view())) {
+            Some(tracer) => Ok(Box::pin(tracer.begin_radiance()?)),
+            None => Err(LightingError::Gpu(GpuError::Input {
+                what: format!("{PATH_TRACER} has traced nothing yet of what is seen"),
+            })),
+        }
     }
 
     /// Draws the renderer's picture onto the texture.

@@ -2,10 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use gpugi::gpu::Gpu;
+use gpugi::gpu::{Gpu, GpuError};
+use gpugi::reference;
 use gpugi::techniques::Registry;
 use gpugi::{LightingError, Purpose, Renderer, default_set};
 use gpugi_scene::Scene;
+
+/// The name of the path tracer, which takes the place of all techniques.
+pub const PATH_TRACER: &str = reference::INFO.name;
 
 /// The techniques that people chose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,7 +43,43 @@ pub struct TechniqueSet {
 }
 
 impl TechniqueSet {
-    /// A renderer of `scene` with these techniques. Settings of techniques that are not in use wait.
+    /// The path tracer alone, with settings of this set.
+    pub fn path_tracer(&self) -> Self {
+        Self {
+            names: Some(vec![PATH_TRACER.to_owned()]),
+            ..self.clone()
+        }
+    }
+
+    /// Whether the path tracer takes the place of all techniques.
+    pub fn is_path_tracer(&self) -> bool {
+        self.names
+            .as_ref()
+            .is_some_and(|names| names == &[PATH_TRACER])
+    }
+
+    /// Samples per pixel of a picture at rest, if people chose no other number.
+    pub fn default_samples(&self) -> u32 {
+        if self.is_path_tracer() { 1024 } else { 64 }
+    }
+
+    /// Settings of the path tracer.
+    ///
+    /// # Errors
+    /// [`LightingError::Setting`].
+    pub fn path_tracer_settings(&self) -> Result<reference::Settings, LightingError> {
+        let mut settings = reference::Settings::default();
+        for (name, value) in self.settings.get(PATH_TRACER).into_iter().flatten() {
+            let done = settings.set(name, value);
+            done.map_err(|source| LightingError::Setting {
+                technique: PATH_TRACER.to_owned(),
+                source,
+            })?;
+        }
+        Ok(settings)
+    }
+
+    /// A renderer of `scene` with these techniques; with none if the path tracer takes their place. Settings of techniques that are not in use wait.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -50,8 +90,15 @@ impl TechniqueSet {
         size: [u32; 2],
     ) -> Result<Renderer, LightingError> {
         let registry = Registry::default();
+        self.path_tracer_settings()?;
         let mut renderer = match &self.names {
-            Some(names) if names.is_empty() => Renderer::new(gpu, scene, size, &[String::new()])?,
+            Some(names) if names.is_empty() || self.is_path_tracer() => {
+                Renderer::new(gpu, scene, size, &[String::new()])?
+            }
+            Some(names) if names.iter().any(|name| name == PATH_TRACER) => {
+                let what = format!("{PATH_TRACER} computes all light by itself; name it alone");
+                return Err(GpuError::Input { what }.into());
+            }
             Some(names) => Renderer::new(gpu, scene, size, names)?,
             None => {
                 let set = default_set(scene, &gpu.adapter, self.preset.purpose(), &registry);
@@ -73,6 +120,7 @@ impl TechniqueSet {
     /// The set with one technique more or less than those `in_use`.
     pub fn toggled(&self, in_use: &[&str], technique: &str) -> Self {
         let mut names: Vec<String> = in_use.iter().map(|&name| name.to_owned()).collect();
+        names.retain(|name| name != PATH_TRACER);
         if in_use.contains(&technique) {
             names.retain(|name| name != technique);
         } else {
@@ -99,6 +147,19 @@ impl TechniqueSet {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_path_tracer_gives_way_to_techniques() {
+        let mut set = TechniqueSet::default();
+        set.set(PATH_TRACER, "max-bounces", "3");
+        let alone = set.path_tracer();
+        assert!(alone.is_path_tracer() && !set.is_path_tracer());
+        assert_eq!(alone.path_tracer_settings().unwrap().max_bounces, 3);
+        let less = alone.toggled(&[PATH_TRACER], "radiosity");
+        assert_eq!(less.names.unwrap(), ["radiosity"]);
+        set.set(PATH_TRACER, "paths", "L(");
+        assert!(set.path_tracer_settings().is_err());
+    }
 
     #[test]
     fn toggling_names_the_techniques_and_keeps_their_settings() {

@@ -1,29 +1,25 @@
-//! The truth beside the picture: the path tracer, on a thread and a device of its own, so that the window never waits
-//! for it. Not on a page: the path tracer waits for the GPU, which pages cannot.
+//! The path tracer in the viewer, beside the picture or in its place. Each frame traces a piece that leaves the frame
+//! fluid, on the window's own device, and never waits for it: so a page has it, too. What takes long, the upload of the
+//! scene for rays and the start of the kernels, is a task of its own.
 
-use std::ops::ControlFlow;
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::sync::Arc;
 
 use gpugi::LightingError;
-#[cfg(not(target_arch = "wasm32"))]
-use gpugi::gpu::AtWork;
-use gpugi::gpu::{AdapterChoice, Gpu, Shader};
-use gpugi::reference::{PathTracer, Settings};
+use gpugi::display::Comparison;
+use gpugi::gpu::{Gpu, GpuError};
+use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_scene::{Camera, Scene};
 
-/// Whether there can be one here.
-pub const IS_POSSIBLE: bool = !cfg!(target_arch = "wasm32");
-/// Time between two states of the picture.
-const INTERVAL: Duration = Duration::from_millis(400);
+use crate::task::Task;
+
+/// Time that a frame may take while the path tracer works (s).
+const FRAME_SECONDS: f32 = 0.05;
+/// Fewest and most rays of a piece. The fewest keep the path tracer going where something else makes frames slow.
+const RAYS: [u64; 2] = [1 << 14, 1 << 26];
 
 /// A picture to be traced.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// The scene, and the number of its state.
-    pub scene: Arc<Scene>,
     /// Grows with every change of the scene.
     pub version: u64,
     /// The camera.
@@ -34,155 +30,209 @@ pub struct View {
     pub samples: u32,
 }
 
-impl View {
-    /// Whether both show the same.
-    pub fn is_of(&self, version: u64, camera: &Camera, size: [u32; 2]) -> bool {
-        self.version == version && self.camera == *camera && self.size == size
-    }
-}
-
 /// The picture so far.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub struct Reference {
-    /// Number of the request.
-    number: u64,
-    /// Mean linear radiance, three floats per pixel, row by row from the top.
-    pub radiance: Vec<f32>,
+    /// The picture, to be compared with others.
+    pub comparison: Comparison,
     /// Samples per pixel.
     pub samples: u32,
-    /// Estimated rel-mse.
-    pub noise: f64,
+    /// Estimated rel-mse, once it is known.
+    pub noise: Option<f64>,
 }
 
 /// The path tracer at work.
-#[derive(Debug)]
 pub struct Truth {
-    requests: Sender<(u64, View)>,
-    /// The newest: pictures that nobody looks at take no memory.
-    answer: Arc<Mutex<Option<Result<Reference, String>>>>,
-    asked: Option<View>,
-    number: u64,
+    gpu: Gpu,
+    settings: Settings,
+    wake: Arc<dyn Fn() + Send + Sync>,
+    /// A path tracer on its way, with the version of its scene and its size.
+    making: Option<(Task<Result<PathTracer, String>>, u64, [u32; 2])>,
+    tracer: Option<(PathTracer, u64, [u32; 2])>,
+    /// What it traces.
+    view: Option<View>,
+    progress: Option<Progress>,
+    reference: Option<Reference>,
+    /// Rays of the next piece.
+    rays: u64,
+    /// Whether it has failed.
+    is_broken: bool,
 }
 
 impl Truth {
-    /// Starts the thread, on the adapter of `gpu` and with its shaders. `wake` is called whenever the picture is better.
-    pub fn start(gpu: &Gpu, wake: impl Fn() + Send + 'static) -> Self {
-        let (requests, to_do) = channel();
-        let answer = Arc::new(Mutex::new(None));
-        let slot = Arc::downgrade(&answer);
-        let choice = AdapterChoice::Named(gpu.adapter.name.clone());
-        let shaders = gpu.replaced_shaders();
-        #[cfg(not(target_arch = "wasm32"))]
-        let at_work = AtWork::begin();
-        thread::spawn(move || {
-            #[cfg(not(target_arch = "wasm32"))]
-            let _at_work = at_work;
-            let answer = |answer| {
-                let Some(slot) = slot.upgrade() else {
-                    return false;
-                };
-                *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(answer);
-                wake();
-                true
-            };
-            if let Err(error) = work(&choice, shaders, &to_do, &answer) {
-                answer(Err(error.to_string()));
-            }
-        });
+    /// A path tracer with these settings. `wake` is called when it is ready to begin.
+    pub fn new(gpu: &Gpu, settings: Settings, wake: Arc<dyn Fn() + Send + Sync>) -> Self {
         Self {
-            requests,
-            answer,
-            asked: None,
-            number: 0,
+            gpu: gpu.clone(),
+            settings,
+            wake,
+            making: None,
+            tracer: None,
+            view: None,
+            progress: None,
+            reference: None,
+            rays: RAYS[0],
+            is_broken: false,
         }
     }
 
-    /// What is being traced.
-    pub fn asked(&self) -> Option<&View> {
-        self.asked.as_ref()
-    }
-
-    /// Traces another view.
-    pub fn ask(&mut self, view: View) {
-        self.number += 1;
-        self.asked = Some(view.clone());
-        // A thread that has ended has said why.
-        let _ = self.requests.send((self.number, view));
-    }
-
-    /// The latest picture of the view that was asked for, if there is a new one.
+    /// Traces a piece of a view of `scene`, in a frame that comes `seconds` after the one before. If it `trails`, a
+    /// view that has no sample yet is shown before a newer one begins: else nothing would be seen in motion. Returns
+    /// whether the picture is better than before.
     ///
     /// # Errors
-    /// Why there will be none.
-    pub fn latest(&self) -> Result<Option<Reference>, String> {
-        let mut slot = self.answer.lock().unwrap_or_else(PoisonError::into_inner);
-        let latest = slot.take().transpose()?;
-        Ok(latest.filter(|one| one.number == self.number))
+    /// Why there will be no picture, once.
+    pub fn frame(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        trails: bool,
+        seconds: f32,
+    ) -> Result<bool, LightingError> {
+        if self.is_broken {
+            return Ok(false);
+        }
+        let done = self.piece(scene, view, trails, seconds);
+        self.is_broken = done.is_err();
+        done
     }
-}
 
-fn work(
-    choice: &AdapterChoice,
-    shaders: Vec<Shader>,
-    requests: &Receiver<(u64, View)>,
-    answer: &dyn Fn(Result<Reference, String>) -> bool,
-) -> Result<(), LightingError> {
-    let Ok(mut request) = requests.recv() else {
-        return Ok(());
-    };
-    let gpu = Gpu::open(choice)?;
-    gpu.replace_shaders(shaders);
-    let mut tracer: Option<(PathTracer, u64, [u32; 2])> = None;
-    loop {
-        // Older ones are of no interest any more.
-        if let Some(newer) = requests.try_iter().last() {
-            request = newer;
-        }
-        let (number, view) = &request;
-        let (current, _, _) = match &mut tracer {
-            Some(kept) if (kept.1, kept.2) == (view.version, view.size) => {
-                kept.0.restart(0)?;
-                kept
-            }
-            other => {
-                let new = PathTracer::new(&gpu, &view.scene, view.size, &Settings::default())?;
-                other.insert((new, view.version, view.size))
-            }
-        };
-        let mut next = None;
-        while next.is_none() && current.samples() < view.samples {
-            let started = Instant::now();
-            current.render(&view.camera, view.samples, &mut |_| {
-                match requests.try_recv() {
-                    Ok(newer) => next = Some(newer),
-                    Err(TryRecvError::Empty) if started.elapsed() < INTERVAL => {
-                        return ControlFlow::Continue(());
-                    }
-                    Err(_) => {}
-                }
-                ControlFlow::Break(())
-            })?;
-            let reference = Reference {
-                number: *number,
-                radiance: current.radiance()?,
-                samples: current.samples(),
-                noise: current.noise()?,
+    fn piece(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        trails: bool,
+        seconds: f32,
+    ) -> Result<bool, LightingError> {
+        if let Some((task, version, size)) = &self.making {
+            let Some(made) = task.result() else {
+                return Ok(false);
             };
-            if !answer(Ok(reference)) {
-                return Ok(());
+            let made = made.unwrap_or_else(|| Err("it could not begin; please report it".into()));
+            let failed = |reason| GpuError::Pass {
+                pass: "path-tracer".into(),
+                reason,
+            };
+            self.tracer = Some((made.map_err(failed)?, *version, *size));
+            (self.making, self.view) = (None, None);
+        }
+        let is_made = self.is_made_for(view);
+        let tracer = self.tracer.take().filter(|_| is_made);
+        let Some((mut tracer, version, size)) = tracer else {
+            // The memory of the last one is free before the next one takes its own.
+            self.make(scene, view);
+            return Ok(false);
+        };
+        if self
+            .view
+            .as_ref()
+            .is_none_or(|traced| traced.camera != view.camera)
+        {
+            let is_due = self.view.is_none() || tracer.samples() > 0 || !trails;
+            if is_due {
+                tracer.restart(0)?;
+                self.progress = None;
+                self.view = Some(view.clone());
             }
         }
-        request = match next.map_or_else(|| requests.recv().ok(), Some) {
-            Some(next) => next,
-            None => return Ok(()),
-        };
+        let camera = self.view.as_mut().map_or(&view.camera, |traced| {
+            traced.samples = view.samples;
+            &traced.camera
+        });
+        if self
+            .progress
+            .is_some_and(|progress| progress.fraction < 1.0)
+        {
+            let factor = (FRAME_SECONDS / seconds.max(1e-3)).clamp(0.5, 1.25);
+            self.rays = ((self.rays as f32 * factor) as u64).clamp(RAYS[0], RAYS[1]);
+        }
+        let before = self.progress.map_or(0, |progress| progress.samples);
+        let progress = tracer.try_render(camera, view.samples, self.rays)?;
+        self.progress = Some(progress);
+        let is_better = progress.samples > before;
+        if is_better {
+            let comparison = match self.reference.take() {
+                Some(reference) if reference.comparison.size() == size => reference.comparison,
+                _ => Comparison::new(&self.gpu, size)?,
+            };
+            tracer.show(&comparison)?;
+            self.reference = Some(Reference {
+                comparison,
+                samples: progress.samples,
+                noise: progress.noise,
+            });
+        } else if let Some(reference) = &mut self.reference {
+            reference.noise = progress.noise.or(reference.noise);
+        }
+        self.tracer = Some((tracer, version, size));
+        Ok(is_better)
+    }
+
+    /// Begins to make a path tracer for a view.
+    fn make(&mut self, scene: &Scene, view: &View) {
+        let (gpu, scene, settings) = (self.gpu.clone(), scene.clone(), self.settings.clone());
+        let (wake, size) = (self.wake.clone(), view.size);
+        let done = move || wake();
+        let task = Task::start("path-tracer", done, move |stage| async move {
+            stage.set("uploading").await;
+            let tracer = PathTracer::new(&gpu, &scene, size, &settings);
+            tracer.map_err(|error| error.to_string())
+        });
+        self.making = Some((task, view.version, view.size));
+    }
+
+    /// The last picture, which may be of another view.
+    pub fn reference(&self) -> Option<&Reference> {
+        self.reference.as_ref()
+    }
+
+    /// Forgets the last picture.
+    pub fn forget(&mut self) {
+        (self.reference, self.view) = (None, None);
+    }
+
+    /// Whether it is ready for the scene and the size of a view.
+    pub fn is_made_for(&self, view: &View) -> bool {
+        let tracer = self.tracer.as_ref();
+        tracer.is_some_and(|(_, version, size)| (*version, *size) == (view.version, view.size))
+    }
+
+    /// The path tracer, if it traces this view.
+    pub fn tracer(&self, view: &View) -> Option<&PathTracer> {
+        let is_of_view = self.view.as_ref() == Some(view);
+        let tracer = self.tracer.as_ref().filter(|_| is_of_view);
+        tracer.map(|(tracer, _, _)| tracer)
+    }
+
+    /// Whether another frame would not make the picture of this view better.
+    pub fn is_done(&self, view: &View) -> bool {
+        let is_complete = self
+            .progress
+            .is_some_and(|progress| progress.fraction == 1.0);
+        self.is_broken || (self.tracer(view).is_some() && is_complete)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::ops::ControlFlow;
+
+    use gpugi::gpu::AdapterChoice;
     use gpugi_scene::builtin::builtin;
+
+    use super::*;
+
+    /// Frames until the picture of a view is complete.
+    fn traced(truth: &mut Truth, scene: &Scene, view: &View) -> Vec<f32> {
+        for _ in 0..10_000 {
+            truth.frame(scene, view, false, 0.01).unwrap();
+            if truth.is_done(view) {
+                return truth.tracer(view).unwrap().radiance().unwrap();
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        panic!("it never comes");
+    }
 
     #[test]
     fn the_latest_view_is_traced_to_its_end() {
@@ -191,31 +241,30 @@ mod tests {
             Err(_) if std::env::var_os("GPUGI_SKIP_GPU").is_some() => return,
             Err(error) => panic!("{error}"),
         };
-        let scene = Arc::new(builtin("cornell", 1).unwrap());
-        let (woken, wakes) = channel();
-        let mut truth = Truth::start(&gpu, move || woken.send(()).unwrap_or_default());
-        let view = |samples| View {
-            scene: scene.clone(),
+        let scene = builtin("cornell", 1).unwrap();
+        let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
+        let first = View {
             version: 0,
             camera: scene.cameras[0].clone(),
             size: [16, 12],
-            samples,
+            samples: 8,
         };
-        truth.ask(view(1 << 20));
-        wakes.recv().unwrap();
-        truth.ask(view(8));
-        let mut last = None;
-        while last.as_ref().is_none_or(|one: &Reference| one.samples < 8) {
-            wakes.recv().unwrap();
-            last = truth.latest().unwrap().or(last);
+        let mut second = first.clone();
+        second.camera.world_from_view.w_axis.x += 0.1;
+        for _ in 0..20 {
+            truth.frame(&scene, &first, false, 0.01).unwrap();
         }
-        let last = last.unwrap();
-        assert_eq!((last.samples, last.radiance.len()), (8, 16 * 12 * 3));
-        assert!(last.noise > 0.0);
-        let mut expected = PathTracer::new(&gpu, &scene, [16, 12], &Settings::default()).unwrap();
-        expected
-            .render(&scene.cameras[0], 8, &mut |_| ControlFlow::Continue(()))
-            .unwrap();
-        assert_eq!(last.radiance, expected.radiance().unwrap());
+        for view in [&second, &first] {
+            let found = traced(&mut truth, &scene, view);
+            let reference = truth.reference().unwrap();
+            assert_eq!(reference.samples, 8);
+            assert!(reference.noise.unwrap() > 0.0);
+            let settings = Settings::default();
+            let mut expected = PathTracer::new(&gpu, &scene, view.size, &settings).unwrap();
+            expected
+                .render(&view.camera, 8, &mut |_| ControlFlow::Continue(()))
+                .unwrap();
+            assert_eq!(found, expected.radiance().unwrap());
+        }
     }
 }

@@ -32,8 +32,8 @@ pub struct Look {
     pub camera: Option<String>,
     /// Exposure and tone mapping.
     pub display: DisplaySettings,
-    /// Samples per pixel of a picture at rest.
-    pub samples: u32,
+    /// Samples per pixel of a picture at rest, if people chose them.
+    pub samples: Option<u32>,
     /// Frames per second that are wanted in motion.
     pub frame_rate: u32,
 }
@@ -43,7 +43,7 @@ impl Default for Look {
         Self {
             camera: None,
             display: DisplaySettings::default(),
-            samples: 64,
+            samples: None,
             frame_rate: 60,
         }
     }
@@ -282,7 +282,8 @@ impl Viewer {
         }
         if let (Some(session), Some(look)) = (&mut self.session, look) {
             session.display = look.display;
-            session.samples = look.samples;
+            let default = session.loaded().set.default_samples();
+            session.samples = look.samples.unwrap_or(default);
             session.pace.target_rate = look.frame_rate;
         }
         Ok(())

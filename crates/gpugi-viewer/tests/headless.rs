@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use gpugi::Renderer;
-use gpugi::display::Compared;
+use gpugi::display::{Compared, Display};
 use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
+use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
-use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::save_exr;
+use gpugi_scene::{Camera, Scene};
 use gpugi_viewer::arguments::of_view_file;
 use gpugi_viewer::command::{command, view_file};
 use gpugi_viewer::headless;
@@ -339,6 +340,72 @@ fn the_truth_arrives_beside_the_picture_and_goes_when_the_camera_moves() {
     });
     session.frame(SIZE, 0.1).unwrap();
     assert_eq!(session.loaded().renderer.pixels().unwrap(), alone);
+}
+
+/// What `gpugi render --technique path-tracer` renders.
+fn path_traced(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<f32> {
+    let mut tracer = PathTracer::new(gpu, scene, SIZE, settings).unwrap();
+    let go_on = &mut |_: &Progress| ControlFlow::Continue(());
+    tracer.render(camera, SAMPLES, go_on).unwrap();
+    tracer.radiance().unwrap()
+}
+
+#[test]
+fn the_path_tracer_alone_shows_what_it_renders() {
+    let Some(gpu) = open() else { return };
+    let start = start("cornell", &["path-tracer"]);
+    let (mut viewer, _) = shown(
+        &gpu,
+        start,
+        "0 set path-tracer.max-bounces=3\n1 orbit 20 10",
+    );
+    let session = viewer.session().unwrap();
+    assert!(session.is_complete());
+    assert_eq!(session.reference().unwrap().samples, SAMPLES);
+    let scene = builtin("cornell", 1).unwrap();
+    let settings = Settings {
+        max_bounces: 3,
+        ..Settings::default()
+    };
+    let expected = path_traced(&gpu, &scene, &session.camera.camera(), &settings);
+    let found = |session: &Session| {
+        let radiance = session.begin_radiance().unwrap();
+        session.gpu().wait().unwrap();
+        pollster::block_on(radiance).unwrap()
+    };
+    assert_eq!(found(session), expected);
+    let pixels = session.loaded().renderer.pixels().unwrap();
+    let displayed = Display::picture(&gpu, &expected, &session.display);
+    assert_eq!(pixels, displayed.unwrap());
+    let words = command(session, SIZE);
+    assert!(
+        words.contains("--technique path-tracer --set path-tracer.max-bounces=3 --samples 4"),
+        "{words}"
+    );
+    let saved = view_file(session);
+    let opened = of_view_file(saved.as_bytes()).unwrap();
+    assert!(opened.set.is_path_tracer(), "{saved}");
+    // In motion, there are new pictures, too.
+    let mut last = pixels;
+    let mut pictures = 0;
+    for _ in 0..100 {
+        session.camera.orbit([0.05, 0.0].into());
+        session.frame(SIZE, 0.02).unwrap();
+        session.gpu().wait().unwrap();
+        let pixels = session.loaded().renderer.pixels().unwrap();
+        pictures += u32::from(pixels != last);
+        last = pixels;
+    }
+    assert!(pictures > 5, "{pictures}");
+    assert_eq!(session.loaded().renderer.samples(), 1, "for clicks");
+    frames_until(session, |session| session.is_complete());
+    let set = session.loaded().set.toggled(&["path-tracer"], "shadow-map");
+    viewer.change_set(set);
+    viewer.finish_opening().unwrap();
+    let session = viewer.session().unwrap();
+    assert_eq!(session.technique_names(), ["shadow-map"]);
+    frames_until(session, |session| session.loaded().renderer.samples() > 1);
+    assert!(session.set("path-tracer", "paths", "L(").is_err());
 }
 
 #[test]

@@ -8,13 +8,13 @@ use std::io::Cursor;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupExisting};
 use eframe::web_sys::HtmlCanvasElement;
 use eframe::{WebOptions, WebRunner, wgpu};
-use gpugi::Readiness;
 use gpugi::gpu::{AdapterChoice, AdapterSummary, Gpu, GpuError, instance_descriptor};
 use gpugi_scene::image::write_exr;
 use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::of_address;
 use gpugi_viewer::command::command;
 use gpugi_viewer::script::Script;
+use gpugi_viewer::session::Session;
 use js_sys::Uint8Array;
 use wasm_bindgen::prelude::*;
 
@@ -82,7 +82,8 @@ impl Page {
             .map_err(error)
     }
 
-    /// Whether the picture is complete: nothing is being opened, all maps are made and all samples taken.
+    /// Whether the picture is complete: nothing is being opened, all maps are made and all samples taken, those of the
+    /// path tracer, too.
     ///
     /// # Errors
     /// What the page says that is wrong.
@@ -94,11 +95,20 @@ impl Page {
         }
         let viewer = app.viewer();
         let is_opening = viewer.opening().is_some();
-        Ok(viewer.session().is_some_and(|session| {
-            let is_ready = session.readiness() == Readiness::Ready;
-            let samples = session.loaded().renderer.samples();
-            !is_opening && is_ready && samples >= session.samples
-        }))
+        let session = viewer.session();
+        Ok(!is_opening && session.is_some_and(|session| session.is_complete()))
+    }
+
+    /// Samples that the path tracer has of every pixel of what is seen.
+    ///
+    /// # Errors
+    /// gpugi has failed.
+    #[wasm_bindgen(js_name = tracedSamples)]
+    pub fn traced_samples(&self) -> Result<u32, JsError> {
+        let mut app = self.app()?;
+        let session = app.viewer().session();
+        let reference = session.as_deref().and_then(Session::reference);
+        Ok(reference.map_or(0, |reference| reference.samples))
     }
 
     /// Why the device was lost, if it was. Nothing is drawn any more then.
@@ -130,7 +140,7 @@ impl Page {
             let mut app = self.app()?;
             let session = app.viewer().session().ok_or_else(nothing)?;
             let renderer = &session.loaded().renderer;
-            let radiance = renderer.begin_radiance()?;
+            let radiance = session.begin_radiance()?;
             (session.gpu().clone(), renderer.size(), radiance)
         };
         let radiance = radiance.await?;

@@ -1,17 +1,15 @@
 //! Controls for the settings of a technique, made from their one statement.
 
 use eframe::egui::{self, ComboBox, DragValue, Slider, TextEdit, Ui};
-use gpugi::settings::{Field, Kind};
-use gpugi::techniques::Technique;
+use gpugi::settings::{Field, Kind, SettingSet};
 
 use super::Action;
 
-/// A control per setting; a value other than the default has a button that resets it.
-pub fn settings(ui: &mut Ui, technique: &dyn Technique, actions: &mut Vec<Action>) {
-    let values = technique.settings().to_json();
-    let name = technique.info().name;
+/// A control per setting of the technique `name`; a value other than the default has a button that resets it.
+pub fn settings(ui: &mut Ui, name: &str, settings: &dyn SettingSet, actions: &mut Vec<Action>) {
+    let values = settings.to_json();
     egui::Grid::new(name).num_columns(3).show(ui, |ui| {
-        for field in technique.settings().fields() {
+        for field in settings.fields() {
             let mut help = field.help.clone();
             if !field.values().is_empty() {
                 help = format!("{help}\n{}", field.values());

@@ -58,6 +58,11 @@ impl Comparison {
         self.size
     }
 
+    /// The reference, for passes that write it: `vec4f` per pixel.
+    pub(crate) fn reference(&self) -> &wgpu::Buffer {
+        &self.reference
+    }
+
     /// Takes the reference: mean linear radiance, three floats per pixel, row by row from the top. Pixels that are
     /// missing stay as they are.
     pub fn set_reference(&self, gpu: &Gpu, radiance: &[f32]) {

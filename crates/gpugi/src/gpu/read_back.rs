@@ -117,7 +117,7 @@ impl<T> ReadBack<T> {
     ///
     /// # Errors
     /// [`GpuError::Lost`], or an error of the commands that were submitted before.
-    pub fn wait(self) -> Result<T, GpuError> {
+    pub fn wait(&self) -> Result<T, GpuError> {
         if self.staging.is_some() {
             self.gpu.wait()?;
         }

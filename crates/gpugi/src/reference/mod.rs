@@ -14,6 +14,7 @@ mod lights;
 #[cfg(test)]
 mod media_tests;
 mod photons;
+mod picture;
 mod settings;
 mod sky;
 mod surroundings;
@@ -32,7 +33,7 @@ use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
 use crate::scene::GpuScene;
@@ -41,7 +42,8 @@ use crate::shader;
 use crate::techniques::Info;
 use lights::LightTable;
 use photons::Photons;
-use tile::{BLOCK_PIXELS, NOISE_PIXELS, Tile, sums_bytes, tiles};
+use picture::Sums;
+use tile::{BLOCK_PIXELS, Tile, tiles};
 use wavefront::Wavefront;
 
 /// The path tracer's description.
@@ -62,6 +64,8 @@ pub const INFO: Info = Info {
 /// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU
 /// guarantees.
 const TILE_SIDE: u32 = 2048;
+/// Samples with which the noise is estimated first: fewer cannot estimate their own variance.
+const LEAST_SAMPLES: u32 = 16;
 /// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
 /// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
@@ -96,6 +100,24 @@ struct Pass {
     photons: u64,
 }
 
+/// What the GPU has been given to do, and when.
+#[derive(Debug)]
+struct Batch {
+    work: Work,
+    started: Instant,
+}
+
+#[derive(Debug)]
+enum Work {
+    /// Paths, with how far they are.
+    Paths(wavefront::Batch, ReadBack<Vec<wavefront::Header>>),
+    /// So many photons, with something that arrives after them.
+    Photons(u64, ReadBack<Vec<u32>>),
+}
+
+/// Rays of a submission that may take as long as it likes.
+const UNLIMITED: u64 = u64::MAX;
+
 /// Progress of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Progress {
@@ -119,6 +141,7 @@ pub struct PathTracer {
     wavefront: Wavefront,
     photons: Option<Photons>,
     noise_kernel: Kernel,
+    shown_kernel: Kernel,
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
     tiles: Vec<Tile>,
@@ -131,6 +154,12 @@ pub struct PathTracer {
     around_eye: [u32; 4],
     samples: u32,
     pass: Pass,
+    /// What the GPU is at work on.
+    batch: Option<Batch>,
+    /// The noise of an image of so many samples, on its way to the host.
+    sums: Option<(u32, Sums)>,
+    /// The noise that was measured last, of so many samples.
+    noise: Option<(u32, f64)>,
     seed: u32,
     /// Pixel samples per second that the latest batches reached; 0 before the first batch.
     rate: f64,
@@ -223,16 +252,13 @@ impl PathTracer {
         }
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
         constants.push(on_gpu.media_constant());
-        let noise_kernel = Kernel::with_options(
-            gpu,
-            &shader!("reference.noise"),
-            "main",
-            None,
-            &KernelOptions {
-                constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
-                ..Default::default()
-            },
-        )?;
+        let of_film = KernelOptions {
+            constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
+            ..Default::default()
+        };
+        let of_film = |shader| Kernel::with_options(gpu, &shader, "main", None, &of_film);
+        let noise_kernel = of_film(shader!("reference.noise"))?;
+        let shown_kernel = of_film(shader!("reference.shown"))?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
         // A binding must hold at least one element, even if it is unused.
         let unlit = [bytemuck::Zeroable::zeroed()];
@@ -264,7 +290,7 @@ impl PathTracer {
             tile_side,
             (&wavefront, photons.as_ref()),
             &parameters,
-            &noise_kernel,
+            (&noise_kernel, &shown_kernel),
         )?;
         Ok(Self {
             gpu: gpu.clone(),
@@ -274,6 +300,7 @@ impl PathTracer {
             wavefront,
             photons,
             noise_kernel,
+            shown_kernel,
             view,
             parameters,
             tiles,
@@ -285,6 +312,9 @@ impl PathTracer {
             solids,
             samples: 0,
             pass: Pass::default(),
+            batch: None,
+            sums: None,
+            noise: None,
             seed: 0,
             rate: 0.0,
         })
@@ -308,6 +338,7 @@ impl PathTracer {
         self.seed = seed;
         self.samples = 0;
         self.pass = Pass::default();
+        (self.batch, self.sums, self.noise) = (None, None, None);
         let mut frame = Frame::new(&self.gpu, false);
         for tile in &self.tiles {
             frame.clear(&tile.film);
@@ -337,6 +368,94 @@ impl PathTracer {
         samples: u32,
         report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
     ) -> Result<Progress, LightingError> {
+        self.look(camera);
+        let mut progress = Progress {
+            samples: self.samples,
+            of: samples,
+            fraction: 0.0,
+            noise: None,
+        };
+        while self.samples < samples {
+            self.begin_pass(samples);
+            while self.pass.tile < self.tiles.len() {
+                if self.batch.is_none() {
+                    self.begin_batch(UNLIMITED)?;
+                }
+                self.follow_batch(UNLIMITED, true)?;
+                progress.fraction = self.fraction(samples, progress.noise);
+                if report(&progress).is_break() {
+                    return Ok(progress);
+                }
+            }
+            self.end_pass();
+            progress.samples = self.samples;
+            if self.settings.noise > 0.0 && self.samples >= LEAST_SAMPLES {
+                let noise = self.noise()?;
+                progress.noise = Some(noise);
+                if noise <= self.settings.noise {
+                    break;
+                }
+            }
+        }
+        progress.fraction = 1.0;
+        report(&progress).is_break();
+        Ok(progress)
+    }
+
+    /// A piece of [`PathTracer::render`] that never waits for the GPU, for loops that must not block: to be called again
+    /// and again, such as once per frame, until its progress has a fraction of 1. While the GPU is still at work on the
+    /// last piece, or compiles, nothing is added. A piece traces no more than about `rays` rays, but at least those of
+    /// one step of some paths. The image does not depend on the pieces. The noise is slightly older than the samples,
+    /// until the end.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn try_render(
+        &mut self,
+        camera: &Camera,
+        samples: u32,
+        rays: u64,
+    ) -> Result<Progress, LightingError> {
+        let is_free = self.follow_batch(rays, false)?;
+        if self.pass.samples > 0 && self.pass.tile == self.tiles.len() {
+            self.end_pass();
+        }
+        if let Some((samples, sums)) = &self.sums {
+            if let Some(sums) = sums.get() {
+                self.noise = Some((*samples, self.noise_of(&sums?)));
+                self.sums = None;
+            }
+        } else if self.pass.samples == 0 && self.noise.map_or(0, |(of, _)| of) < self.samples {
+            self.sums = Some((self.samples, self.begin_sums()?));
+        }
+        let noise = self.noise.map(|(_, noise)| noise);
+        let limit = self.settings.noise;
+        let is_enough = limit > 0.0
+            && self.samples >= LEAST_SAMPLES
+            && noise.is_some_and(|noise| noise <= limit);
+        let is_done = self.samples >= samples || is_enough;
+        if is_free && !is_done && !self.gpu.is_compiling() {
+            if self.pass.samples == 0 {
+                self.look(camera);
+            }
+            self.begin_pass(samples);
+            self.begin_batch(rays)?;
+        }
+        let is_measured = self.noise.is_some_and(|(of, _)| of == self.samples);
+        Ok(Progress {
+            samples: self.samples,
+            of: samples,
+            fraction: match is_done && (is_measured || self.samples == 0) {
+                true => 1.0,
+                // At the end, the noise is still to be measured.
+                false => self.fraction(samples, noise).min(0.999),
+            },
+            noise,
+        })
+    }
+
+    /// Takes the view of a camera.
+    fn look(&mut self, camera: &Camera) {
         let view = View::new(
             camera,
             self.size,
@@ -349,51 +468,40 @@ impl PathTracer {
             .write(&self.view, 0, std::slice::from_ref(&view.uniform));
         let eye = camera.world_from_view.w_axis.truncate();
         self.around_eye = surroundings::around(&self.solids, eye);
-        let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
-        let mut progress = Progress {
-            samples: self.samples,
-            of: samples,
-            fraction: 0.0,
-            noise: None,
-        };
-        while self.samples < samples {
-            if self.pass.samples == 0 {
-                // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
-                // often enough.
-                let affordable = (self.rate * BATCH_SECONDS / pixels) as u32;
-                self.pass.samples = affordable
-                    .clamp(1, self.samples / 4 + 1)
-                    .min(samples - self.samples)
-                    .min(self.wavefront.items() / BLOCK_PIXELS);
-            }
-            while self.pass.tile < self.tiles.len() {
-                self.batch()?;
-                let done = self.done() / pixels;
-                let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
-                // Noise falls at least as fast as 1 / samples.
-                let enough = progress.noise.map_or(f64::INFINITY, |noise| {
-                    f64::from(self.samples) * noise / self.settings.noise
-                });
-                progress.fraction = (taken / f64::from(samples).min(enough)).min(1.0);
-                if report(&progress).is_break() {
-                    return Ok(progress);
-                }
-            }
-            self.samples += self.pass.samples;
-            self.pass = Pass::default();
-            progress.samples = self.samples;
-            // Too few samples cannot estimate their own variance.
-            if self.settings.noise > 0.0 && self.samples >= 16 {
-                let noise = self.noise()?;
-                progress.noise = Some(noise);
-                if noise <= self.settings.noise {
-                    break;
-                }
-            }
+    }
+
+    /// Pixels of the image.
+    fn pixels(&self) -> f64 {
+        self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum()
+    }
+
+    /// Begins a pass, if none has begun.
+    fn begin_pass(&mut self, samples: u32) {
+        if self.pass.samples == 0 {
+            // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
+            // often enough.
+            let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;
+            self.pass.samples = affordable
+                .clamp(1, self.samples / 4 + 1)
+                .min(samples - self.samples)
+                .min(self.wavefront.items() / BLOCK_PIXELS);
         }
-        progress.fraction = 1.0;
-        report(&progress).is_break();
-        Ok(progress)
+    }
+
+    fn end_pass(&mut self) {
+        self.samples += self.pass.samples;
+        self.pass = Pass::default();
+    }
+
+    /// Fraction of the work that is done, of `samples` samples or until the `noise` setting is reached.
+    fn fraction(&self, samples: u32, noise: Option<f64>) -> f64 {
+        let done = self.done() / self.pixels();
+        let taken = f64::from(self.samples) + done.min(1.0) * f64::from(self.pass.samples);
+        // Noise falls at least as fast as 1 / samples.
+        let enough = noise.map_or(f64::INFINITY, |noise| {
+            f64::from(self.samples) * noise / self.settings.noise
+        });
+        (taken / f64::from(samples).min(enough)).min(1.0)
     }
 
     /// Pixels of the pass that are done. Half of a tile's work is that of its photons.
@@ -412,33 +520,89 @@ impl PathTracer {
         whole + (of_blocks.min(pixels) + of_photons * pixels) / 2.0
     }
 
-    /// Continues the pass by as many blocks or photons as should take [`BATCH_SECONDS`].
-    fn batch(&mut self) -> Result<(), GpuError> {
+    /// Continues the pass by as many blocks or photons as should take [`BATCH_SECONDS`]. No submission traces more than
+    /// about `rays` rays.
+    fn begin_batch(&mut self, rays: u64) -> Result<(), GpuError> {
+        let started = Instant::now();
         let tile = &self.tiles[self.pass.tile];
-        if self.pass.block < tile.blocks() {
-            self.batch_of_paths()?;
-        } else if let (Some(photons), Some(film)) = (&mut self.photons, &tile.photons) {
-            let first = photons.of_pass(1) * u64::from(self.samples);
-            let place = (first, self.pass.photons, self.pass.samples);
-            self.pass.photons +=
-                photons.batch(&self.gpu, &self.scene, (tile, film), &self.settings, place)?;
-        }
-        let tile = &self.tiles[self.pass.tile];
-        let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
-        let photons = self.photons.as_ref().map_or(0, of_pass);
-        if self.pass.block == tile.blocks() && self.pass.photons == photons {
-            self.pass = Pass {
-                samples: self.pass.samples,
-                tile: self.pass.tile + 1,
-                block: 0,
-                photons: 0,
-            };
-        }
+        let work = match (&self.photons, &tile.photons) {
+            (Some(photons), Some(film)) if self.pass.block == tile.blocks() => {
+                let first = photons.of_pass(1) * u64::from(self.samples);
+                let place = (first, self.pass.photons, self.pass.samples);
+                let film_of_tile = (tile, film);
+                let (gpu, scene, settings) = (&self.gpu, &self.scene, &self.settings);
+                let count = photons.begin(gpu, scene, film_of_tile, settings, place, rays)?;
+                Work::Photons(count, begin_read_buffer(gpu, &film.pixels, 4)?)
+            }
+            _ => {
+                let mut batch = self.begin_paths(rays);
+                let (gpu, scene) = (&self.gpu, &self.scene);
+                let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
+                Work::Paths(batch, state)
+            }
+        };
+        self.batch = Some(Batch { work, started });
         Ok(())
     }
 
+    /// Takes notice of what the GPU has done of a batch, and gives it more to do until the batch ends. Returns whether
+    /// none is left; if it `waits`, that is so.
+    fn follow_batch(&mut self, rays: u64, waits: bool) -> Result<bool, GpuError> {
+        while let Some(Batch { work, started }) = self.batch.take() {
+            let tile = &self.tiles[self.pass.tile];
+            match work {
+                Work::Paths(mut batch, state) => {
+                    let Some(after) = arrived(&state, waits) else {
+                        let work = Work::Paths(batch, state);
+                        self.batch = Some(Batch { work, started });
+                        return Ok(false);
+                    };
+                    let film = &tile.film_group;
+                    let (gpu, scene) = (&self.gpu, &self.scene);
+                    if !(self.wavefront).follow(gpu, film, &mut batch, &after?[0])? {
+                        let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
+                        let work = Work::Paths(batch, state);
+                        self.batch = Some(Batch { work, started });
+                        continue;
+                    }
+                    let seconds = started.elapsed().as_secs_f64().max(1e-5);
+                    let work = f64::from(batch.blocks * BLOCK_PIXELS);
+                    let work = work * f64::from(self.pass.samples);
+                    // Small batches do not fill the GPU, so approach its rate from below.
+                    self.rate =
+                        (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
+                    self.pass.block += batch.blocks;
+                }
+                Work::Photons(count, after) => {
+                    let Some(after) = arrived(&after, waits) else {
+                        let work = Work::Photons(count, after);
+                        self.batch = Some(Batch { work, started });
+                        return Ok(false);
+                    };
+                    after?;
+                    let seconds = started.elapsed().as_secs_f64().max(1e-5);
+                    if let Some(photons) = &mut self.photons {
+                        photons.measure(count, seconds);
+                    }
+                    self.pass.photons += count;
+                }
+            }
+            let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
+            let photons = self.photons.as_ref().map_or(0, of_pass);
+            if self.pass.block == tile.blocks() && self.pass.photons == photons {
+                self.pass = Pass {
+                    samples: self.pass.samples,
+                    tile: self.pass.tile + 1,
+                    block: 0,
+                    photons: 0,
+                };
+            }
+        }
+        Ok(true)
+    }
+
     /// Continues the tile's paths.
-    fn batch_of_paths(&mut self) -> Result<(), GpuError> {
+    fn begin_paths(&self, rays: u64) -> wavefront::Batch {
         let Pass {
             samples,
             tile,
@@ -468,74 +632,14 @@ impl PathTracer {
         };
         self.gpu
             .write(&self.parameters, 0, std::slice::from_ref(&parameters));
-        let started = Instant::now();
-        self.wavefront
-            .run(&self.gpu, &self.scene, &tile.film_group, blocks, samples)?;
-        let seconds = started.elapsed().as_secs_f64().max(1e-5);
-        let work = f64::from(blocks * BLOCK_PIXELS) * f64::from(samples);
-        // Small batches do not fill the GPU, so approach its rate from below.
-        self.rate = (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
-        self.pass.block += blocks;
-        Ok(())
+        self.wavefront.begin(&self.gpu, blocks, samples, rays)
     }
+}
 
-    /// Estimated relative mean squared error of the image so far, computed from the variance of its samples as
-    /// docs/measuring.md defines it. This is an upper estimate, because the samples are spread more evenly than
-    /// independent ones.
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`].
-    pub fn noise(&self) -> Result<f64, LightingError> {
-        let sums = self.sums()?;
-        let pixels: f64 = self.tiles.iter().map(|tile| f64::from(tile.pixels())).sum();
-        Ok(sums.iter().map(|sum| f64::from(sum.0)).sum::<f64>() / pixels)
-    }
-
-    /// Path segments (closest-hit rays) followed so far. Each pixel counts up to 2^32.
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`].
-    pub fn segments(&self) -> Result<u64, LightingError> {
-        Ok(self.sums()?.iter().map(|sum| sum.1).sum())
-    }
-
-    /// Sums of relative variances and of segments, one per workgroup of reference/noise.wesl.
-    fn sums(&self) -> Result<Vec<(f32, u64)>, GpuError> {
-        let mut all = Vec::new();
-        for tile in &self.tiles {
-            let mut frame = Frame::new(&self.gpu, false);
-            frame.compute("path-tracer.noise", |pass| {
-                let invocations = tile.pixels().div_ceil(NOISE_PIXELS) * 64;
-                self.noise_kernel
-                    .dispatch(pass, &[(1, &tile.sums_group)], [invocations, 1, 1]);
-            });
-            frame.submit()?;
-            let words: Vec<[u32; 3]> =
-                read_buffer(&self.gpu, &tile.sums, sums_bytes(tile.pixels()))?;
-            all.extend(words.iter().map(|&[variance, low, high]| {
-                let segments = u64::from(low) + (u64::from(high) << 16);
-                (f32::from_bits(variance), segments)
-            }));
-        }
-        Ok(all)
-    }
-
-    /// Mean linear radiance, three floats per pixel, in rows from top to bottom. Pixels without a sample are black.
-    ///
-    /// # Errors
-    /// [`LightingError::Gpu`].
-    pub fn radiance(&self) -> Result<Vec<f32>, LightingError> {
-        let mut picture = vec![0.0; self.size[0] as usize * self.size[1] as usize * 3];
-        for tile in &self.tiles {
-            let film = tile.radiance(&self.gpu)?;
-            for (y, row) in film.chunks_exact(tile.size[0] as usize).enumerate() {
-                let first =
-                    (tile.origin[1] as usize + y) * self.size[0] as usize + tile.origin[0] as usize;
-                for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(row) {
-                    target.copy_from_slice(pixel);
-                }
-            }
-        }
-        Ok(picture)
+/// What has arrived on the host, if it has; if `waits`, it has.
+fn arrived<T>(data: &ReadBack<T>, waits: bool) -> Option<Result<T, GpuError>> {
+    match waits {
+        true => Some(data.wait()),
+        false => data.get(),
     }
 }

@@ -224,3 +224,48 @@ fn tiles_are_invisible() {
         assert!((tiled.2 / noise - 1.0).abs() < 1e-4, "{} {noise}", tiled.2);
     }
 }
+
+/// In pieces of a few rays, with other work between them, the picture is the same to the last bit.
+#[test]
+fn pieces_that_never_wait_make_the_same_picture() {
+    let Some(gpu) = test_gpu() else { return };
+    // One with photons, and one in several tiles.
+    for (name, side) in [("cornell", 16), ("glass-room", TILE_SIDE)] {
+        let scene = gpugi_scene::builtin::builtin(name, 1).unwrap();
+        let camera = &scene.cameras[0];
+        let settings = Settings::default();
+        let size = [20, 17];
+        let new = || PathTracer::with_tiles(&gpu, &scene, size, &settings, side, true).unwrap();
+        let mut whole = new();
+        let expected = picture(&mut whole, camera, 3, 5);
+        let mut pieces = new();
+        pieces.restart(5).unwrap();
+        let mut count = 0;
+        let progress = loop {
+            count += 1;
+            let progress = pieces.try_render(camera, 3, 2000).unwrap();
+            assert!((0.0..=1.0).contains(&progress.fraction));
+            if progress.fraction == 1.0 {
+                break progress;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        };
+        assert!(count > 10, "{name}: {count} pieces");
+        assert_eq!(progress.samples, 3);
+        assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
+        assert_eq!(progress.noise, Some(whole.noise().unwrap()), "{name}");
+        let comparison = crate::display::Comparison::new(&gpu, size).unwrap();
+        pieces.show(&comparison).unwrap();
+        let bytes = u64::from(size[0] * size[1]) * 16;
+        let shown: Vec<[f32; 4]> =
+            crate::gpu::read_buffer(&gpu, comparison.reference(), bytes).unwrap();
+        let shown: Vec<f32> = shown.iter().flat_map(|pixel| pixel[..3].to_vec()).collect();
+        assert_eq!(shown, expected, "{name}");
+        // What was begun in pieces may be finished at once.
+        pieces.restart(5).unwrap();
+        pieces.try_render(camera, 3, 2000).unwrap();
+        let mut on = |_: &super::Progress| ControlFlow::Continue(());
+        pieces.render(camera, 3, &mut on).unwrap();
+        assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
+    }
+}

@@ -1,8 +1,9 @@
 //! Tiles of an image: each has a film of its own, small enough for a binding.
 
 use super::photons::{self, PhotonFilm, Photons};
+use super::picture::Place;
 use super::wavefront::Wavefront;
-use crate::gpu::{Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Gpu, GpuError, Kernel};
 
 /// Size of `Pixel` in reference/film.wesl (bytes).
 const PIXEL_BYTES: u64 = 32;
@@ -20,6 +21,7 @@ pub(super) struct Tile {
     pub film_group: wgpu::BindGroup,
     pub sums: wgpu::Buffer,
     pub sums_group: wgpu::BindGroup,
+    pub shown_group: wgpu::BindGroup,
     /// The light tracer's part.
     pub photons: Option<PhotonFilm>,
 }
@@ -33,19 +35,6 @@ impl Tile {
     /// Number of pixels.
     pub fn pixels(&self) -> u32 {
         self.size[0] * self.size[1]
-    }
-
-    /// Mean radiance of each pixel.
-    pub fn radiance(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, GpuError> {
-        let bytes = u64::from(self.pixels()) * PIXEL_BYTES;
-        let film: Vec<[f32; 8]> = read_buffer(gpu, &self.film, bytes)?;
-        let mut radiance: Vec<[f32; 3]> = film.iter().map(|one| [one[0], one[1], one[2]]).collect();
-        if let Some(photons) = &self.photons {
-            for (sum, more) in radiance.iter_mut().zip(photons.radiance(gpu)?) {
-                *sum = [0, 1, 2].map(|channel| sum[channel] + more[channel]);
-            }
-        }
-        Ok(radiance)
     }
 }
 
@@ -61,7 +50,7 @@ pub(super) fn tiles(
     tile_side: u32,
     (wavefront, light_tracer): (&Wavefront, Option<&Photons>),
     parameters: &wgpu::Buffer,
-    noise_kernel: &Kernel,
+    (noise_kernel, shown_kernel): (&Kernel, &Kernel),
 ) -> Result<Vec<Tile>, GpuError> {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
     let bytes = PIXEL_BYTES + light_tracer.map_or(0, |_| photons::BYTES);
@@ -100,6 +89,14 @@ pub(super) fn tiles(
                 .map(|photons| photons.film(gpu, pixels))
                 .transpose()?;
             let photon_pixels = photons.as_ref().map_or(&film, |film| &film.pixels);
+            let place = Place {
+                tile_x: x,
+                tile_y: y,
+                tile_width: extent[0],
+                tile_height: extent[1],
+                image_width: size[0],
+            };
+            let place = gpu.uniform("path-tracer.place", &place)?;
             tiles.push(Tile {
                 origin: [x, y],
                 size: extent,
@@ -110,6 +107,15 @@ pub(super) fn tiles(
                     &[
                         ("pixels", film.as_entire_binding()),
                         ("sums", sums.as_entire_binding()),
+                        ("light_film", photon_pixels.as_entire_binding()),
+                    ],
+                )?,
+                shown_group: shown_kernel.bind(
+                    gpu,
+                    1,
+                    &[
+                        ("place", place.as_entire_binding()),
+                        ("pixels", film.as_entire_binding()),
                         ("light_film", photon_pixels.as_entire_binding()),
                     ],
                 )?,

@@ -12,14 +12,13 @@ mod aims_tests;
 mod tests;
 
 use bytemuck::{Pod, Zeroable};
-use web_time::Instant;
 
 use super::lights::Light;
 use super::surroundings::Solid;
 use super::tile::Tile;
 use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -43,6 +42,8 @@ const PIXEL_BYTES: u64 = 32;
 const PHOTONS_PER_SAMPLE: f64 = 0.5;
 /// Photons of the first batch.
 const FIRST_BATCH: u64 = 1 << 12;
+/// Rays that a photon takes, about.
+const RAYS_OF_PHOTON: u64 = 4;
 /// Most photons of a batch.
 const LARGEST_BATCH: u64 = 1 << 22;
 
@@ -213,21 +214,22 @@ impl Photons {
     }
 
     /// Continues a tile's pass after `done` photons, by as many as should take half of
-    /// [`BATCH_SECONDS`], because they are one dispatch; returns their number.
+    /// [`BATCH_SECONDS`], because they are one dispatch, and trace no more than about `rays` rays; returns their number.
     /// `first` is the number of the pass's first photon, `samples` the pass's number of samples per pixel. The last
     /// batch adds the pass to the tile's film.
-    pub fn batch(
-        &mut self,
+    pub fn begin(
+        &self,
         gpu: &Gpu,
         scene: &GpuScene,
         (tile, film): (&Tile, &PhotonFilm),
         settings: &Settings,
         (first, done, samples): (u64, u64, u32),
+        rays: u64,
     ) -> Result<u64, GpuError> {
         let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
         let left = self.of_pass(samples) - done;
         let photons = affordable.max(FIRST_BATCH).min(self.largest_batch);
-        let photons = photons.min(left);
+        let photons = photons.min((rays / RAYS_OF_PHOTON).max(1)).min(left);
         let emission = Emission {
             tile_x: tile.origin[0],
             tile_y: tile.origin[1],
@@ -243,7 +245,6 @@ impl Photons {
             scale: 1.0 / (self.per_sample as f32 * self.step),
         };
         gpu.write(&self.emission, 0, std::slice::from_ref(&emission));
-        let started = Instant::now();
         let mut frame = Frame::new(gpu, false);
         frame.compute("photons.trace", |pass| {
             let groups = [
@@ -270,12 +271,14 @@ impl Photons {
             });
             frame.submit()?;
         }
-        gpu.wait()?;
-        let seconds = started.elapsed().as_secs_f64().max(1e-5);
+        Ok(photons)
+    }
+
+    /// Takes notice of how long a batch took.
+    pub fn measure(&mut self, photons: u64, seconds: f64) {
         // Small batches do not fill the GPU, so approach its rate from below.
         let rate = photons as f64 / seconds;
         self.rate = rate.min((self.rate * 4.0).max(photons as f64 / seconds.max(0.01)));
-        Ok(photons)
     }
 }
 
@@ -284,12 +287,6 @@ impl PhotonFilm {
     pub fn clear(&self, frame: &mut Frame<'_>) {
         frame.clear(&self.sums);
         frame.clear(&self.pixels);
-    }
-
-    /// Mean radiance of each pixel.
-    pub fn radiance(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, GpuError> {
-        let pixels: Vec<[f32; 8]> = read_buffer(gpu, &self.pixels, self.pixels.size())?;
-        Ok(pixels.iter().map(|one| [one[0], one[1], one[2]]).collect())
     }
 }
 

@@ -5,15 +5,15 @@
 //!
 //! A step runs `plan` (one lane, which counts the paths and rays), `trace` (the shadow rays of the previous step and
 //! the paths' rays) and `shade` (the vertices; lists the paths and shadow rays to continue with). The host reads
-//! nothing back until it has submitted the estimated number of steps. It adds steps until the batch is done; then
-//! `resolve` adds the batch's samples to the film.
+//! nothing back until it has submitted the estimated number of steps, or as many as the caller lets it trace rays. It
+//! adds steps until the batch is done; then `resolve` adds the batch's samples to the film.
 
 #[cfg(test)]
 mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -24,6 +24,8 @@ const ROW_BYTES: u64 = 16;
 /// hold.
 const PATHS: u64 = 1 << 20;
 const PATHS_IN_SOFTWARE: u64 = 1 << 13;
+/// Paths in flight where few rays may be traced at a time: fewer would leave most lanes of any GPU idle.
+const LEAST_PATHS: u32 = 1 << 10;
 /// Samples in a batch per path in flight. The pool runs empty only at the end of a batch.
 const ITEMS_PER_PATH: u64 = 16;
 /// Steps added if a batch takes more than the previous one.
@@ -35,7 +37,7 @@ const STEPS_A_SUBMISSION: u32 = 16;
 /// `Pool` of pool.wesl, excluding its rows.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-struct Header {
+pub(super) struct Header {
     capacity: u32,
     items: u32,
     side: u32,
@@ -66,6 +68,19 @@ pub(super) struct Wavefront {
     items: u32,
     /// Steps that the last batch took per round of as many items as the pool has paths.
     steps_per_round: f64,
+}
+
+/// A batch of samples that is being traced.
+#[derive(Debug)]
+pub(super) struct Batch {
+    /// Number of its blocks.
+    pub blocks: u32,
+    items: u32,
+    rounds: f64,
+    /// Steps that it should still take.
+    steps: u32,
+    /// Most paths that a step may have.
+    most_paths: u32,
 }
 
 /// A kernel with its bind groups 1 and 3.
@@ -196,54 +211,80 @@ impl Wavefront {
         self.items
     }
 
-    /// Takes the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel, and
-    /// adds them to a film.
-    pub fn run(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        film: &wgpu::BindGroup,
-        blocks: u32,
-        samples: u32,
-    ) -> Result<(), GpuError> {
+    /// Begins the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel. Fewer
+    /// `rays` than the pool has paths leave room for no more paths.
+    pub fn begin(&self, gpu: &Gpu, blocks: u32, samples: u32, rays: u64) -> Batch {
+        let least = self.capacity.min(LEAST_PATHS);
+        let capacity = rays.clamp(u64::from(least), u64::from(self.capacity)) as u32;
         let header = Header {
-            capacity: self.capacity,
+            capacity,
             items: blocks * 64 * samples,
             ..Default::default()
         };
         gpu.write(&self.pool, 0, std::slice::from_ref(&header));
-        let rounds = f64::from(header.items) / f64::from(self.capacity) + 1.0;
-        let mut steps = (self.steps_per_round * rounds) as u32 + MORE_STEPS / 2;
-        loop {
-            let mut left = steps;
-            while left > 0 {
-                let portion = left.min(STEPS_A_SUBMISSION);
-                let mut frame = Frame::new(gpu, false);
-                frame.compute("path-tracer", |pass| {
-                    for _ in 0..portion {
-                        self.step(pass, scene);
-                    }
-                });
-                frame.submit()?;
-                left -= portion;
-            }
-            let size = std::mem::size_of::<Header>() as u64;
-            let after: Vec<Header> = read_buffer(gpu, &self.pool, size)?;
-            let begun = after[0].first_item + after[0].alive - after[0].kept;
-            let listed = after[0].listed + after[0].listed_shadow_rays;
-            if begun == header.items && listed == 0 {
-                self.steps_per_round = f64::from(after[0].steps) / rounds;
-                break;
-            }
-            steps = MORE_STEPS;
+        let rounds = f64::from(header.items) / f64::from(capacity) + 1.0;
+        Batch {
+            blocks,
+            items: header.items,
+            rounds,
+            steps: (self.steps_per_round * rounds) as u32 + MORE_STEPS / 2,
+            most_paths: capacity,
         }
+    }
+
+    /// Submits steps of a batch: as many as it should take, but at least one and about as many as trace `rays` rays.
+    /// What it returns is for [`Wavefront::follow`].
+    pub fn advance(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        batch: &mut Batch,
+        rays: u64,
+    ) -> Result<ReadBack<Vec<Header>>, GpuError> {
+        let affordable = (rays / u64::from(batch.most_paths.max(1))).max(1);
+        let mut left = u64::from(batch.steps).min(affordable) as u32;
+        batch.steps -= left;
+        while left > 0 {
+            let portion = left.min(STEPS_A_SUBMISSION);
+            let mut frame = Frame::new(gpu, false);
+            frame.compute("path-tracer", |pass| {
+                for _ in 0..portion {
+                    self.step(pass, scene);
+                }
+            });
+            frame.submit()?;
+            left -= portion;
+        }
+        begin_read_buffer(gpu, &self.pool, std::mem::size_of::<Header>() as u64)
+    }
+
+    /// Takes notice of how far a batch is. Once it is done, adds it to a film and returns true.
+    pub fn follow(
+        &mut self,
+        gpu: &Gpu,
+        film: &wgpu::BindGroup,
+        batch: &mut Batch,
+        after: &Header,
+    ) -> Result<bool, GpuError> {
+        let begun = after.first_item + after.alive - after.kept;
+        let listed = after.listed + after.listed_shadow_rays;
+        if begun < batch.items || listed > 0 {
+            // The last paths of a batch leave most of the pool empty: more steps then trace as many rays.
+            batch.most_paths = after.capacity.min(after.listed + (batch.items - begun));
+            if batch.steps == 0 {
+                batch.steps = MORE_STEPS;
+            }
+            return Ok(false);
+        }
+        self.steps_per_round = f64::from(after.steps) / batch.rounds;
         let mut frame = Frame::new(gpu, false);
         frame.compute("path-tracer.resolve", |pass| {
             let groups = [(1, film), (3, &self.resolve_pool)];
-            self.resolve.dispatch(pass, &groups, [blocks * 64, 1, 1]);
+            let invocations = [batch.blocks * 64, 1, 1];
+            self.resolve.dispatch(pass, &groups, invocations);
         });
         frame.submit()?;
-        Ok(())
+        Ok(true)
     }
 
     fn step(&self, pass: &mut wgpu::ComputePass<'_>, scene: &GpuScene) {

@@ -1,0 +1,157 @@
+//! The image so far: as numbers on the host, as a picture to be shown, and how noisy it is.
+
+use std::future::Future;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::PathTracer;
+use super::tile::{NOISE_PIXELS, sums_bytes};
+use crate::display::Comparison;
+use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer};
+use crate::lighting::LightingError;
+
+/// `Place` of reference/shown.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(super) struct Place {
+    pub tile_x: u32,
+    pub tile_y: u32,
+    pub tile_width: u32,
+    pub tile_height: u32,
+    pub image_width: u32,
+}
+
+/// Sums of reference/noise.wesl over all tiles, on their way to the host.
+#[derive(Debug)]
+pub(super) struct Sums(Vec<ReadBack<Vec<[u32; 3]>>>);
+
+impl Sums {
+    /// Relative variances and segments, once they have arrived.
+    pub fn get(&self) -> Option<Result<Vec<(f32, u64)>, GpuError>> {
+        let of_tiles: Option<Vec<_>> = self.0.iter().map(ReadBack::get).collect();
+        let of_tiles: Result<Vec<_>, _> = of_tiles?.into_iter().collect();
+        Some(of_tiles.map(|tiles| decoded(tiles.into_iter())))
+    }
+
+    fn wait(&self) -> Result<Vec<(f32, u64)>, GpuError> {
+        let of_tiles: Result<Vec<_>, _> = self.0.iter().map(ReadBack::wait).collect();
+        Ok(decoded(of_tiles?.into_iter()))
+    }
+}
+
+fn decoded(tiles: impl Iterator<Item = Vec<[u32; 3]>>) -> Vec<(f32, u64)> {
+    let sums = tiles.flatten().map(|[variance, low, high]| {
+        let segments = u64::from(low) + (u64::from(high) << 16);
+        (f32::from_bits(variance), segments)
+    });
+    sums.collect()
+}
+
+impl PathTracer {
+    /// Estimated relative mean squared error of the image so far, computed from the variance of its samples as
+    /// docs/measuring.md defines it. This is an upper estimate, because the samples are spread more evenly than
+    /// independent ones.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn noise(&self) -> Result<f64, LightingError> {
+        Ok(self.noise_of(&self.begin_sums()?.wait()?))
+    }
+
+    pub(super) fn noise_of(&self, sums: &[(f32, u64)]) -> f64 {
+        sums.iter().map(|sum| f64::from(sum.0)).sum::<f64>() / self.pixels()
+    }
+
+    /// Path segments (closest-hit rays) followed so far. Each pixel counts up to 2^32.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn segments(&self) -> Result<u64, LightingError> {
+        Ok(self.begin_sums()?.wait()?.iter().map(|sum| sum.1).sum())
+    }
+
+    /// Sums of relative variances and of segments, one per workgroup of reference/noise.wesl.
+    pub(super) fn begin_sums(&self) -> Result<Sums, GpuError> {
+        let of_tile = |tile: &super::tile::Tile| {
+            let mut frame = Frame::new(&self.gpu, false);
+            frame.compute("path-tracer.noise", |pass| {
+                let invocations = tile.pixels().div_ceil(NOISE_PIXELS) * 64;
+                self.noise_kernel
+                    .dispatch(pass, &[(1, &tile.sums_group)], [invocations, 1, 1]);
+            });
+            let sums = frame.read_back(&tile.sums, sums_bytes(tile.pixels()))?;
+            frame.submit()?;
+            Ok(sums)
+        };
+        let all: Result<Vec<_>, GpuError> = self.tiles.iter().map(of_tile).collect();
+        Ok(Sums(all?))
+    }
+
+    /// Mean linear radiance, three floats per pixel, in rows from top to bottom. Pixels without a sample are black.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn radiance(&self) -> Result<Vec<f32>, LightingError> {
+        let radiance = self.begin_radiance()?;
+        self.gpu.wait()?;
+        Ok(pollster::block_on(radiance)?)
+    }
+
+    /// The future of [`PathTracer::radiance`]: of the image so far, whatever is added before it resolves.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn begin_radiance(
+        &self,
+    ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, LightingError> {
+        let [width, height] = self.size.map(|side| side as usize);
+        let read = |gpu: &Gpu, film: &wgpu::Buffer, pixels: u32| {
+            begin_read_buffer::<[f32; 8]>(gpu, film, u64::from(pixels) * 32)
+        };
+        let mut tiles = Vec::new();
+        for tile in &self.tiles {
+            let film = read(&self.gpu, &tile.film, tile.pixels())?;
+            let photons = tile.photons.as_ref();
+            let photons = photons.map(|one| read(&self.gpu, &one.pixels, tile.pixels()));
+            tiles.push((tile.origin, tile.size, film, photons.transpose()?));
+        }
+        Ok(async move {
+            let mut picture = vec![0.0; width * height * 3];
+            for (origin, size, film, photons) in tiles {
+                let [x, y] = origin.map(|first| first as usize);
+                let mut film = film.await?;
+                if let Some(photons) = photons {
+                    for (sum, more) in film.iter_mut().zip(photons.await?) {
+                        (0..3).for_each(|channel| sum[channel] += more[channel]);
+                    }
+                }
+                for (row, pixels) in film.chunks_exact(size[0] as usize).enumerate() {
+                    let first = (y + row) * width + x;
+                    for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(pixels) {
+                        target.copy_from_slice(&pixel[..3]);
+                    }
+                }
+            }
+            Ok(picture)
+        })
+    }
+
+    /// Makes the image so far the reference of a comparison of its size, without the host.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn show(&self, comparison: &Comparison) -> Result<(), LightingError> {
+        let picture = [("picture", comparison.reference().as_entire_binding())];
+        let picture = self.shown_kernel.bind(&self.gpu, 2, &picture)?;
+        let mut frame = Frame::new(&self.gpu, false);
+        frame.compute("path-tracer.shown", |pass| {
+            for tile in &self.tiles {
+                let groups = [(1, &tile.shown_group), (2, &picture)];
+                let invocations = [tile.pixels(), 1, 1];
+                self.shown_kernel.dispatch(pass, &groups, invocations);
+            }
+        });
+        frame.submit()?;
+        Ok(())
+    }
+}
