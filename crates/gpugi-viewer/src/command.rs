@@ -9,6 +9,7 @@ use serde_json::Value;
 use crate::arguments::{REPEATED, SCENE};
 use crate::session::Session;
 use crate::technique_set::PATH_TRACER;
+use crate::viewer::Look;
 
 /// What addresses hold as it is.
 const ESCAPED: &AsciiSet = &NON_ALPHANUMERIC
