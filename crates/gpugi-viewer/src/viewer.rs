@@ -26,7 +26,7 @@ pub struct Start {
 }
 
 /// How a scene is shown.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Look {
     /// The camera, as `gpugi render --camera`.
     pub camera: Option<String>,
@@ -34,16 +34,6 @@ pub struct Look {
     pub display: DisplaySettings,
     /// Samples per pixel of a picture at rest, if people chose them.
     pub samples: Option<u32>,
-}
-
-impl Default for Look {
-    fn default() -> Self {
-        Self {
-            camera: None,
-            display: DisplaySettings::default(),
-            samples: None,
-        }
-    }
 }
 
 /// What is being opened.
