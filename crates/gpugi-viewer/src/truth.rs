@@ -12,8 +12,8 @@ use gpugi_scene::{Camera, Scene};
 
 use crate::task::Task;
 
-/// Time that a frame may take while the path tracer works (s).
-const FRAME_SECONDS: f32 = 0.05;
+/// Time from one piece to the next (s). Some frames pass until a page learns that a piece is done.
+const PIECE_SECONDS: f32 = 0.1;
 /// Fewest and most rays of a piece. The fewest keep the path tracer going where something else makes frames slow.
 const RAYS: [u64; 2] = [1 << 14, 1 << 26];
 
@@ -41,13 +41,16 @@ pub struct Reference {
     pub noise: Option<f64>,
 }
 
+/// A path tracer on its way, or why there is none.
+type Making = Task<Result<PathTracer, String>>;
+
 /// The path tracer at work.
 pub struct Truth {
     gpu: Gpu,
     settings: Settings,
     wake: Arc<dyn Fn() + Send + Sync>,
     /// A path tracer on its way, with the version of its scene and its size.
-    making: Option<(Task<Result<PathTracer, String>>, u64, [u32; 2])>,
+    making: Option<(Making, u64, [u32; 2])>,
     tracer: Option<(PathTracer, u64, [u32; 2])>,
     /// What it traces.
     view: Option<View>,
@@ -55,6 +58,8 @@ pub struct Truth {
     reference: Option<Reference>,
     /// Rays of the next piece.
     rays: u64,
+    /// Time since the last piece (s).
+    waited: f32,
     /// Whether it has failed.
     is_broken: bool,
 }
@@ -72,6 +77,7 @@ impl Truth {
             progress: None,
             reference: None,
             rays: RAYS[0],
+            waited: 0.0,
             is_broken: false,
         }
     }
@@ -139,15 +145,14 @@ impl Truth {
             traced.samples = view.samples;
             &traced.camera
         });
-        if self
-            .progress
-            .is_some_and(|progress| progress.fraction < 1.0)
-        {
-            let factor = (FRAME_SECONDS / seconds.max(1e-3)).clamp(0.5, 1.25);
-            self.rays = ((self.rays as f32 * factor) as u64).clamp(RAYS[0], RAYS[1]);
-        }
-        let before = self.progress.map_or(0, |progress| progress.samples);
+        self.waited += seconds;
+        let (before, pieces) = (tracer.samples(), tracer.pieces());
         let progress = tracer.try_render(camera, view.samples, self.rays)?;
+        if tracer.pieces() > pieces {
+            let factor = (PIECE_SECONDS / self.waited.max(1e-3)).clamp(0.5, 1.5);
+            self.rays = ((self.rays as f32 * factor) as u64).clamp(RAYS[0], RAYS[1]);
+            self.waited = 0.0;
+        }
         self.progress = Some(progress);
         let is_better = progress.samples > before;
         if is_better {

@@ -156,6 +156,8 @@ pub struct PathTracer {
     pass: Pass,
     /// What the GPU is at work on.
     batch: Option<Batch>,
+    /// Pieces of work given to the GPU so far.
+    pieces: u64,
     /// The noise of an image of so many samples, on its way to the host.
     sums: Option<(u32, Sums)>,
     /// The noise that was measured last, of so many samples.
@@ -313,6 +315,7 @@ impl PathTracer {
             samples: 0,
             pass: Pass::default(),
             batch: None,
+            pieces: 0,
             sums: None,
             noise: None,
             seed: 0,
@@ -454,6 +457,12 @@ impl PathTracer {
         })
     }
 
+    /// Pieces of work given to the GPU so far. [`PathTracer::try_render`] gives one when the GPU has done the last, so
+    /// their pace says how long they take.
+    pub fn pieces(&self) -> u64 {
+        self.pieces
+    }
+
     /// Takes the view of a camera.
     fn look(&mut self, camera: &Camera) {
         let view = View::new(
@@ -542,6 +551,7 @@ impl PathTracer {
             }
         };
         self.batch = Some(Batch { work, started });
+        self.pieces += 1;
         Ok(())
     }
 
@@ -563,6 +573,7 @@ impl PathTracer {
                         let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
                         let work = Work::Paths(batch, state);
                         self.batch = Some(Batch { work, started });
+                        self.pieces += 1;
                         continue;
                     }
                     let seconds = started.elapsed().as_secs_f64().max(1e-5);

@@ -211,8 +211,8 @@ impl Wavefront {
         self.items
     }
 
-    /// Begins the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel. Fewer
-    /// `rays` than the pool has paths leave room for no more paths.
+    /// Begins the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel. No more
+    /// than about `rays` paths are in flight, so that a step traces no more.
     pub fn begin(&self, gpu: &Gpu, blocks: u32, samples: u32, rays: u64) -> Batch {
         let least = self.capacity.min(LEAST_PATHS);
         let capacity = rays.clamp(u64::from(least), u64::from(self.capacity)) as u32;
