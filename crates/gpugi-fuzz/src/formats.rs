@@ -43,7 +43,7 @@ pub struct Outcome {
 }
 
 /// All formats.
-pub const ALL: [Format; 13] = [
+pub const ALL: [Format; 14] = [
     format("glb", seeds::glb, run_scene),
     format("gltf", seeds::gltf, run_scene),
     format("bake", seeds::bake, run_bake),
@@ -56,6 +56,7 @@ pub const ALL: [Format; 13] = [
     format("hdr", seeds::hdr, run_image),
     format("exr", seeds::exr, run_image),
     format("ktx2", seeds::ktx2, run_image),
+    format("nvdb", seeds::nvdb, run_scene),
     format("checkpoint", seeds::checkpoint, run_checkpoint),
 ];
 
@@ -163,11 +164,13 @@ fn use_scene(scene: &Scene, signature: &mut String) -> Result<(), String> {
             .collect::<Vec<_>>()
     });
     let (bottom, _) = BottomLevel::new(triangles).map_err(|error| error.to_string())?;
-    let instances: Vec<BvhInstance> = (scene.instances.iter())
-        .map(|instance| BvhInstance {
+    let spheres = scene.spheres().map_err(|(_, error)| error.to_string())?;
+    let instances: Vec<BvhInstance> = (scene.instances.iter().zip(spheres))
+        .map(|(instance, sphere)| BvhInstance {
             mesh: instance.mesh,
             world_from_mesh: instance.world_from_mesh,
             flags: 0,
+            sphere,
         })
         .collect();
     bottom

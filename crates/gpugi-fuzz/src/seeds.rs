@@ -547,6 +547,48 @@ pub fn ktx2() -> Vec<Case> {
     cases
 }
 
+/// A cloud of one leaf in the layout of NanoVDB 32, in floats and in bytes.
+pub fn nvdb() -> Vec<Case> {
+    const ROOT: usize = 672 + 64;
+    const UPPER: usize = ROOT + 64 + 32;
+    const LOWER: usize = UPPER + 270_400;
+    const LEAF: usize = LOWER + 33_856;
+    let grid = |value_type: u32| {
+        let mut grid = vec![0; LEAF + 96 + 4 * 512];
+        let mut put = |at: usize, value: &[u8]| grid[at..at + value.len()].copy_from_slice(value);
+        put(0, b"NanoVDB1");
+        put(16, &(32_u32 << 21).to_le_bytes());
+        put(40, b"density");
+        put(632, &[2]);
+        put(636, &value_type.to_le_bytes());
+        // The root with its box and a tile, an upper node, a lower one and the leaf, each with the way to the next.
+        put(672 + 24, &[64]);
+        put(ROOT + 12, &[7, 0, 0, 0, 7, 0, 0, 0, 7, 0, 0, 0, 1]);
+        put(ROOT + 64 + 8, &[64 + 32]);
+        put(UPPER + 4128, &[1]);
+        put(UPPER + 8256, &(LOWER - UPPER).to_le_bytes());
+        put(LOWER + 544, &[1]);
+        put(LOWER + 1088, &(LEAF - LOWER).to_le_bytes());
+        put(LEAF + 84, &0.1_f32.to_le_bytes());
+        for voxel in 0..512 {
+            put(LEAF + 96 + 4 * voxel, &(voxel as f32).to_le_bytes());
+        }
+        grid
+    };
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "extras": { "gpugi": { "medium": { "extinction": [1, 1, 1], "density": "a.nvdb" } } } }],
+    });
+    let case = |value_type| {
+        vec![
+            ("a.gltf".to_owned(), document.to_string().into_bytes()),
+            ("a.nvdb".to_owned(), grid(value_type)),
+        ]
+    };
+    vec![case(1), case(14)]
+}
+
 pub fn checkpoint() -> Vec<Case> {
     let begun = Checkpoint {
         atlas: atlas(&room()),

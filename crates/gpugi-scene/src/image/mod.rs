@@ -7,6 +7,7 @@ mod ktx2;
 mod ktx2_array;
 mod ktx2_volume;
 pub mod metrics;
+mod nanovdb;
 
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub(crate) use decode::{decode_color_within, srgb_from_linear};
@@ -16,6 +17,7 @@ pub(crate) use ktx2_array::{
     ArrayTexels, decode_byte, decode_half, decode_shared_exponent, encode as encode_array,
 };
 pub(crate) use ktx2_volume::{decode_volume, encode_volume};
+pub(crate) use nanovdb::{decode_nanovdb, is_nanovdb};
 
 /// Texels, row by row from the top, four channels per texel.
 #[derive(Debug, Clone, PartialEq)]

@@ -101,6 +101,34 @@ fn densities_have_8_16_or_32_bits() {
     }
 }
 
+/// A NanoVDB grid of one tile of density 2, with two active voxels.
+#[test]
+fn densities_may_be_nanovdb_files() {
+    let mut grid = vec![0; 672 + 64 + 64 + 32];
+    let mut put = |at: usize, value: &[u8]| grid[at..at + value.len()].copy_from_slice(value);
+    put(0, b"NanoVDB1");
+    put(16, &(32_u32 << 21).to_le_bytes());
+    // Of 32-bit floats; the root, the greatest corner of its box, and its tile.
+    put(636, &[1]);
+    put(672 + 24, &[64]);
+    put(736 + 16, &[1]);
+    put(736 + 24, &[1]);
+    put(736 + 64 + 20, &2.0_f32.to_le_bytes());
+    let imported = |density: &[u8]| {
+        let uri = data_uri(density);
+        filled(json!({ "extinction": [1.0, 1.0, 1.0], "density": uri })).try_import()
+    };
+    let scene = imported(&grid).unwrap();
+    let density = scene.media[0].density.as_ref().unwrap();
+    assert_eq!(
+        (density.size, &density.values[..]),
+        ([1, 2, 1], &[2.0, 2.0][..])
+    );
+    let error = imported(&grid[..700]).unwrap_err();
+    assert_eq!(error.place, "nodes[0].extras.gpugi.medium.density");
+    assert!(error.reason.contains("the file ends too early"), "{error}");
+}
+
 #[test]
 fn media_without_meaning_are_refused() {
     let place = "nodes[0].extras.gpugi.medium";

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::document::Document;
 use super::uri;
-use crate::image::decode_volume;
+use crate::image::{decode_nanovdb, decode_volume, is_nanovdb};
 use crate::import::quoted;
 use crate::{DensityGrid, ImportError, MAX_MEDIA, Medium, Name, PhaseFunction, Resolver};
 
@@ -122,7 +122,12 @@ impl<'a> Media<'a> {
             uri
         };
         let label = quoted(label);
-        let volume = decode_volume(&label, &bytes, &document.budget).map_err(|error| {
+        let decode = if is_nanovdb(&bytes) {
+            decode_nanovdb
+        } else {
+            decode_volume
+        };
+        let volume = decode(&label, &bytes, &document.budget).map_err(|error| {
             let reason = format!("\"{label}\": {}: {}", error.place, error.reason);
             document.error(place, reason)
         })?;
