@@ -1,5 +1,6 @@
 //! The same loop without a window: frames follow each other as fast as they can, and their times are written.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use gpugi::gpu::{AdapterChoice, Gpu};
@@ -29,37 +30,53 @@ pub struct FrameTimes {
     pub slowest_frame: usize,
     /// Time of each frame until the GPU has run it (ms).
     pub frames_ms: Vec<f64>,
+    /// Work on maps in each frame, in units of [`gpugi::lighting::Budget`].
+    pub work: Vec<u64>,
+    /// GPU time per frame of each pass, means of the last frames (ms). Empty if passes were not timed.
+    pub gpu_ms: BTreeMap<String, f64>,
 }
 
 /// Takes each frame of a recording: its number, and the session that shows it.
 pub type Recorder<'a> = &'a mut dyn FnMut(u32, &Session) -> Result<(), String>;
 
-/// Shows `frames` frames of `size` pixels after the first picture, while `script` runs. With `samples`, more frames
-/// follow until the picture at rest has so many per pixel. The resolution stays the same. Before `recorder` takes a
-/// frame, time stands still until it is complete. A device that is lost is made anew, once.
+/// What a run shows.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Frames {
+    /// Frames after the first picture.
+    pub count: u32,
+    /// Width and height (pixels); the resolution stays the same.
+    pub size: [u32; 2],
+    /// More frames follow until the picture at rest has so many samples per pixel.
+    pub samples: Option<u32>,
+    /// Whether the GPU times its passes, which makes frames a little slower.
+    pub are_timed: bool,
+}
+
+/// Shows `frames` after the first picture, while `script` runs. Before `recorder` takes a frame, time stands still until
+/// it is complete. A device that is lost is made anew, once.
 ///
 /// # Errors
 /// Why it cannot be shown.
 pub fn run(
     gpu: &Gpu,
     start: Start,
-    size: [u32; 2],
-    frames: u32,
+    frames: Frames,
     script: &Script,
-    samples: Option<u32>,
     mut recorder: Option<Recorder<'_>>,
 ) -> Result<(Viewer, FrameTimes), String> {
+    let Frames { size, samples, .. } = frames;
     let started = Instant::now();
     let mut viewer = Viewer::new(gpu, start, || {});
     viewer.finish_opening()?;
     let session = viewer.session().ok_or("there is no scene")?;
     session.pace.is_adaptive = false;
     session.samples = samples.unwrap_or(session.samples);
+    session.is_timed = frames.are_timed;
     while !show(&mut viewer, size)? {}
     let first_picture_seconds = started.elapsed().as_secs_f64();
-    let mut times = Vec::new();
+    let (mut times, mut work) = (Vec::new(), Vec::new());
     let mut device = Device::First;
-    for frame in 0..frames {
+    for frame in 0..frames.count {
         let began = Instant::now();
         for step in script.steps(frame) {
             let done = device.outlive(&mut viewer, |viewer| step.run(viewer));
@@ -77,6 +94,8 @@ pub fn run(
             recorder(frame, hold(viewer, false)?)
         })?;
         times.push(began.elapsed().as_secs_f64() * 1e3);
+        let session = viewer.session().ok_or("nothing is on show")?;
+        work.push(session.loaded().renderer.work());
     }
     if samples.is_some() {
         device.outlive(&mut viewer, |viewer| {
@@ -85,6 +104,15 @@ pub fn run(
             session.clock.is_playing = false;
             finish(viewer, size)
         })?;
+    }
+    let mut gpu_ms = BTreeMap::new();
+    if let Some(session) = viewer.session() {
+        session.pass_times.update();
+        let passes = session.pass_times.longest_first();
+        gpu_ms = passes
+            .into_iter()
+            .map(|(pass, time)| (pass.to_owned(), time))
+            .collect();
     }
     let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
     let (slowest_frame, slowest_ms) = slowest.map_or((0, 0.0), |(frame, time)| (frame, *time));
@@ -96,6 +124,8 @@ pub fn run(
         slowest_ms,
         slowest_frame,
         frames_ms: times,
+        work,
+        gpu_ms,
     };
     Ok((viewer, times))
 }

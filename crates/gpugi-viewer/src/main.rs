@@ -17,7 +17,7 @@ use gpugi_cli::output::{self, Format};
 use gpugi_cli::{Common, exit_code, log_to_stderr};
 use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::{ViewArguments, of_view_file};
-use gpugi_viewer::headless::{self, Recorder};
+use gpugi_viewer::headless::{self, Frames, Recorder};
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::Session;
 use gpugi_viewer::viewer::Start;
@@ -162,7 +162,13 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
     let files = [output, frame_times].into_iter().flatten();
     output::check_folders(files.map(PathBuf::as_path))?;
     let gpu = Gpu::open(&arguments.common.adapter)?;
-    let (size, samples) = (arguments.size, arguments.view.samples);
+    let size = arguments.size;
+    let shown = Frames {
+        count: frames,
+        size,
+        samples: arguments.view.samples,
+        are_timed: frame_times.is_some(),
+    };
     if let Some(folder) = record {
         output::make_folder(folder)?;
     }
@@ -174,8 +180,8 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
         output::write_png(&path, size, &pixels).map_err(|error| format!("{error:#}"))
     };
     let recorder = record.as_ref().map(|_| &mut write_frame as Recorder<'_>);
-    let (mut viewer, times) = headless::run(&gpu, start, size, frames, &script, samples, recorder)
-        .map_err(|reason| anyhow!(reason))?;
+    let (mut viewer, times) =
+        headless::run(&gpu, start, shown, &script, recorder).map_err(|reason| anyhow!(reason))?;
     if !arguments.common.quiet {
         println!(
             "{frames} frames of {}x{} on {}: first picture after {:.2} s, median {:.2} ms, slowest {:.2} ms (frame {})",

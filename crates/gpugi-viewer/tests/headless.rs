@@ -14,13 +14,19 @@ use gpugi_scene::image::save_exr;
 use gpugi_scene::{Camera, Scene};
 use gpugi_viewer::arguments::of_view_file;
 use gpugi_viewer::command::{command, view_file};
-use gpugi_viewer::headless;
+use gpugi_viewer::headless::{self, Frames};
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
 use gpugi_viewer::technique_set::TechniqueSet;
 use gpugi_viewer::viewer::{Look, Start, Viewer};
 
 const SIZE: [u32; 2] = [48, 32];
+const SHORT: Frames = Frames {
+    count: 6,
+    size: SIZE,
+    samples: None,
+    are_timed: false,
+};
 const SAMPLES: u32 = 4;
 
 /// The best adapter. `None` only if GPUGI_SKIP_GPU=1 allows it.
@@ -47,9 +53,13 @@ fn start(scene: &str, techniques: &[&str]) -> Start {
 /// What the viewer shows after a script.
 fn shown(gpu: &Gpu, start: Start, script: &str) -> (Viewer, Vec<f32>) {
     let script = Script::parse(script).unwrap();
-    let (mut viewer, times) =
-        headless::run(gpu, start, SIZE, 6, &script, Some(SAMPLES), None).unwrap();
-    assert_eq!(times.frames_ms.len(), 6);
+    let frames = Frames {
+        samples: Some(SAMPLES),
+        are_timed: true,
+        ..SHORT
+    };
+    let (mut viewer, times) = headless::run(gpu, start, frames, &script, None).unwrap();
+    assert_eq!((times.frames_ms.len(), times.work.len()), (6, 6));
     assert!(times.slowest_ms >= times.median_ms);
     let session = viewer.session().unwrap();
     let radiance = session.loaded().renderer.radiance().unwrap();
@@ -224,7 +234,7 @@ fn a_lost_device_is_made_anew_once() {
     );
     let script = Script::parse("1 lose-device\n3 lose-device").unwrap();
     let gpu = open().unwrap();
-    let twice = headless::run(&gpu, start, SIZE, 6, &script, None, None);
+    let twice = headless::run(&gpu, start, SHORT, &script, None);
     let reason = twice.err().unwrap();
     assert!(reason.contains("the GPU was lost"), "{reason}");
 }
@@ -249,16 +259,12 @@ fn a_recording_has_complete_frames_at_fixed_times() {
         Ok(())
     };
     let start = start("glass-room", &["shadow-map"]);
-    headless::run(
-        &gpu,
-        start,
-        SIZE,
-        3,
-        &script,
-        Some(SAMPLES),
-        Some(&mut recorder),
-    )
-    .unwrap();
+    let frames = Frames {
+        count: 3,
+        samples: Some(SAMPLES),
+        ..SHORT
+    };
+    headless::run(&gpu, start, frames, &script, Some(&mut recorder)).unwrap();
     let step = 1.0 / 60.0;
     let expected = [
         (0, step, SAMPLES),

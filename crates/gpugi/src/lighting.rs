@@ -18,7 +18,9 @@ use crate::prefiltered::Environments;
 use crate::scene::{Claims, GpuScene, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
-use crate::techniques::{Earlier, Figure, Generated, Inspection, Map, Plan, Registry, Technique};
+use crate::techniques::{
+    Earlier, Figure, Generated, Inspection, Map, Plan, Registry, Slice, Technique,
+};
 
 /// Lighting that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -112,6 +114,8 @@ pub struct Lighting {
     techniques: Vec<Box<dyn Technique>>,
     plans: Vec<Plan>,
     generated: Vec<Generated>,
+    /// Frames for which each technique has waited for a step.
+    waited: Vec<u32>,
     /// Grows with every setting.
     settings_version: u64,
     lights_elsewhere: bool,
@@ -171,6 +175,7 @@ impl Lighting {
             environments: Environments::default(),
             plans: Vec::new(),
             generated: vec![Generated::FINAL; techniques.len()],
+            waited: vec![0; techniques.len()],
             lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
             techniques,
             settings_version: 0,
@@ -328,6 +333,8 @@ impl Lighting {
         let (mut revision, mut lookups, mut is_final) = (0, 1, true);
         let waiting = self.techniques.iter().map(|one| one.waiting());
         let waiting: Vec<u64> = waiting.collect();
+        let longest = self.waited.iter().copied().max().unwrap_or(0);
+        let in_turn = self.waited.iter().position(|&frames| frames == longest);
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
             let left = budget.after(self.work);
@@ -345,10 +352,15 @@ impl Lighting {
                 revision,
                 self.lights_elsewhere,
             )
-            .within(left, lookups)
+            .within(Slice::new(left, in_turn == Some(index)), lookups)
             .refining(is_final);
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
-            self.work = self.work.saturating_add(earlier.work());
+            let slice = earlier.into_slice();
+            self.work = self.work.saturating_add(slice.work());
+            self.waited[index] = match slice.is_waiting() {
+                true => self.waited[index] + 1,
+                false => 0,
+            };
             self.generated[index] = generated;
             if let Some(what) = generated.pending {
                 // Later techniques would take the light of maps that are stale.

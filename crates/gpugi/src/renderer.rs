@@ -247,9 +247,7 @@ impl Renderer {
     /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is
     /// now.
     pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
-        self.samples = 0;
-        self.scene.update(&self.gpu, after)?;
-        self.lighting.validate(&mut self.scene)
+        self.change_scene(|scene, gpu| scene.update(gpu, after))
     }
 
     /// Edits the scene ([`GpuScene::edit`]); accumulation restarts.
@@ -257,17 +255,32 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::update`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
+        self.change_scene(|scene, gpu| scene.edit(gpu, edits))
+    }
+
+    /// Changes the scene. Techniques plan anew only if what they plan for has changed: that takes milliseconds, too long
+    /// for every frame of an animation.
+    fn change_scene(
+        &mut self,
+        change: impl FnOnce(&mut GpuScene, &Gpu) -> Result<(), GpuError>,
+    ) -> Result<(), LightingError> {
         let planned_for = |scene: &GpuScene| {
             let lights = scene.lights.iter().map(|light| light.kind);
             let has_kinds = lights.fold([false; 2], |[directional, other], kind| {
                 let is_directional = kind == LightKind::Directional;
                 [directional || is_directional, other || !is_directional]
             });
-            (scene.versions.objects, light_classes(scene), has_kinds)
+            let counts = [scene.lights.len(), scene.emitters.len(), scene.media.len()];
+            (
+                scene.versions.objects,
+                light_classes(scene),
+                has_kinds,
+                counts,
+            )
         };
         let before = planned_for(&self.scene);
         self.samples = 0;
-        self.scene.edit(&self.gpu, edits)?;
+        change(&mut self.scene, &self.gpu)?;
         if planned_for(&self.scene) == before {
             return Ok(());
         }

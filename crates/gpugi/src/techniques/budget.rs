@@ -1,5 +1,7 @@
 //! How much work on maps a frame may do.
 
+use std::cell::Cell;
+
 /// A limit on the work that a frame may do on maps, so that a live view stays fluent while they are made. Its unit
 /// does not depend on the machine: one ray traced; one light, map or depth comparison looked up at one point; or one
 /// pixel drawn of a cube or a depth map. A caller that wants to keep a frame time measures milliseconds per unit
@@ -7,9 +9,8 @@
 /// are the same, whatever the budget, but for cubes of mirrors that show each other, which depend on the order in which
 /// they were lit.
 ///
-/// Techniques work in steps and begin no further step once the frame's steps have used up the budget. But each
-/// technique that has something to do takes at least one step per frame, so a frame exceeds its budget by at most one
-/// step of each technique. A step is all depth maps of one light sample, the capture of one object's cube with its
+/// Techniques work in steps and begin no further step once the frame's steps have used up the budget. The technique that
+/// has waited longest for a step takes one all the same, so a frame exceeds its budget by at most two steps. A step is all depth maps of one light sample, the capture of one object's cube with its
 /// light, one frame of photons of one object with the capture of its surroundings, or less. The depth maps and the domains of image-based lighting are not cut into steps.
 ///
 /// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
@@ -41,9 +42,55 @@ impl Budget {
     pub(crate) fn is_limited(self) -> bool {
         self != Self::UNLIMITED
     }
+}
 
-    /// Whether a technique that has done `work` may begin another step.
-    pub(crate) fn allows_step(self, work: u64) -> bool {
-        work == 0 || work < self.0
+/// A technique's part of a frame's budget.
+#[derive(Debug, Clone)]
+pub(crate) struct Slice {
+    budget: Budget,
+    /// Whether it is the technique's turn: its first step does not depend on the budget.
+    is_in_turn: bool,
+    /// Work that it has done so far in this frame, in units of [`Budget`].
+    work: u64,
+    was_refused: Cell<bool>,
+}
+
+impl Slice {
+    pub(crate) fn unlimited() -> Self {
+        Self::new(Budget::UNLIMITED, true)
+    }
+
+    pub(crate) fn new(budget: Budget, is_in_turn: bool) -> Self {
+        Self {
+            budget,
+            is_in_turn,
+            work: 0,
+            was_refused: Cell::new(false),
+        }
+    }
+
+    /// Whether it may begin another step after `work` that it is going to do beside what it has done.
+    pub(crate) fn may_step_after(&self, work: u64) -> bool {
+        let work = self.work.saturating_add(work);
+        let may_step = (self.is_in_turn && work == 0) || work < self.budget.0;
+        self.was_refused.set(!may_step);
+        may_step
+    }
+
+    pub(crate) fn count(&mut self, work: u64) {
+        self.work = self.work.saturating_add(work.max(1));
+    }
+
+    pub(crate) fn work(&self) -> u64 {
+        self.work
+    }
+
+    pub(crate) fn is_limited(&self) -> bool {
+        self.budget.is_limited()
+    }
+
+    /// Whether it wanted a step and took none.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.work == 0 && self.was_refused.get()
     }
 }

@@ -21,6 +21,7 @@ mod registry;
 pub mod shadow_map;
 
 pub use budget::Budget;
+pub(crate) use budget::Slice;
 pub use map::{Map, MapRead, Texels};
 pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
@@ -281,11 +282,10 @@ pub struct Earlier<'a> {
     pub is_final: bool,
     /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
     pub lights_elsewhere: bool,
-    budget: Budget,
+    /// The technique's part of the frame's budget.
+    slice: Slice,
     /// What a gather of these techniques looks up per point.
     lookups: u64,
-    /// Work that the technique has done so far in this frame, in units of [`Budget`].
-    work: u64,
 }
 
 impl<'a> Earlier<'a> {
@@ -308,9 +308,8 @@ impl<'a> Earlier<'a> {
             revision,
             is_final: true,
             lights_elsewhere,
-            budget: Budget::UNLIMITED,
+            slice: Slice::unlimited(),
             lookups: 1,
-            work: 0,
         }
     }
 
@@ -324,9 +323,9 @@ impl<'a> Earlier<'a> {
     }
 
     /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point.
-    pub(crate) fn within(self, budget: Budget, lookups: u64) -> Self {
+    pub(crate) fn within(self, slice: Slice, lookups: u64) -> Self {
         Self {
-            budget,
+            slice,
             lookups,
             ..self
         }
@@ -337,19 +336,20 @@ impl<'a> Earlier<'a> {
         Self { is_final, ..self }
     }
 
-    /// Whether the technique may begin another step in this frame: always the first one.
+    /// Whether the technique may begin another step in this frame. To be asked only if it would; one that is refused its
+    /// first gets its turn in a later frame.
     pub fn may_step(&self) -> bool {
-        self.budget.allows_step(self.work)
+        self.slice.may_step_after(0)
     }
 
     /// Whether the frame has a budget: work that would otherwise be done at once is cut into steps.
     pub fn is_limited(&self) -> bool {
-        self.budget.is_limited()
+        self.slice.is_limited()
     }
 
     /// As [`Earlier::may_step`], after further work that the technique is going to do in this frame.
     pub(crate) fn may_step_after(&self, work: u64) -> bool {
-        self.budget.allows_step(self.work.saturating_add(work))
+        self.slice.may_step_after(work)
     }
 
     /// Work of a gather at the points.
@@ -360,12 +360,12 @@ impl<'a> Earlier<'a> {
     /// Counts work of the technique's own: rays traced, lookups at points, or pixels drawn. [`Earlier::gather`] counts by
     /// itself.
     pub fn count(&mut self, work: u64) {
-        self.work = self.work.saturating_add(work.max(1));
+        self.slice.count(work);
     }
 
-    /// Work that the technique has done so far in this frame.
-    pub(crate) fn work(&self) -> u64 {
-        self.work
+    /// Ends the technique's part of the frame.
+    pub(crate) fn into_slice(self) -> Slice {
+        self.slice
     }
 
     /// The maps `wanted` around objects, renewed as far as that is due; counts the pixels drawn. Afterwards
@@ -401,10 +401,12 @@ impl<'a> Earlier<'a> {
         wanted: Wanted,
         is_read: bool,
     ) -> Result<(&Prefiltered, Generated), GpuError> {
-        let (budget, work) = (self.budget, &mut self.work);
+        let slice = &mut self.slice;
         let takes = |step: u64| {
-            let may_step = budget.allows_step(*work);
-            *work = work.saturating_add(u64::from(may_step) * step);
+            let may_step = slice.may_step_after(0);
+            if may_step {
+                slice.count(step);
+            }
             may_step
         };
         let generated = if is_read {
