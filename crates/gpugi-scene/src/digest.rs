@@ -180,12 +180,14 @@ impl Feed for Instance {
             mesh,
             material,
             world_from_mesh,
+            is_sphere,
             node: _,
             origin: _,
         } = self;
         mesh.feed(hasher);
         material.feed(hasher);
         world_from_mesh.feed(hasher);
+        is_sphere.feed(hasher);
     }
 }
 

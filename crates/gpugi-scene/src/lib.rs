@@ -25,6 +25,7 @@ pub mod polygon;
 pub mod provoking;
 pub mod scene;
 pub mod simplify;
+pub mod sphere;
 pub mod tangents;
 pub mod transfer;
 
@@ -43,4 +44,5 @@ pub use names::Name;
 pub use panes::{LightPathPanes, SurfacePlace};
 pub use provoking::{ProvokingMesh, provoking_order};
 pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};
+pub use sphere::{Sphere, SphereError};
 pub use transfer::TransferVectors;

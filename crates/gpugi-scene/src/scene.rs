@@ -22,6 +22,8 @@ pub struct Instance {
     pub material: usize,
     /// World space (m) from mesh space; affine, possibly mirrored.
     pub world_from_mesh: Mat4,
+    /// Whether rays meet the sphere of which the mesh is a tessellation ([`Mesh::sphere`]), and not its triangles.
+    pub is_sphere: bool,
     /// The animation node that carries the instance, if any.
     pub node: Option<usize>,
     /// Where the instance comes from in its glTF file, if it comes from one.
@@ -305,6 +307,7 @@ impl Scene {
             mesh,
             material,
             world_from_mesh,
+            is_sphere: false,
             node: None,
             origin: None,
         });

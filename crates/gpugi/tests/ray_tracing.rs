@@ -307,3 +307,96 @@ fn odd_scenes_and_settings_are_handled() {
         assert!(refused.to_string().contains(value), "{refused}");
     }
 }
+
+/// A ball of few triangles that is a sphere looks like one of very many, reflected, refracted and by itself, in the path
+/// tracer and in ray-tracing.
+#[test]
+fn spheres_are_balls_of_endless_triangles() {
+    let Some(gpu) = gpu() else { return };
+    let ball = |material: &Material, segments: u32, is_sphere: bool| {
+        let mut scene = shining_room();
+        let ball = add(
+            &mut scene,
+            "ball",
+            sphere(0.5, segments),
+            material.clone(),
+            ASIDE,
+        );
+        scene.instances[ball].is_sphere = is_sphere;
+        // A mirror beside it shows its outline.
+        let beside = ASIDE + vec3(-0.8, 0.0, 0.3);
+        add(&mut scene, "beside", sphere(0.25, 48), mirror(), beside);
+        scene
+    };
+    let camera = toward(ASIDE);
+    let settings = ["bounces=4", "split=2"];
+    for material in [mirror(), glass(1.5)] {
+        let techniques = ["ray-tracing"];
+        let sphere = ball(&material, 16, true);
+        let mut renderer = renderer_of(&gpu, &sphere, &techniques, SIZE, "ray-tracing", &settings);
+        let found = measured(&gpu, &sphere, &camera, &mut renderer, [64, 512]);
+        // What cameras see directly has the outline of the mesh.
+        let error = rel_mse(&found);
+        let truth = &found.truth.radiance;
+        let apart = |segments, is_sphere| {
+            let scene = ball(&material, segments, is_sphere);
+            let mut renderer =
+                renderer_of(&gpu, &scene, &techniques, SIZE, "ray-tracing", &settings);
+            let other = measured(&gpu, &scene, &camera, &mut renderer, [1, 128]);
+            scenes::rel_mse(&other.truth.radiance, truth)
+        };
+        let [many, few] = [apart(128, false), apart(16, false)];
+        println!(
+            "{}: ray-tracing {error:.1e}; 128 segments {many:.1e}, 16 segments {few:.1e}",
+            material.name
+        );
+        assert!(error < 0.004, "{}: {error}", material.name);
+        assert!(many < 0.25 * few, "{}: {many} {few}", material.name);
+    }
+}
+
+/// Rasterized maps, texels and rays from them light a sphere as they light a ball of many triangles.
+#[test]
+fn other_techniques_light_spheres() {
+    let Some(gpu) = gpu() else { return };
+    let scene = |material: &Material, segments: u32, is_sphere: bool| {
+        let mut scene = room();
+        let ball = add(
+            &mut scene,
+            "ball",
+            sphere(0.5, segments),
+            material.clone(),
+            ASIDE,
+        );
+        scene.instances[ball].is_sphere = is_sphere;
+        scene
+    };
+    let grey = Material::matt("grey", Vec3::splat(0.7));
+    let camera = toward(ASIDE);
+    for (material, technique, settings) in [
+        (&grey, "radiosity", &["resolution=64", "iterations=32"][..]),
+        (&mirror(), "distance-impostor", &["resolution=64"]),
+        (
+            &glass(1.5),
+            "caustics",
+            &[
+                "frames=4",
+                "resolution=64",
+                "cube-resolution=64",
+                "shape-resolution=64",
+            ],
+        ),
+    ] {
+        let techniques = ["shadow-map", technique];
+        let shown = |segments, is_sphere| {
+            let scene = scene(material, segments, is_sphere);
+            let mut renderer = renderer_of(&gpu, &scene, &techniques, SIZE, technique, settings);
+            let go_on = |_, _| std::ops::ControlFlow::Continue(());
+            renderer.converge(&camera, false, go_on).expect("maps");
+            picture(&mut renderer, &camera, 4)
+        };
+        let apart = scenes::rel_mse(&shown(32, true), &shown(64, false));
+        println!("{techniques:?}: rel-mse {apart:.1e}");
+        assert!(apart < 0.01, "{techniques:?}: {apart}");
+    }
+}

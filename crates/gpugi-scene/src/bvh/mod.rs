@@ -20,7 +20,7 @@ pub use node::NODE_ROWS;
 pub use top::{MovedItem, TopLevel};
 use tree::Tree;
 
-use crate::Bounds;
+use crate::{Bounds, Sphere};
 
 /// Four words of the packed hierarchies.
 pub type Row = [u32; 4];
@@ -30,11 +30,15 @@ pub type Row = [u32; 4];
 pub const TRIANGLE_ROWS: u32 = 3;
 
 /// Rows per instance in a leaf: three rows of the affine transform from world space to the mesh's units, then one row
-/// with the row of the mesh's root, the instance's number, flags and zero.
+/// with the row of the mesh's root, the instance's number, flags and, of a sphere, the row that holds its centre and
+/// radius in the mesh's units.
 pub const INSTANCE_ROWS: u32 = 4;
 
 /// Flag of an instance whose material uses alpha: its hits are only candidates.
 pub const FLAG_ALPHA: u32 = 1;
+
+/// Flag of an instance that is a sphere: its triangles tell only which of them lies below a hit.
+pub const FLAG_SPHERE: u32 = 2;
 
 /// Maximum number of levels of a mesh's hierarchy. A deeper one is replaced by a balanced one, which holds 10^11
 /// triangles in this many levels.
@@ -97,6 +101,8 @@ pub struct BvhInstance {
     pub world_from_mesh: Mat4,
     /// [`FLAG_ALPHA`] or 0.
     pub flags: u32,
+    /// The sphere that stands for the mesh's triangles, in mesh space.
+    pub sphere: Option<Sphere>,
 }
 
 /// The hierarchies of meshes, as far as building top levels over them requires.
@@ -131,9 +137,9 @@ impl BottomLevel {
         Ok((bottom, rows))
     }
 
-    /// The triangles of all instances in `top`, for tests of every triangle without the hierarchy. `mesh_of` gives the
-    /// mesh of an instance. One entry per instance: its row, the row of its first triangle, and the number of triangles
-    /// before; then one that holds the number of all triangles.
+    /// The triangles and spheres of all instances in `top`, for tests of each without the hierarchy. `mesh_of` gives the
+    /// mesh of an instance. One entry per instance: its row, the row of its first triangle or of its sphere, and the
+    /// number of triangles and spheres before; then one that holds the number of all.
     ///
     /// # Errors
     /// [`BvhError::TooLarge`].
@@ -148,13 +154,12 @@ impl BottomLevel {
         for (instance, item) in top.items() {
             let mesh = &self.meshes[mesh_of(instance)];
             let row = first_item + item * INSTANCE_ROWS;
-            runs.push([
-                row,
-                mesh.first_triangle,
-                at_most("triangles", before, u32::MAX)?,
-                0,
-            ]);
-            before += mesh.triangles as usize;
+            let (first, count) = match top.sphere_row(item) {
+                Some(row) => (row, 1),
+                None => (mesh.first_triangle, mesh.triangles),
+            };
+            runs.push([row, first, at_most("triangles", before, u32::MAX)?, 0]);
+            before += count as usize;
         }
         let all = at_most("triangles", before, u32::MAX)?;
         runs.push([0, 0, all, 0]);
@@ -222,12 +227,18 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
     })
 }
 
-/// The transform from world space to the mesh's units, and the world-space box of the instance, grown by the largest
-/// rounding error of a ray's transform. `None` if there is nothing to hit.
-fn placed(mesh: &MeshTree, world_from_mesh: &Mat4) -> Option<(Mat4, Bounds)> {
+/// The transform from world space to the mesh's units, and the world-space box of the instance (of its mesh or of the
+/// sphere that stands for it), grown by the largest rounding error of a ray's transform. `None` if there is nothing to
+/// hit.
+fn placed(
+    mesh: &MeshTree,
+    sphere: Option<&Sphere>,
+    world_from_mesh: &Mat4,
+) -> Option<(Mat4, Bounds)> {
     if mesh.bounds.is_empty() {
         return None;
     }
+    let bounds = sphere.map_or(mesh.bounds, Sphere::bounds);
     let world_from_mesh = world_from_mesh.as_dmat4();
     let determinant = glam::DMat3::from_mat4(world_from_mesh).determinant();
     if determinant == 0.0 || !determinant.is_finite() {
@@ -236,8 +247,7 @@ fn placed(mesh: &MeshTree, world_from_mesh: &Mat4) -> Option<(Mat4, Bounds)> {
     let mesh_from_world = world_from_mesh.inverse();
     let matrix =
         (DMat4::from_scale(DVec3::splat(mesh.units_from_mesh)) * mesh_from_world).as_mat4();
-    let corners = mesh
-        .bounds
+    let corners = bounds
         .corners()
         .map(|corner| world_from_mesh.transform_point3(corner.as_dvec3()));
     let min = corners.into_iter().reduce(DVec3::min)?;

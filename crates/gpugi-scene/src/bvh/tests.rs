@@ -37,6 +37,7 @@ fn build(meshes: &[Vec<[Vec3; 3]>], instances: &[(usize, Mat4)]) -> Built {
             mesh,
             world_from_mesh,
             flags: 0,
+            sphere: None,
         })
         .collect();
     let (top, top_rows) = bottom.top_level(&instances).unwrap();
@@ -355,6 +356,7 @@ fn scattered(count: usize, reach: f32, random: &mut Random) -> Vec<BvhInstance> 
         world_from_mesh: Mat4::from_translation(random.vector() * reach)
             * Mat4::from_scale(Vec3::splat(0.1)),
         flags: 0,
+        sphere: None,
     };
     (0..count).map(place).collect()
 }
@@ -410,6 +412,7 @@ fn corners_that_are_not_finite_are_an_error() {
         mesh: 0,
         world_from_mesh: Mat4::from_scale(Vec3::splat(f32::NAN)),
         flags: 0,
+        sphere: None,
     };
     let (_, rows) = bottom.top_level(&[instance]).unwrap();
     assert_eq!(rows.len(), NODE_ROWS as usize);

@@ -5,10 +5,10 @@ use glam::Mat4;
 
 use super::tree::Tree;
 use super::{
-    BottomLevel, BvhError, BvhInstance, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node, placed,
-    row_number, traverse,
+    BottomLevel, BvhError, BvhInstance, FLAG_SPHERE, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node,
+    placed, row_number, traverse,
 };
-use crate::Bounds;
+use crate::{Bounds, Sphere};
 
 /// A tree whose refitted cost exceeds this multiple of the cost as built has become bad.
 const WORST: f64 = 1.5;
@@ -25,6 +25,8 @@ pub struct TopLevel {
     links: Vec<Row>,
     /// Leaf item of each instance; `None` for instances that are left out.
     items: Vec<Option<u32>>,
+    /// The sphere that each instance is, in mesh space.
+    spheres: Vec<Option<Sphere>>,
     /// [`TopLevel::cost`] as built.
     built_cost: f64,
     /// Moves since the cost was last computed.
@@ -43,7 +45,7 @@ pub struct MovedItem {
 }
 
 impl BottomLevel {
-    /// A top level over `instances`, and its rows, which follow the rows of the meshes: nodes, then leaf items. It
+    /// A top level over `instances`, and its rows, which follow the rows of the meshes: nodes, leaf items, spheres. It
     /// leaves out instances of meshes without triangles and instances whose transform has no inverse in 32-bit floats.
     ///
     /// # Errors
@@ -52,12 +54,19 @@ impl BottomLevel {
         let mut boxes = Vec::new();
         let mut rows_of_items: Vec<[Row; INSTANCE_ROWS as usize]> = Vec::new();
         let mut numbers = Vec::new();
+        let mut spheres: Vec<Row> = Vec::new();
         for (number, instance) in instances.iter().enumerate() {
             let mesh = &self.meshes[instance.mesh];
-            let Some((matrix, bounds)) = placed(mesh, &instance.world_from_mesh) else {
+            let sphere = instance.sphere.as_ref();
+            let Some((matrix, bounds)) = placed(mesh, sphere, &instance.world_from_mesh) else {
                 continue;
             };
-            let links = [mesh.root, number as u32, instance.flags, 0];
+            let mut links = [mesh.root, number as u32, instance.flags, 0];
+            if let Some(sphere) = sphere {
+                links[2] |= FLAG_SPHERE;
+                links[3] = spheres.len() as u32;
+                spheres.push(sphere_row(sphere, mesh.units_from_mesh));
+            }
             let [x, y, z] = matrix_rows(&matrix);
             boxes.push(bounds);
             rows_of_items.push([x, y, z, links]);
@@ -67,8 +76,15 @@ impl BottomLevel {
         at_most("levels", tree.depth as usize, TOP_LEVELS)?;
         let (mut rows, _) = node::encode(&tree, &boxes, self.rows, INSTANCE_ROWS);
         let order = tree.order.iter().map(|&item| item as usize);
+        let end_of_items = rows.len() + rows_of_items.as_flattened().len();
+        row_number(self.rows as usize + end_of_items + spheres.len())?;
+        for [.., links] in &mut rows_of_items {
+            if links[2] & FLAG_SPHERE != 0 {
+                links[3] += self.rows + end_of_items as u32;
+            }
+        }
         rows.extend(order.clone().flat_map(|item| rows_of_items[item]));
-        row_number(self.rows as usize + rows.len())?;
+        rows.extend(spheres);
         let start = match numbers.len() {
             1 => [self.rows + super::NODE_ROWS, 1],
             _ => [self.rows, traverse::FIRST_NODE],
@@ -83,6 +99,7 @@ impl BottomLevel {
             links: order.map(|item| rows_of_items[item][3]).collect(),
             tree,
             items,
+            spheres: instances.iter().map(|instance| instance.sphere).collect(),
             built_cost: 0.0,
             moves: 0,
         };
@@ -99,7 +116,12 @@ impl BottomLevel {
         mesh: usize,
         world_from_mesh: &Mat4,
     ) -> bool {
-        let is_placed = placed(&self.meshes[mesh], world_from_mesh).is_some();
+        let is_placed = placed(
+            &self.meshes[mesh],
+            top.spheres[number].as_ref(),
+            world_from_mesh,
+        )
+        .is_some();
         is_placed == top.items[number].is_some()
     }
 
@@ -113,7 +135,11 @@ impl BottomLevel {
         world_from_mesh: &Mat4,
     ) -> Option<MovedItem> {
         let item = top.items[number]?;
-        let (matrix, bounds) = placed(&self.meshes[mesh], world_from_mesh)?;
+        let (matrix, bounds) = placed(
+            &self.meshes[mesh],
+            top.spheres[number].as_ref(),
+            world_from_mesh,
+        )?;
         top.boxes[item as usize] = bounds;
         top.moves += 1;
         let [x, y, z] = matrix_rows(&matrix);
@@ -130,6 +156,12 @@ impl TopLevel {
     pub(super) fn items(&self) -> impl Iterator<Item = (usize, u32)> {
         let items = self.items.iter().enumerate();
         items.filter_map(|(instance, item)| item.map(|item| (instance, item)))
+    }
+
+    /// The row of a leaf item's sphere, if it is one.
+    pub(super) fn sphere_row(&self, item: u32) -> Option<u32> {
+        let [.., flags, row] = self.links[item as usize];
+        (flags & FLAG_SPHERE != 0).then_some(row)
     }
 
     /// Number of nodes.
@@ -195,6 +227,12 @@ fn area(bounds: &Bounds) -> f64 {
     }
     let extent = bounds.max.as_dvec3() - bounds.min.as_dvec3();
     extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
+}
+
+/// Centre and radius in the mesh's units.
+fn sphere_row(sphere: &Sphere, units_from_mesh: f64) -> Row {
+    let row = sphere.center.extend(sphere.radius).as_dvec4() * units_from_mesh;
+    row.as_vec4().to_array().map(f32::to_bits)
 }
 
 /// The three rows of an affine transform.

@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
-use super::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
+use super::{FLAG_ALPHA, FLAG_SPHERE, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
 
 /// A ray in world space: origin + t * direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,7 +17,7 @@ pub struct Ray {
     pub t_max: f32,
 }
 
-/// Where a ray meets a triangle.
+/// Where a ray meets a triangle, or a sphere: then the triangle is the one below, as seen from the sphere's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Distance in units of the length of the ray's direction.
@@ -152,6 +152,70 @@ impl Local {
     }
 }
 
+/// Where a line enters and leaves a sphere, in multiples of the direction's length; `None` if it misses it. Haines,
+/// Guenther and Akenine-Moeller, "Precision Improvements for Ray/Sphere Intersection" (Ray Tracing Gems, 2019).
+fn crossings(origin: Vec3, direction: Vec3, center: Vec3, radius: f32) -> Option<[f32; 2]> {
+    let f = origin - center;
+    let a = direction.length_squared();
+    let b = -f.dot(direction);
+    let nearest = f + direction * (b / a);
+    let discriminant = radius * radius - nearest.length_squared();
+    if discriminant <= 0.0 {
+        return None;
+    }
+    let c = (f.length() - radius) * (f.length() + radius);
+    let q = b + (a * discriminant).sqrt().copysign(b);
+    let (first, second) = (c / q, q / a);
+    Some([first.min(second), first.max(second)])
+}
+
+/// The hit on the sphere of an instance in these rows, beyond `t_min`.
+fn on_sphere(rows: &[Row], row: usize, ray: &Ray) -> Option<Hit> {
+    let (origin, direction) = in_mesh(rows, row, ray);
+    let [root, instance, _, sphere] = rows[row + 3];
+    let [x, y, z, radius] = rows[sphere as usize].map(f32::from_bits);
+    let center = Vec3::new(x, y, z);
+    let [enters, leaves] = crossings(origin, direction, center, radius)?;
+    let t = if enters > ray.t_min { enters } else { leaves };
+    let from_center = origin + direction * t - center;
+    let mut below = None;
+    let outward = Local::new(center, from_center);
+    let mut nodes = vec![root];
+    while let Some(row) = nodes.pop() {
+        let hits = outward.node(rows, row, 0.0, f32::MAX);
+        let node = &rows[row as usize..];
+        for bit in (24..32).filter(|bit| hits & 1 << bit != 0) {
+            let slot = (bit - 24) ^ outward.octant;
+            let inner = node[0][3] >> 24;
+            nodes.push(node[1][0] + (inner & !(u32::MAX << slot)).count_ones() * NODE_ROWS);
+        }
+        for item in (0..24).filter(|item| hits & 1 << item != 0) {
+            let row = node[1][1] + item * TRIANGLE_ROWS;
+            let found = outward.triangle(rows, row).filter(|(t, _)| *t > 0.0);
+            below = found
+                .map(|(_, barycentrics)| (rows[row as usize][3], barycentrics))
+                .or(below);
+        }
+    }
+    let (primitive, barycentrics) = below?;
+    (t > ray.t_min).then_some(Hit {
+        t,
+        instance,
+        primitive,
+        barycentrics,
+    })
+}
+
+/// A ray in the mesh's units of the instance in these rows: origin and direction.
+fn in_mesh(rows: &[Row], row: usize, ray: &Ray) -> (Vec3, Vec3) {
+    let [x, y, z] = [0, 1, 2].map(|i| Vec4::from_array(rows[row + i].map(f32::from_bits)));
+    let mesh_from_world = Mat4::from_cols(x, y, z, Vec4::W).transpose();
+    (
+        mesh_from_world.transform_point3(ray.origin),
+        mesh_from_world.transform_vector3(ray.direction),
+    )
+}
+
 /// The closest hit of `ray`, traversing from the `start` that [`super::TopLevel`] provides. On instances with alpha,
 /// `exists` accepts or rejects each candidate (instance, triangle, barycentrics).
 pub fn closest_hit(
@@ -248,15 +312,22 @@ fn traverse(
                 stack.push(nodes);
             }
             let row = (items[0] + item * INSTANCE_ROWS) as usize;
-            let [x, y, z] = [0, 1, 2].map(|i| Vec4::from_array(rows[row + i].map(f32::from_bits)));
-            let mesh_from_world = Mat4::from_cols(x, y, z, Vec4::W).transpose();
-            local = Local::new(
-                mesh_from_world.transform_point3(ray.origin),
-                mesh_from_world.transform_vector3(ray.direction),
-            );
             let [mesh, instance, flags, _] = rows[row + 3];
-            inside = Some((instance, flags, stack.len()));
-            nodes = [mesh, FIRST_NODE];
+            if flags & FLAG_SPHERE != 0 {
+                nodes = [0, 0];
+                if let Some(hit) = on_sphere(rows, row, ray).filter(|hit| hit.t < t_max) {
+                    t_max = hit.t;
+                    result.hit = Some(hit);
+                    if any {
+                        return result;
+                    }
+                }
+            } else {
+                let (origin, direction) = in_mesh(rows, row, ray);
+                local = Local::new(origin, direction);
+                inside = Some((instance, flags, stack.len()));
+                nodes = [mesh, FIRST_NODE];
+            }
         }
         result.stack = result.stack.max(stack.len());
         if nodes[1] & INNER == 0 {

@@ -10,5 +10,6 @@ mod materials;
 mod panes;
 mod preserved;
 mod scenes;
+mod spheres;
 mod splits;
 mod transfer;

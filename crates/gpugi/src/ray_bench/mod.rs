@@ -221,14 +221,14 @@ impl Bench<'_> {
         count_tests: bool,
         times: usize,
     ) -> Result<Vec<f64>, GpuError> {
-        let [alpha] = self.scene.ray_constants();
+        let counts = ("COUNT_TESTS", f64::from(u8::from(count_tests)));
         let kernel = Kernel::with_options(
             self.gpu,
             &shader!("ray_bench.rays"),
             entry,
             Some(&self.scene.ray_layout),
             &KernelOptions {
-                constants: &[alpha, ("COUNT_TESTS", f64::from(u8::from(count_tests)))],
+                constants: &[&self.scene.ray_constants()[..], &[counts]].concat(),
                 unchecked: !checked,
             },
         )?;

@@ -11,7 +11,7 @@ use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texture};
 use super::media::{check_media, have_same_grids};
 use super::motion::{moved, same_meshes};
-use super::rows::{is_mirrored, set_place, texture_slots};
+use super::rows::{is_mirrored, mesh_bounds, set_place, texture_slots};
 use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
 use super::{GpuScene, Object, Versions};
@@ -36,7 +36,7 @@ pub enum Edit {
         material: Box<Material>,
     },
     /// Replaces a mesh. Only its vertices are uploaded if the scene has no rays, the triangles and the number of
-    /// vertices are the same, and the mesh stays closed or open.
+    /// vertices are the same, the mesh stays closed or open, and no instance of it is a sphere.
     Mesh {
         /// Index into [`Scene::meshes`].
         index: usize,
@@ -127,7 +127,7 @@ impl GpuScene {
     /// differ.
     fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
         let before = &self.host;
-        let made_of = |one: &Instance| (one.mesh, one.material);
+        let made_of = |one: &Instance| (one.mesh, one.material, one.is_sphere);
         let is_named_as =
             |(a, b): (&Instance, &Instance)| a.name == b.name && made_of(a) == made_of(b);
         let mut instances = before.instances.iter().zip(&after.instances);
@@ -225,11 +225,17 @@ impl GpuScene {
                 let texture = |slot: &Option<TextureRef>| slot.map(|one| one.texture);
                 let read =
                     |one: &Material| texture_slots(one).map(|(slot, space)| (texture(slot), space));
-                drawn(before) == drawn(material) && read(before) == read(material)
+                // A sphere that emits is refused when the scene is uploaded.
+                let shows = |one: &Instance| one.is_sphere && one.material == *index;
+                let is_refused =
+                    material.emissive != Vec3::ZERO && self.host.instances.iter().any(shows);
+                drawn(before) == drawn(material) && read(before) == read(material) && !is_refused
             }
             Edit::Mesh { index, mesh } => {
                 let before = &self.host.meshes[*index];
+                let shows = |one: &Instance| one.is_sphere && one.mesh == *index;
                 self.rays.is_none()
+                    && !self.host.instances.iter().any(shows)
                     && before.positions.len() == mesh.positions.len()
                     && before.indices == mesh.indices
                     && self.geometry.meshes[*index].closed == mesh.is_closed()
@@ -289,7 +295,8 @@ impl GpuScene {
         let mut is_any_emitting = false;
         for &index in &moved {
             let instance = &self.host.instances[index];
-            let mesh_bounds = self.geometry.meshes[instance.mesh].bounds;
+            let mesh = &self.geometry.meshes[instance.mesh];
+            let mesh_bounds = mesh_bounds(&self.tables.instances[index], mesh);
             let bounds = mesh_bounds.transformed(&instance.world_from_mesh);
             set_place(&mut self.tables.instances[index], &instance.world_from_mesh);
             self.bounds_tree.set(index, bounds);
@@ -431,12 +438,12 @@ impl GpuScene {
         let materials = before.materials != after.materials
             || before.textures != after.textures
             || !are_same(&before.images, &after.images);
-        let instances = |of: fn(&Instance) -> (usize, usize)| {
+        let instances = |of: fn(&Instance) -> (usize, usize, bool)| {
             let [old, new] = [before, after].map(|one| one.instances.iter().map(of));
             !old.eq(new)
         };
-        let triangles = meshes || instances(|one| (one.mesh, 0));
-        let instances = instances(|one| (one.mesh, one.material));
+        let triangles = meshes || instances(|one| (one.mesh, 0, false));
+        let instances = instances(|one| (one.mesh, one.material, one.is_sphere));
         let geometry = meshes || before.instances != after.instances;
         // Materials and mirroring transforms decide the order and winding of triangles.
         let mirrored = |scene: &Scene| -> Vec<bool> {

@@ -475,3 +475,81 @@ fn what_there_is_not_is_refused_and_changes_nothing() {
         assert!(dark.edit(&gpu, &[edit]).is_err());
     }
 }
+
+/// A ball in the field, that is a sphere.
+fn with_sphere() -> (Scene, usize, usize) {
+    let mut scene = field(3);
+    let ball = scene.add_mesh(shapes::sphere(0.3, 16));
+    let grey = scene.add_material(Material::matt("ball", Vec3::splat(0.6)));
+    let index = scene.add_instance("ball", ball, grey, place(0.2, 0.6, 0.3));
+    scene.instances[index].is_sphere = true;
+    (scene, index, grey)
+}
+
+#[test]
+fn spheres_are_moved_and_painted() {
+    let Some(gpu) = test_gpu() else { return };
+    let (start, ball, grey) = with_sphere();
+    let names = ["shadow-map", "ray-tracing"].map(str::to_owned);
+    let new = |scene: &Scene| Renderer::new(&gpu, scene, [32; 2], &names).unwrap();
+    let mut kept = new(&start);
+    let before = rendered(&mut kept);
+    let squashed = Edit::Instance {
+        index: ball,
+        world_from_mesh: place(-0.4, 0.5, 0.3) * Mat4::from_scale(vec3(1.5, 0.5, -1.0)),
+    };
+    let mirror = material(&start, grey, |one| {
+        (one.roughness, one.metallic) = (0.0, 1.0);
+    });
+    let mesh = mesh(&start, start.instances[ball].mesh, |one| {
+        for position in &mut one.positions {
+            *position *= 1.2;
+        }
+    });
+    for edit in [
+        moved(&start, ball, vec3(0.3, 0.1, 0.0)),
+        squashed,
+        mirror,
+        mesh,
+    ] {
+        let edits = [edit];
+        kept.edit(&edits).unwrap();
+        let found = rendered(&mut kept);
+        let fresh = rendered(&mut new(&edited(&start, &edits)));
+        assert_eq!(worst(&found, &fresh), 0.0, "{edits:?}");
+        assert!(worst(&before, &fresh) > 1e-3, "{edits:?}");
+        kept.update(&start).unwrap();
+        assert_eq!(worst(&rendered(&mut kept), &before), 0.0, "{edits:?}");
+    }
+    // From a sphere to triangles.
+    let mut plain = start.clone();
+    plain.instances[ball].is_sphere = false;
+    kept.update(&plain).unwrap();
+    assert!(!kept.scene().has_spheres);
+    assert_eq!(
+        worst(&rendered(&mut kept), &rendered(&mut new(&plain))),
+        0.0
+    );
+}
+
+#[test]
+fn edits_that_no_sphere_bears_are_refused_and_change_nothing() {
+    let Some(gpu) = test_gpu() else { return };
+    let (start, ball, grey) = with_sphere();
+    let shape = start.instances[ball].mesh;
+    let mut on_gpu = GpuScene::with_rays(&gpu, &start).unwrap();
+    let versions = on_gpu.versions;
+    let emits = material(&start, grey, |one| one.emissive = Vec3::ONE);
+    let blends = material(&start, grey, |one| one.alpha_mode = AlphaMode::Blend);
+    let flattened = mesh(&start, shape, |one| {
+        one.positions.iter_mut().for_each(|one| one.y *= 0.5);
+    });
+    for (edit, reason) in [(emits, "emit"), (blends, "opaque"), (flattened, "ball")] {
+        let refused = on_gpu.edit(&gpu, &[edit]);
+        let Err(GpuError::Input { what }) = refused else {
+            panic!("{refused:?}");
+        };
+        assert!(what.contains("\"ball\"") && what.contains(reason), "{what}");
+        assert_eq!(on_gpu.versions, versions);
+    }
+}

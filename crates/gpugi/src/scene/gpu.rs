@@ -33,6 +33,7 @@ pub struct Instance {
     pub mirrored: u32,
     pub closed: u32,
     pub claims: u32,
+    pub sphere: [f32; 4],
 }
 
 /// `Material` of scene/tables.wesl.

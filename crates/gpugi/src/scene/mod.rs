@@ -120,6 +120,9 @@ pub struct Versions {
     pub objects: u64,
 }
 
+/// Names and values of [`GpuScene::ray_constants`].
+pub type RayConstants = [(&'static str, f64); 2];
+
 /// A scene on the GPU.
 #[derive(Debug)]
 pub struct GpuScene {
@@ -149,6 +152,8 @@ pub struct GpuScene {
     pub media: Vec<Medium>,
     /// Whether any instance has a material with alpha.
     pub has_alpha: bool,
+    /// Whether any instance is a sphere.
+    pub has_spheres: bool,
     /// Counts of changes.
     pub versions: Versions,
     /// Every instance as an object, for techniques that light only some of them.
@@ -243,7 +248,7 @@ impl GpuScene {
         })
     }
 
-    /// Where the ray hierarchy holds the triangles of all instances ([`gpugi_scene::bvh::BottomLevel::runs`]); `None`
+    /// Where the ray hierarchy holds the triangles and spheres of all instances ([`gpugi_scene::bvh::BottomLevel::runs`]); `None`
     /// without rays. Changes with [`Versions::geometry`] and [`Versions::instances`].
     ///
     /// # Errors
@@ -259,8 +264,11 @@ impl GpuScene {
     }
 
     /// Pipeline constants of shaders that trace rays in this scene, for [`crate::gpu::KernelOptions`].
-    pub fn ray_constants(&self) -> [(&'static str, f64); 1] {
-        [("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha)))]
+    pub fn ray_constants(&self) -> RayConstants {
+        [
+            ("SCENE_HAS_ALPHA", f64::from(u8::from(self.has_alpha))),
+            ("SCENE_HAS_SPHERES", f64::from(u8::from(self.has_spheres))),
+        ]
     }
 
     /// A kernel of a shader that traces rays in this scene, with `more` pipeline constants.
@@ -285,12 +293,12 @@ impl GpuScene {
         ("HAS_MEDIA", f64::from(u8::from(!self.media.is_empty())))
     }
 
-    /// Whether light passes through any surface: where alpha cuts it out, and by transmission. Shaders that trace rays
-    /// are compiled accordingly.
-    pub fn passages(&self) -> [bool; 2] {
+    /// For what shaders that trace rays are compiled: whether light passes through any surface, where alpha cuts it out
+    /// and by transmission, and whether any instance is a sphere.
+    pub fn ray_features(&self) -> [bool; 3] {
         let mut objects = self.objects.iter();
         let transmits = objects.any(|object| object.is_transmissive);
-        [self.has_alpha, transmits]
+        [self.has_alpha, transmits, self.has_spheres]
     }
 
     /// Whether light passes any surface without being scattered.

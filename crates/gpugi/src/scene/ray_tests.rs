@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec2, Mat4, Quat, Vec2, Vec3};
+use gpugi_scene::builtin::shapes::{sphere, transformed};
 use gpugi_scene::bvh::traverse::{Ray, closest_hit};
 use gpugi_scene::bvh::{FLAG_ALPHA, INSTANCE_ROWS, NODE_ROWS, Row, STACK_SIZE, TRIANGLE_ROWS};
 use gpugi_scene::{
@@ -514,4 +515,80 @@ fn shader_and_host_agree_on_the_layout() {
     assert_eq!(constant("TRIANGLE_ROWS"), TRIANGLE_ROWS);
     assert_eq!(constant("INSTANCE_ROWS"), INSTANCE_ROWS);
     assert_eq!(constant("FLAG_ALPHA"), FLAG_ALPHA);
+}
+
+/// Balls as spheres among triangles: flattened, turned, mirrored, far from their mesh's origin, tiny and huge.
+#[test]
+fn rays_hit_exact_spheres() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut random = Random(5);
+    for scale in [1e-6_f32, 1.0, 1e6] {
+        let mut scene = Scene::new("spheres");
+        let material = scene.add_material(Material::default());
+        let off_center = Vec3::new(0.3, -0.2, 0.1);
+        let ball = transformed(sphere(0.5, 16), &Mat4::from_translation(off_center));
+        let mesh = scene.add_mesh(ball);
+        for index in 0..12 {
+            let turn = Quat::from_axis_angle(random.direction(), index as f32);
+            let mirror = if index % 2 == 0 { 1.0 } else { -2.0 };
+            let sides = Vec3::new(1.0, 0.5 + random.next() as f32, mirror) * scale;
+            let at = random.direction() * 3.0 * scale;
+            let place = Mat4::from_scale_rotation_translation(sides, turn, at);
+            let instance = scene.add_instance("", mesh, material, place);
+            scene.instances[instance].is_sphere = index < 10;
+        }
+        let rays = rays(&mut random, 2000, 5.0 * scale, 3.0 * scale);
+        let uploaded = GpuScene::with_rays(&gpu, &scene).unwrap();
+        assert!(uploaded.has_spheres);
+        let hierarchy = uploaded.rays.as_ref().unwrap();
+        let rows: Vec<Row> = read_buffer(&gpu, &hierarchy.buffer, hierarchy.buffer.size()).unwrap();
+        let spheres = scene.spheres().unwrap();
+        let mut hits = 0;
+        for (ray, found) in rays.iter().zip(trace(&gpu, &uploaded, &rays)) {
+            let twin = closest_hit(&rows, hierarchy.start(), ray, |_, _, _| true).hit;
+            assert_eq!(found.any, u32::from(twin.is_some()));
+            let Some(twin) = twin else {
+                assert_eq!(found.instance, u32::MAX, "{ray:?}");
+                continue;
+            };
+            assert_eq!(found.instance, twin.instance, "{ray:?}");
+            assert!((found.t - twin.t).abs() <= 1e-5, "{found:?} {twin:?}");
+            let Some(sphere) = spheres[found.instance as usize] else {
+                continue;
+            };
+            hits += 1;
+            // In 64-bit floats, in the sphere's own space.
+            let mesh_from_world = scene.instances[found.instance as usize]
+                .world_from_mesh
+                .as_dmat4()
+                .inverse();
+            let center = sphere.center.as_dvec3();
+            let o = mesh_from_world.transform_point3(ray.origin.as_dvec3()) - center;
+            let d = mesh_from_world.transform_vector3(ray.direction.as_dvec3());
+            let b = o.dot(d) / d.length_squared();
+            let nearest = o - d * b;
+            let under = f64::from(sphere.radius).powi(2) - nearest.length_squared();
+            let t = -b - (under.max(0.0) / d.length_squared()).sqrt();
+            // Where a ray grazes the sphere, t depends on the root of what is rounded.
+            let slack = 1e-5 / (under.max(1e-4)).sqrt();
+            assert!(
+                (f64::from(found.t) - t).abs() < slack,
+                "{found:?}: t is {t} in {ray:?}"
+            );
+            // The point of the mesh lies below the hit.
+            let mesh = &scene.meshes[scene.instances[found.instance as usize].mesh];
+            let order = provoking_order(&mesh.indices, mesh.positions.len());
+            let corners = order.indices.as_chunks().0[found.primitive as usize];
+            let [a, b, c] = corners
+                .map(|corner: u32| mesh.positions[order.vertices[corner as usize] as usize])
+                .map(|corner| corner.as_dvec3() - center);
+            let [v, w] = found.barycentrics.map(f64::from);
+            let below = a * (1.0 - v - w) + b * v + c * w;
+            let above = o + d * f64::from(found.t);
+            let apart = below.normalize().distance(above.normalize());
+            assert!(apart < 1e-4, "{found:?}: {below} below {above}");
+            assert!(v.min(w).min(1.0 - v - w) > -1e-4, "{found:?}");
+        }
+        assert!(hits > 400, "{hits}");
+    }
 }

@@ -11,6 +11,7 @@ use gpugi_scene::{AlphaMode, Scene};
 
 use super::geometry::Geometry;
 use super::refit::{Refit, WorldBox};
+use super::rows::checked_spheres;
 use super::tables::joined;
 use crate::gpu::{Gpu, GpuError, Kernel};
 
@@ -49,16 +50,19 @@ impl Rays {
         mut buffer: wgpu::Buffer,
         refit_kernel: &Kernel,
     ) -> Result<Self, GpuError> {
+        let spheres = checked_spheres(scene)?;
         let instances: Vec<BvhInstance> = scene
             .instances
             .iter()
-            .map(|instance| BvhInstance {
+            .zip(spheres)
+            .map(|(instance, sphere)| BvhInstance {
                 mesh: instance.mesh,
                 world_from_mesh: instance.world_from_mesh,
                 flags: match scene.materials[instance.material].alpha_mode {
                     AlphaMode::Opaque => 0,
                     AlphaMode::Mask { .. } | AlphaMode::Blend => FLAG_ALPHA,
                 },
+                sphere,
             })
             .collect();
         let (top, rows) = bottom
@@ -88,7 +92,7 @@ impl Rays {
         self.top.start
     }
 
-    /// The triangles of all instances: [`BottomLevel::runs`].
+    /// The triangles and spheres of all instances: [`BottomLevel::runs`].
     pub fn runs(&self, gpu: &Gpu, scene: &Scene) -> Result<Vec<Row>, GpuError> {
         let runs = self
             .bottom

@@ -1,15 +1,29 @@
 //! Builds the rows of the scene's tables from its instances, materials and textures.
 
 use glam::{Mat4, Vec3};
-use gpugi_scene::{AlphaMode, Instance, Material, MaterialModel, Scene, TextureRef, Wrap};
+use gpugi_scene::{
+    AlphaMode, Bounds, Instance, Material, MaterialModel, Scene, Sphere, TextureRef, Wrap,
+};
 
 use super::geometry::PlacedMesh;
 use super::gpu;
 use super::images::{ImageArrays, ImagePlace};
+use crate::gpu::GpuError;
+
+/// The sphere that each instance is, if it is one.
+///
+/// # Errors
+/// [`GpuError::Input`] for instances that cannot be the sphere that they should be.
+pub(super) fn checked_spheres(scene: &Scene) -> Result<Vec<Option<Sphere>>, GpuError> {
+    scene.spheres().map_err(|(index, error)| GpuError::Input {
+        what: format!("instance {:?}: {error}", scene.instances[index].name),
+    })
+}
 
 pub(super) fn instance_row(
     instance: &Instance,
     mesh: &PlacedMesh,
+    sphere: Option<Sphere>,
     first_merged_vertex: u32,
 ) -> gpu::Instance {
     let mut row = gpu::Instance {
@@ -18,11 +32,22 @@ pub(super) fn instance_row(
         first_merged_vertex,
         material: instance.material as u32,
         vertex_count: mesh.vertex_count(),
-        closed: u32::from(mesh.closed),
+        closed: u32::from(mesh.closed || sphere.is_some()),
+        sphere: sphere.map_or([0.0; 4], |sphere| {
+            sphere.center.extend(sphere.radius).to_array()
+        }),
         ..bytemuck::Zeroable::zeroed()
     };
     set_place(&mut row, &instance.world_from_mesh);
     row
+}
+
+/// The box of an instance's mesh, and of the sphere that it may be, in mesh space.
+pub(super) fn mesh_bounds(row: &gpu::Instance, mesh: &PlacedMesh) -> Bounds {
+    let [x, y, z, radius] = row.sphere;
+    let center = Vec3::new(x, y, z);
+    let sphere = (radius > 0.0).then(|| Sphere { center, radius }.bounds());
+    sphere.map_or(mesh.bounds, |sphere| sphere.union(mesh.bounds))
 }
 
 /// Writes into an instance's row where it is.

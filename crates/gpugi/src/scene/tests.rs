@@ -165,7 +165,7 @@ fn table_structs_have_the_same_members_in_the_same_order() {
     };
     let shader = shader!("testing.tables");
     let instance = layout!(Instance: world_from_mesh_0 world_from_mesh_1 world_from_mesh_2 first_vertex_word
-        first_index_word first_merged_vertex material vertex_count mirrored closed claims);
+        first_index_word first_merged_vertex material vertex_count mirrored closed claims sphere);
     assert_eq!(names(reflected(&shader, "Instance")), names(instance));
     let material = layout!(Material: base_color emissive alpha_cutoff metallic roughness dielectric_f0 specular
         specular_color transmission model_a shininess model_b normal_scale model alpha_mode double_sided

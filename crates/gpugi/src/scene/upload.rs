@@ -14,7 +14,7 @@ use super::geometry::{Geometry, PlacedMesh};
 use super::images::{ImageArrays, images_used};
 use super::media::check_media;
 use super::rays::{Rays, hierarchy_buffer};
-use super::rows::instance_row;
+use super::rows::{checked_spheres, instance_row, mesh_bounds};
 use super::tables::Tables;
 use super::{Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
 use crate::gpu::{Gpu, GpuError, Kernel};
@@ -33,6 +33,7 @@ impl GpuScene {
     ) -> Result<Self, GpuError> {
         check_environment(scene.environment.as_ref())?;
         check_media(scene)?;
+        let spheres = checked_spheres(scene)?;
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
                 what: "materials of a scene".into(),
@@ -60,7 +61,7 @@ impl GpuScene {
         let mut index_count: u64 = 0;
         for (index, instance) in scene.instances.iter().enumerate() {
             let mesh = &meshes[instance.mesh];
-            instances[index] = instance_row(instance, mesh, vertex_count as u32);
+            instances[index] = instance_row(instance, mesh, spheres[index], vertex_count as u32);
             if use_of != Use::Rays {
                 vertex_count += u64::from(mesh.vertex_count());
                 index_count += mesh.order.indices.len() as u64;
@@ -112,8 +113,8 @@ impl GpuScene {
                 instance: index as u32,
                 is_closed: mesh.closed,
                 indices: first..merged_indices.len() as u32,
-                bounds: mesh.bounds.transformed(&instance.world_from_mesh),
-                mesh_bounds: mesh.bounds,
+                bounds: mesh_bounds(row, mesh).transformed(&instance.world_from_mesh),
+                mesh_bounds: mesh_bounds(row, mesh),
             });
         }
 
@@ -121,10 +122,14 @@ impl GpuScene {
             Some(before) => before.images.clone(),
             None => ImageArrays::new(gpu, scene)?,
         };
-        let world_bounds = scene.instances.iter().map(|instance| {
-            let bounds = meshes[instance.mesh].bounds;
-            bounds.transformed(&instance.world_from_mesh)
-        });
+        let world_bounds = scene
+            .instances
+            .iter()
+            .zip(&instances)
+            .map(|(instance, row)| {
+                let bounds = mesh_bounds(row, &meshes[instance.mesh]);
+                bounds.transformed(&instance.world_from_mesh)
+            });
         let bounds_tree = BoundsTree::new(world_bounds);
         let bounds = bounds_tree.all();
         let tables = Tables::new(gpu, scene, instances, &images, (&scene.media, &bounds))?;
@@ -207,6 +212,7 @@ impl GpuScene {
             bounds_tree,
             environment: scene.environment.clone(),
             media: scene.media.clone(),
+            has_spheres: scene.instances.iter().any(|instance| instance.is_sphere),
             has_alpha: scene
                 .instances
                 .iter()

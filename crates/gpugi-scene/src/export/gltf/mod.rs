@@ -28,10 +28,11 @@ use crate::atlas::{Atlas, InstanceUvs};
 use crate::import::gltf::document::Document;
 use crate::import::gltf::{self as import, geometry, instancing};
 use crate::{LightPathPanes, Limits, Origin, Resolver, Scene};
-use json::{Json, array, object, remove_empty};
+use json::{Json, Object, array, object, remove_empty};
 use material::Use;
 use output::Output;
 use primitive::Triangles;
+use textures::LightTexture;
 pub use transfer::Transfer;
 
 /// What a bake stores for the texels of its atlas, besides pages.
@@ -271,6 +272,14 @@ impl<'a> Baker<'a> {
                 scale: scales[instance].to_bits(),
             };
             uses.insert((target, primitive), wanted);
+            // Unlit and emissive bakes emit, which no sphere may.
+            let light = &pages[uvs.page as usize].light;
+            if matches!(
+                light,
+                Some(LightTexture::Unlit { .. } | LightTexture::Emissive { .. })
+            ) {
+                take_sphere(self.output.json.at("nodes", carrier)?);
+            }
         }
         let nodes = self.output.json.list("nodes").iter();
         let still = |node: &Value| node["extensions"].get(instancing::NAME).is_some();
@@ -305,6 +314,7 @@ impl<'a> Baker<'a> {
             json.shift_remove("weights");
             let removed = object(json, "extensions").shift_remove(instancing::NAME);
             remove_empty(json, "extensions");
+            let is_sphere = take_sphere(json);
             let attributes = removed
                 .as_ref()
                 .and_then(|removed| removed["attributes"].as_object());
@@ -321,6 +331,9 @@ impl<'a> Baker<'a> {
             let mut standing = Vec::with_capacity(places.len());
             for (number, place) in places.into_iter().enumerate() {
                 let mut json = json!({ "mesh": mesh });
+                if is_sphere {
+                    json["extras"] = scene::sphere_extras();
+                }
                 if let Some(name) = &name {
                     json["name"] = json!(format!("{name} {number}"));
                 }
@@ -381,6 +394,18 @@ impl<'a> Baker<'a> {
         json.insert("mesh".to_owned(), copy.into());
         Ok(Some(copy))
     }
+}
+
+/// Makes triangles of a node's sphere; returns whether it was one.
+fn take_sphere(node: &mut Object) -> bool {
+    let Some(extras) = node.get_mut("extras").and_then(Value::as_object_mut) else {
+        return false;
+    };
+    let own = extras.get_mut("gpugi").and_then(Value::as_object_mut);
+    let taken = own.and_then(|own| own.shift_remove("sphere"));
+    remove_empty(extras, "gpugi");
+    remove_empty(node, "extras");
+    taken == Some(Value::Bool(true))
 }
 
 /// The whole chunks at the start of `bytes`.

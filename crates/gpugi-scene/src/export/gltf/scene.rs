@@ -29,6 +29,11 @@ pub struct Written {
     pub warnings: Vec<String>,
 }
 
+/// The extras of a node whose mesh stands for a sphere.
+pub fn sphere_extras() -> Value {
+    json!({ "gpugi": { "sphere": true } })
+}
+
 /// Writes `scene`.
 pub fn write(scene: &Scene) -> Result<Written, ExportError> {
     let mut writer = Writer {
@@ -58,6 +63,10 @@ pub fn write(scene: &Scene) -> Result<Written, ExportError> {
             "mesh",
             mesh.into(),
         )?;
+        if instance.is_sphere {
+            let json = writer.output.json.at("nodes", node)?;
+            json.insert("extras".to_owned(), sphere_extras());
+        }
         origins.push(Some(Origin {
             node,
             place: None,

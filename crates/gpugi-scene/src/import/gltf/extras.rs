@@ -27,6 +27,12 @@ struct Conductor {
 }
 
 #[derive(Deserialize)]
+struct NodeExtras {
+    #[serde(default)]
+    sphere: bool,
+}
+
+#[derive(Deserialize)]
 struct LightExtras {
     #[serde(default)]
     radius: f32,
@@ -71,6 +77,16 @@ pub fn material_model(
             Ok(MaterialModel::Conductor { n, k })
         }
     }
+}
+
+/// Whether a node's extras make a sphere of its mesh.
+pub fn is_sphere(document: &Document, extras: &Value, place: &str) -> Result<bool, ImportError> {
+    let Some(value) = extras.get("gpugi") else {
+        return Ok(false);
+    };
+    let place = format!("{place}.extras.gpugi");
+    let extras = NodeExtras::deserialize(value).map_err(|error| document.error(place, error))?;
+    Ok(extras.sphere)
 }
 
 /// The radius of the emitter, from a light's extras: (m), or (rad) for a directional light. 0 if there is none.

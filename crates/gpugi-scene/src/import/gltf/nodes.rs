@@ -58,6 +58,12 @@ pub fn read_all(
         let medium = (placer.media).read(&source.extras, &place, "fog".into(), None, None)?;
         scene.media.extend(medium);
     }
+    if let Err((index, error)) = scene.spheres() {
+        let node = scene.instances[index]
+            .origin
+            .map_or(0, |origin| origin.node);
+        return Err(document.error(format!("nodes[{node}].extras.gpugi.sphere"), error));
+    }
     if placer.rig.moves() {
         scene.rig = Some(placer.rig);
         scene.pose(0.0);
@@ -262,6 +268,10 @@ impl Placer<'_> {
         if number.is_some() {
             return Ok(());
         }
+        if node.mesh.is_none() && extras::is_sphere(document, &node.extras, place)? {
+            let place = format!("{place}.extras.gpugi.sphere");
+            return Err(document.error(place, "the node has no mesh that stands for a sphere"));
+        }
         let medium_name = || format!("medium {}", scene.media.len()).into();
         let name = node.name.clone().unwrap_or_else(medium_name);
         let box_of_node = Some(world_from_node);
@@ -312,6 +322,7 @@ impl Placer<'_> {
         let Some(loaded) = self.geometries.get_mut(&mesh) else {
             return Ok(());
         };
+        let is_sphere = extras::is_sphere(document, &source.extras, place)?;
         let name = match (&source.name, &document.root.meshes[mesh].name) {
             (Some(name), _) | (None, Some(name)) => name.clone(),
             (None, None) => format!("node {node}").into(),
@@ -343,6 +354,11 @@ impl Placer<'_> {
                 _ => None,
             };
             let bends = skin.is_some() || !geometry.targets.is_empty();
+            if is_sphere && bends {
+                let place = format!("{place}.extras.gpugi.sphere");
+                let reason = "a sphere must not bend: its node has a skin, or its mesh has targets";
+                return Err(document.error(place, reason));
+            }
             let mesh = match primitive.shared {
                 Some(shared) if !bends => shared,
                 _ => {
@@ -373,6 +389,7 @@ impl Placer<'_> {
                 mesh,
                 material: primitive.material,
                 world_from_mesh,
+                is_sphere,
                 node: Some(carrier),
                 origin: Some(Origin {
                     node,

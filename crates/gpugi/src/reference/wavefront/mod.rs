@@ -170,7 +170,7 @@ impl Wavefront {
         let surfaces: Vec<_> = constants
             .iter()
             .copied()
-            .filter(|(name, _)| *name != "SCENE_HAS_ALPHA")
+            .filter(|(name, _)| !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES"].contains(name))
             .collect();
         let trace = hot(shader!("reference.wavefront.trace"), &rays)?;
         let shade = hot(shader!("reference.wavefront.shade"), &surfaces)?;

@@ -16,7 +16,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
+use crate::scene::{Claims, GpuScene, RayConstants, Versions, has_smooth_objects};
 use crate::settings::SettingSet;
 use crate::shader;
 use object::{Caustic, Making};
@@ -93,7 +93,7 @@ struct Trace {
     kernel: Kernel,
     tracer: Tracer,
     /// With which the pass of tracer `rays` is compiled.
-    constants: [(&'static str, f64); 1],
+    constants: RayConstants,
 }
 
 /// The passes of caustics.

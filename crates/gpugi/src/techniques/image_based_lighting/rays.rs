@@ -4,7 +4,7 @@ use super::Reflectivity;
 use super::gpu::{Direction, Range};
 use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::scene::GpuScene;
+use crate::scene::{GpuScene, RayConstants};
 use crate::shader;
 
 /// Most rays per dispatch: about 100 ms on a slow GPU.
@@ -16,7 +16,7 @@ struct Variant {
     reflectivity: Reflectivity,
     has_clear: bool,
     has_media: bool,
-    constants: [(&'static str, f64); 1],
+    constants: RayConstants,
 }
 
 impl Variant {

@@ -29,8 +29,8 @@ struct LitAs {
 #[derive(Debug)]
 pub(super) struct LightPathMaps {
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`] that the passes were compiled for.
-    passages: [bool; 2],
+    /// [`GpuScene::ray_features`] that the passes were compiled for.
+    ray_features: [bool; 3],
     pub capture: AtlasCapture,
     leaks: LeakTest,
     pub panes: Panes,
@@ -82,7 +82,7 @@ impl LightPathMaps {
         let buffer =
             |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
         Ok(Self {
-            passages: scene.passages(),
+            ray_features: scene.ray_features(),
             leaks: LeakTest::new(gpu, scene, &capture)?,
             panes: Panes::new(gpu, scene, settings, &capture, &lookup, stored)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,
@@ -113,7 +113,7 @@ impl LightPathMaps {
     /// Whether these are maps of the settings in the atlas.
     pub fn serves(&self, settings: &Settings, scene: &GpuScene, atlas: &Arc<Atlas>) -> bool {
         Arc::ptr_eq(&self.atlas, atlas)
-            && self.passages == scene.passages()
+            && self.ray_features == scene.ray_features()
             && self.panes.is_of(settings)
     }
 

@@ -54,8 +54,8 @@ pub struct Obscurances {
 pub(super) struct ObscuranceMaps {
     settings: Settings,
     atlas: Arc<Atlas>,
-    /// [`GpuScene::passages`] that the passes were compiled for.
-    passages: [bool; 2],
+    /// [`GpuScene::ray_features`] that the passes were compiled for.
+    ray_features: [bool; 3],
     solution: Solution,
     pub(super) capture: AtlasCapture,
     leaks: LeakTest,
@@ -117,7 +117,7 @@ impl Obscurances {
         let direct = capture.points().filter(|_| is_lit);
         Ok(ObscuranceMaps {
             settings: self.settings.clone(),
-            passages: scene.passages(),
+            ray_features: scene.ray_features(),
             gather: TexelGather::new(gpu, scene, &gather, &constants, &kept)?,
             light: Kernel::new(gpu, &light, "main", Some(&scene.layout))?,
             openness: scene.ray_kernel(gpu, &openness, &[])?,
@@ -224,7 +224,7 @@ impl Technique for Obscurances {
         };
         let is_made = |made: &ObscuranceMaps| {
             made.settings == self.settings
-                && made.passages == scene.passages()
+                && made.ray_features == scene.ray_features()
                 && Arc::ptr_eq(&made.atlas, &atlas)
         };
         let mut made = match self.made.take().filter(is_made) {

@@ -34,7 +34,7 @@ impl Rays {
         settings: &Settings,
         lookup: &AtlasLookup,
     ) -> Result<Self, GpuError> {
-        let [_, transmits] = scene.passages();
+        let [_, transmits, _] = scene.ray_features();
         let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
         let constants = [transmits, super::solution::colored(settings)];
         let kernel = scene.ray_kernel(gpu, &shader!("techniques.obscurances.rays"), &constants)?;

@@ -26,7 +26,7 @@ use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene, RayConstants, Versions};
 use crate::settings::SettingSet;
 use network::{Kernels, Network};
 use particles::{Particles, Placements};
@@ -111,7 +111,7 @@ struct Made {
 #[derive(Debug, Default)]
 pub struct ParticipatingMedia {
     settings: Settings,
-    kernels: Option<([(&'static str, f64); 1], Kernels)>,
+    kernels: Option<(RayConstants, Kernels)>,
     passes: Option<Arc<Passes>>,
     placements: Placements,
     made: Option<Made>,

@@ -32,8 +32,8 @@ pub(super) struct Saved {
 #[derive(Debug)]
 pub(super) struct LitTexels {
     pub places: Places,
-    /// [`GpuScene::passages`] that the passes were compiled for.
-    passages: [bool; 2],
+    /// [`GpuScene::ray_features`] that the passes were compiled for.
+    ray_features: [bool; 3],
     settings: Settings,
     pub transfer: Transfer,
     /// Work toward compressed vectors.
@@ -100,7 +100,7 @@ impl LitTexels {
             _ => None,
         };
         Ok(Self {
-            passages: scene.passages(),
+            ray_features: scene.ray_features(),
             settings: settings.clone(),
             compression: None,
             compressed: None,
@@ -127,7 +127,7 @@ impl LitTexels {
     ) -> bool {
         let made = self.transfer.glossy.as_ref();
         self.places.serves(scene, settings, atlas)
-            && self.passages == scene.passages()
+            && self.ray_features == scene.ray_features()
             && self.transfer.is_of(settings)
             && made.map_or(glossy.is_empty(), |made| made.is_of(glossy))
     }

@@ -108,13 +108,14 @@ pub struct Radiosity {
 }
 
 /// What of a scene decides how the passes are compiled.
-fn compiled_for(scene: &GpuScene) -> [bool; 5] {
-    let [has_alpha, transmits] = scene.passages();
+fn compiled_for(scene: &GpuScene) -> [bool; 6] {
+    let [has_alpha, transmits, has_spheres] = scene.ray_features();
     let is_see_through = scene.has_see_through(Claims::SHADOW);
     let has_media = !scene.media.is_empty();
     [
         has_alpha,
         transmits,
+        has_spheres,
         scene.has_gloss(),
         is_see_through,
         has_media,
@@ -126,7 +127,7 @@ fn compiled_for(scene: &GpuScene) -> [bool; 5] {
 struct LitTexels {
     atlas: Arc<Atlas>,
     /// What of the scene the passes were compiled for.
-    compiled_for: [bool; 5],
+    compiled_for: [bool; 6],
     kernels: Kernels,
     solution: Solution,
     gather: TexelGather,

@@ -85,7 +85,7 @@ pub struct RayTracing {
     has_objects: bool,
     passes: Option<Passes>,
     /// With which constants, and for which tracer, the passes are compiled.
-    compiled_for: Option<([(&'static str, f64); 2], Tracer)>,
+    compiled_for: Option<([(&'static str, f64); 3], Tracer)>,
     /// Most rays in flight, if not [`MOST_RAYS`].
     most_rays: Option<u64>,
 }
@@ -166,8 +166,9 @@ impl Technique for RayTracing {
                 reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
             });
         }
-        let [of_rays] = scene.ray_constants();
-        let wanted = Some(([of_rays, scene.media_constant()], self.settings.tracer));
+        let [alpha, spheres] = scene.ray_constants();
+        let constants = [alpha, spheres, scene.media_constant()];
+        let wanted = Some((constants, self.settings.tracer));
         if self.has_objects && self.compiled_for != wanted {
             self.passes = Some(Passes::new(frame.gpu, scene, &self.settings)?);
             self.compiled_for = wanted;

@@ -170,21 +170,45 @@ fn hits(gpu: &Gpu, scene: &Scene, tracer: &str) -> Vec<[u32; 4]> {
     found
 }
 
+fn assert_tracers_agree(gpu: &Gpu, scene: &Scene) {
+    let expected = hits(gpu, scene, "bvh");
+    let hit = |found: &&[u32; 4]| found[1] != u32::MAX && found[0] != 0;
+    let some = expected[..expected.len() / 2].iter().filter(hit);
+    assert!(some.count() > 300);
+    for tracer in ["engine", "cones"] {
+        let found = hits(gpu, scene, tracer);
+        let wrong = found.iter().zip(&expected).filter(|(a, b)| a != b).count();
+        assert_eq!(wrong, 0, "{tracer}: of {}", expected.len());
+    }
+}
+
 /// Also where two triangles are equally far, and where the triangles take several passes.
 #[test]
 fn all_tracers_find_the_same_hits() {
     let Some(gpu) = test_gpu() else { return };
     for shown in [Shown::MirrorBall, Shown::FlatMirror, Shown::GlassBall] {
-        let scene = scene(shown, 6_000, 3);
-        let expected = hits(&gpu, &scene, "bvh");
-        let hit = |found: &&[u32; 4]| found[1] != u32::MAX && found[0] != 0;
-        let some = expected[..expected.len() / 2].iter().filter(hit);
-        assert!(some.count() > 300);
-        for tracer in ["engine", "cones"] {
-            let found = hits(&gpu, &scene, tracer);
-            let wrong = found.iter().zip(&expected).filter(|(a, b)| a != b).count();
-            assert_eq!(wrong, 0, "{tracer}: of {}", expected.len());
+        assert_tracers_agree(&gpu, &scene(shown, 6_000, 3));
+    }
+}
+
+/// Spheres among triangles, two at the same place.
+#[test]
+fn all_tracers_find_the_same_spheres() {
+    let Some(gpu) = test_gpu() else { return };
+    for shown in [Shown::MirrorBall, Shown::GlassBall] {
+        let mut scene = scene(shown, 6_000, 2);
+        scene.instances[0].is_sphere = true;
+        let shining = scene.instances[1].material;
+        let ball = scene.instances[0].mesh;
+        for index in 0..40_u32 {
+            let angle = (index / 2) as f32;
+            let at = vec3(angle.cos(), 0.3 * (angle * 3.0).sin(), angle.sin());
+            let sides = vec3(0.3, 0.2, -0.4);
+            let place = Mat4::from_translation(at * 1.3) * Mat4::from_scale(sides);
+            let instance = scene.add_instance("sphere", ball, shining, place);
+            scene.instances[instance].is_sphere = true;
         }
+        assert_tracers_agree(&gpu, &scene);
     }
 }
 
