@@ -11,9 +11,10 @@ pub struct Header {
     pub generation: u32,
     pub listed: u32,
     pub triangle: u32,
+    pub step: u32,
     pub capacity: u32,
     pub counted: Counted,
-    pub padding: [u32; 2],
+    pub padding: u32,
 }
 
 /// `Counted` of rays.wesl.
@@ -33,7 +34,7 @@ pub struct Chunk {
     pub count: u32,
     pub bounces: u32,
     pub split: u32,
-    pub step: u32,
+    pub tests: u32,
     pub sees_only_environment: u32,
     pub media_directions: u32,
     pub marched_lights: u32,

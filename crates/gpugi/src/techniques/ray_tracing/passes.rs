@@ -18,11 +18,23 @@ const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
 /// Most rays in flight. A receiver with more points is handled in chunks.
 pub const MOST_RAYS: u64 = 1 << 20;
 /// Tests of a ray against a triangle in a dispatch of `engine`: some 10 ms on a large GPU, 100 ms on a small one, and
-/// likewise on a processor.
+/// likewise on a processor. Cones have spared at least three quarters of the tests wherever that was measured.
 const MOST_TESTS: u64 = 1 << 30;
 const MOST_TESTS_IN_SOFTWARE: u64 = 1 << 25;
-/// Of a triangle, a `vec4f`.
+const SPARED_BY_CONES: u64 = 4;
+/// Of a triangle or a block of them, a `vec4f`.
 const SPHERE_BYTES: u64 = 16;
+/// Triangles of a block: `BLOCK` of triangles.wesl.
+const BLOCK: u32 = 64;
+/// Invocations of a workgroup of `engine` and `cones`, and rays of a tile.
+const TILE: u32 = 256;
+/// `RAYS` of ray_groups.wesl.
+const RAYS_PER_GROUP: u32 = 32;
+/// Most groups of a tile's rays, which are in eight octants.
+const GROUPS_PER_TILE: u32 = TILE / RAYS_PER_GROUP + 7;
+/// Workgroups of an indirect dispatch along one axis.
+const MOST_WORKGROUPS: u32 = 65_535;
+const _: () = assert!(MOST_RAYS as u32 / TILE * GROUPS_PER_TILE <= MOST_WORKGROUPS);
 /// `ROW_OF_POINTS` of plan.wesl.
 const ROW_OF_POINTS: u32 = 1024;
 /// Bytes of the header that are zero when a chunk begins.
@@ -34,8 +46,8 @@ pub struct Passes {
     begin: Kernel,
     plan: Kernel,
     advance: Kernel,
-    /// Bounding spheres of triangles, for `cones`.
-    spheres: Option<Kernel>,
+    /// Bounding spheres of triangles and groups of rays, for `cones`.
+    of_cones: Option<[Kernel; 2]>,
     trace: Kernel,
     media_kernel: Kernel,
     shade: Kernel,
@@ -56,6 +68,8 @@ pub(super) struct InFlight {
     pub capacity: u32,
     pub rays: wgpu::Buffer,
     arguments: wgpu::Buffer,
+    /// `Groups` of ray_groups.wesl, for `cones`.
+    groups: Option<wgpu::Buffer>,
     /// The points that rays hit, which the techniques before this one light.
     hits: Receiver,
     hit_records: wgpu::TextureView,
@@ -64,8 +78,9 @@ pub(super) struct InFlight {
 /// The triangles of all instances.
 #[derive(Debug)]
 struct Triangles {
-    /// Bind group 2 of `trace`.
+    /// Bind group 2 of `trace`, and of `advance`.
     group: wgpu::BindGroup,
+    advance_group: wgpu::BindGroup,
     /// Bind group 2 of the pass that makes their bounding spheres, until it has run.
     spheres: Option<wgpu::BindGroup>,
     count: u32,
@@ -78,6 +93,9 @@ struct Triangles {
 struct Chunk {
     begin: [wgpu::BindGroup; 2],
     plan: [wgpu::BindGroup; 2],
+    advance: wgpu::BindGroup,
+    /// Groups the rays, for `cones`.
+    group: Option<wgpu::BindGroup>,
     trace: [wgpu::BindGroup; 2],
     media: [wgpu::BindGroup; 2],
     shade: [wgpu::BindGroup; 2],
@@ -98,6 +116,7 @@ impl Passes {
             Tracer::Cones => shader!("techniques.ray_tracing.cones"),
         };
         let plan = shader!("techniques.ray_tracing.plan");
+        let advance = shader!("techniques.ray_tracing.advance");
         let [begin, add] = [
             (shader!("techniques.ray_tracing.begin"), layout),
             (shader!("techniques.ray_tracing.add"), None),
@@ -109,12 +128,15 @@ impl Passes {
             ..Default::default()
         };
         let shade = Kernel::with_options(gpu, &shade, "main", layout, &options)?;
-        let spheres = (settings.tracer == Tracer::Cones)
-            .then(|| {
+        let of_cones = match settings.tracer {
+            Tracer::Cones => {
                 let shader = shader!("techniques.ray_tracing.spheres");
-                Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))
-            })
-            .transpose()?;
+                let spheres = Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))?;
+                let shader = shader!("techniques.ray_tracing.groups");
+                Some([spheres, Kernel::new(gpu, &shader, "main", None)?])
+            }
+            Tracer::Bvh | Tracer::Engine => None,
+        };
         let media = shader!("techniques.ray_tracing.media");
         let media_kernel = scene.ray_kernel(gpu, &media, &[])?;
         let none = Sources::none(gpu)?;
@@ -124,9 +146,9 @@ impl Passes {
         ];
         Ok(Self {
             begin: begin?,
-            spheres,
+            of_cones,
             plan: Kernel::new(gpu, &plan, "main", None)?,
-            advance: Kernel::new(gpu, &plan, "advance", None)?,
+            advance: Kernel::new(gpu, &advance, "main", None)?,
             trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
             media: (none, no_media),
             media_kernel,
@@ -155,10 +177,11 @@ impl Passes {
         let count = runs.last().map_or(0, |all| all[2]);
         let buffer = gpu.storage("ray-tracing.triangles [bytes]", &runs)?;
         let mut resources = vec![("runs", buffer.as_entire_binding())];
+        let advance_group = self.advance.bind(gpu, 2, &resources)?;
         let mut made_by = None;
         let spheres;
-        if let Some(kernel) = &self.spheres {
-            let bytes = u64::from(count.max(1)) * SPHERE_BYTES;
+        if let Some([kernel, _]) = &self.of_cones {
+            let bytes = u64::from(count.max(1) + count.div_ceil(BLOCK)) * SPHERE_BYTES;
             spheres = gpu.buffer(
                 "ray-tracing.spheres [bytes]",
                 bytes,
@@ -169,6 +192,7 @@ impl Passes {
         }
         self.triangles = Some(Triangles {
             group: self.trace.bind(gpu, 2, &resources)?,
+            advance_group,
             spheres: made_by,
             count,
             versions,
@@ -226,14 +250,14 @@ impl Passes {
             Some(made) if made.capacity >= wanted => made,
             _ => {
                 self.chunks.clear();
-                InFlight::new(gpu, wanted)?
+                InFlight::new(gpu, wanted, self.settings.tracer)?
             }
         };
         let Self {
             begin,
             plan,
             advance,
-            spheres,
+            of_cones,
             trace,
             shade,
             add,
@@ -244,7 +268,8 @@ impl Passes {
             ..
         } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
-        let kernels = [&*begin, plan, trace, media_kernel, shade, add];
+        let kernels = [&*begin, plan, advance, trace, media_kernel, shade, add];
+        let group_kernel = of_cones.as_ref().map(|[_, groups]| groups);
         let sees_only_environment = settings.environment == SeenEnvironment::Only;
         let chunks = chunks.of(receiver, || {
             let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
@@ -254,7 +279,7 @@ impl Passes {
                 count: count.min(points.saturating_sub(number * count)),
                 bounces: settings.bounces,
                 split: settings.split,
-                step: triangles_per_pass(gpu, count << settings.split),
+                tests: (most_tests(gpu, settings.tracer) / u64::from(TILE)) as u32,
                 sees_only_environment: u32::from(sees_only_environment),
                 media_directions: if sees_only_environment {
                     0
@@ -267,11 +292,11 @@ impl Passes {
                     media.marched_lights
                 },
             });
-            all.map(|chunk| in_flight.bind(gpu, kernels, receiver, chunk, settings.tracer))
+            all.map(|chunk| in_flight.bind(gpu, kernels, group_kernel, receiver, chunk))
                 .collect()
         })?;
         let own = (0, &scene.bind_group);
-        if let (Some(kernel), Some(all)) = (spheres, triangles.as_mut())
+        if let (Some([kernel, _]), Some(all)) = (&*of_cones, triangles.as_mut())
             && let Some(group) = all.spheres.take()
         {
             frame.compute("ray-tracing.spheres", |pass| {
@@ -291,25 +316,28 @@ impl Passes {
                     let [seen, rays] = &chunk.plan;
                     plan.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
                 });
+                if let (Some(kernel), Some(group)) = (group_kernel, &chunk.group) {
+                    frame.compute("ray-tracing.groups", |pass| {
+                        kernel.dispatch(pass, &[(3, group)], [in_flight.capacity, 1, 1]);
+                    });
+                }
                 frame.compute("ray-tracing.trace", |pass| {
                     let [seen, rays] = &chunk.trace;
                     let mut groups = vec![(0, &scene.ray_bind_group), (1, seen), (3, rays)];
                     let mut times = 1;
-                    if let Some(all) = triangles {
+                    if let Some(all) = &*triangles {
                         groups.push((2, &all.group));
-                        times = all.count.div_ceil(chunk.values.step).max(1);
+                        let values = &chunk.values;
+                        times = passes(all.count, values.count << values.split, values.tests);
                     }
                     for time in 0..times {
-                        if time > 0 {
-                            let [seen, rays] = &chunk.plan;
-                            advance.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
+                        if let (1.., Some(all)) = (time, &*triangles) {
+                            let groups = [(2, &all.advance_group), (3, &chunk.advance)];
+                            advance.dispatch(pass, &groups, [1, 1, 1]);
                         }
-                        if settings.tracer == Tracer::Cones {
-                            // Tiles of slots stay coherent; lists do not.
-                            trace.dispatch(pass, &groups, [in_flight.capacity, 1, 1]);
-                        } else {
-                            trace.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
-                        }
+                        // Of one workgroup per group of rays, if there are groups.
+                        let arguments = if group_kernel.is_some() { 24 } else { 12 };
+                        trace.dispatch_indirect(pass, &groups, &in_flight.arguments, arguments);
                     }
                 });
                 if chunk.values.marched_lights > 0 {
@@ -375,13 +403,22 @@ impl Passes {
     }
 }
 
-/// Triangles that a dispatch tests against so many rays: a multiple of those of a workgroup of `cones`.
-fn triangles_per_pass(gpu: &Gpu, rays: u32) -> u32 {
+/// Tests against triangles that rays of a dispatch may make, of which `cones` spares some.
+fn most_tests(gpu: &Gpu, tracer: Tracer) -> u64 {
     let tests = match gpu.adapter.device_type {
         wgpu::DeviceType::Cpu => MOST_TESTS_IN_SOFTWARE,
         _ => MOST_TESTS,
     };
-    (tests / u64::from(rays.max(1))).next_multiple_of(256) as u32
+    match tracer {
+        Tracer::Cones => tests * SPARED_BY_CONES,
+        Tracer::Bvh | Tracer::Engine => tests,
+    }
+}
+
+/// Passes in which so many rays are tested against all triangles: by the step that plan.wesl sets.
+fn passes(triangles: u32, rays: u32, tests: u32) -> u32 {
+    let step = u64::from((tests / rays.max(1)).max(1)) * u64::from(TILE);
+    u64::from(triangles).div_ceil(step).max(1) as u32
 }
 
 /// Slots for a receiver of so many points.
@@ -398,7 +435,7 @@ fn slots(gpu: &Gpu, points: u32, split: u32, most_rays: u64) -> u32 {
 }
 
 impl InFlight {
-    fn new(gpu: &Gpu, capacity: u32) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, capacity: u32, tracer: Tracer) -> Result<Self, GpuError> {
         let storage = wgpu::BufferUsages::STORAGE;
         let bytes = size_of::<gpu::Header>() as u64 + u64::from(capacity) * RAY_BYTES;
         let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
@@ -437,11 +474,16 @@ impl InFlight {
             output: Output::RadianceToEye,
             slots: Slots::default(),
         };
+        let groups = u64::from(capacity) + 2 * u64::from(capacity / TILE * GROUPS_PER_TILE);
+        let groups = (tracer == Tracer::Cones)
+            .then(|| gpu.buffer("ray-tracing.groups [bytes]", 4 * groups, storage))
+            .transpose()?;
         Ok(Self {
             capacity,
+            groups,
             arguments: gpu.buffer(
                 "ray-tracing.arguments",
-                12,
+                36,
                 storage | wgpu::BufferUsages::INDIRECT,
             )?,
             hits: Receiver::new(&hits, &Target::new(gpu, capacity)?),
@@ -450,14 +492,15 @@ impl InFlight {
         })
     }
 
-    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `media`, `shade` and `add`.
+    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `media`, `shade` and `add`, and to the kernel that
+    /// groups rays.
     fn bind(
         &self,
         gpu: &Gpu,
-        [begin, plan, trace, media, shade, add]: [&Kernel; 6],
+        [begin, plan, advance, trace, media, shade, add]: [&Kernel; 7],
+        group: Option<&Kernel>,
         receiver: &Receiver,
         values: gpu::Chunk,
-        tracer: Tracer,
     ) -> Result<Chunk, GpuError> {
         let chunk = gpu.uniform("ray-tracing.chunk", &values)?;
         let chunk = ("chunk", chunk.as_entire_binding());
@@ -475,11 +518,13 @@ impl InFlight {
             ("gathered", self.hits.target.radiance.as_entire_binding()),
             ("radiance", receiver.target.radiance.as_entire_binding()),
         ];
-        let of_trace = [hits_seen.clone(), chunk.clone()];
-        let of_trace = match tracer {
-            Tracer::Bvh => &of_trace[..1],
-            Tracer::Engine | Tracer::Cones => &of_trace,
-        };
+        let mut traced = vec![rays.clone()];
+        traced.extend(
+            self.groups
+                .as_ref()
+                .map(|groups| ("groups", groups.as_entire_binding())),
+        );
+        let grouped = [&traced[..], std::slice::from_ref(&arguments)].concat();
         Ok(Chunk {
             begin: [
                 begin.bind(gpu, 1, &[seen.clone(), chunk.clone(), points])?,
@@ -487,12 +532,20 @@ impl InFlight {
             ],
             plan: [
                 plan.bind(gpu, 1, &[seen.clone(), chunk.clone()])?,
-                plan.bind(gpu, 3, &[rays.clone(), arguments, hits_seen.clone()])?,
+                plan.bind(
+                    gpu,
+                    3,
+                    &[rays.clone(), arguments.clone(), hits_seen.clone()],
+                )?,
             ],
+            advance: advance.bind(gpu, 3, &[rays.clone(), arguments])?,
             trace: [
-                trace.bind(gpu, 1, of_trace)?,
-                trace.bind(gpu, 3, std::slice::from_ref(&rays))?,
+                trace.bind(gpu, 1, std::slice::from_ref(&hits_seen))?,
+                trace.bind(gpu, 3, &traced)?,
             ],
+            group: group
+                .map(|group| group.bind(gpu, 3, &grouped))
+                .transpose()?,
             media: [
                 media.bind(gpu, 1, &[hits_seen.clone(), chunk.clone()])?,
                 media.bind(gpu, 3, std::slice::from_ref(&rays))?,
@@ -523,6 +576,7 @@ impl InFlight {
         let points = &self.hits.points;
         let texels = u64::from(self.capacity) * 4;
         let buffers = [&self.rays, &points.points, &self.hits.target.radiance];
-        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + texels
+        let groups = self.groups.as_ref().map_or(0, wgpu::Buffer::size);
+        buffers.map(wgpu::Buffer::size).iter().sum::<u64>() + texels + groups
     }
 }

@@ -367,7 +367,7 @@ fn rays_are_counted() {
             "bytes of generation 1",
             "rays of generation 2",
         ];
-        let expected = [3072.0, 3072.0, 3072.0 * 204.0, 0.0];
+        let expected = [3072.0, 3072.0, 3072.0 * 208.0, 0.0];
         assert_eq!(figures(&mut renderer, names), expected);
     }
 }
