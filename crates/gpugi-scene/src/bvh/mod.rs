@@ -14,6 +14,8 @@ mod top;
 pub mod traverse;
 mod tree;
 
+use std::sync::Arc;
+
 use glam::{DMat4, DVec3, Mat4, Vec3};
 
 pub use node::NODE_ROWS;
@@ -79,8 +81,11 @@ pub enum BvhError {
     },
 }
 
+/// How much a kept tree's cost may grow, as a factor, before a new one is built.
+const MOST_GROWTH: f32 = 1.5;
+
 /// A mesh's hierarchy within the rows.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct MeshTree {
     root: u32,
     bounds: Bounds,
@@ -90,6 +95,9 @@ struct MeshTree {
     /// Power of two that scales the mesh's largest coordinate to about one. Without it, products of tiny or huge
     /// coordinates would leave the range of 32-bit floats.
     units_from_mesh: f64,
+    tree: Arc<Tree>,
+    /// [`Tree::cost`] when the tree was built.
+    cost: f32,
 }
 
 /// An instance to place in the top level.
@@ -121,6 +129,18 @@ impl BottomLevel {
     pub fn new(
         meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
     ) -> Result<(Self, Vec<Row>), BvhError> {
+        Self::default().following(meshes)
+    }
+
+    /// The same for meshes that may have deformed. A mesh with as many triangles as the one of its number had keeps that
+    /// one's tree, in boxes that are fitted anew, unless rays would pass through many more of them.
+    ///
+    /// # Errors
+    /// [`BvhError`].
+    pub fn following(
+        &self,
+        meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
+    ) -> Result<(Self, Vec<Row>), BvhError> {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
         for (mesh, triangles) in meshes.into_iter().enumerate() {
@@ -128,7 +148,7 @@ impl BottomLevel {
             if let Some(triangle) = triangles.iter().position(is_broken) {
                 return Err(BvhError::NotFinite { mesh, triangle });
             }
-            trees.push(append_mesh(&triangles, &mut rows)?);
+            trees.push(append_mesh(&triangles, self.meshes.get(mesh), &mut rows)?);
         }
         let bottom = Self {
             meshes: trees,
@@ -187,7 +207,11 @@ fn row_number(rows: usize) -> Result<u32, BvhError> {
     at_most("rows", rows, u32::MAX)
 }
 
-fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree, BvhError> {
+fn append_mesh(
+    triangles: &[[Vec3; 3]],
+    before: Option<&MeshTree>,
+    rows: &mut Vec<Row>,
+) -> Result<MeshTree, BvhError> {
     let root = row_number(rows.len())?;
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
     let largest = if bounds.is_empty() {
@@ -206,9 +230,28 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         .iter()
         .map(|corners| Bounds::of(corners.map(scaled)))
         .collect();
-    let tree = Tree::new(&boxes, MESH_LEVELS, 3);
-    at_most("levels", tree.depth as usize, MESH_LEVELS)?;
-    rows.extend(node::encode(&tree, &boxes, root, TRIANGLE_ROWS).0);
+    let kept = before
+        .filter(|before| before.triangles as usize == triangles.len())
+        .map(|before| {
+            let (encoded, bounds) = node::encode(&before.tree, &boxes, root, TRIANGLE_ROWS);
+            (
+                before.tree.clone(),
+                encoded,
+                before.cost,
+                Tree::cost(&bounds),
+            )
+        })
+        .filter(|(.., built, cost)| *cost <= MOST_GROWTH * built);
+    let (tree, encoded, cost) = match kept {
+        Some((tree, encoded, built, _)) => (tree, encoded, built),
+        None => {
+            let tree = Tree::new(&boxes, MESH_LEVELS, 3);
+            at_most("levels", tree.depth as usize, MESH_LEVELS)?;
+            let (encoded, bounds) = node::encode(&tree, &boxes, root, TRIANGLE_ROWS);
+            (Arc::new(tree), encoded, Tree::cost(&bounds))
+        }
+    };
+    rows.extend(encoded);
     let first_triangle = row_number(rows.len())?;
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
@@ -224,6 +267,8 @@ fn append_mesh(triangles: &[[Vec3; 3]], rows: &mut Vec<Row>) -> Result<MeshTree,
         first_triangle,
         triangles: triangles.len() as u32,
         units_from_mesh,
+        tree,
+        cost,
     })
 }
 

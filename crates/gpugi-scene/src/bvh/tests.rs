@@ -450,3 +450,78 @@ fn a_tree_is_built_again_when_it_has_become_bad() {
         &|number, _| instances[(number * 211) % 500].world_from_mesh
     ));
 }
+
+/// A sheet of 2 n^2 triangles with waves of a height.
+fn sheet(n: u32, height: f32) -> Vec<[Vec3; 3]> {
+    let corner = |x: u32, y: u32| {
+        let [x, y] = [x, y].map(|at| at as f32 / n as f32);
+        Vec3::new(x, y, height * (9.0 * x).sin() * (7.0 * y).cos())
+    };
+    let cells = (0..n * n).map(|cell| (cell % n, cell / n));
+    cells
+        .flat_map(|(x, y)| {
+            let corners = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| corner(x + i, y + j));
+            [
+                [corners[0], corners[1], corners[2]],
+                [corners[0], corners[2], corners[3]],
+            ]
+        })
+        .collect()
+}
+
+#[test]
+fn a_mesh_that_deforms_keeps_its_tree() {
+    let mut random = Random(11);
+    let before = [sheet(30, 0.1), soup(50, 0.5, &mut random)];
+    let after = [sheet(30, 0.3), before[1].clone()];
+    let instances = [(0, Mat4::IDENTITY), (1, Mat4::from_translation(Vec3::X))];
+    let fresh = build(&after, &instances);
+    let (built, _) = BottomLevel::new(before.iter().cloned()).unwrap();
+    let (bottom, mut rows) = built.following(after.iter().cloned()).unwrap();
+    for (a, b) in bottom.meshes.iter().zip(&built.meshes) {
+        assert!(Arc::ptr_eq(&a.tree, &b.tree));
+    }
+    let instances = instances.map(|(mesh, world_from_mesh)| BvhInstance {
+        mesh,
+        world_from_mesh,
+        flags: 0,
+        sphere: None,
+    });
+    let (top, top_rows) = bottom.top_level(&instances).unwrap();
+    rows.extend(top_rows);
+    let followed = Built {
+        rows,
+        start: top.start,
+        bottom,
+    };
+    followed.check_mesh(0, after[0].len());
+    followed.check_mesh(1, after[1].len());
+    let mut hits = 0;
+    for _ in 0..2000 {
+        let (origin, direction) = (random.vector() * 2.0, random.vector());
+        let [a, b] = [&followed, &fresh].map(|built| built.closest(origin, direction).hit);
+        let hit = |found: Option<_>| found.map(|hit: super::traverse::Hit| (hit.t, hit.primitive));
+        assert_eq!(hit(a), hit(b));
+        hits += u32::from(hit(a).is_some());
+    }
+    assert!(hits > 100, "{hits}");
+}
+
+#[test]
+fn a_mesh_that_changes_too_much_gets_another_tree() {
+    let before = sheet(30, 0.1);
+    let (bottom, _) = BottomLevel::new([before.clone()]).unwrap();
+    let mut shuffled = before.clone();
+    for index in 0..shuffled.len() {
+        shuffled.swap(index, (index * 7919) % before.len());
+    }
+    let (fewer, _) = before.split_at(before.len() - 1);
+    for after in [shuffled, fewer.to_vec()] {
+        let (followed, rows) = bottom.following([after.clone()]).unwrap();
+        assert!(!Arc::ptr_eq(
+            &followed.meshes[0].tree,
+            &bottom.meshes[0].tree
+        ));
+        assert_eq!(rows, BottomLevel::new([after]).unwrap().1);
+    }
+}

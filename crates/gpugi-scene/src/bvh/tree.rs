@@ -1,5 +1,6 @@
 //! The topology of an eight-wide tree over boxes: which boxes lie below which child.
 
+use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
 
@@ -32,6 +33,18 @@ impl Tree {
         } else {
             Self::balanced(binary.primitive_indices, most_items)
         }
+    }
+
+    /// Nodes that a random line through the root's box passes on average, given the boxes of nodes: the ratio of areas, by
+    /// the surface area heuristic.
+    pub fn cost(bounds: &[Bounds]) -> f32 {
+        // As in binary.rs, so that flat boxes count.
+        let area = |one: &Bounds| {
+            let size = (one.max - one.min).max(Vec3::ZERO);
+            size.x * size.y + size.y * size.z + size.z * size.x + size.element_sum() * 1e-6
+        };
+        let root = bounds.first().map_or(0.0, area);
+        bounds.iter().map(area).sum::<f32>() / root.max(f32::MIN_POSITIVE)
     }
 
     fn of(nodes: Vec<CwBvhNode>, order: Vec<u32>) -> Self {

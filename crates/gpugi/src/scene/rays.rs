@@ -26,14 +26,27 @@ pub(super) struct Rays {
 }
 
 impl Rays {
-    /// Builds the hierarchies of meshes, and the top level.
-    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
+    /// Builds the hierarchies of meshes, and the top level. Meshes that have deformed since `before` keep their trees.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        geometry: &Geometry,
+        before: Option<&Self>,
+    ) -> Result<Self, GpuError> {
         let meshes = geometry.meshes.iter().zip(&scene.meshes);
         let triangles = meshes.map(|(placed, mesh)| placed.triangles(mesh));
-        let (bottom, rows) = BottomLevel::new(triangles).map_err(|error| refused(gpu, error))?;
+        let built = match before {
+            Some(before) => before.bottom.following(triangles),
+            None => BottomLevel::new(triangles),
+        };
+        let (bottom, rows) = built.map_err(|error| refused(gpu, error))?;
         let buffer = hierarchy_buffer(gpu, rows.len() + usual_rows(scene))?;
         gpu.write(&buffer, 0, &rows);
-        Self::over(gpu, scene, Arc::new(bottom), buffer, &Refit::kernel(gpu)?)
+        let refit = match before {
+            Some(before) => before.refit_kernel.clone(),
+            None => Refit::kernel(gpu)?,
+        };
+        Self::over(gpu, scene, Arc::new(bottom), buffer, &refit)
     }
 
     /// The hierarchies of the same meshes under a top level over other instances.

@@ -135,7 +135,10 @@ impl GpuScene {
         let tables = Tables::new(gpu, scene, instances, &images, (&scene.media, &bounds))?;
         let rays = match same_meshes.and_then(|before| before.rays.as_ref()) {
             Some(rays) => Some(rays.with_instances(gpu, scene)?),
-            None if use_of != Use::Captures => Some(Rays::new(gpu, scene, &geometry)?),
+            None if use_of != Use::Captures => {
+                let before = before.and_then(|before| before.rays.as_ref());
+                Some(Rays::new(gpu, scene, &geometry, before)?)
+            }
             None => None,
         };
         let environment = scene.environment.as_ref();

@@ -16,7 +16,9 @@ use crate::techniques::{Earlier, Figure};
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
 const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
 /// Most rays in flight. A receiver with more points is handled in chunks.
-pub const MOST_RAYS: u64 = 1 << 20;
+pub const MOST_RAYS: u64 = 1 << 21;
+/// With `cones`: all groups of rays have one dispatch.
+const MOST_RAYS_OF_CONES: u64 = 1 << 20;
 /// Tests of a ray against a triangle in a dispatch of `engine`: some 10 ms on a large GPU, 100 ms on a small one, and
 /// likewise on a processor. Cones have spared at least three quarters of the tests wherever that was measured.
 const MOST_TESTS: u64 = 1 << 30;
@@ -34,7 +36,7 @@ const RAYS_PER_GROUP: u32 = 32;
 const GROUPS_PER_TILE: u32 = TILE / RAYS_PER_GROUP + 7;
 /// Workgroups of an indirect dispatch along one axis.
 const MOST_WORKGROUPS: u32 = 65_535;
-const _: () = assert!(MOST_RAYS as u32 / TILE * GROUPS_PER_TILE <= MOST_WORKGROUPS);
+const _: () = assert!(MOST_RAYS_OF_CONES as u32 / TILE * GROUPS_PER_TILE <= MOST_WORKGROUPS);
 /// `ROW_OF_POINTS` of plan.wesl.
 const ROW_OF_POINTS: u32 = 1024;
 /// Bytes of the header that are zero when a chunk begins.
@@ -245,6 +247,10 @@ impl Passes {
             self.chunks.clear();
         }
         let points = receiver.points.count;
+        let most_rays = match settings.tracer {
+            Tracer::Cones => most_rays.min(MOST_RAYS_OF_CONES),
+            Tracer::Bvh | Tracer::Engine => most_rays,
+        };
         let wanted = slots(gpu, points, settings.split, most_rays);
         let in_flight = match self.in_flight.take() {
             Some(made) if made.capacity >= wanted => made,
@@ -311,7 +317,7 @@ impl Passes {
                 let slots = [in_flight.capacity, 1, 1];
                 begin.dispatch(pass, &[own, (1, seen), (3, rays)], slots);
             });
-            for _ in 0..settings.bounces {
+            for generation in 1..=settings.bounces {
                 frame.compute("ray-tracing.plan", |pass| {
                     let [seen, rays] = &chunk.plan;
                     plan.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
@@ -355,6 +361,8 @@ impl Passes {
                 });
                 if !sees_only_environment {
                     earlier.gather(frame, scene, &in_flight.hits, false)?;
+                } else if generation < settings.bounces {
+                    continue;
                 }
                 frame.compute("ray-tracing.add", |pass| {
                     let [seen, light, rays] = &chunk.add;
