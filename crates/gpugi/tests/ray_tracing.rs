@@ -308,21 +308,21 @@ fn odd_scenes_and_settings_are_handled() {
     }
 }
 
+/// The scene with a ball, which is a sphere or the triangles of one.
+fn with_round_ball(mut scene: Scene, material: &Material, segments: u32, is_sphere: bool) -> Scene {
+    let mesh = sphere(0.5, segments);
+    let ball = add(&mut scene, "ball", mesh, material.clone(), ASIDE);
+    scene.instances[ball].is_sphere = is_sphere;
+    scene
+}
+
 /// A ball of few triangles that is a sphere looks like one of very many, reflected, refracted and by itself, in the path
 /// tracer and in ray-tracing.
 #[test]
 fn spheres_are_balls_of_endless_triangles() {
     let Some(gpu) = gpu() else { return };
     let ball = |material: &Material, segments: u32, is_sphere: bool| {
-        let mut scene = shining_room();
-        let ball = add(
-            &mut scene,
-            "ball",
-            sphere(0.5, segments),
-            material.clone(),
-            ASIDE,
-        );
-        scene.instances[ball].is_sphere = is_sphere;
+        let mut scene = with_round_ball(shining_room(), material, segments, is_sphere);
         // A mirror beside it shows its outline.
         let beside = ASIDE + vec3(-0.8, 0.0, 0.3);
         add(&mut scene, "beside", sphere(0.25, 48), mirror(), beside);
@@ -360,16 +360,7 @@ fn spheres_are_balls_of_endless_triangles() {
 fn other_techniques_light_spheres() {
     let Some(gpu) = gpu() else { return };
     let scene = |material: &Material, segments: u32, is_sphere: bool| {
-        let mut scene = room();
-        let ball = add(
-            &mut scene,
-            "ball",
-            sphere(0.5, segments),
-            material.clone(),
-            ASIDE,
-        );
-        scene.instances[ball].is_sphere = is_sphere;
-        scene
+        with_round_ball(room(), material, segments, is_sphere)
     };
     let grey = Material::matt("grey", Vec3::splat(0.7));
     let camera = toward(ASIDE);

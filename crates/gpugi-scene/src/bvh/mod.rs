@@ -20,7 +20,7 @@ use glam::{DMat4, DVec3, Mat4, Vec3};
 
 pub use node::NODE_ROWS;
 pub use top::{MovedItem, TopLevel};
-use tree::Tree;
+use tree::{Tree, WORST_COST};
 
 use crate::{Bounds, Sphere};
 
@@ -81,9 +81,6 @@ pub enum BvhError {
     },
 }
 
-/// How much a kept tree's cost may grow, as a factor, before a new one is built.
-const MOST_GROWTH: f32 = 1.5;
-
 /// A mesh's hierarchy within the rows.
 #[derive(Debug, Clone)]
 struct MeshTree {
@@ -97,7 +94,7 @@ struct MeshTree {
     units_from_mesh: f64,
     tree: Arc<Tree>,
     /// [`Tree::cost`] when the tree was built.
-    cost: f32,
+    cost: f64,
 }
 
 /// An instance to place in the top level.
@@ -241,7 +238,7 @@ fn append_mesh(
                 Tree::cost(&bounds),
             )
         })
-        .filter(|(.., built, cost)| *cost <= MOST_GROWTH * built);
+        .filter(|(.., built, cost)| *cost <= WORST_COST * built);
     let (tree, encoded, cost) = match kept {
         Some((tree, encoded, built, _)) => (tree, encoded, built),
         None => {

@@ -3,15 +3,12 @@
 
 use glam::Mat4;
 
-use super::tree::Tree;
+use super::tree::{Tree, WORST_COST};
 use super::{
     BottomLevel, BvhError, BvhInstance, FLAG_SPHERE, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node,
     placed, row_number, traverse,
 };
 use crate::{Bounds, Sphere};
-
-/// A tree whose refitted cost exceeds this multiple of the cost as built has become bad.
-const WORST: f64 = 1.5;
 
 /// A top level over instances.
 #[derive(Debug, Clone)]
@@ -193,14 +190,13 @@ impl TopLevel {
             return false;
         }
         self.moves = 0;
-        self.cost() > WORST * self.built_cost
+        self.cost() > WORST_COST * self.built_cost
     }
 
-    /// Nodes that a random ray through the root's box visits, by their surface areas.
+    /// [`Tree::cost`] now.
     fn cost(&self) -> f64 {
         let nodes = &self.tree.nodes;
         let mut bounds = vec![Bounds::EMPTY; nodes.len()];
-        let mut sum = 0.0;
         for (index, node) in nodes.iter().enumerate().rev() {
             let mut all = Bounds::EMPTY;
             for slot in (0..8).filter(|&slot| !node.is_child_empty(slot)) {
@@ -213,20 +209,9 @@ impl TopLevel {
                 }
             }
             bounds[index] = all;
-            sum += area(&all);
         }
-        let root = bounds.first().map_or(0.0, area);
-        if root > 0.0 { sum / root } else { 1.0 }
+        Tree::cost(&bounds)
     }
-}
-
-/// Half the surface area of a box.
-fn area(bounds: &Bounds) -> f64 {
-    if bounds.is_empty() {
-        return 0.0;
-    }
-    let extent = bounds.max.as_dvec3() - bounds.min.as_dvec3();
-    extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
 }
 
 /// Centre and radius in the mesh's units.

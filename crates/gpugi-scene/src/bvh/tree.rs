@@ -1,11 +1,13 @@
 //! The topology of an eight-wide tree over boxes: which boxes lie below which child.
 
-use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
 
 use super::binary;
 use crate::Bounds;
+
+/// A tree whose boxes were fitted anew has become bad if its cost exceeds this multiple of the cost as built.
+pub(super) const WORST_COST: f64 = 1.5;
 
 /// An eight-wide tree. The boxes of its nodes are encoded elsewhere.
 #[derive(Debug, Clone)]
@@ -35,16 +37,14 @@ impl Tree {
         }
     }
 
-    /// Nodes that a random line through the root's box passes on average, given the boxes of nodes: the ratio of areas, by
-    /// the surface area heuristic.
-    pub fn cost(bounds: &[Bounds]) -> f32 {
-        // As in binary.rs, so that flat boxes count.
-        let area = |one: &Bounds| {
-            let size = (one.max - one.min).max(Vec3::ZERO);
-            size.x * size.y + size.y * size.z + size.z * size.x + size.element_sum() * 1e-6
-        };
+    /// Nodes that a random ray through the root's box visits, by their surface areas, given the boxes of all nodes.
+    pub fn cost(bounds: &[Bounds]) -> f64 {
         let root = bounds.first().map_or(0.0, area);
-        bounds.iter().map(area).sum::<f32>() / root.max(f32::MIN_POSITIVE)
+        if root > 0.0 {
+            bounds.iter().map(area).sum::<f64>() / root
+        } else {
+            1.0
+        }
     }
 
     fn of(nodes: Vec<CwBvhNode>, order: Vec<u32>) -> Self {
@@ -94,6 +94,15 @@ impl Tree {
         }
         Self::of(nodes, order)
     }
+}
+
+/// Half the surface area of a box.
+fn area(bounds: &Bounds) -> f64 {
+    if bounds.is_empty() {
+        return 0.0;
+    }
+    let extent = bounds.max.as_dvec3() - bounds.min.as_dvec3();
+    extent.x * extent.y + extent.y * extent.z + extent.z * extent.x
 }
 
 /// Scales the boxes to the unit cube: areas of tiny or huge boxes would leave the range of 32-bit floats.
