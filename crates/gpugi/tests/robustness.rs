@@ -3,8 +3,11 @@
 
 mod common;
 
+use std::sync::atomic::Ordering;
+
 use common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
 use glam::{Mat4, Vec3, vec3};
+use gpugi::techniques::Registry;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
@@ -275,5 +278,120 @@ fn a_renderer_follows_its_scene() {
         let differ = followed.radiance.iter().zip(&anew.radiance);
         let worst = differ.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(worst < 1e-4, "{what}: {worst}");
+    }
+}
+
+/// A technique that adds nothing and counts how often it plans.
+mod planner {
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    use gpugi::capture::{Receiver, View};
+    use gpugi::gpu::{Frame, GpuError};
+    use gpugi::light_paths::LightPaths;
+    use gpugi::scene::{Claims, GpuScene};
+    use gpugi::settings::SettingSet;
+    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique};
+
+    pub static PLANS: AtomicU32 = AtomicU32::new(0);
+
+    gpugi::settings! {
+        /// Settings, of which there must be one.
+        pub struct Settings {
+            /// Without effect.
+            pub weight: f32 = 1.0 => in_range(0.0, 1.0),
+        }
+    }
+
+    static INFO: Info = Info {
+        name: "planner",
+        summary: "counts plans",
+        source: "robustness.rs",
+        paths: &[],
+        suits: |_| false,
+        keeps_texels: false,
+        lights_points: false,
+    };
+
+    pub const REGISTRATION: Registration = Registration {
+        info: &INFO,
+        fields: Settings::fields,
+        make: |_, _| Ok(Box::new(Planner::default())),
+    };
+
+    #[derive(Debug, Default)]
+    struct Planner {
+        settings: Settings,
+    }
+
+    impl Technique for Planner {
+        fn info(&self) -> &'static Info {
+            &INFO
+        }
+
+        fn settings(&self) -> &dyn SettingSet {
+            &self.settings
+        }
+
+        fn settings_mut(&mut self) -> &mut dyn SettingSet {
+            &mut self.settings
+        }
+
+        fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
+            PLANS.fetch_add(1, Ordering::Relaxed);
+            Plan::adding(Vec::new(), scene)
+        }
+
+        fn generate(
+            &mut self,
+            _: &mut Frame<'_>,
+            _: &GpuScene,
+            _: &View,
+            _: &mut Earlier<'_>,
+        ) -> Result<Generated, GpuError> {
+            Ok(Generated::FINAL)
+        }
+
+        fn gather(
+            &mut self,
+            _: &mut Frame<'_>,
+            _: &GpuScene,
+            _: &Receiver,
+            _: &mut Earlier<'_>,
+        ) -> Result<(), GpuError> {
+            Ok(())
+        }
+    }
+}
+
+/// Planning takes milliseconds: too long for each frame of an animation.
+#[test]
+fn techniques_plan_anew_only_if_what_they_plan_for_changes() {
+    let Some(gpu) = gpu() else { return };
+    let mut registry = Registry::default();
+    registry.insert_before("shadow-map", planner::REGISTRATION);
+    let mut scene = furnished();
+    let names = ["planner".to_owned(), "shadow-map".to_owned()];
+    let made = Renderer::with_registry(&gpu, &scene, [16, 16], &names, &registry);
+    let mut renderer = made.expect("a renderer");
+    let mut plans_after = |change: &dyn Fn(&mut Scene)| {
+        change(&mut scene);
+        let before = planner::PLANS.load(Ordering::Relaxed);
+        renderer.update(&scene).expect("an update");
+        planner::PLANS.load(Ordering::Relaxed) - before
+    };
+    let moves = |scene: &mut Scene| {
+        scene.instances[1].world_from_mesh *= Mat4::from_translation(Vec3::Y * 0.1);
+        scene.lights[0].world_from_light *= Mat4::from_translation(Vec3::X * 0.1);
+    };
+    let deforms = |scene: &mut Scene| {
+        let mut mesh = Mesh::clone(&scene.meshes[1]);
+        mesh.positions.iter_mut().for_each(|at| at.y *= 1.1);
+        scene.meshes[1] = mesh.into();
+    };
+    assert_eq!([plans_after(&moves), plans_after(&deforms)], [0, 0]);
+    let gets_a_light = |scene: &mut Scene| scene.lights.extend(lights());
+    let becomes_glass = |scene: &mut Scene| scene.materials[1].transmission = 1.0;
+    for change in [&gets_a_light as &dyn Fn(&mut Scene), &becomes_glass] {
+        assert!(plans_after(change) > 0);
     }
 }
