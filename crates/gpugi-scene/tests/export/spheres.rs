@@ -104,7 +104,9 @@ fn what_can_be_no_sphere_is_refused() {
     let mut file = written();
     file.json["nodes"][0]["extras"]["gpugi"]["sphere"] = json!("yes");
     file.assert_error("nodes[0].extras.gpugi", "expected a boolean");
-    file.json["nodes"][0]["extras"]["gpugi"]["sphere"] = json!(false);
+    file.json["nodes"][0]["extras"]["gpugi"] = json!({ "shpere": true });
+    file.assert_error("nodes[0].extras.gpugi", "unknown field `shpere`");
+    file.json["nodes"][0]["extras"]["gpugi"] = json!({ "sphere": false });
     assert_eq!(are_spheres(&file.import()), [false, false]);
 
     let mut file = written();

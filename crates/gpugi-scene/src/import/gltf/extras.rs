@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::Value;
 
 use super::document::Document;
@@ -14,6 +15,7 @@ struct MaterialExtras {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Phong {
     kd: Vec3,
     ks: Vec3,
@@ -21,18 +23,24 @@ struct Phong {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Conductor {
     n: Vec3,
     k: Vec3,
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct NodeExtras {
     #[serde(default)]
     sphere: bool,
+    /// media.rs reads it.
+    #[serde(rename = "medium")]
+    _medium: Option<IgnoredAny>,
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct LightExtras {
     #[serde(default)]
     radius: f32,
