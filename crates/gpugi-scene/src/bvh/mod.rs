@@ -129,8 +129,8 @@ impl BottomLevel {
         Self::default().following(meshes)
     }
 
-    /// The same for meshes that may have deformed. A mesh with as many triangles as the one of its number had keeps that
-    /// one's tree, in boxes that are fitted anew, unless rays would pass through many more of them.
+    /// The same for meshes that may have deformed since `self` was built. A mesh keeps the tree of its number, with boxes
+    /// fitted anew, if it has as many triangles as before and the tree has not become bad (docs/bvh.md).
     ///
     /// # Errors
     /// [`BvhError`].
@@ -227,25 +227,23 @@ fn append_mesh(
         .iter()
         .map(|corners| Bounds::of(corners.map(scaled)))
         .collect();
+    let fitted = |tree: &Tree| {
+        let (encoded, bounds) = node::encode(tree, &boxes, root, TRIANGLE_ROWS);
+        (encoded, Tree::cost(&bounds))
+    };
     let kept = before
         .filter(|before| before.triangles as usize == triangles.len())
-        .map(|before| {
-            let (encoded, bounds) = node::encode(&before.tree, &boxes, root, TRIANGLE_ROWS);
-            (
-                before.tree.clone(),
-                encoded,
-                before.cost,
-                Tree::cost(&bounds),
-            )
-        })
-        .filter(|(.., built, cost)| *cost <= WORST_COST * built);
+        .and_then(|MeshTree { tree, cost, .. }| {
+            let (encoded, cost_now) = fitted(tree);
+            (cost_now <= WORST_COST * cost).then(|| (tree.clone(), encoded, *cost))
+        });
     let (tree, encoded, cost) = match kept {
-        Some((tree, encoded, built, _)) => (tree, encoded, built),
+        Some(kept) => kept,
         None => {
             let tree = Tree::new(&boxes, MESH_LEVELS, 3);
             at_most("levels", tree.depth as usize, MESH_LEVELS)?;
-            let (encoded, bounds) = node::encode(&tree, &boxes, root, TRIANGLE_ROWS);
-            (Arc::new(tree), encoded, Tree::cost(&bounds))
+            let (encoded, cost) = fitted(&tree);
+            (Arc::new(tree), encoded, cost)
         }
     };
     rows.extend(encoded);

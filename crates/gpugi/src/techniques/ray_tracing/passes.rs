@@ -20,9 +20,11 @@ pub const MOST_RAYS: u64 = 1 << 21;
 /// With `cones`: all groups of rays have one dispatch.
 const MOST_RAYS_OF_CONES: u64 = 1 << 20;
 /// Tests of a ray against a triangle in a dispatch of `engine`: some 10 ms on a large GPU, 100 ms on a small one, and
-/// likewise on a processor. Cones have spared at least three quarters of the tests wherever that was measured.
+/// likewise on a processor.
 const MOST_TESTS: u64 = 1 << 30;
 const MOST_TESTS_IN_SOFTWARE: u64 = 1 << 25;
+/// With `cones`, a dispatch may stand for this many times as many tests: cones have spared three quarters or more of them
+/// wherever that was measured.
 const SPARED_BY_CONES: u64 = 4;
 /// Of a triangle or a block of them, a `vec4f`.
 const SPHERE_BYTES: u64 = 16;
@@ -285,7 +287,7 @@ impl Passes {
                 count: count.min(points.saturating_sub(number * count)),
                 bounces: settings.bounces,
                 split: settings.split,
-                tests: (most_tests(gpu, settings.tracer) / u64::from(TILE)) as u32,
+                tests: most_tests(gpu, settings.tracer),
                 sees_only_environment: u32::from(sees_only_environment),
                 media_directions: if sees_only_environment {
                     0
@@ -411,16 +413,18 @@ impl Passes {
     }
 }
 
-/// Tests against triangles that rays of a dispatch may make, of which `cones` spares some.
-fn most_tests(gpu: &Gpu, tracer: Tracer) -> u64 {
+/// Tests against triangles that rays of a dispatch may make, of which `cones` spares some, divided by [`TILE`]. The step of
+/// a single ray is [`TILE`] times as large and has 32 bits.
+fn most_tests(gpu: &Gpu, tracer: Tracer) -> u32 {
     let tests = match gpu.adapter.device_type {
         wgpu::DeviceType::Cpu => MOST_TESTS_IN_SOFTWARE,
         _ => MOST_TESTS,
     };
-    match tracer {
+    let tests = match tracer {
         Tracer::Cones => tests * SPARED_BY_CONES,
         Tracer::Bvh | Tracer::Engine => tests,
-    }
+    };
+    tests.min(u32::MAX.into()) as u32 / TILE
 }
 
 /// Passes in which so many rays are tested against all triangles: by the step that plan.wesl sets.
