@@ -8,9 +8,14 @@ use gpugi_scene::{Bounds, DensityGrid, MAX_MEDIA, Medium, PhaseFunction, Scene};
 
 use crate::gpu::GpuError;
 
-/// Words per medium, and coarse cells of a grid along each axis: scene/media.wesl.
-const WORDS: usize = 32;
-const COARSE_CELLS: u32 = 16;
+/// Words per medium: scene/media.wesl.
+const WORDS: usize = 36;
+/// Fewest and most cells of majorants along an axis, if there are as many densities.
+const MAJORANT_CELLS: [u32; 2] = [16, 64];
+/// Densities along an axis that share a majorant, where that makes neither fewer nor more cells.
+const PER_MAJORANT: u32 = 4;
+/// Cells of means along an axis.
+const MEAN_CELLS: u32 = 16;
 /// Flags of a medium in scene/media.wesl.
 const EVERYWHERE: u32 = 1;
 const CORNETTE_SHANKS: u32 = 2;
@@ -75,8 +80,15 @@ pub(super) fn have_same_grids(before: &[Medium], after: &[Medium]) -> bool {
     of_before == of_after && pairs.all(|(a, b)| Arc::ptr_eq(a, b))
 }
 
-fn coarse_cells(grid: &DensityGrid) -> [u32; 3] {
-    grid.size.map(|side| side.min(COARSE_CELLS))
+/// Cells of the grid's majorants, then of its means. Fine grids are mostly those of sparse volumes, whose empty parts
+/// small cells find (pbrt, 4th edition, has 16 cells for dense and 64 for sparse volumes).
+fn coarse_cells(grid: &DensityGrid) -> [[u32; 3]; 2] {
+    let [fewest, most] = MAJORANT_CELLS;
+    let of_majorants = |side: u32| (side / PER_MAJORANT).clamp(fewest, most).min(side);
+    [
+        grid.size.map(of_majorants),
+        grid.size.map(|side| side.min(MEAN_CELLS)),
+    ]
 }
 
 /// The parameters of checked media, which [`density_words`] follow.
@@ -84,24 +96,15 @@ pub(super) fn medium_words(media: &[Medium], bounds: &Bounds) -> Vec<[u32; WORDS
     let (grids, of_medium) = grids(media);
     let mut end = media.len() * WORDS;
     let places = grids.iter().map(|grid| {
-        let first = end;
-        let cells = coarse_cells(grid);
-        let first_majorant = first + grid.values.len();
-        end = first_majorant + 2 * cells.iter().product::<u32>() as usize;
-        let [x, y, z] = grid.size;
-        let [across, along, up] = cells;
-        [
-            x,
-            y,
-            z,
-            first as u32,
-            across,
-            along,
-            up,
-            first_majorant as u32,
-        ]
+        let [majorants, means] = coarse_cells(grid);
+        let grids = [grid.size, majorants, means].map(|[x, y, z]| {
+            let begin = end as u32;
+            end += (x * y * z) as usize;
+            [x, y, z, begin]
+        });
+        grids.as_flattened().try_into().expect("three rows")
     });
-    let places: Vec<[u32; 8]> = places.collect();
+    let places: Vec<[u32; 12]> = places.collect();
     let rows = media.iter().zip(of_medium).map(|(medium, grid)| {
         let mut words = [0; WORDS];
         words[..24].copy_from_slice(&parameters(medium, bounds));
@@ -118,8 +121,9 @@ pub(super) fn density_words(media: &[Medium]) -> Vec<u32> {
     }
     let mut words = Vec::new();
     for grid in grids(media).0 {
-        let cells = coarse_cells(&grid);
-        for values in [&grid.values, &majorants(&grid, cells), &means(&grid, cells)] {
+        let [of_majorants, of_means] = coarse_cells(&grid);
+        let majorants = majorants(&grid, of_majorants);
+        for values in [&grid.values, &majorants, &means(&grid, of_means)] {
             words.extend(values.iter().map(|value| value.to_bits()));
         }
     }
@@ -229,7 +233,7 @@ mod tests {
             .map(|index| (index * 7919 % 101) as f32)
             .collect();
         let density = DensityGrid { size, values };
-        let cells = size.map(|side| side.min(COARSE_CELLS));
+        let [cells, _] = coarse_cells(&density);
         let largest = majorants(&density, cells);
         assert_eq!(largest.len(), (16 * 3 * 16));
         // Every value is read up to the centres of its neighbours.
@@ -249,6 +253,11 @@ mod tests {
                 assert!(most >= value, "{at:?} {cell:?}");
             }
         }
+        let fine = DensityGrid {
+            size: [300, 100, 8],
+            values: vec![0.0; 240_000],
+        };
+        assert_eq!(coarse_cells(&fine), [[64, 25, 8], [16, 16, 8]]);
         let flat = DensityGrid {
             size: [64; 3],
             values: (0..64 * 64 * 64).map(|index| (index % 64) as f32).collect(),

@@ -13,7 +13,7 @@ use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
 use gpugi::measure::{Measured, Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{quad, sphere};
-use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene, Volume};
+use gpugi_scene::{Camera, Light, LightKind, Material, Medium, Mesh, PhaseFunction, Scene, Volume};
 
 fn glass(ior: f32) -> Material {
     Material {
@@ -119,7 +119,12 @@ fn on_the_floor(renderer: &Renderer, radiance: &[f32]) -> Vec<f64> {
 /// The floor's light by each tracer, maps and rays, and the path tracer's. Scenes with ray-tracing are uploaded with rays.
 fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
     let with = |techniques: &[&str], tracer: &str| {
-        let mut renderer = renderer(gpu, scene, techniques, SIDE as u32);
+        let mut techniques = techniques.to_vec();
+        if !scene.media.is_empty() {
+            // It dims what the camera sees through media.
+            techniques.push("participating-media");
+        }
+        let mut renderer = renderer(gpu, scene, &techniques, SIDE as u32);
         // 4 points per frame on a lamp so near and so large are off by 3 %.
         for (name, value) in [
             ("tracer", tracer),
@@ -171,6 +176,41 @@ fn balls_throw_their_light_where_the_path_tracer_finds_it() {
             let most = if tracer == "maps" { 0.03 } else { 0.05 };
             assert!((flux - 1.0).abs() < most, "{name}, {tracer}: {flux}");
             assert!(error < 0.05, "{name}, {tracer}: {error}");
+        }
+    }
+}
+
+/// Smoke that only absorbs, everywhere.
+fn smoke() -> Medium {
+    Medium {
+        name: "smoke".into(),
+        world_from_box: None,
+        extinction: vec3(0.6, 0.3, 0.1),
+        albedo: Vec3::ZERO,
+        phase: PhaseFunction::HenyeyGreenstein(0.0),
+        emission: Vec3::ZERO,
+        density: None,
+        node: None,
+    }
+}
+
+/// Smoke dims the light of caustics on its whole way: to the ball, in it, and on to the floor.
+#[test]
+fn smoke_dims_what_balls_throw_as_in_the_path_tracer() {
+    let Some(gpu) = gpu() else { return };
+    for (name, material, lamp) in [("glass", glass(1.5), 0.5), ("mirror", mirror(), 2.5)] {
+        let mut scene = ball_under_lamp(material, lamp);
+        scene.media.push(smoke());
+        let [maps, rays, truth] = floors(&gpu, &scene, 256);
+        for (tracer, light) in [("maps", maps), ("rays", rays)] {
+            for channel in 0..3 {
+                let of = |all: &[f64]| all.iter().skip(channel).step_by(3).sum::<f64>();
+                let flux = of(&light) / of(&truth);
+                println!("{name}, {tracer}, channel {channel}: {flux:.4}");
+                // As without smoke: balls_throw_their_light_where_the_path_tracer_finds_it.
+                let most = if tracer == "maps" { 0.03 } else { 0.05 };
+                assert!((flux - 1.0).abs() < most, "{name}, {tracer}: {flux}");
+            }
         }
     }
 }
@@ -297,7 +337,7 @@ fn changes_of_the_scene_are_followed() {
     };
     let mut last = picture(&mut kept);
     type Change = fn(&mut Scene);
-    let changes: [(&str, Change); 4] = [
+    let changes: [(&str, Change); 5] = [
         ("the ball moved", |scene| {
             scene.instances[1].world_from_mesh = Mat4::from_translation(vec3(0.5, 0.7, -0.2));
         }),
@@ -308,6 +348,7 @@ fn changes_of_the_scene_are_followed() {
             scene.lights[0].intensity = Vec3::X
         }),
         ("the glass is another", |scene| scene.materials[1].ior = 1.2),
+        ("there is smoke", |scene| scene.media.push(smoke())),
     ];
     for (what, change) in changes {
         change(&mut scene);

@@ -12,11 +12,11 @@ mod tests;
 
 use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Technique};
 use crate::capture::{PerReceiver, Receiver, ReceiverKernel, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, RayConstants, Versions, has_smooth_objects};
+use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
 use crate::settings::SettingSet;
 use crate::shader;
 use object::{Caustic, Making};
@@ -92,8 +92,8 @@ const SPLAT_INVOCATIONS: u32 = 1 << 21;
 struct Trace {
     kernel: Kernel,
     tracer: Tracer,
-    /// With which the pass of tracer `rays` is compiled.
-    constants: RayConstants,
+    /// With which it is compiled.
+    constants: Vec<(&'static str, f64)>,
 }
 
 /// The passes of caustics.
@@ -134,21 +134,27 @@ impl Kernels {
 
     /// Compiles the pass of a tracer, unless it is there. Returns whether bind groups of another one are stale.
     fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, tracer: Tracer) -> Result<bool, GpuError> {
-        let constants = scene.ray_constants();
-        let is_it = |made: &Trace| {
-            made.tracer == tracer && (tracer == Tracer::Maps || made.constants == constants)
-        };
+        let mut constants = vec![scene.media_constant()];
+        if tracer == Tracer::Rays {
+            constants.extend(scene.ray_constants());
+        }
+        let is_it = |made: &Trace| made.tracer == tracer && made.constants == constants;
         if self.trace.as_ref().is_some_and(is_it) {
             return Ok(false);
         }
         let kernel = match tracer {
             Tracer::Maps => {
+                let options = KernelOptions {
+                    constants: &constants,
+                    ..Default::default()
+                };
                 let shader = shader!("techniques.caustics.maps");
-                Kernel::new(gpu, &shader, "main", Some(&scene.layout))?
+                Kernel::with_options(gpu, &shader, "main", Some(&scene.layout), &options)?
             }
             Tracer::Rays => {
                 scene.check_rays(INFO.name, "tracer=rays")?;
-                scene.ray_kernel(gpu, &shader!("techniques.caustics.rays"), &[])?
+                let shader = shader!("techniques.caustics.rays");
+                scene.ray_kernel(gpu, &shader, &[scene.media_constant()])?
             }
         };
         self.trace = Some(Trace {

@@ -29,6 +29,8 @@ const WIDEST: u32 = 8192;
 pub struct Made {
     settings: Settings,
     own: Own,
+    /// Whether the passes look for media.
+    knows_media: bool,
     of: Layout,
     kernels: Kernels,
     maps: Maps,
@@ -224,6 +226,7 @@ impl Made {
         Ok(Self {
             settings: settings.clone(),
             own,
+            knows_media: !scene.media.is_empty(),
             of,
             kernels,
             maps,
@@ -238,7 +241,10 @@ impl Made {
 
     /// Whether it serves these settings and the scene as it is.
     pub fn serves(&self, settings: &Settings, own: Own, claimed: &[u32], scene: &GpuScene) -> bool {
-        self.settings == *settings && self.own == own && self.of.serves(settings, claimed, scene)
+        self.settings == *settings
+            && self.own == own
+            && self.knows_media == !scene.media.is_empty()
+            && self.of.serves(settings, claimed, scene)
     }
 
     /// Captures, lights and lets light bounce, as far as a frame may.

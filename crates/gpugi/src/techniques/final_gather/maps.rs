@@ -43,6 +43,7 @@ impl Kernels {
         let visibility = ("VISIBILITY", f64::from(settings.visibility as u8));
         let glossy = ("GLOSSY", flag(settings.glossy));
         let has_own = ("OWN", flag(has_own));
+        let media = scene.media_constant();
         let kernel = |shader, entry, constants| {
             let options = KernelOptions {
                 constants,
@@ -62,13 +63,14 @@ impl Kernels {
             ("NORMALIZE", flag(settings.normalize)),
             ("LOCALIZE", flag(settings.localize)),
             ("OCCLUSION", flag(settings.occlusion)),
+            media,
         ];
         let shader = shader!("techniques.final_gather.gather");
         Ok(Self {
             downsample: kernel(&downsample, "main", &[solid_angle])?,
             state: kernel(&downsample, "state", &[solid_angle])?,
             own: kernel(&shader!("techniques.final_gather.own"), "main", &[glossy])?,
-            bounce: kernel(&bounce, "main", &[solid_angle, visibility, has_own])?,
+            bounce: kernel(&bounce, "main", &[solid_angle, visibility, has_own, media])?,
             light_points: kernel(&light_points, "main", &[])?,
             // Every index in range: that of a point ends at the view's last; those of reference points, lights and
             // texels are clamped to counts by which their buffers and the map were made. The exception is obscurances,

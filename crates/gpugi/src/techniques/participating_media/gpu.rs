@@ -25,5 +25,6 @@ pub struct Network {
     pub cell_counts: [u32; 3],
     pub sees_surfaces: u32,
     pub marched_lights: u32,
-    pub padding: [u32; 3],
+    pub window: u32,
+    pub padding: [u32; 2],
 }

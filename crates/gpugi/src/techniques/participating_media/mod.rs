@@ -28,7 +28,7 @@ use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
 use crate::scene::{Claims, GpuScene, RayConstants, Versions};
 use crate::settings::SettingSet;
-use network::{Kernels, Network};
+use network::{Kernels, Network, Shape};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
 use seen::{How, Passes, Seen};
@@ -40,9 +40,9 @@ pub const INFO: Info = Info {
     summary: "multiple scattering in fog, smoke and clouds, by links between particles",
     source: "tutorial section 7.4; Szirmay-Kalos, Sbert and Umenhoffer 2005",
     paths: &[
-        LightPaths::new(LightClass::Punctual, "LV+D?E"),
-        LightPaths::new(LightClass::Area, "LV+D?E"),
-        LightPaths::new(LightClass::Environment, "LV+D?E"),
+        LightPaths::new(LightClass::Punctual, "LV+[DG]?E"),
+        LightPaths::new(LightClass::Area, "LV+[DG]?E"),
+        LightPaths::new(LightClass::Environment, "LV+[DG]?E"),
     ],
     suits: |scene| !scene.media.is_empty(),
     keeps_texels: true,
@@ -56,6 +56,16 @@ const SEEN_ALONE: [LightPaths; 3] = [
     LightPaths::new(LightClass::Environment, "LV+E"),
 ];
 
+crate::choices! {
+    /// How it is found which particle another one sees.
+    pub enum Visibility {
+        /// By rays through the particles' spheres.
+        Rays = "rays",
+        /// By depth peeling of the spheres in parallel views.
+        Peel = "peel",
+    }
+}
+
 crate::settings! {
     /// Settings of participating-media.
     pub struct Settings {
@@ -63,12 +73,16 @@ crate::settings! {
         pub particles: u32 = 1024 => in_range(16.0, 65536.0),
         /// Directions in which each particle sees others.
         pub directions: u32 = 128 => in_range(8.0, 512.0).power_of_two(),
+        /// How it is found which particle another one sees.
+        pub visibility: Visibility = Visibility::Rays => any(),
+        /// Pixels per side of the views in which particles are peeled.
+        pub window: u32 = 64 => in_range(8.0, 256.0),
         /// Iterations of the network per frame: in each, light spreads to the next particles.
         pub iterations: u32 = 1 => in_range(1.0, 64.0),
         /// Iterations after which the light of a still scene is final; 0: single scattering of lights alone.
         pub most_iterations: u32 = 64 => in_range(0.0, 1024.0),
         /// Points on each view ray at which media are sampled.
-        pub steps: u32 = 64 => in_range(1.0, 1024.0),
+        pub steps: u32 = 32 => in_range(1.0, 1024.0),
         /// Shadow rays per view ray and light.
         pub shadow_rays: u32 = 4 => in_range(1.0, 64.0),
         /// Rays on which each surface point finds the light that media send to it; 0: they light no surfaces.
@@ -87,10 +101,9 @@ struct MadeFrom {
     /// What a medium that fills everything fills.
     bounds: Option<Bounds>,
     particles: u32,
-    directions: u32,
+    shape: Shape,
     /// Light samples.
     lights: usize,
-    sees_surfaces: bool,
 }
 
 /// Particles, their light, and how they are seen.
@@ -111,7 +124,7 @@ struct Made {
 #[derive(Debug, Default)]
 pub struct ParticipatingMedia {
     settings: Settings,
-    kernels: Option<(RayConstants, Kernels)>,
+    kernels: Option<(RayConstants, Visibility, Kernels)>,
     passes: Option<Arc<Passes>>,
     placements: Placements,
     made: Option<Made>,
@@ -144,9 +157,13 @@ impl ParticipatingMedia {
             media: scene.versions.media,
             bounds: fills_everything.then_some(scene.bounds),
             particles: self.settings.particles,
-            directions: self.settings.directions,
+            shape: Shape {
+                directions: self.settings.directions,
+                sees_surfaces: self.sees_surfaces(),
+                window: (self.settings.visibility == Visibility::Peel)
+                    .then_some(self.settings.window),
+            },
             lights,
-            sees_surfaces: self.sees_surfaces(),
         }
     }
 }
@@ -168,7 +185,7 @@ impl Technique for ParticipatingMedia {
         let (own, last): (&[LightPaths], _) = match self.settings.light_surfaces {
             _ if scene.media.is_empty() => return Plan::adding([], scene),
             0 => (&SEEN_ALONE, "V+"),
-            _ => (INFO.paths, "V+D?"),
+            _ => (INFO.paths, "V+[DG]?"),
         };
         let mut paths = own.to_vec();
         if self.sees_surfaces() {
@@ -201,12 +218,15 @@ impl Technique for ParticipatingMedia {
             });
         }
         let constants = scene.ray_constants();
-        if self.kernels.as_ref().is_none_or(|(of, _)| *of != constants) {
-            self.kernels = Some((constants, Kernels::new(gpu, scene)?));
+        let by = self.settings.visibility;
+        let kernels = self.kernels.as_ref();
+        if kernels.is_none_or(|(of, made_by, _)| *of != constants || *made_by != by) {
+            let kernels = Kernels::new(gpu, scene, by == Visibility::Peel)?;
+            self.kernels = Some((constants, by, kernels));
             self.passes = None;
             self.made = None;
         }
-        let Some((_, kernels)) = &self.kernels else {
+        let Some((_, _, kernels)) = &self.kernels else {
             return Ok(Generated::FINAL);
         };
         let lights = self.lights(scene);
@@ -224,15 +244,15 @@ impl Technique for ParticipatingMedia {
                     gpu,
                     kernels,
                     &particles,
-                    from.directions,
+                    from.shape,
                     &lights,
-                    from.sees_surfaces,
                     before.as_ref().map(|before| &before.network),
                 )?;
                 if let Some(before) = before.filter(|_| self.settings.most_iterations > 0) {
                     network.continue_from(frame, &before.network);
                 }
                 let reflecting = from
+                    .shape
                     .sees_surfaces
                     .then(|| Reflecting::new(gpu, kernels, &network));
                 self.made = Some(Made {

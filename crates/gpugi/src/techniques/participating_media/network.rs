@@ -16,9 +16,20 @@ use crate::shader;
 /// Most lights that view rays march toward.
 pub const MOST_MARCHED: usize = 8;
 
+/// Sizes of a network, and how its links are found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    pub directions: u32,
+    /// Whether there is room for the light of surfaces.
+    pub sees_surfaces: bool,
+    /// Pixels per side of the windows in which particles are peeled; `None`: rays find links.
+    pub window: Option<u32>,
+}
+
 /// The passes over particles and directions.
 #[derive(Debug)]
 pub struct Kernels {
+    peel: Option<Kernel>,
     visibility: Kernel,
     /// See [`super::reflecting`].
     pub reflecting: Kernel,
@@ -31,17 +42,20 @@ pub struct Kernels {
 }
 
 impl Kernels {
-    /// Compiles the passes.
+    /// Compiles the passes. `peels`: links are found by depth peeling.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, peels: bool) -> Result<Self, GpuError> {
+        let peel = shader!("techniques.participating_media.peel");
+        let peel = peels.then(|| Kernel::new(gpu, &peel, "main", None));
         let in_scene = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
         Ok(Self {
+            peel: peel.transpose()?,
             visibility: scene.ray_kernel(
                 gpu,
                 &shader!("techniques.participating_media.visibility"),
-                &[],
+                &[("PEELED", f64::from(u8::from(peels)))],
             )?,
             reflecting: scene.ray_kernel(
                 gpu,
@@ -96,6 +110,8 @@ pub struct Network {
     pub sky: wgpu::Buffer,
     pub phase_matrices: wgpu::Buffer,
     cells: wgpu::Buffer,
+    /// Of [`Shape::window`]; one word without.
+    windows: wgpu::Buffer,
     groups: Groups,
     /// Iterations so far: the last one wrote `incoming[iterations % 2]`.
     pub iterations: u32,
@@ -103,6 +119,7 @@ pub struct Network {
 
 #[derive(Debug)]
 struct Groups {
+    peel: Option<wgpu::BindGroup>,
     visibility: wgpu::BindGroup,
     arriving: wgpu::BindGroup,
     emit: wgpu::BindGroup,
@@ -113,8 +130,8 @@ struct Groups {
 }
 
 impl Network {
-    /// Allocates and uploads the network of `directions` directions among particles, for light samples. `sees_surfaces`:
-    /// there is room for the light of surfaces. `before`: a network whose neighbours may be the same.
+    /// Allocates and uploads the network among particles, for light samples. `before`: a network whose neighbours may be
+    /// the same.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
@@ -122,11 +139,15 @@ impl Network {
         gpu: &Gpu,
         kernels: &Kernels,
         made: &Particles,
-        directions: u32,
+        shape: Shape,
         lights: &[LightSample],
-        sees_surfaces: bool,
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
+        let Shape {
+            directions,
+            sees_surfaces,
+            window,
+        } = shape;
         let particles = made.particles.len() as u32;
         let is_punctual = |light: &&LightSample| light.kind <= LightSample::DIRECTIONAL;
         let marched_lights = lights.iter().take_while(is_punctual).count();
@@ -141,7 +162,8 @@ impl Network {
             cell_counts: made.cells.counts.to_array(),
             sees_surfaces: sees_surfaces.into(),
             marched_lights,
-            padding: [0; 3],
+            window: window.unwrap_or(0),
+            padding: [0; 2],
         };
         let storage = wgpu::BufferUsages::STORAGE;
         let entries = u64::from(particles) * u64::from(directions) * 16;
@@ -171,11 +193,24 @@ impl Network {
             array("illumination network [bytes]")?,
         ];
         let sky = gpu.buffer("sky of particles", u64::from(directions) * 16, storage)?;
+        // Two windows for each of the views, which serve opposite directions.
+        let pixels = u64::from(directions) * u64::from(values.window).pow(2);
+        let windows = gpu.buffer("windows of peeled particles", pixels * 4, storage)?;
         let phase_matrices = gpu.storage("phase matrices", &matrices)?;
 
         let net = || ("net", of(&uniform));
         let listed = || ("particles", of(&rows));
+        let peel = kernels.peel.as_ref().map(|peel| {
+            let resources = [
+                net(),
+                listed(),
+                ("windows", of(&windows)),
+                ("visible", of(&visible)),
+            ];
+            peel.bind(gpu, 3, &resources)
+        });
         let groups = Groups {
+            peel: peel.transpose()?,
             visibility: kernels.visibility.bind(
                 gpu,
                 3,
@@ -272,6 +307,7 @@ impl Network {
             sky,
             phase_matrices,
             cells,
+            windows,
             groups,
             iterations: 0,
         })
@@ -295,8 +331,15 @@ impl Network {
         self.values.particles * self.values.directions
     }
 
-    /// Finds what each particle sees: pass `participating-media.visibility`. Returns the number of rays.
+    /// Finds what each particle sees: passes `participating-media.peel` and `.visibility`. Returns the number of rays.
     pub fn look(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+        if let (Some(peel), Some(own)) = (&kernels.peel, &self.groups.peel) {
+            frame.compute("participating-media.peel", |pass| {
+                // A workgroup of 256 per view.
+                let invocations = [256 * self.values.directions / 2, 1, 1];
+                peel.dispatch(pass, &[(3, own)], invocations);
+            });
+        }
         frame.compute("participating-media.visibility", |pass| {
             let groups = [(0, &scene.ray_bind_group), (3, &self.groups.visibility)];
             kernels
@@ -400,6 +443,7 @@ impl Network {
             &self.sky,
             &self.phase_matrices,
             &self.cells,
+            &self.windows,
         ];
         buffers.iter().map(|buffer| buffer.size()).sum()
     }

@@ -219,6 +219,42 @@ fn the_fixed_point_is_that_of_the_equation() {
     }
 }
 
+/// With windows so fine that a pixel is a ray, peeled layers are what rays meet; coarse ones are nearly that.
+#[test]
+fn peeled_links_are_those_that_rays_find() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::new("fog");
+    scene.media.push(medium(2.0, 0.9, 0.0));
+    let links = |visibility: &str, window: &str| {
+        let settings = [
+            ("particles", "200"),
+            ("directions", "16"),
+            ("visibility", visibility),
+            ("window", window),
+        ];
+        let mut renderer = renderer(&gpu, &scene, &[INFO.name], &settings);
+        render(&mut renderer, 1);
+        Arrays::read(&gpu, &mut renderer, 0.9).visible
+    };
+    let rays = links("rays", "64");
+    let same = |window: &str| {
+        let peeled = links("peel", window);
+        let mut same = 0;
+        for (peeled, ray) in peeled.iter().zip(&rays) {
+            assert!(peeled.0 == u32::MAX || peeled.0 < 200, "{}", peeled.0);
+            if peeled.0 == ray.0 {
+                assert!((peeled.1 - ray.1).abs() < 1e-4, "{peeled:?} {ray:?}");
+                same += 1;
+            }
+        }
+        f64::from(same) / rays.len() as f64
+    };
+    let [fine, coarse] = ["256", "16"].map(same);
+    println!("{fine:.4} of the links, {coarse:.4} with coarse windows");
+    assert!(fine > 0.97, "{fine}");
+    assert!(coarse > 0.6 && coarse < fine, "{coarse}");
+}
+
 /// Radiance 1 from everywhere is radiance 1 through a medium that absorbs nothing.
 #[test]
 fn a_medium_without_absorption_vanishes_in_even_light() {
@@ -599,14 +635,16 @@ fn light_scatters_as_paths_do() {
             random: Random(1),
         };
         let truth = truth.picture(400);
-        let iterations = if is_single { "0" } else { "64" };
-        let found = picture(
-            &gpu,
-            &scene,
-            &[INFO.name],
-            &[("most-iterations", iterations)],
-        );
-        let error = rel_mse_4(&found, &truth);
-        assert!(error < bound, "g {g}, single {is_single}: {error}");
+        let iterations = ("most-iterations", if is_single { "0" } else { "64" });
+        for visibility in ["rays", "peel"] {
+            let settings = [iterations, ("visibility", visibility)];
+            let found = picture(&gpu, &scene, &[INFO.name], &settings);
+            let error = rel_mse_4(&found, &truth);
+            println!("g {g}, single {is_single}, {visibility}: {error:.1e}");
+            assert!(
+                error < bound,
+                "g {g}, single {is_single}, {visibility}: {error}"
+            );
+        }
     }
 }
