@@ -178,7 +178,10 @@ impl Seen {
             frame.compute("participating-media.toward-eye", |pass| {
                 let [seen, own] = &kept.toward_eye[parity];
                 let groups = [(0, &scene.bind_group), (1, seen), (3, own)];
-                passes.toward_eye.dispatch(pass, &groups, [count, 1, 1]);
+                // A workgroup of 64 per particle.
+                passes
+                    .toward_eye
+                    .dispatch(pass, &groups, [64 * count, 1, 1]);
             });
             frame.compute("participating-media.field", |pass| {
                 let nodes = [network.values.nodes, 1, 1];
