@@ -352,6 +352,26 @@ fn a_slab_reflects_and_transmits_what_van_de_hulst_found() {
     }
 }
 
+/// In one of 2^24 segments, the random number of the first free path is 0. Such a path must not collide in the empty
+/// space before a medium, where it would get infinite weight.
+#[test]
+fn free_paths_of_length_zero_do_not_end_in_empty_space() {
+    let Some(gpu) = test_gpu() else { return };
+    let fog = Medium {
+        albedo: Vec3::splat(0.9),
+        ..absorber(Vec3::ONE, Vec3::splat(2.0))
+    };
+    let scene = scene(Some(sky(1.0, 1.0)), vec![fog]);
+    let mut tracer = PathTracer::new(&gpu, &scene, [SIDE; 2], &Settings::default()).unwrap();
+    // The third sample of pixel (3, 5) has that number.
+    tracer.restart(45416).unwrap();
+    let mut on = |_: &_| ControlFlow::Continue(());
+    let eye = vec3(0.0, 0.0, 5.0);
+    tracer.render(&camera(eye), 4, &mut on).unwrap();
+    let picture = tracer.radiance().unwrap();
+    assert!(picture.iter().all(|&value| value < 10.0), "{picture:?}");
+}
+
 #[test]
 fn a_medium_without_extinction_changes_no_pixel() {
     let Some(gpu) = test_gpu() else { return };
