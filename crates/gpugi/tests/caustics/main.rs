@@ -180,11 +180,11 @@ fn balls_throw_their_light_where_the_path_tracer_finds_it() {
     }
 }
 
-/// Smoke that only absorbs, everywhere.
+/// Smoke that only absorbs, around everything, the camera too.
 fn smoke() -> Medium {
     Medium {
         name: "smoke".into(),
-        world_from_box: None,
+        world_from_box: Some(Mat4::from_scale(Vec3::splat(20.0))),
         extinction: vec3(0.6, 0.3, 0.1),
         albedo: Vec3::ZERO,
         phase: PhaseFunction::HenyeyGreenstein(0.0),
@@ -198,19 +198,21 @@ fn smoke() -> Medium {
 #[test]
 fn smoke_dims_what_balls_throw_as_in_the_path_tracer() {
     let Some(gpu) = gpu() else { return };
-    for (name, material, lamp) in [("glass", glass(1.5), 0.5), ("mirror", mirror(), 2.5)] {
-        let mut scene = ball_under_lamp(material, lamp);
+    for (name, material) in [("glass", glass(1.5)), ("mirror", mirror())] {
+        // The path tracer does not follow photons through media, and finds large lamps only.
+        let mut scene = ball_under_lamp(material, 2.5);
         scene.media.push(smoke());
         let [maps, rays, truth] = floors(&gpu, &scene, 256);
         for (tracer, light) in [("maps", maps), ("rays", rays)] {
-            for channel in 0..3 {
+            let shares = [0, 1, 2].map(|channel| {
                 let of = |all: &[f64]| all.iter().skip(channel).step_by(3).sum::<f64>();
-                let flux = of(&light) / of(&truth);
-                println!("{name}, {tracer}, channel {channel}: {flux:.4}");
-                // As without smoke: balls_throw_their_light_where_the_path_tracer_finds_it.
-                let most = if tracer == "maps" { 0.03 } else { 0.05 };
-                assert!((flux - 1.0).abs() < most, "{name}, {tracer}: {flux}");
-            }
+                of(&light) / of(&truth)
+            });
+            println!("{name}, {tracer}: {shares:.4?} of the truth's flux");
+            // As without smoke: balls_throw_their_light_where_the_path_tracer_finds_it.
+            let most = if tracer == "maps" { 0.03 } else { 0.05 };
+            let is_off = |share: &f64| (share - 1.0).abs() > most;
+            assert!(!shares.iter().any(is_off), "{name}, {tracer}: {shares:?}");
         }
     }
 }
