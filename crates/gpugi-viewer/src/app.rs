@@ -15,6 +15,7 @@ use web_time::Instant;
 use crate::command::command;
 use crate::gizmo::{self, Selected};
 use crate::panels::{self, Action, Maps};
+use crate::recording::Recording;
 use crate::saving::{self, Saving, What};
 use crate::session::{Pick, Session};
 use crate::task::Task;
@@ -37,6 +38,7 @@ pub struct App {
     /// What was dropped on a page, which is being read.
     dropped: Option<Task<Result<Files, String>>>,
     saving: Option<Saving>,
+    recording: Option<Recording>,
     #[cfg(not(target_arch = "wasm32"))]
     shaders: shaders::Shaders,
     #[cfg(target_arch = "wasm32")]
@@ -45,6 +47,8 @@ pub struct App {
     last_frame: Instant,
     /// Seconds per frame, smoothed.
     frame_seconds: f32,
+    /// Time that the CPU takes for a frame (s), smoothed.
+    cpu_seconds: f32,
 }
 
 /// What people are to know.
@@ -87,6 +91,7 @@ impl App {
             maps: Maps::default(),
             dropped: None,
             saving: None,
+            recording: None,
             #[cfg(not(target_arch = "wasm32"))]
             shaders: shaders::Shaders::default(),
             #[cfg(target_arch = "wasm32")]
@@ -94,6 +99,7 @@ impl App {
             message: None,
             last_frame: Instant::now(),
             frame_seconds: 0.0,
+            cpu_seconds: 0.0,
         }
     }
 
@@ -178,6 +184,16 @@ impl App {
                 context.copy_text(command.clone());
                 self.say(command);
             }
+            Action::Record => match self.recording.take() {
+                Some(recording) => {
+                    let done = recording.end(session);
+                    self.say(done);
+                }
+                None => match Recording::begin(session, Path::new(".")) {
+                    Ok(recording) => self.recording = Some(recording),
+                    Err(reason) => self.complain(reason),
+                },
+            },
             Action::Save(what) => {
                 let context = context.clone();
                 let done = move || context.request_repaint();
@@ -293,9 +309,18 @@ impl App {
         steer(ui, &response, session, seconds);
         let pixels = (rect.size() * ui.ctx().pixels_per_point()).round();
         let window = [pixels.x, pixels.y].map(|side| (side as u32).max(1));
-        match session.frame(window, seconds) {
+        let began = Instant::now();
+        let shown = match &mut self.recording {
+            Some(recording) => recording.frame(session, window),
+            None => {
+                let shown = session.frame(window, seconds);
+                shown.map_err(|error| error.to_string())
+            }
+        };
+        self.cpu_seconds += 0.1 * (began.elapsed().as_secs_f32() - self.cpu_seconds);
+        match shown {
             Ok(shown) => {
-                if shown.is_final {
+                if shown.is_final && self.recording.is_none() {
                     self.frame_seconds = 0.0;
                 } else {
                     ui.ctx().request_repaint();
@@ -303,11 +328,12 @@ impl App {
                     self.frame_seconds += part * (seconds.min(1.0) - self.frame_seconds);
                 }
             }
-            Err(error) => {
-                self.message = Some(Message {
-                    text: error.to_string(),
-                    is_error: true,
-                })
+            Err(text) => {
+                if let Some(recording) = self.recording.take() {
+                    recording.end(session);
+                }
+                let is_error = true;
+                self.message = Some(Message { text, is_error });
             }
         }
         for (purpose, point) in session.picked() {
@@ -392,6 +418,10 @@ impl App {
                 ScrollArea::vertical().show(ui, |ui| {
                     panels::scene(ui, session, &mut actions);
                     panels::picture(ui, session, &mut actions);
+                    // A page has no folder to write to.
+                    if cfg!(not(target_arch = "wasm32")) {
+                        panels::recording(ui, self.recording.as_ref(), &mut actions);
+                    }
                     // What is set while something is opened would be lost.
                     ui.add_enabled_ui(!is_opening, |ui| {
                         panels::techniques(ui, session, &mut actions);
@@ -402,7 +432,7 @@ impl App {
                         _ => None,
                     };
                     panels::edits(ui, &session.loaded().scene, object, &mut actions);
-                    panels::performance(ui, session);
+                    panels::performance(ui, session, self.cpu_seconds);
                     self.maps.list(ui, session);
                     panels::keys(ui);
                 });
@@ -472,14 +502,18 @@ fn divider(ui: &Ui, rect: Rect, split: &mut f32) {
         .vline(x, rect.y_range(), egui::Stroke::new(2.0, Color32::WHITE));
 }
 
-/// Mouse and keyboard steer the camera.
+/// Mouse, fingers and keyboard steer the camera.
 fn steer(ui: &Ui, response: &egui::Response, session: &mut Session, seconds: f32) {
     let height = response.rect.height().max(1.0);
     let drag = response.drag_delta() / height;
     let drag = Vec2::new(drag.x, drag.y);
     let shift = ui.input(|input| input.modifiers.shift);
     let camera = &mut session.camera;
-    if drag != Vec2::ZERO {
+    // The first of two fingers is a pointer, too.
+    if let Some(touch) = ui.input(egui::InputState::multi_touch) {
+        let shift = touch.translation_delta / height;
+        camera.pan(Vec2::new(shift.x, -shift.y));
+    } else if drag != Vec2::ZERO {
         if response.dragged_by(PointerButton::Secondary) {
             let field = camera.field_of_view().unwrap_or(60.0).to_radians();
             camera.look(drag * field);

@@ -6,12 +6,10 @@ use std::time::Instant;
 use gpugi::gpu::{AdapterChoice, Gpu};
 use serde::Serialize;
 
+use crate::recording::STEP_SECONDS;
 use crate::script::Script;
 use crate::session::Session;
 use crate::viewer::{Start, Viewer};
-
-/// Time from frame to frame of cameras and animations (s), so that each run shows the same.
-const STEP_SECONDS: f32 = 1.0 / 60.0;
 
 /// Times of a run's frames.
 #[derive(Debug, Clone, PartialEq, Serialize)]

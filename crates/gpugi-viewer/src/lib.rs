@@ -15,6 +15,7 @@ pub mod headless;
 pub mod opening;
 pub mod pace;
 mod panels;
+pub mod recording;
 mod saving;
 pub mod script;
 pub mod session;

@@ -13,6 +13,8 @@ const MOST_STEPS: u32 = 12;
 const PATIENCE: u32 = 12;
 /// Longest time of a frame when nothing moves (s): input waits for it.
 const STILL_SECONDS: f32 = 0.2;
+/// Time that a picture of the path tracer may take in motion (s).
+const TRACED_SECONDS: f32 = 0.1;
 /// Limits of the budget, in units of [`Budget`].
 const UNITS: [u64; 2] = [20_000, 1 << 40];
 
@@ -95,6 +97,11 @@ impl Pace {
         }
     }
 
+    /// Takes notice of a picture in motion that the path tracer took `seconds` for, over some frames.
+    pub fn measure_traced(&mut self, seconds: f32) {
+        self.in_motion.measure(seconds / TRACED_SECONDS);
+    }
+
     /// Work on maps that the next frame may do.
     pub fn budget(&self) -> Budget {
         Budget::units(self.units)
@@ -154,6 +161,19 @@ mod tests {
         let seconds = 2.0 * (width * height) as f32 / 1e6;
         assert!(seconds < 1.25 * STILL_SECONDS, "{seconds}");
         assert_eq!(pace.size([1000, 1000], true), [1000, 1000]);
+    }
+
+    #[test]
+    fn traced_pictures_have_the_pixels_that_they_are_quick_with() {
+        let mut pace = Pace::default();
+        let mut last = 0.0;
+        for _ in 0..10 {
+            let [width, height] = pace.size([1000, 1000], true);
+            last = 2.0 * (width * height) as f32 / 1e6;
+            pace.measure_traced(last);
+        }
+        assert!(last < 1.25 * TRACED_SECONDS, "{last}");
+        assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
     }
 
     #[test]

@@ -2,20 +2,23 @@
 
 mod edits;
 mod maps;
+mod performance;
 mod settings;
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
 use gpugi::display::{Compared, Exposure, Quantity, ToneMap};
 use gpugi::scene::Edit;
-use gpugi::techniques::{Map, Registry};
+use gpugi::techniques::Registry;
 use gpugi_scene::builtin;
 
+use crate::recording::Recording;
 use crate::saving::What;
 use crate::session::Session;
 use crate::technique_set::{PATH_TRACER, Preset, TechniqueSet};
 
 pub use edits::edits;
 pub use maps::Maps;
+pub use performance::performance;
 
 /// What people asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +39,8 @@ pub enum Action {
     CopyCommand,
     /// To write what is seen.
     Save(What),
+    /// To begin or to end a recording.
+    Record,
     /// To lose the device, in tests.
     LoseDevice,
 }
@@ -188,6 +193,18 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
         });
 }
 
+/// The recording, if one goes on.
+pub fn recording(ui: &mut Ui, recording: Option<&Recording>, actions: &mut Vec<Action>) {
+    let text = match recording {
+        Some(recording) => format!("stop after {} frames", recording.frames()),
+        None => "record".to_owned(),
+    };
+    let help = "Writes a PNG every 60th of a second of the animation, each with all samples";
+    if ui.button(text).on_hover_text(help).clicked() {
+        actions.push(Action::Record);
+    }
+}
+
 /// Techniques and their settings.
 pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     CollapsingHeader::new("Techniques")
@@ -295,6 +312,7 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
                 (None, "off"),
                 (Some(Compared::Split(split)), "split"),
                 (Some(Compared::Error), "error"),
+                (Some(Compared::Leaks), "leaks"),
             ];
             for (choice, text) in choices {
                 ui.selectable_value(&mut session.compared, choice, text);
@@ -304,8 +322,14 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
             ui.weak("the path tracer beside the picture");
             return;
         }
-        if session.compared == Some(Compared::Error) {
-            ui.weak("part of rel-mse: 1e-4 black, 1e-3 blue, 1e-2 red, 1e-1 yellow, 1 white");
+        match session.compared {
+            Some(Compared::Error) => {
+                ui.weak("part of rel-mse: 1e-4 black, 1e-3 blue, 1e-2 red, 1e-1 yellow, 1 white");
+            }
+            Some(Compared::Leaks) => {
+                ui.weak("light that is too much, red, or missing, blue: full colour at all of it");
+            }
+            _ => {}
         }
         ui.label(match session.reference() {
             Some(_) => traced(session),
@@ -325,51 +349,6 @@ pub fn traced(session: &Session) -> String {
     format!("path tracer: {samples} samples{noise}")
 }
 
-/// Times and memory.
-pub fn performance(ui: &mut Ui, session: &mut Session) {
-    let header = CollapsingHeader::new("Performance").show(ui, |ui| {
-        let renderer = &session.loaded().renderer;
-        let [width, height] = renderer.size();
-        ui.label(format!(
-            "{width} x {height} pixels on {}",
-            session.gpu().adapter.name
-        ));
-        let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
-        egui::Grid::new("memory")
-            .striped(true)
-            .num_columns(2)
-            .show(ui, |ui| {
-                let mut row = |name: &str, bytes: u64| {
-                    ui.label(name);
-                    ui.label(format!("{:.1} MiB", mebibytes(bytes)));
-                    ui.end_row();
-                };
-                row("scene", renderer.scene().bytes);
-                row("picture", renderer.picture_bytes());
-                row("maps", renderer.maps().iter().map(Map::bytes).sum());
-                row("to make maps", renderer.work_bytes());
-            });
-        if !session.gpu().has_timestamps {
-            ui.weak("this GPU tells no times of passes");
-            return;
-        }
-        let times = session.pass_times.longest_first();
-        let sum: f64 = times.iter().map(|(_, milliseconds)| milliseconds).sum();
-        ui.strong(format!("{sum:.2} ms of the GPU per frame"));
-        egui::Grid::new("passes")
-            .striped(true)
-            .num_columns(2)
-            .show(ui, |ui| {
-                for (pass, milliseconds) in times {
-                    ui.label(pass);
-                    ui.label(format!("{milliseconds:.3} ms"));
-                    ui.end_row();
-                }
-            });
-    });
-    session.is_timed = header.body_returned.is_some();
-}
-
 /// What mouse and keyboard do.
 pub fn keys(ui: &mut Ui) {
     CollapsingHeader::new("Mouse and keys").show(ui, |ui| {
@@ -378,6 +357,7 @@ pub fn keys(ui: &mut Ui) {
             ("right drag", "look around"),
             ("middle or shift drag", "pan"),
             ("wheel, pinch", "nearer, farther"),
+            ("two fingers", "pan"),
             ("W A S D, Q E", "fly; with shift faster"),
             ("click", "select an object, or a light's circle"),
             ("drag an arrow", "move what is selected"),

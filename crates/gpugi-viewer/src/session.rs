@@ -383,9 +383,7 @@ impl Session {
             self.at_rest + seconds
         };
         let is_moving_still = self.at_rest < REST_SECONDS;
-        let is_traced = self.loaded.set.is_path_tracer();
-        // The path tracer takes as long as it takes, whatever the frame's pixels.
-        let size = self.pace.size(window, is_moving_still && !is_traced);
+        let size = self.pace.size(window, is_moving_still);
         let renderer = &mut self.loaded.renderer;
         if size != renderer.size() {
             renderer.resize(size)?;
@@ -406,7 +404,11 @@ impl Session {
         let compared = beside.zip(comparison);
         let compared =
             compared.filter(|(_, comparison)| comparison.size() == size && quantity.is_none());
-        let is_plain = compared.is_none() && quantity.is_none();
+        // Where the path tracer is alone, its last picture stays until there is one of the new size.
+        let is_late = self.loaded.set.is_path_tracer()
+            && quantity.is_none()
+            && comparison.is_some_and(|comparison| comparison.size() != size);
+        let is_plain = compared.is_none() && quantity.is_none() && !is_late;
         let to_display = (
             self.display,
             compared.map(|(compared, _)| compared),
@@ -421,16 +423,17 @@ impl Session {
             let (readiness, timings) =
                 renderer.try_render_sample(&camera, wanted, display, is_timed)?;
             self.readiness = readiness;
-            shown.is_new = readiness.is_usable();
+            let is_usable = readiness.is_usable();
+            shown.is_new = is_usable && !is_late;
             // A frame's time says nothing about its pixels while the path tracer takes its part of it.
-            self.was_moving = (shown.is_new && !is_tracing).then_some(is_moving_still);
+            self.was_moving = (is_usable && !is_tracing).then_some(is_moving_still);
             if is_timed {
                 self.pass_times.follow(timings);
             }
-            if shown.is_new && self.camera.wants_target() && self.middle.is_none() {
+            if is_usable && self.camera.wants_target() && self.middle.is_none() {
                 self.middle = point_at(renderer, [0.5, 0.5]);
             }
-        } else if self.displayed != to_display || is_truth_new {
+        } else if (self.displayed != to_display || is_truth_new) && !is_late {
             shown.is_new = true;
             if is_plain {
                 renderer.display(&self.display)?;
@@ -499,14 +502,14 @@ impl Session {
             && !self.is_tracing()
     }
 
-    /// Lets the path tracer work on what is seen: beside the picture, only at rest. Returns whether there is something
-    /// new to show.
+    /// Lets the path tracer work on what is seen: beside the picture, only at rest; alone, in motion, too, with as many
+    /// pixels as its pictures are quick with. Returns whether there is something new to show.
     fn follow_truth(&mut self, is_moving: bool, seconds: f32) -> Result<bool, LightingError> {
         if self.beside().is_none() {
             let truth = self.truth.take();
             return Ok(truth.is_some_and(|truth| truth.reference().is_some()));
         }
-        let trails = self.loaded.set.is_path_tracer();
+        let is_alone = self.loaded.set.is_path_tracer();
         let view = self.truth_view();
         let mut truth = match self.truth.take() {
             Some(truth) => truth,
@@ -517,15 +520,18 @@ impl Session {
         };
         let has_begun = truth.tracer(&view).is_some();
         let was_shown = truth.reference().is_some();
-        if !trails && !has_begun {
+        if !is_alone && !has_begun {
             truth.forget();
         }
-        // In motion, what takes long does not begin: the scene may be another one in the next frame.
-        let is_waiting = is_moving && !(trails && truth.is_made_for(&view));
-        let done = match is_waiting {
+        let done = match is_moving && !is_alone {
             true => Ok(false),
-            false => truth.frame(&self.loaded.scene, &view, trails, seconds),
+            false => truth.frame(&self.loaded.scene, &view, is_moving, seconds),
         };
+        if let Some(seconds) = truth.first_sample()
+            && is_moving
+        {
+            self.pace.measure_traced(seconds);
+        }
         let is_shown = truth.reference().is_some();
         self.truth = Some(truth);
         Ok(done? || was_shown != is_shown)

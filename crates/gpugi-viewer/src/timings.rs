@@ -1,6 +1,6 @@
-//! GPU times of passes, smoothed so that they can be read.
+//! GPU times of passes: smoothed so that they can be read, and those of the last frames.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
@@ -11,14 +11,17 @@ use gpugi::gpu::{GpuError, Timing, Timings};
 const NEW: f64 = 0.1;
 /// Frames that may be on their way.
 const MOST_PENDING: usize = 4;
+/// Frames of the history.
+const HISTORY: usize = 120;
 
 type Arrival = Pin<Box<dyn Future<Output = Result<Vec<Timing>, GpuError>>>>;
 
-/// Means of GPU times by pass.
+/// GPU times by pass (ms).
 #[derive(Default)]
 pub struct PassTimes {
     pending: Vec<Arrival>,
     means: BTreeMap<String, f64>,
+    history: VecDeque<BTreeMap<String, f64>>,
 }
 
 impl PassTimes {
@@ -35,15 +38,43 @@ impl PassTimes {
     /// Takes what has arrived. Never waits.
     pub fn update(&mut self) {
         let mut context = Context::from_waker(Waker::noop());
-        let means = &mut self.means;
+        let mut arrived = Vec::new();
         self.pending
             .retain_mut(|arrival| match arrival.as_mut().poll(&mut context) {
                 Poll::Pending => true,
                 Poll::Ready(times) => {
-                    add(means, times.unwrap_or_default());
+                    arrived.push(times.unwrap_or_default());
                     false
                 }
             });
+        for times in arrived {
+            self.add(times);
+        }
+    }
+
+    /// Adds the times of a frame: passes of the same name together. Passes that a frame lacks fade out of the means.
+    fn add(&mut self, times: Vec<Timing>) {
+        if times.is_empty() {
+            return;
+        }
+        let mut sums: BTreeMap<String, f64> = BTreeMap::new();
+        for time in times {
+            *sums.entry(time.pass).or_default() += time.milliseconds;
+        }
+        if self.history.len() == HISTORY {
+            self.history.pop_front();
+        }
+        self.history.push_back(sums.clone());
+        for (pass, mean) in &mut self.means {
+            *mean += NEW * (sums.remove(pass).unwrap_or_default() - *mean);
+        }
+        self.means.extend(sums);
+        self.means.retain(|_, mean| *mean > 1e-4);
+    }
+
+    /// The times of the last frames that were timed, the latest last.
+    pub fn history(&self) -> &VecDeque<BTreeMap<String, f64>> {
+        &self.history
     }
 
     /// Forgets everything.
@@ -63,22 +94,6 @@ impl PassTimes {
     }
 }
 
-/// Adds the times of a frame: passes of the same name together. Passes that a frame lacks fade out.
-fn add(means: &mut BTreeMap<String, f64>, times: Vec<Timing>) {
-    if times.is_empty() {
-        return;
-    }
-    let mut sums: BTreeMap<String, f64> = BTreeMap::new();
-    for time in times {
-        *sums.entry(time.pass).or_default() += time.milliseconds;
-    }
-    for (pass, mean) in means.iter_mut() {
-        *mean += NEW * (sums.remove(pass).unwrap_or_default() - *mean);
-    }
-    means.extend(sums);
-    means.retain(|_, mean| *mean > 1e-4);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -95,16 +110,18 @@ mod tests {
     fn times_of_a_name_are_summed_and_fade_out() {
         let mut times = PassTimes::default();
         let twice = frame(&[("gather", 1.0), ("depth", 4.0), ("gather", 2.0)]);
-        add(&mut times.means, twice);
+        times.add(twice);
         assert_eq!(times.longest_first(), [("depth", 4.0), ("gather", 3.0)]);
         for _ in 0..300 {
-            add(&mut times.means, frame(&[("gather", 1.0)]));
+            times.add(frame(&[("gather", 1.0)]));
         }
         let left = times.longest_first();
         assert_eq!(left.len(), 1);
         assert!((left[0].1 - 1.0).abs() < 1e-6);
         // Adapters without timestamps.
-        add(&mut times.means, Vec::new());
+        times.add(Vec::new());
         assert_eq!(times.longest_first().len(), 1);
+        assert_eq!(times.history().len(), HISTORY);
+        assert_eq!(times.history()[0]["gather"], 1.0);
     }
 }

@@ -1,6 +1,6 @@
 //! The path tracer in the viewer, beside the picture or in its place. Each frame traces a piece that leaves the frame
-//! fluid, on the window's own device, and never waits for it: so a page has it, too. What takes long, the upload of the
-//! scene for rays and the start of the kernels, is a task of its own.
+//! fluid, on the window's own device, and never waits for it: so a page has it, too. It follows edits and other sizes.
+//! What takes long, the upload of another scene for rays and the start of the kernels, is a task of its own.
 
 use std::sync::Arc;
 
@@ -30,6 +30,14 @@ pub struct View {
     pub samples: u32,
 }
 
+impl View {
+    /// Whether the other is the same but for the number of samples.
+    fn is_like(&self, other: &Self) -> bool {
+        let of = |one: &Self| (one.version, one.size);
+        of(self) == of(other) && self.camera == other.camera
+    }
+}
+
 /// The picture so far.
 #[derive(Debug)]
 pub struct Reference {
@@ -49,9 +57,10 @@ pub struct Truth {
     gpu: Gpu,
     settings: Settings,
     wake: Arc<dyn Fn() + Send + Sync>,
-    /// A path tracer on its way, with the version of its scene and its size.
-    making: Option<(Making, u64, [u32; 2])>,
-    tracer: Option<(PathTracer, u64, [u32; 2])>,
+    /// A path tracer on its way, with the version of its scene.
+    making: Option<(Making, u64)>,
+    /// The path tracer, with the version of its scene.
+    tracer: Option<(PathTracer, u64)>,
     /// What it traces.
     view: Option<View>,
     progress: Option<Progress>,
@@ -60,6 +69,9 @@ pub struct Truth {
     rays: u64,
     /// Time since the last piece (s).
     waited: f32,
+    /// Time since the view began (s).
+    traced: f32,
+    first_sample: Option<f32>,
     /// Whether it has failed.
     is_broken: bool,
 }
@@ -78,13 +90,15 @@ impl Truth {
             reference: None,
             rays: RAYS[0],
             waited: 0.0,
+            traced: 0.0,
+            first_sample: None,
             is_broken: false,
         }
     }
 
-    /// Traces a piece of a view of `scene`, in a frame that comes `seconds` after the one before. If it `trails`, a
-    /// view that has no sample yet is shown before a newer one begins: else nothing would be seen in motion. Returns
-    /// whether the picture is better than before.
+    /// Traces a piece of a view of `scene`, in a frame that comes `seconds` after the one before. In motion, a view that
+    /// has no sample yet is shown before a newer one begins: else nothing would be seen. And a scene that would take an
+    /// upload waits for rest: it may be another one in the next frame. Returns whether the picture is better than before.
     ///
     /// # Errors
     /// Why there will be no picture, once.
@@ -92,13 +106,13 @@ impl Truth {
         &mut self,
         scene: &Scene,
         view: &View,
-        trails: bool,
+        is_moving: bool,
         seconds: f32,
     ) -> Result<bool, LightingError> {
         if self.is_broken {
             return Ok(false);
         }
-        let done = self.piece(scene, view, trails, seconds);
+        let done = self.piece(scene, view, is_moving, seconds);
         self.is_broken = done.is_err();
         done
     }
@@ -107,10 +121,10 @@ impl Truth {
         &mut self,
         scene: &Scene,
         view: &View,
-        trails: bool,
+        is_moving: bool,
         seconds: f32,
     ) -> Result<bool, LightingError> {
-        if let Some((task, version, size)) = &self.making {
+        if let Some((task, version)) = &self.making {
             let Some(made) = task.result() else {
                 return Ok(false);
             };
@@ -119,27 +133,35 @@ impl Truth {
                 pass: "path-tracer".into(),
                 reason,
             };
-            self.tracer = Some((made.map_err(failed)?, *version, *size));
+            self.tracer = Some((made.map_err(failed)?, *version));
             (self.making, self.view) = (None, None);
         }
-        let is_made = self.is_made_for(view);
-        let tracer = self.tracer.take().filter(|_| is_made);
-        let Some((mut tracer, version, size)) = tracer else {
-            // The memory of the last one is free before the next one takes its own.
+        let Some((mut tracer, mut version)) = self.tracer.take() else {
             self.make(scene, view);
             return Ok(false);
         };
-        if self
-            .view
-            .as_ref()
-            .is_none_or(|traced| traced.camera != view.camera)
-        {
-            let is_due = self.view.is_none() || tracer.samples() > 0 || !trails;
-            if is_due {
-                tracer.restart(0)?;
-                self.progress = None;
-                self.view = Some(view.clone());
+        let is_other = (self.view.as_ref()).is_none_or(|traced| !traced.is_like(view));
+        if is_other && (self.view.is_none() || tracer.samples() > 0 || !is_moving) {
+            if version != view.version && !tracer.update(scene)? {
+                self.view = None;
+                if is_moving {
+                    self.tracer = Some((tracer, version));
+                } else {
+                    // The memory of the last one is free before the next one takes its own.
+                    drop(tracer);
+                    self.make(scene, view);
+                }
+                return Ok(false);
             }
+            version = view.version;
+            if tracer.size() != view.size {
+                tracer.resize(view.size)?;
+            }
+            tracer.restart(0)?;
+            (self.progress, self.traced) = (None, 0.0);
+            self.view = Some(view.clone());
+        } else {
+            self.traced += seconds;
         }
         let camera = self.view.as_mut().map_or(&view.camera, |traced| {
             traced.samples = view.samples;
@@ -155,7 +177,11 @@ impl Truth {
         }
         self.progress = Some(progress);
         let is_better = progress.samples > before;
+        if is_better && before == 0 {
+            self.first_sample = Some(self.traced);
+        }
         if is_better {
+            let size = tracer.size();
             let comparison = match self.reference.take() {
                 Some(reference) if reference.comparison.size() == size => reference.comparison,
                 _ => Comparison::new(&self.gpu, size)?,
@@ -169,7 +195,7 @@ impl Truth {
         } else if let Some(reference) = &mut self.reference {
             reference.noise = progress.noise.or(reference.noise);
         }
-        self.tracer = Some((tracer, version, size));
+        self.tracer = Some((tracer, version));
         Ok(is_better)
     }
 
@@ -183,7 +209,7 @@ impl Truth {
             let tracer = PathTracer::new(&gpu, &scene, size, &settings);
             tracer.map_err(|error| error.to_string())
         });
-        self.making = Some((task, view.version, view.size));
+        self.making = Some((task, view.version));
     }
 
     /// The last picture, which may be of another view.
@@ -196,17 +222,16 @@ impl Truth {
         (self.reference, self.view) = (None, None);
     }
 
-    /// Whether it is ready for the scene and the size of a view.
-    pub fn is_made_for(&self, view: &View) -> bool {
-        let tracer = self.tracer.as_ref();
-        tracer.is_some_and(|(_, version, size)| (*version, *size) == (view.version, view.size))
+    /// How long the first sample of a view took (s), once per view.
+    pub fn first_sample(&mut self) -> Option<f32> {
+        self.first_sample.take()
     }
 
     /// The path tracer, if it traces this view.
     pub fn tracer(&self, view: &View) -> Option<&PathTracer> {
         let is_of_view = self.view.as_ref() == Some(view);
         let tracer = self.tracer.as_ref().filter(|_| is_of_view);
-        tracer.map(|(tracer, _, _)| tracer)
+        tracer.map(|(tracer, _)| tracer)
     }
 
     /// Whether another frame would not make the picture of this view better.
@@ -239,13 +264,72 @@ mod tests {
         panic!("it never comes");
     }
 
+    fn open() -> Option<Gpu> {
+        match Gpu::open(&AdapterChoice::Best) {
+            Ok(gpu) => Some(gpu),
+            Err(_) if std::env::var_os("GPUGI_SKIP_GPU").is_some() => None,
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn expected(gpu: &Gpu, scene: &Scene, view: &View, samples: u32) -> Vec<f32> {
+        let mut tracer = PathTracer::new(gpu, scene, view.size, &Settings::default()).unwrap();
+        let mut go_on = |_: &Progress| ControlFlow::Continue(());
+        tracer.render(&view.camera, samples, &mut go_on).unwrap();
+        tracer.radiance().unwrap()
+    }
+
+    /// While a light is dragged, its light is seen, and no path tracer is made anew.
+    #[test]
+    fn what_is_dragged_is_traced_in_motion() {
+        let Some(gpu) = open() else { return };
+        let mut scene = builtin("room", 1).unwrap();
+        let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
+        let mut view = View {
+            version: 0,
+            camera: scene.cameras[0].clone(),
+            size: [16, 12],
+            samples: 4,
+        };
+        traced(&mut truth, &scene, &view);
+        let mut scenes = vec![scene.clone()];
+        let mut pictures = 0;
+        while pictures < 4 {
+            scene.lights[0].world_from_light.w_axis.x += 0.001;
+            // Another size once in a while, as the pace chooses it.
+            view.size = [16 + 4 * (pictures % 2), 12];
+            view.version += 1;
+            scenes.push(scene.clone());
+            assert!(view.version < 10_000, "it never comes");
+            let is_new = truth.frame(&scene, &view, true, 0.01).unwrap();
+            assert!(truth.making.is_none(), "an upload");
+            if is_new && truth.reference().unwrap().samples == 1 {
+                pictures += 1;
+                assert!(truth.first_sample().is_some());
+                let of = truth.view.clone().unwrap();
+                let (tracer, _) = truth.tracer.as_ref().unwrap();
+                let expected = expected(&gpu, &scenes[of.version as usize], &of, 1);
+                assert_eq!(tracer.radiance().unwrap(), expected);
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        // At rest, the last scene is shown.
+        let found = traced(&mut truth, &scene, &view);
+        assert_eq!(found, expected(&gpu, &scene, &view, 4));
+        // What takes an upload waits for rest.
+        scene.materials[0].transmission = 1.0;
+        view.version += 1;
+        for _ in 0..20 {
+            assert!(!truth.frame(&scene, &view, true, 0.01).unwrap());
+            assert!(truth.making.is_none(), "an upload in motion");
+        }
+        let found = traced(&mut truth, &scene, &view);
+        assert_eq!(found, expected(&gpu, &scene, &view, 4));
+    }
+
     #[test]
     fn the_latest_view_is_traced_to_its_end() {
-        let gpu = match Gpu::open(&AdapterChoice::Best) {
-            Ok(gpu) => gpu,
-            Err(_) if std::env::var_os("GPUGI_SKIP_GPU").is_some() => return,
-            Err(error) => panic!("{error}"),
-        };
+        let Some(gpu) = open() else { return };
         let scene = builtin("cornell", 1).unwrap();
         let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
         let first = View {
@@ -264,12 +348,7 @@ mod tests {
             let reference = truth.reference().unwrap();
             assert_eq!(reference.samples, 8);
             assert!(reference.noise.unwrap() > 0.0);
-            let settings = Settings::default();
-            let mut expected = PathTracer::new(&gpu, &scene, view.size, &settings).unwrap();
-            expected
-                .render(&view.camera, 8, &mut |_| ControlFlow::Continue(()))
-                .unwrap();
-            assert_eq!(found, expected.radiance().unwrap());
+            assert_eq!(found, expected(&gpu, &scene, view, 8));
         }
     }
 }

@@ -10,11 +10,12 @@ use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::image::save_exr;
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::image::{decode_color, save_exr};
+use gpugi_scene::{Camera, Limits, Pixels, Scene};
 use gpugi_viewer::arguments::of_view_file;
 use gpugi_viewer::command::{command, view_file};
 use gpugi_viewer::headless::{self, Frames};
+use gpugi_viewer::recording::Recording;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
 use gpugi_viewer::technique_set::TechniqueSet;
@@ -279,6 +280,45 @@ fn a_recording_has_complete_frames_at_fixed_times() {
 }
 
 #[test]
+fn a_window_records_complete_frames_at_fixed_times() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("glass-room", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    let folder = std::env::temp_dir().join(format!("gpugi-viewer-{}", std::process::id()));
+    (session.clock.is_playing, session.pace.is_adaptive) = (true, true);
+    let mut recording = Recording::begin(session, &folder).unwrap();
+    let mut times = Vec::new();
+    while recording.frames() < 3 {
+        times.push(session.clock.seconds);
+        recording.frame(session, SIZE).unwrap();
+        gpu.wait().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(recording.end(session).contains("3 frames"));
+    assert!(!session.is_held && session.pace.is_adaptive);
+    times.dedup();
+    let step = 1.0 / 60.0;
+    for (frame, seconds) in times.iter().take(3).enumerate() {
+        assert!((seconds - frame as f32 * step).abs() < 1e-6, "{times:?}");
+        let mut scene = builtin("glass-room", 1).unwrap();
+        scene.pose(*seconds);
+        let expected = rendered(&gpu, &scene, &["shadow-map"]);
+        let expected = Display::picture(&gpu, &expected, &session.display).unwrap();
+        let file = folder.join(format!("gpugi-frames-1/{frame:04}.png"));
+        let bytes = std::fs::read(&file).unwrap();
+        let found = decode_color("frame", &bytes, &Limits::default()).unwrap();
+        assert_eq!([found.width, found.height], SIZE);
+        let Pixels::Rgba8(found) = found.pixels else {
+            panic!("8 bits per channel");
+        };
+        let pairs = found.iter().zip(&expected);
+        let most = pairs.map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(most <= Some(2), "{most:?}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn an_opening_that_is_cancelled_changes_nothing() {
     let Some(gpu) = open() else { return };
     let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
@@ -404,7 +444,21 @@ fn the_path_tracer_alone_shows_what_it_renders() {
     }
     assert!(pictures > 5, "{pictures}");
     assert_eq!(session.loaded().renderer.samples(), 1, "for clicks");
+    // Where its pictures take long, they have fewer pixels in motion, and all of them at rest.
+    session.pace.is_adaptive = true;
+    let slow = |session: &mut Session| {
+        session.camera.orbit([0.05, 0.0].into());
+        session.frame(SIZE, 0.3).unwrap();
+        session.gpu().wait().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        session.picture().unwrap().size[0] < SIZE[0] / 2
+    };
+    let is_smaller = (0..5000).any(|_| slow(session));
+    assert!(is_smaller, "all pixels in motion");
     frames_until(session, |session| session.is_complete());
+    assert_eq!(session.picture().unwrap().size, SIZE);
+    let expected = path_traced(&gpu, &scene, &session.camera.camera(), &settings);
+    assert_eq!(found(session), expected);
     let set = session.loaded().set.toggled(&["path-tracer"], "shadow-map");
     viewer.change_set(set);
     viewer.finish_opening().unwrap();

@@ -330,7 +330,7 @@ impl Lighting {
         self.impostors.begin_frame();
         self.environments.begin_frame();
         self.work = 0;
-        let (mut revision, mut lookups, mut is_final) = (0, 1, true);
+        let (mut revision, mut lookups, mut is_final) = (0, [1, 1], true);
         let waiting = self.techniques.iter().map(|one| one.waiting());
         let waiting: Vec<u64> = waiting.collect();
         let longest = self.waited.iter().copied().max().unwrap_or(0);
@@ -371,7 +371,9 @@ impl Lighting {
             }
             is_final &= generated.progress >= 1.0;
             revision += generated.revision;
-            lookups += u64::from(self.plans[index].lookups);
+            let (own, shared) = (self.plans[index].lookups, rest[0].shared_lookups());
+            lookups[0] += u64::from(own);
+            lookups[1] += u64::from(own.saturating_sub(shared) + shared / 4);
         }
         let progress = self
             .generated

@@ -504,9 +504,7 @@ impl Renderer {
     ) -> Result<(), GpuError> {
         let mut frame = Frame::new(&self.gpu, false);
         let points = self.tiles.iter().map(|tile| &tile.receiver.points);
-        let parts: Vec<_> = points
-            .map(|points| (&points.points, points.count))
-            .collect();
+        let parts: Vec<_> = points.collect();
         let colors = surfaces.record(&mut frame, &parts, quantity)?;
         let settings = Quantity::settings(settings);
         self.display.record(&mut frame, &[colors], 1, &settings)?;

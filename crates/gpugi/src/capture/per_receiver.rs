@@ -15,6 +15,7 @@ struct Entry<T> {
     points: wgpu::Buffer,
     view: wgpu::Buffer,
     target: wgpu::Buffer,
+    is_brief: bool,
     transmittance: Option<wgpu::Buffer>,
     /// Number of the call that last used the entry.
     last_used: u64,
@@ -50,12 +51,14 @@ impl<T> PerReceiver<T> {
         let Receiver {
             points,
             target,
+            is_brief,
             transmittance,
         } = receiver;
         let is_this = |one: &Entry<T>| {
             one.points == points.points
                 && one.view == points.view
                 && one.target == target.radiance
+                && one.is_brief == *is_brief
                 && one.transmittance == *transmittance
         };
         let index = match self.kept.iter().position(is_this) {
@@ -65,6 +68,7 @@ impl<T> PerReceiver<T> {
                     points: points.points.clone(),
                     view: points.view.clone(),
                     target: target.radiance.clone(),
+                    is_brief: *is_brief,
                     transmittance: transmittance.clone(),
                     last_used: now,
                     value: make()?,

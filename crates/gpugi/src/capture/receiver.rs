@@ -49,6 +49,8 @@ pub struct Receiver {
     pub points: SurfacePoints,
     /// Where gathers add.
     pub target: Target,
+    /// See [`Receiver::briefly`].
+    pub(crate) is_brief: bool,
     /// See [`Receiver::seen_through`].
     pub(super) transmittance: Option<wgpu::Buffer>,
 }
@@ -59,7 +61,17 @@ impl Receiver {
         Self {
             points: points.clone(),
             target: target.clone(),
+            is_brief: false,
             transmittance: None,
+        }
+    }
+
+    /// The same receiver, whose light is soon gathered again: until then, neighbouring points may share samples of
+    /// lights, as cameras' pixels do.
+    pub(crate) fn briefly(self) -> Self {
+        Self {
+            is_brief: true,
+            ..self
         }
     }
 
@@ -321,6 +333,7 @@ impl Receiver {
                 slots,
             },
             target: target.clone(),
+            is_brief: false,
             transmittance: None,
         })
     }

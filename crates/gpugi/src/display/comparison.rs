@@ -12,7 +12,7 @@ use crate::shader;
 pub(crate) struct ComparisonUniform {
     pub width: u32,
     pub split: u32,
-    pub shows_error: u32,
+    pub shown: u32,
     pub scale: f32,
     pub pixel_count: u32,
     pub first_pixel: u32,
@@ -26,6 +26,9 @@ pub enum Compared {
     /// Each pixel's part of rel-mse (docs/measuring.md) in colours: 1e-4 black, 1e-3 blue, 1e-2 red, 1e-1 yellow, 1
     /// white.
     Error,
+    /// How much brighter than its reference each pixel is, as a part of the reference: light that is too much in red,
+    /// such as that of leaks, and what is missing in blue. Equal light is black.
+    Leaks,
 }
 
 /// A reference, such as a picture of the path tracer, and the pass that puts pictures of its size beside it.
@@ -102,7 +105,7 @@ impl Comparison {
         for part in parts {
             let split = match shown {
                 Compared::Split(split) => (split.clamp(0.0, 1.0) * self.size[0] as f32) as u32,
-                Compared::Error => 0,
+                Compared::Error | Compared::Leaks => 0,
             };
             let uniform = HostBuffer::new(
                 gpu,
@@ -113,7 +116,11 @@ impl Comparison {
             let values = ComparisonUniform {
                 width: self.size[0],
                 split,
-                shows_error: u32::from(shown == Compared::Error),
+                shown: match shown {
+                    Compared::Split(_) => 0,
+                    Compared::Error => 1,
+                    Compared::Leaks => 2,
+                },
                 scale: 1.0 / samples.max(1) as f32,
                 pixel_count: part.pixels,
                 first_pixel,
@@ -144,7 +151,7 @@ impl Compared {
     pub(crate) fn settings(self, settings: &DisplaySettings) -> DisplaySettings {
         match self {
             Self::Split(_) => *settings,
-            Self::Error => DisplaySettings {
+            Self::Error | Self::Leaks => DisplaySettings {
                 exposure: Exposure::Manual(0.0),
                 tone_map: ToneMap::None,
                 dither: false,

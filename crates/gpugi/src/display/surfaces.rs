@@ -1,8 +1,9 @@
-//! What the pixels of a picture see: normals, materials and objects in colours.
+//! What the pixels of a picture see: normals, materials, objects and triangles in colours.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::{DisplaySettings, Exposure, Part, ToneMap};
+use crate::capture::SurfacePoints;
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
 use crate::shader;
 
@@ -21,17 +22,20 @@ pub enum Quantity {
     Objects,
     /// A colour per material.
     Materials,
+    /// A colour per triangle of an instance: the hit records.
+    Triangles,
 }
 
 impl Quantity {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Normal,
         Self::GeometricNormal,
         Self::Albedo,
         Self::Roughness,
         Self::Objects,
         Self::Materials,
+        Self::Triangles,
     ];
 
     /// Its name.
@@ -43,6 +47,7 @@ impl Quantity {
             Self::Roughness => "roughness",
             Self::Objects => "objects",
             Self::Materials => "materials",
+            Self::Triangles => "triangles",
         }
     }
 
@@ -88,19 +93,19 @@ impl Surfaces {
         })
     }
 
-    /// Records the pass `display.surfaces`. `parts` are the surface points of consecutive pixels, and how many. What it
-    /// returns is to be displayed as one sample, with [`Quantity::settings`].
+    /// Records the pass `display.surfaces`. `parts` are the surface points of consecutive pixels. What it returns is to be
+    /// displayed as one sample, with [`Quantity::settings`].
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the picture has another size.
     pub(crate) fn record(
         &self,
         frame: &mut Frame<'_>,
-        parts: &[(&wgpu::Buffer, u32)],
+        parts: &[&SurfacePoints],
         quantity: Quantity,
     ) -> Result<Part, GpuError> {
         let gpu = frame.gpu;
-        let all: u32 = parts.iter().map(|(_, pixels)| pixels).sum();
+        let all: u32 = parts.iter().map(|points| points.count).sum();
         if all != self.pixels {
             return Err(GpuError::Pass {
                 pass: "display.surfaces".into(),
@@ -108,7 +113,7 @@ impl Surfaces {
             });
         }
         let mut first_pixel = 0;
-        for (points, pixels) in parts {
+        for points in parts {
             let uniform = HostBuffer::new(
                 gpu,
                 "display.surfaces",
@@ -117,22 +122,26 @@ impl Surfaces {
             )?;
             let values = SurfacesUniform {
                 quantity: quantity as u32,
-                pixel_count: *pixels,
+                pixel_count: points.count,
                 first_pixel,
             };
             uniform.write(gpu, std::slice::from_ref(&values));
-            let points = [("points", points.as_entire_binding())];
+            let seen = [
+                ("points", points.points.as_entire_binding()),
+                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
+            ];
             let own = [
                 ("surfaces", uniform.as_entire_binding()),
                 ("colors", self.colors.as_entire_binding()),
             ];
-            let points = self.kernel.bind(gpu, 1, &points)?;
+            let seen = self.kernel.bind(gpu, 1, &seen)?;
             let own = self.kernel.bind(gpu, 3, &own)?;
             frame.compute("display.surfaces", |pass| {
-                let groups = [(1, &points), (3, &own)];
-                self.kernel.dispatch(pass, &groups, [*pixels, 1, 1]);
+                let groups = [(1, &seen), (3, &own)];
+                let invocations = [points.count, 1, 1];
+                self.kernel.dispatch(pass, &groups, invocations);
             });
-            first_pixel += pixels;
+            first_pixel += points.count;
         }
         Ok(Part {
             radiance: self.colors.clone(),

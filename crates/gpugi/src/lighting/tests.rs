@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3};
-use gpugi_scene::builtin::shapes::{cuboid, sphere};
+use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Environment, Light, LightKind, Material, Scene};
 
 use super::*;

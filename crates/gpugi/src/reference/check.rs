@@ -5,15 +5,27 @@ use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
 use crate::gpu::GpuError;
 use crate::scene::{check_environment, check_media};
 
-/// Rejects images without pixels, and scenes that would silently make the whole image infinite or black.
-pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
-    let refuse = |what: String| Err(GpuError::Input { what });
+/// Rejects scenes that would silently make the whole image infinite or black.
+pub fn check(scene: &Scene) -> Result<(), GpuError> {
+    check_values(scene)?;
+    check_texels(scene)
+}
+
+/// Rejects images without pixels.
+pub fn check_size(size: [u32; 2]) -> Result<(), GpuError> {
     if size.contains(&0) {
-        return refuse(format!(
+        let what = format!(
             "a picture of {} x {} pixels shows nothing",
             size[0], size[1]
-        ));
+        );
+        return Err(GpuError::Input { what });
     }
+    Ok(())
+}
+
+/// What [`check`] says of all but the environment's image, which takes long.
+pub fn check_values(scene: &Scene) -> Result<(), GpuError> {
+    let refuse = |what: String| Err(GpuError::Input { what });
     for light in &scene.lights {
         let is_finite = light.intensity.is_finite()
             && light.world_from_light.is_finite()
@@ -47,16 +59,20 @@ pub fn check(scene: &Scene, size: [u32; 2]) -> Result<(), GpuError> {
         }
     }
     check_media(scene)?;
-    check_environment(scene.environment.as_ref())?;
+    check_environment(scene.environment.as_ref())
+}
+
+fn check_texels(scene: &Scene) -> Result<(), GpuError> {
     if let Some(environment) = &scene.environment
         && let Pixels::Rgba32Float(values) = &environment.image.pixels
         && let Some(value) = values.iter().position(|value| !value.is_finite())
     {
-        return refuse(format!(
+        let what = format!(
             "texel {} of environment {:?} is not finite",
             value / 4,
             environment.image.name
-        ));
+        );
+        return Err(GpuError::Input { what });
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use gpugi_scene::builtin::shapes::quad;
 use gpugi_scene::{Environment, Image, Light, LightKind, Material, Pixels, Scene};
 
 use super::lights::LightTable;
+use super::sky::Sky;
 use crate::gpu::{Frame, Gpu, Kernel, read_buffer};
 use crate::light_paths::LightClass;
 use crate::scene::GpuScene;
@@ -40,7 +41,11 @@ fn ask(
     directions: &[[f32; 4]],
 ) -> Vec<[f32; 4]> {
     let on_gpu = GpuScene::with_rays(gpu, scene).unwrap();
-    let table = LightTable::new(scene, &on_gpu, &LightClass::ALL);
+    let sky = match &scene.environment {
+        Some(environment) => Sky::new(&environment.image),
+        None => Sky::none(),
+    };
+    let table = LightTable::new(scene, &on_gpu, &LightClass::ALL, sky.luminance);
     let kernel = Kernel::new(
         gpu,
         &shader!("testing.lights"),
@@ -60,7 +65,7 @@ fn ask(
     let output = gpu.storage("output", directions).unwrap();
     let rows = gpu.storage("lights", &table.rows).unwrap();
     let emitter_rows = gpu.storage("emitters", &table.emitter_rows).unwrap();
-    let sky = gpu.storage("sky", &table.sky.words).unwrap();
+    let sky = gpu.storage("sky", &sky.words).unwrap();
     let own = [
         ("question", question.as_entire_binding()),
         ("directions", input.as_entire_binding()),

@@ -5,7 +5,6 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, LightKind, Scene};
 
 use super::alias;
-use super::sky::Sky;
 use crate::light_paths::LightClass;
 use crate::scene::{Emitter, GpuScene};
 
@@ -52,13 +51,11 @@ pub struct LightTable {
     pub emitter_rows: Vec<u32>,
     /// Probability of choosing the sky.
     pub sky_probability: f32,
-    /// The sky's grid.
-    pub sky: Sky,
 }
 
 impl LightTable {
-    /// Builds the table from the lights of the given classes.
-    pub fn new(scene: &Scene, on_gpu: &GpuScene, classes: &[LightClass]) -> Self {
+    /// Builds the table from the lights of the given classes. `sky`: [`super::sky::Sky::luminance`].
+    pub fn new(scene: &Scene, on_gpu: &GpuScene, classes: &[LightClass], sky: f64) -> Self {
         let mut rows = Vec::new();
         // Powers of nearby lights (W), and irradiances of infinitely distant lights. The two have no common measure.
         let mut powers = Vec::new();
@@ -90,22 +87,19 @@ impl LightTable {
                 powers.push(emitter.power());
             }
         }
-        let mut sky = Sky::none();
         if classes.contains(&LightClass::Environment)
             && let Some(environment) = &scene.environment
         {
-            sky = Sky::new(environment);
             rows.push(Light {
                 kind: SKY,
                 ..Zeroable::zeroed()
             });
-            powers.push(sky.luminance / 2.0);
+            powers.push(sky * f64::from(environment.intensity) / 2.0);
         }
         let mut table = Self {
             rows,
             emitter_rows,
             sky_probability: 0.0,
-            sky,
         };
         table.choose(&powers);
         table

@@ -9,8 +9,12 @@
 mod alias;
 mod check;
 #[cfg(test)]
+mod edit_tests;
+mod edits;
+#[cfg(test)]
 mod light_tests;
 mod lights;
+mod lit;
 #[cfg(test)]
 mod media_tests;
 mod photons;
@@ -40,9 +44,10 @@ use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::Info;
-use lights::LightTable;
+use lit::{LightBuffers, Lit};
 use photons::Photons;
 use picture::Sums;
+use sky::Sky;
 use tile::{BLOCK_PIXELS, Tile, tiles};
 use wavefront::Wavefront;
 
@@ -131,7 +136,7 @@ pub struct Progress {
     pub noise: Option<f64>,
 }
 
-/// Renders one scene at one image size.
+/// Renders a scene, which may be edited, at one image size at a time.
 #[derive(Debug)]
 pub struct PathTracer {
     gpu: Gpu,
@@ -145,11 +150,13 @@ pub struct PathTracer {
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
     tiles: Vec<Tile>,
-    light_count: u32,
-    sky_probability: f32,
+    tile_side: u32,
+    lit: Lit,
+    lights: LightBuffers,
+    /// Whether the kernels leave light of lamps to the light tracer.
+    looks_for_lamps: bool,
     /// Which emission may end a path: bit 0 for surfaces, bit 1 for the sky.
     emission_classes: u32,
-    solids: Vec<surroundings::Solid>,
     /// Materials of the solids that contain the eye, innermost first.
     around_eye: [u32; 4],
     samples: u32,
@@ -210,9 +217,20 @@ impl PathTracer {
         let classes = settings
             .classes()
             .map_err(|reason| value("lights", &settings.lights, reason))?;
-        check::check(scene, size)?;
+        check::check_size(size)?;
+        check::check(scene)?;
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
-        let mut table = LightTable::new(scene, &on_gpu, &classes);
+        let sky = match &scene.environment {
+            Some(environment) if classes.contains(&LightClass::Environment) => {
+                Sky::new(&environment.image)
+            }
+            _ => Sky::none(),
+        };
+        // Photons do not know media.
+        let has_photons = has_photons && scene.media.is_empty();
+        let of_settings = (settings, &classes[..]);
+        let lit = Lit::new(scene, &on_gpu, of_settings, sky.luminance, has_photons);
+        let lights = LightBuffers::new(gpu, &lit.table, &sky)?;
         let flag = |set: bool| f64::from(u8::from(set));
         let has_transmission = scene.instances.iter().any(|instance| {
             let material = &scene.materials[instance.material];
@@ -235,24 +253,10 @@ impl PathTracer {
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
         )?;
-        let solids = surroundings::solids(scene);
-        let mut has_lamps = false;
-        let mut photons = None;
-        // Photons do not know media.
-        if has_photons && scene.media.is_empty() {
-            let spheres = photons::spheres(scene, &table.rows);
-            has_lamps = photons::mark_lamps(&spheres, &mut table.rows);
-            photons = Photons::new(
-                gpu,
-                (&spheres, &on_gpu),
-                size,
-                (settings, &filter, &classes),
-                (&table.rows, &solids),
-                &constants,
-                &view,
-            )?;
-        }
-        constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(has_lamps)));
+        let photons = (lit.aims.as_ref())
+            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, &view))
+            .transpose()?;
+        constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
         constants.push(on_gpu.media_constant());
         let of_film = KernelOptions {
             constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
@@ -262,39 +266,14 @@ impl PathTracer {
         let noise_kernel = of_film(shader!("reference.noise"))?;
         let shown_kernel = of_film(shader!("reference.shown"))?;
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
-        // A binding must hold at least one element, even if it is unused.
-        let unlit = [bytemuck::Zeroable::zeroed()];
-        let rows: &[lights::Light] = if table.rows.is_empty() {
-            &unlit
-        } else {
-            &table.rows
-        };
-        let rows = gpu.storage("path-tracer.lights [bytes]", rows)?;
-        let emitter_rows = gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?;
-        let sky = gpu.storage("path-tracer.sky [bytes]", &table.sky.words)?;
-        let wavefront = Wavefront::new(
-            gpu,
-            &on_gpu,
-            u64::from(size[0]) * u64::from(size[1]),
-            &constants,
-            &[
-                ("seen", &view),
-                ("settings", &parameters),
-                ("automaton", &automaton),
-                ("lights", &rows),
-                ("emitter_rows", &emitter_rows),
-                ("sky_grid", &sky),
-            ],
-        )?;
-        let tiles = tiles(
-            gpu,
-            size,
-            tile_side,
-            (&wavefront, photons.as_ref()),
-            &parameters,
-            (&noise_kernel, &shown_kernel),
-        )?;
-        Ok(Self {
+        let mut buffers = vec![
+            ("seen", &view),
+            ("settings", &parameters),
+            ("automaton", &automaton),
+        ];
+        buffers.extend(lights.named());
+        let wavefront = Wavefront::new(gpu, &on_gpu, &constants, &buffers)?;
+        let mut tracer = Self {
             gpu: gpu.clone(),
             scene: on_gpu,
             settings: settings.clone(),
@@ -305,13 +284,14 @@ impl PathTracer {
             shown_kernel,
             view,
             parameters,
-            tiles,
-            light_count: table.rows.len() as u32,
-            sky_probability: table.sky_probability,
+            tiles: Vec::new(),
+            tile_side,
+            looks_for_lamps: lit.has_lamps,
+            lit,
+            lights,
             emission_classes: u32::from(classes.contains(&LightClass::Area))
                 | u32::from(classes.contains(&LightClass::Environment)) << 1,
             around_eye: surroundings::around(&[], Vec3::ZERO),
-            solids,
             samples: 0,
             pass: Pass::default(),
             batch: None,
@@ -320,12 +300,19 @@ impl PathTracer {
             noise: None,
             seed: 0,
             rate: 0.0,
-        })
+        };
+        tracer.make_tiles()?;
+        Ok(tracer)
     }
 
     /// The settings that the path tracer was created with.
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// Width and height of the picture (pixels).
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 
     /// The scene on the GPU.
@@ -339,9 +326,7 @@ impl PathTracer {
     /// [`LightingError::Gpu`].
     pub fn restart(&mut self, seed: u32) -> Result<(), LightingError> {
         self.seed = seed;
-        self.samples = 0;
-        self.pass = Pass::default();
-        (self.batch, self.sums, self.noise) = (None, None, None);
+        self.forget();
         let mut frame = Frame::new(&self.gpu, false);
         for tile in &self.tiles {
             frame.clear(&tile.film);
@@ -476,7 +461,7 @@ impl PathTracer {
         self.gpu
             .write(&self.view, 0, std::slice::from_ref(&view.uniform));
         let eye = camera.world_from_view.w_axis.truncate();
-        self.around_eye = surroundings::around(&self.solids, eye);
+        self.around_eye = surroundings::around(&self.lit.solids, eye);
     }
 
     /// Pixels of the image.
@@ -518,7 +503,8 @@ impl PathTracer {
         let whole = self.tiles[..self.pass.tile].iter();
         let whole: f64 = whole.map(|tile| f64::from(tile.pixels())).sum();
         let of_blocks = f64::from(self.pass.block * BLOCK_PIXELS);
-        let Some(photons) = &self.photons else {
+        let photons = self.photons.as_ref();
+        let Some(photons) = photons.filter(|photons| photons.of_pass(1) > 0) else {
             return whole + of_blocks;
         };
         let Some(tile) = self.tiles.get(self.pass.tile) else {
@@ -636,8 +622,8 @@ impl PathTracer {
             first_sample: self.samples,
             max_bounces: self.settings.max_bounces,
             roulette_after: self.settings.roulette_after,
-            light_count: self.light_count,
-            sky_probability: self.sky_probability,
+            light_count: self.lit.table.rows.len() as u32,
+            sky_probability: self.lit.table.sky_probability,
             emission_classes: self.emission_classes,
             solids: self.around_eye,
         };

@@ -1,6 +1,6 @@
 //! The grid from which environment directions are sampled.
 
-use gpugi_scene::{Environment, Pixels};
+use gpugi_scene::{Image, Pixels};
 
 use super::alias;
 
@@ -14,7 +14,7 @@ const MOST_CELLS: [usize; 2] = [4096, 2048];
 pub struct Sky {
     /// Width and height; then a threshold, an alias and a probability per cell.
     pub words: Vec<u32>,
-    /// Integral of the luminance over the sphere [W/sr/m^2 sr].
+    /// Integral of the image's luminance over the sphere [W/sr/m^2 sr].
     pub luminance: f64,
 }
 
@@ -27,10 +27,9 @@ impl Sky {
         }
     }
 
-    /// The grid of an environment. A cell's weight is the light that the map, interpolated between texels, emits from
+    /// The grid of an environment's image, however it is turned and scaled. A cell's weight is the light that the map, interpolated between texels, emits from
     /// the cell's solid angle. No direction that emits light has probability 0.
-    pub fn new(environment: &Environment) -> Self {
-        let image = &environment.image;
+    pub fn new(image: &Image) -> Self {
         let (width, height) = (image.width as usize, image.height as usize);
         let luminance: Vec<f64> = (0..width * height)
             .map(|texel| texel_luminance(&image.pixels, texel))
@@ -70,7 +69,7 @@ impl Sky {
             }
         }
         let table = alias::table(&weights);
-        if table.is_empty() || environment.intensity <= 0.0 {
+        if table.is_empty() {
             return Self::none();
         }
         let mut words = vec![cells[0] as u32, cells[1] as u32];
@@ -83,7 +82,7 @@ impl Sky {
         }
         Self {
             words,
-            luminance: weights.iter().sum::<f64>() * f64::from(environment.intensity),
+            luminance: weights.iter().sum(),
         }
     }
 }

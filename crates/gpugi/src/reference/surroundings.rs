@@ -1,40 +1,43 @@
 //! Finds the solids that contain the eye. They are the initial media stack of every path.
 
-use glam::{DVec3, Vec3};
-use gpugi_scene::{Bounds, Scene};
+use std::sync::Arc;
+
+use glam::{DVec3, Mat4, Vec3};
+use gpugi_scene::{Bounds, Mesh, Scene};
+
+use crate::scene::GpuScene;
 
 /// Number of solids that a stack of scene/medium.wesl holds, and its marker for an empty entry.
 const DEPTH: usize = 4;
 const NONE: u32 = u32::MAX;
 
-/// A closed, transmissive mesh with an interior (KHR_materials_volume), in world space.
+/// A closed, transmissive mesh with an interior (KHR_materials_volume).
 #[derive(Debug)]
 pub struct Solid {
     material: u32,
+    /// In world space.
     bounds: Bounds,
-    triangles: Vec<[Vec3; 3]>,
+    mesh: Arc<Mesh>,
+    world_from_mesh: Mat4,
 }
 
 /// The solids of a scene.
-pub fn solids(scene: &Scene) -> Vec<Solid> {
+pub fn solids(scene: &Scene, on_gpu: &GpuScene) -> Vec<Solid> {
     let mut solids = Vec::new();
     for instance in &scene.instances {
         let material = &scene.materials[instance.material];
-        let mesh = &scene.meshes[instance.mesh];
-        if material.transmission <= 0.0 || material.volume.is_none() || !mesh.is_closed() {
+        if material.transmission <= 0.0 || material.volume.is_none() {
             continue;
         }
-        let place = |&index: &u32| {
-            let position = mesh.positions[index as usize];
-            instance.world_from_mesh.transform_point3(position)
-        };
-        let triangles = mesh.indices.as_chunks::<3>().0.iter();
-        let triangles: Vec<_> = triangles.map(|one| one.each_ref().map(place)).collect();
-        solids.push(Solid {
-            material: instance.material as u32,
-            bounds: Bounds::of(triangles.iter().flatten().copied()),
-            triangles,
-        });
+        let (is_closed, bounds) = on_gpu.shape_of_mesh(instance.mesh);
+        if is_closed {
+            solids.push(Solid {
+                material: instance.material as u32,
+                bounds: bounds.transformed(&instance.world_from_mesh),
+                mesh: scene.meshes[instance.mesh].clone(),
+                world_from_mesh: instance.world_from_mesh,
+            });
+        }
     }
     solids
 }
@@ -64,8 +67,12 @@ impl Solid {
         // Avoid the axes and diagonals, because model edges often lie along them.
         let direction = DVec3::new(0.267_309_1, 0.801_783_7, 0.534_522_5).normalize();
         let (mut count, mut nearest) = (0, f64::INFINITY);
-        for triangle in &self.triangles {
-            if let Some(t) = crossing(triangle, eye.as_dvec3(), direction) {
+        let place = |&index: &u32| {
+            let position = self.mesh.positions[index as usize];
+            self.world_from_mesh.transform_point3(position)
+        };
+        for triangle in self.mesh.indices.as_chunks::<3>().0 {
+            if let Some(t) = crossing(&triangle.each_ref().map(place), eye.as_dvec3(), direction) {
                 count += 1;
                 nearest = nearest.min(t);
             }
@@ -97,9 +104,11 @@ mod tests {
     use gpugi_scene::{Material, Volume};
 
     use super::*;
+    use crate::testing::test_gpu;
 
     #[test]
     fn the_innermost_solid_comes_first() {
+        let Some(gpu) = test_gpu() else { return };
         let glass = Material {
             transmission: 1.0,
             volume: Some(Volume {
@@ -130,7 +139,8 @@ mod tests {
             let material = scene.add_material(material);
             scene.add_instance("", meshes[0], material, Mat4::from_translation(Vec3::X));
         }
-        let solids = solids(&scene);
+        let on_gpu = GpuScene::with_rays(&gpu, &scene).unwrap();
+        let solids = solids(&scene, &on_gpu);
         let at = |x: f32| around(&solids, vec3(x, 0.0, 0.0));
         assert_eq!(at(-0.5), [NONE; 4]);
         assert_eq!(at(0.2), [0, NONE, NONE, NONE]);

@@ -123,6 +123,14 @@ impl GpuScene {
         Ok(())
     }
 
+    /// Whether [`GpuScene::update`] to `after` writes only what has changed: no mesh, image or table is uploaded.
+    pub(crate) fn can_follow(&self, after: &Scene) -> bool {
+        let edits = self.edits_to(after);
+        is_same_image(self.environment.as_ref(), after.environment.as_ref())
+            && have_same_grids(&self.media, &after.media)
+            && edits.is_some_and(|edits| edits.iter().all(|edit| self.can_apply(edit)))
+    }
+
     /// The edits that lead to `after`, except for its lights and media; `None` if the number of things or the textures
     /// differ.
     fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {

@@ -258,6 +258,12 @@ impl GpuScene {
         rays.map(|rays| rays.runs(gpu, &self.host)).transpose()
     }
 
+    /// Whether a mesh is closed, and its bounding box in its own space.
+    pub(crate) fn shape_of_mesh(&self, index: usize) -> (bool, Bounds) {
+        let mesh = &self.geometry.meshes[index];
+        (mesh.closed, mesh.bounds)
+    }
+
     /// Whether captures can draw the scene.
     pub fn has_captures(&self) -> bool {
         self.use_of != Use::Rays

@@ -224,6 +224,12 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         Ok(None)
     }
 
+    /// How many of its plan's lookups four neighbouring points share where their light is soon gathered again, such as in
+    /// cubes while a light moves.
+    fn shared_lookups(&self) -> u32 {
+        0
+    }
+
     /// Work that waited in the last frame and that shows as soon as it is done, such as cubes that mirrors show.
     /// Techniques before this one that light points of their own leave room for it in the frame's budget.
     fn waiting(&self) -> u64 {
@@ -284,8 +290,8 @@ pub struct Earlier<'a> {
     pub lights_elsewhere: bool,
     /// The technique's part of the frame's budget.
     slice: Slice,
-    /// What a gather of these techniques looks up per point.
-    lookups: u64,
+    /// What a gather of these techniques looks up per point: where its light stays, and where it is brief.
+    lookups: [u64; 2],
 }
 
 impl<'a> Earlier<'a> {
@@ -309,7 +315,7 @@ impl<'a> Earlier<'a> {
             is_final: true,
             lights_elsewhere,
             slice: Slice::unlimited(),
-            lookups: 1,
+            lookups: [1; 2],
         }
     }
 
@@ -322,8 +328,9 @@ impl<'a> Earlier<'a> {
         })
     }
 
-    /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point.
-    pub(crate) fn within(self, slice: Slice, lookups: u64) -> Self {
+    /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point, where
+    /// its light stays, and where it is brief.
+    pub(crate) fn within(self, slice: Slice, lookups: [u64; 2]) -> Self {
         Self {
             slice,
             lookups,
@@ -354,7 +361,12 @@ impl<'a> Earlier<'a> {
 
     /// Work of a gather at the points.
     pub(crate) fn gather_work(&self, points: u64) -> u64 {
-        points * self.lookups
+        points * self.lookups[0]
+    }
+
+    /// Work of a gather at the points, if it is brief ([`Receiver::briefly`]).
+    pub(crate) fn brief_gather_work(&self, points: u64) -> u64 {
+        points * self.lookups[1]
     }
 
     /// Counts work of the technique's own: rays traced, lookups at points, or pixels drawn. [`Earlier::gather`] counts by
@@ -430,7 +442,11 @@ impl<'a> Earlier<'a> {
         receiver: &Receiver,
         with_emission: bool,
     ) -> Result<(), GpuError> {
-        self.count(self.gather_work(receiver.points.count.into()));
+        let points = receiver.points.count.into();
+        self.count(match receiver.is_brief {
+            true => self.brief_gather_work(points),
+            false => self.gather_work(points),
+        });
         self.gather_some(frame, scene, receiver, with_emission, |_| true)
     }
 

@@ -48,6 +48,19 @@ fn errors_have_colours_by_their_decade() {
 }
 
 #[test]
+fn light_that_is_too_much_is_red_and_what_is_missing_blue() {
+    let gpu = gpu!();
+    let mut reference = [[1.0; 3]; 8];
+    // (1 - b) / (b + 0.1) is 10 and -0.5.
+    reference[1] = [0.0; 3];
+    reference[7] = [2.1; 3];
+    let pixels = compared(&gpu, &reference, Compared::Leaks);
+    assert_eq!(pixels[0], [0, 0, 0, 255]);
+    assert_eq!(pixels[1], [255, 0, 0, 255]);
+    assert_eq!(pixels[7], [0, 0, 128, 255]);
+}
+
+#[test]
 fn a_reference_of_another_size_is_refused() {
     let gpu = gpu!();
     let radiance = gpu.storage("radiance", &[[1.0_f32; 4]; 4]).unwrap();

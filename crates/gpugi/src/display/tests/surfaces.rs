@@ -1,6 +1,7 @@
 //! Surface points in colours.
 
 use super::*;
+use crate::capture::SurfacePoints;
 
 /// Words of a surface point that faces +Z, with albedo (1, 0, 0), roughness 0 and the given instance and material.
 fn point(instance: u32, material: u32) -> [u32; 12] {
@@ -8,16 +9,49 @@ fn point(instance: u32, material: u32) -> [u32; 12] {
     [0, 0, 0, 0, 0, 0, red, 0, 0, 0, instance, material]
 }
 
+/// Such points, whose triangles have the given provoking vertices.
+fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> SurfacePoints {
+    let hits = gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("hits"),
+        size: wgpu::Extent3d {
+            width: triangles.len() as u32,
+            ..Default::default()
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::R32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let hits = hits.unwrap();
+    gpu.queue.write_texture(
+        hits.as_image_copy(),
+        bytemuck::cast_slice(triangles),
+        Default::default(),
+        hits.size(),
+    );
+    SurfacePoints {
+        points: gpu.storage("points", points).unwrap(),
+        view: gpu.storage("view", &[0; 4]).unwrap(),
+        count: points.len() as u32,
+        hits: hits.create_view(&Default::default()),
+        output: Default::default(),
+        slots: Default::default(),
+    }
+}
+
 #[test]
 fn surface_points_have_the_colours_of_their_quantities() {
     let gpu = gpu!();
-    let near = gpu.storage("points", &[point(0, 5), point(1, 5)]).unwrap();
-    let far = gpu.storage("points", &[point(u32::MAX, 0)]).unwrap();
-    let shown = |quantity: Quantity| -> Vec<[u8; 4]> {
+    let near = seen(&gpu, &[point(0, 5), point(1, 5)], &[7, 7]);
+    let far = seen(&gpu, &[point(u32::MAX, 0)], &[8]);
+    let other = seen(&gpu, &[point(0, 5), point(1, 5)], &[7, 8]);
+    let shown_of = |near: &SurfacePoints, quantity: Quantity| -> Vec<[u8; 4]> {
         let surfaces = Surfaces::new(&gpu, [3, 1]).unwrap();
         let display = Display::new(&gpu, [3, 1]).unwrap();
         let mut frame = Frame::new(&gpu, false);
-        let parts = [(&near, 2), (&far, 1)];
+        let parts = [near, &far];
         let colors = surfaces.record(&mut frame, &parts, quantity).unwrap();
         let settings = Quantity::settings(&plain());
         display.record(&mut frame, &[colors], 1, &settings).unwrap();
@@ -26,6 +60,7 @@ fn surface_points_have_the_colours_of_their_quantities() {
         assert_eq!(pixels[8..], [0, 0, 0, 255], "no surface is black");
         pixels.as_chunks::<4>().0.to_vec()
     };
+    let shown = |quantity| shown_of(&near, quantity);
     for quantity in [Quantity::Normal, Quantity::GeometricNormal] {
         let [red, green, blue, _] = shown(quantity)[0];
         assert!((127..=128).contains(&red) && red == green && blue == 255);
@@ -36,14 +71,19 @@ fn surface_points_have_the_colours_of_their_quantities() {
     assert_ne!(objects[0], objects[1]);
     let materials = shown(Quantity::Materials);
     assert_eq!(materials[0], materials[1]);
+    let triangles = shown(Quantity::Triangles);
+    assert_eq!(triangles[0], triangles[1]);
+    let others = shown_of(&other, Quantity::Triangles);
+    assert_eq!(others[0], triangles[0]);
+    assert_ne!(others[1], triangles[1]);
 }
 
 #[test]
 fn points_of_a_picture_of_another_size_are_refused() {
     let gpu = gpu!();
-    let points = gpu.storage("points", &[point(0, 0)]).unwrap();
+    let points = seen(&gpu, &[point(0, 0)], &[0]);
     let surfaces = Surfaces::new(&gpu, [2, 1]).unwrap();
     let mut frame = Frame::new(&gpu, false);
-    let error = surfaces.record(&mut frame, &[(&points, 1)], Quantity::Normal);
+    let error = surfaces.record(&mut frame, &[&points], Quantity::Normal);
     assert!(error.unwrap_err().to_string().contains("instead of 2"));
 }

@@ -106,6 +106,69 @@ fn cubes_are_captured_one_per_frame() {
     assert!(cubes(&gpu, &whole)[0] == distances);
 }
 
+/// While a light changes, cubes are lit by a share of a lamp's points, at a part of the work; in the end, by all.
+#[test]
+fn cubes_that_are_lit_again_are_lit_briefly_first() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = four_balls();
+    scene.lights.clear();
+    add_lamp(&mut scene, 0.0);
+    let lamp = Material::emitter("lamp", Vec3::splat(20.0));
+    let (mesh, material) = (
+        scene.add_mesh(quad(Vec3::new(-1.0, 3.0, 1.0), Vec3::X, -Vec3::Y, 1)),
+        scene.add_material(lamp),
+    );
+    scene.add_instance("lamp", mesh, material, Mat4::IDENTITY);
+    let mut renderers = ["true", "false"].map(|interleaved| {
+        let mut renderer = mirrors(&gpu, &scene, Budget::units(1));
+        for (name, value) in [
+            ("area-samples", "16"),
+            ("area-resolution", "32"),
+            ("interleaved", interleaved),
+        ] {
+            renderer.set("shadow-map", name, value).unwrap();
+        }
+        frames(&mut renderer);
+        renderer
+    });
+    scene.lights[0].intensity *= 2.0;
+    for renderer in &mut renderers {
+        renderer.update(&scene).unwrap();
+    }
+    let others = |renderers: &[Renderer; 2]| {
+        let [shared, whole] = [0, 1].map(|index| {
+            let [_, radiance] = cubes(&gpu, &renderers[index]);
+            let words = radiance.into_iter().flat_map(|(_, words)| words);
+            words.collect::<Vec<_>>()
+        });
+        let all = shared.iter().zip(&whole);
+        all.filter(|(a, b)| a != b).count() as f32 / whole.len() as f32
+    };
+    // Balls that mirror each other show what the others were at the time.
+    let least = others(&renderers);
+    assert!(least < 0.05, "{least}");
+    // The light's own depth maps come first.
+    for one in &mut renderers {
+        one_frame(one);
+    }
+    for _ in 0..4 {
+        for one in &mut renderers {
+            one_frame(one);
+        }
+        let [shared, whole] = renderers.each_ref().map(Renderer::work);
+        assert!(shared * 2 < whole, "{shared} of {whole}");
+    }
+    let most = others(&renderers);
+    assert!(most > 0.3, "{most}");
+    let frames = renderers.each_mut().map(frames);
+    assert_eq!(frames, [4, 4]);
+    let [shared, whole] = renderers.each_ref().map(Renderer::work);
+    assert_eq!(shared, whole);
+    let left = others(&renderers);
+    println!("{least} of the words, then {most} and {left}");
+    assert!(left < 0.05, "{left}");
+}
+
 /// Surroundings that change in every frame are captured in turn, whenever depth maps, which come first and use up the
 /// budget, leave cubes their turn.
 #[test]

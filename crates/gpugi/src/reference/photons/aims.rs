@@ -46,11 +46,12 @@ pub struct Aims {
     pub irradiance: f64,
 }
 
-/// Marks the emissive triangles whose light by way of ideal surfaces the path tracer leaves to the light tracer. Returns
-/// whether there are any. This depends on the scene alone, so that parts of its light add up path by path.
+/// Marks the emissive triangles whose light by way of ideal surfaces the path tracer leaves to the light tracer, and no
+/// others. Returns whether there are any. This depends on the scene alone, so that parts of its light add up path by path.
 pub fn mark_lamps(spheres: &[Sphere], table: &mut [Light]) -> bool {
     let mut has_lamps = false;
     for row in table.iter_mut().filter(|row| row.kind == TRIANGLE) {
+        row.flags &= !LIGHT_TRACED;
         if !spheres.is_empty() && solid_angle(spheres, middle(row)) < LARGEST_AIM {
             row.flags |= LIGHT_TRACED;
             has_lamps = true;
@@ -186,6 +187,7 @@ impl Sphere {
 }
 
 /// The extent of a mesh, in mesh space (m).
+#[derive(Debug)]
 struct Extent {
     bounds: Bounds,
     /// Radius of the sphere around the centre of `bounds`.
@@ -229,13 +231,21 @@ fn largest_stretch(map: Mat3) -> f32 {
     sums.into_iter().fold(0.0, f32::max).sqrt()
 }
 
+/// What spheres depend on in meshes and images, which edits keep: measured once.
+#[derive(Debug, Default)]
+pub struct Measured {
+    extents: HashMap<usize, Extent>,
+    /// The smallest value of an image's green channel.
+    greens: HashMap<usize, f32>,
+}
+
 /// Spheres around the objects that may have ideal lobes; none if the light table has no light that photons may leave.
-pub fn spheres(scene: &Scene, table: &[Light]) -> Vec<Sphere> {
+pub fn spheres(scene: &Scene, table: &[Light], measured: &mut Measured) -> Vec<Sphere> {
     if table.iter().all(|row| row.kind == SKY) {
         return Vec::new();
     }
-    let ideal = ideal_materials(scene);
-    let mut extents = HashMap::new();
+    let ideal = ideal_materials(scene, &mut measured.greens);
+    let extents = &mut measured.extents;
     let objects = scene.instances.iter().filter_map(|instance| {
         if !ideal[instance.material] {
             return None;
@@ -281,16 +291,15 @@ fn ordered(value: f32) -> i32 {
 
 /// Whether each material is of an instance and may reflect or refract ideally anywhere. The path tracer leaves light of
 /// lamps by way of ideal surfaces to the light tracer, so none may be forgotten.
-fn ideal_materials(scene: &Scene) -> Vec<bool> {
+fn ideal_materials(scene: &Scene, greens: &mut HashMap<usize, f32>) -> Vec<bool> {
     let mut is_used = vec![false; scene.materials.len()];
     for instance in &scene.instances {
         is_used[instance.material] = true;
     }
-    let mut of_images = HashMap::new();
     let mut may_be_smooth = |material: &Material| {
         let least = material.metallic_roughness_texture.as_ref().map(|texture| {
             let image = scene.textures[texture.texture].image;
-            *of_images
+            *greens
                 .entry(image)
                 .or_insert_with(|| least_green(&scene.images[image]))
         });

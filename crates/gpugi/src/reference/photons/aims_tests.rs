@@ -5,6 +5,7 @@ use glam::{Mat4, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes::cuboid;
 use gpugi_scene::{Bounds, Material, Scene};
 
+use super::aims::Measured;
 use super::spheres;
 use crate::reference::lights::Light;
 
@@ -34,8 +35,8 @@ fn spheres_hold_objects() {
                 turn * Mat4::from_translation(Vec3::X * at as f32) * places[at % places.len()];
             scene.add_instance("", mesh, mirror, place);
         }
-        assert!(spheres(&scene, &[]).is_empty());
-        let found = spheres(&scene, &table);
+        assert!(spheres(&scene, &[], &mut Measured::default()).is_empty());
+        let found = spheres(&scene, &table, &mut Measured::default());
         assert_eq!(found.len(), if count == 1 { 4 } else { 64 });
         for (at, instance) in scene.instances.iter().enumerate() {
             let points = corners

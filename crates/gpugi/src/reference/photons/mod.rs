@@ -13,8 +13,6 @@ mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::lights::Light;
-use super::surroundings::Solid;
 use super::tile::Tile;
 use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
@@ -22,8 +20,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
 use crate::scene::GpuScene;
 use crate::shader;
-use aims::{Aims, Sphere};
-pub(super) use aims::{mark_lamps, spheres};
+pub(super) use aims::{Aims, Measured, mark_lamps, spheres};
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
 pub(super) const FOUND: [LightPaths; 2] = [
@@ -87,7 +84,9 @@ pub(super) struct Photons {
     resolve_own: wgpu::BindGroup,
     light_count: u32,
     sphere_count: u32,
-    /// Photons of the image per sample of its pixels.
+    /// Whether there are lights that send photons.
+    is_lit: bool,
+    /// Photons of the image per sample of its pixels, if any light sends some.
     per_sample: u64,
     /// Radiance of one step of a sum [W/sr/m^2].
     step: f32,
@@ -110,7 +109,7 @@ pub(super) struct PhotonFilm {
 ///
 /// # Panics
 /// If the settings' pattern is invalid.
-fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> {
+pub(super) fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> {
     if settings.max_bounces < 2 {
         return Vec::new();
     }
@@ -125,22 +124,16 @@ fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> 
 }
 
 impl Photons {
-    /// The light tracer of a scene for images of `size` pixels; `None` if it has nothing to do. `spheres` are those of
-    /// [`spheres`], `table` are the lights of the path tracer, `constants` those of path_state.wesl and bvh.wesl,
-    /// `seen` the camera's view.
+    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen` the camera's view.
+    /// [`Photons::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
-        (spheres, on_gpu): (&[Sphere], &GpuScene),
-        size: [u32; 2],
-        (settings, filter, classes): (&Settings, &PathFilter, &[LightClass]),
-        (table, solids): (&[Light], &[Solid]),
+        on_gpu: &GpuScene,
+        aims: &Aims,
+        filter: &PathFilter,
         constants: &[(&str, f64)],
         seen: &wgpu::Buffer,
-    ) -> Result<Option<Self>, GpuError> {
-        let classes = kept_classes(settings, classes);
-        let Some(aims) = Aims::new(spheres, table, &classes, solids) else {
-            return Ok(None);
-        };
+    ) -> Result<Self, GpuError> {
         let options = KernelOptions {
             constants,
             // Indices are in range: those of tables because the host wrote them, those of sums because `splat` compares
@@ -155,22 +148,15 @@ impl Photons {
         let emission = uniform("photons.settings", std::mem::size_of::<Emission>() as u64)?;
         let resolution = uniform("photons.pass", std::mem::size_of::<Resolution>() as u64)?;
         let automaton = gpu.storage("photons.automaton", &filter.light_automaton().words())?;
-        let rows = gpu.storage("photons.lights [bytes]", &aims.rows)?;
-        let words_of_aims = gpu.storage("photons.aims [bytes]", &aims.words)?;
         let own: &Named<'_> = &[
             ("seen", seen),
             ("settings", &emission),
             ("automaton", &automaton),
         ];
-        let of_lights: &Named<'_> = &[("lights", &rows), ("aims", &words_of_aims)];
         let of_resolve: &Named<'_> = &[("settings", &resolution)];
-        // The sums have room for a million samples of a caustic 10,000 times as bright as the light on the object, in
-        // any hue. For blue light, with a luminance of 0.07, that takes 10^10 / (0.07 pi) < 2^36, or 2^32 steps of 2^4.
-        let exponent = aims.irradiance.log2().round() + 4.0;
-        let pixels = f64::from(size[0]) * f64::from(size[1]);
-        Ok(Some(Self {
+        Ok(Self {
             own: bind(gpu, &trace, 1, own)?,
-            lights: bind(gpu, &trace, 2, of_lights)?,
+            lights: of_lights(gpu, &trace, aims)?,
             resolve_own: bind(gpu, &resolve, 1, of_resolve)?,
             trace,
             resolve,
@@ -178,16 +164,29 @@ impl Photons {
             resolution,
             light_count: aims.rows.len() as u32,
             sphere_count: aims.spheres,
-            per_sample: (pixels * PHOTONS_PER_SAMPLE).ceil() as u64,
-            // A power of two, so that scaling loses no digits.
-            step: if exponent.is_finite() {
-                exponent.clamp(-60.0, 60.0).exp2() as f32
-            } else {
-                1.0
-            },
+            is_lit: true,
+            per_sample: 0,
+            step: step(aims),
             rate: 0.0,
             largest_batch: LARGEST_BATCH,
-        }))
+        })
+    }
+
+    /// Sends photons elsewhere from now on, or none.
+    pub fn aim(&mut self, gpu: &Gpu, aims: Option<&Aims>) -> Result<(), GpuError> {
+        self.is_lit = aims.is_some();
+        if let Some(aims) = aims {
+            self.lights = of_lights(gpu, &self.trace, aims)?;
+            (self.light_count, self.sphere_count) = (aims.rows.len() as u32, aims.spheres);
+            self.step = step(aims);
+        }
+        Ok(())
+    }
+
+    /// Sends as many photons as images of `size` pixels need.
+    pub fn resize(&mut self, size: [u32; 2]) {
+        let pixels = f64::from(size[0]) * f64::from(size[1]);
+        self.per_sample = (pixels * PHOTONS_PER_SAMPLE).ceil() as u64;
     }
 
     /// The light tracer's film of a tile of `pixels` pixels.
@@ -210,7 +209,7 @@ impl Photons {
 
     /// Photons of a pass of `samples` samples per pixel.
     pub fn of_pass(&self, samples: u32) -> u64 {
-        self.per_sample * u64::from(samples)
+        u64::from(self.is_lit) * self.per_sample * u64::from(samples)
     }
 
     /// Continues a tile's pass after `done` photons, by as many as should take half of
@@ -288,6 +287,25 @@ impl PhotonFilm {
         frame.clear(&self.sums);
         frame.clear(&self.pixels);
     }
+}
+
+/// Radiance of one step of a sum [W/sr/m^2]. The sums have room for a million samples of a caustic 10,000 times as bright
+/// as the light on the object, in any hue. For blue light, with a luminance of 0.07, that takes 10^10 / (0.07 pi) < 2^36,
+/// or 2^32 steps of 2^4.
+fn step(aims: &Aims) -> f32 {
+    let exponent = aims.irradiance.log2().round() + 4.0;
+    // A power of two, so that scaling loses no digits.
+    match exponent.is_finite() {
+        true => exponent.clamp(-60.0, 60.0).exp2() as f32,
+        false => 1.0,
+    }
+}
+
+/// The lights that send photons, and where to.
+fn of_lights(gpu: &Gpu, trace: &Kernel, aims: &Aims) -> Result<wgpu::BindGroup, GpuError> {
+    let rows = gpu.storage("photons.lights [bytes]", &aims.rows)?;
+    let words = gpu.storage("photons.aims [bytes]", &aims.words)?;
+    bind(gpu, trace, 2, &[("lights", &rows), ("aims", &words)])
 }
 
 fn bind(

@@ -94,6 +94,19 @@ struct Stage {
 /// Buffers with their names in the shaders.
 pub(super) type Named<'a> = [(&'a str, &'a wgpu::Buffer)];
 
+/// What [`Wavefront::light`] binds.
+const LIGHTS: [&str; 3] = ["lights", "emitter_rows", "sky_grid"];
+
+/// A pool of so many rows.
+fn pool(gpu: &Gpu, rows: u64) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = size_of::<Header>() as u64 + rows * ROW_BYTES;
+    gpu.buffer(
+        "path-tracer.pool [bytes]",
+        bytes,
+        wgpu::BufferUsages::STORAGE,
+    )
+}
+
 fn bind(
     gpu: &Gpu,
     kernel: &Kernel,
@@ -110,35 +123,16 @@ fn bind(
 }
 
 impl Wavefront {
-    /// Kernels and memory for images of `pixels` pixels. `constants` are those of path_state.wesl and bvh.wesl;
-    /// `buffers` are `seen`, `settings`, `automaton`, `lights`, `emitter_rows` and `sky_grid`.
+    /// The kernels. `constants` are those of path_state.wesl and bvh.wesl; `buffers` are `seen`, `settings`, `automaton`,
+    /// `lights`, `emitter_rows` and `sky_grid`. [`Wavefront::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
-        pixels: u64,
         constants: &[(&str, f64)],
         buffers: &Named<'_>,
     ) -> Result<Self, GpuError> {
-        let limits = gpu.limits();
-        let rows = limits
-            .max_buffer_size
-            .min(limits.max_storage_buffer_binding_size)
-            / ROW_BYTES
-            - 16;
-        let paths = match gpu.adapter.device_type {
-            wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
-            _ => PATHS,
-        };
-        // Small images take several samples per pixel at once.
-        let wanted = (4 * pixels.min(paths)).next_multiple_of(64).min(paths);
-        let capacity = wanted.min(rows / (ROWS + 4)) & !63;
-        let items = (rows - capacity * ROWS).min(capacity * ITEMS_PER_PATH) & !63;
-        let bytes = std::mem::size_of::<Header>() as u64 + (capacity * ROWS + items) * ROW_BYTES;
-        let pool = gpu.buffer(
-            "path-tracer.pool [bytes]",
-            bytes,
-            wgpu::BufferUsages::STORAGE,
-        )?;
+        // A binding must hold at least one row.
+        let pool = pool(gpu, 1)?;
         let arguments = gpu.buffer(
             "path-tracer.arguments",
             24,
@@ -175,13 +169,7 @@ impl Wavefront {
         let trace = hot(shader!("reference.wavefront.trace"), &rays)?;
         let shade = hot(shader!("reference.wavefront.shade"), &surfaces)?;
         Ok(Self {
-            lights: bind(
-                gpu,
-                &shade.kernel,
-                2,
-                &all,
-                &["lights", "emitter_rows", "sky_grid"],
-            )?,
+            lights: bind(gpu, &shade.kernel, 2, &all, &LIGHTS)?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,
             trace,
             shade,
@@ -189,10 +177,46 @@ impl Wavefront {
             resolve,
             pool,
             arguments,
-            capacity: capacity as u32,
-            items: items as u32,
+            capacity: 0,
+            items: 0,
             steps_per_round: 3.0,
         })
+    }
+
+    /// Takes other `lights`, `emitter_rows` and `sky_grid`.
+    pub fn light(&mut self, gpu: &Gpu, buffers: &Named<'_>) -> Result<(), GpuError> {
+        self.lights = bind(gpu, &self.shade.kernel, 2, buffers, &LIGHTS)?;
+        Ok(())
+    }
+
+    /// Has memory for images of `size` pixels. Memory for larger ones stays.
+    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2]) -> Result<(), GpuError> {
+        let limits = gpu.limits();
+        let rows = limits
+            .max_buffer_size
+            .min(limits.max_storage_buffer_binding_size)
+            / ROW_BYTES
+            - 16;
+        let paths = match gpu.adapter.device_type {
+            wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
+            _ => PATHS,
+        };
+        // Small images take several samples per pixel at once.
+        let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let wanted = (4 * pixels.min(paths)).next_multiple_of(64).min(paths);
+        let capacity = wanted.min(rows / (ROWS + 4)) & !63;
+        if capacity <= u64::from(self.capacity) {
+            return Ok(());
+        }
+        let items = (rows - capacity * ROWS).min(capacity * ITEMS_PER_PATH) & !63;
+        self.pool = pool(gpu, capacity * ROWS + items)?;
+        let named = [("pool", &self.pool)];
+        for stage in [&mut self.plan, &mut self.trace, &mut self.shade] {
+            stage.pool = bind(gpu, &stage.kernel, 3, &named, &["pool"])?;
+        }
+        self.resolve_pool = bind(gpu, &self.resolve, 3, &named, &["pool"])?;
+        (self.capacity, self.items) = (capacity as u32, items as u32);
+        Ok(())
     }
 
     /// The bind group that `run` needs to write a film.

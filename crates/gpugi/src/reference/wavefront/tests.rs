@@ -68,8 +68,8 @@ fn expected(gpu: &Gpu, tracer: &PathTracer, constants: &[(&str, f64)]) -> Film {
         samples: SAMPLES,
         max_bounces: tracer.settings.max_bounces,
         roulette_after: tracer.settings.roulette_after,
-        light_count: tracer.light_count,
-        sky_probability: tracer.sky_probability,
+        light_count: tracer.lit.table.rows.len() as u32,
+        sky_probability: tracer.lit.table.sky_probability,
         emission_classes: tracer.emission_classes,
         ..bytemuck::Zeroable::zeroed()
     };

@@ -244,11 +244,15 @@ impl Impostor {
         Ok(())
     }
 
-    /// Work of capturing and lighting the faces that are due, in units of a budget.
-    pub fn work(&self, earlier: &Earlier<'_>) -> u64 {
+    /// Work of capturing and lighting the faces that are due, in units of a budget; `is_brief`: they are lit again.
+    pub fn work(&self, earlier: &Earlier<'_>, is_brief: bool) -> u64 {
         let points = self.due.as_ref().map_or(0, |points| points.count);
-        let layers = u64::from(self.wanted.layers);
-        self.due_pixels + earlier.gather_work(u64::from(points) * layers)
+        let points = u64::from(points) * u64::from(self.wanted.layers);
+        let gather = match is_brief {
+            true => earlier.brief_gather_work(points),
+            false => earlier.gather_work(points),
+        };
+        self.due_pixels + gather
     }
 
     /// Sets what gathers read: with `renews`, surroundings as they are now, whose faces then have to be lit; otherwise
@@ -340,7 +344,8 @@ impl Impostor {
         self.next_turn = self.next_turn.saturating_add(1);
     }
 
-    /// Lights the faces that are due. `add_others` adds the light of other impostors on their objects.
+    /// Lights the faces that are due; `is_brief`: until they are lit again. `add_others` adds the light of other impostors
+    /// on their objects.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -349,6 +354,7 @@ impl Impostor {
         frame: &mut Frame<'_>,
         making: Making<'_>,
         earlier: &mut Earlier<'_>,
+        is_brief: bool,
         mut add_others: impl FnMut(&mut Frame<'_>, &Receiver) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Making { scene, kernels, .. } = making;
@@ -358,7 +364,10 @@ impl Impostor {
         let gpu = frame.gpu;
         let layers = bound.maps.layers(points);
         for (points, stored) in layers.iter().zip(&bound.stored) {
-            let receiver = Receiver::new(points, &self.target);
+            let mut receiver = Receiver::new(points, &self.target);
+            if is_brief {
+                receiver = receiver.briefly();
+            }
             // Other techniques add the light of emitters to rough lobes.
             earlier.gather(frame, scene, &receiver, self.kind.is_smooth())?;
             add_others(frame, &receiver)?;

@@ -481,35 +481,37 @@ impl Technique for DistanceImpostor {
             *queued = queue.len();
         }
         // A cube is captured and lit in one frame, so that distances and light are of the same time. Cubes that wait keep
-        // the earlier ones of both.
+        // the earlier ones of both. One that is in the queue again is lit briefly.
         let (mut taken, mut work) = (Vec::new(), 0_u64);
         while let Some(&index) = queue.front()
             && earlier.may_step_after(work)
         {
             queue.pop_front();
-            work = work.saturating_add(impostors[index].work(earlier));
+            let is_brief = queue.contains(&index);
+            work = work.saturating_add(impostors[index].work(earlier, is_brief));
             *next = (index + 1) % count;
-            taken.push(index);
+            taken.push((index, is_brief));
         }
+        let is_taken = |taken: &[(usize, bool)], index| taken.iter().any(|&(one, _)| one == index);
         for (index, one) in impostors.iter().enumerate() {
-            if one.is_captured && !taken.contains(&index) {
-                taken.push(index);
+            if one.is_captured && !is_taken(&taken, index) {
                 if let Some(place) = queue.iter().position(|&waiting| waiting == index) {
                     queue.remove(place);
                 }
+                taken.push((index, queue.contains(&index)));
             }
         }
         for (index, one) in impostors.iter_mut().enumerate() {
-            one.show(frame, making, earlier, taken.contains(&index))?;
+            one.show(frame, making, earlier, is_taken(&taken, index))?;
         }
-        for index in taken {
+        for (index, is_brief) in taken {
             let (before, rest) = impostors.split_at_mut(index);
             let Some((this, after)) = rest.split_first_mut() else {
                 break;
             };
             let kernel = self.kernels.gather_into(this.kind, self.settings.show);
             let bound = &mut self.bound;
-            this.light(frame, making, earlier, |frame, receiver| {
+            this.light(frame, making, earlier, is_brief, |frame, receiver| {
                 let others = before.iter().chain(&*after);
                 let others = others.filter(|one| one.is_lit);
                 add(frame, scene, kernel, bound, receiver, others)
@@ -519,7 +521,10 @@ impl Technique for DistanceImpostor {
             *next = 0;
             *finished += u64::from(is_left);
         }
-        let of_queue = queue.iter().map(|&index| impostors[index].work(earlier));
+        let of_queue = queue.iter().enumerate().map(|(place, index)| {
+            let is_brief = queue.range(place + 1..).any(|later| later == index);
+            impostors[*index].work(earlier, is_brief)
+        });
         *waiting = of_queue.sum();
         let is_lit = impostors.iter().all(|one| one.is_lit);
         Ok(Generated {

@@ -148,6 +148,7 @@ fn bind(
                 end_light: (first_light + lights_at_once).min(lights.count),
                 first_point,
                 end_point: (first_point + points_at_once).min(points.count),
+                is_brief: receiver.is_brief.into(),
                 ..*settings
             };
             let buffer = gpu.uniform("shadow settings", &of_chunk)?;

@@ -18,4 +18,6 @@ pub struct GatherSettings {
     pub end_light: u32,
     pub first_point: u32,
     pub end_point: u32,
+    pub is_brief: u32,
+    pub padding: [u32; 3],
 }

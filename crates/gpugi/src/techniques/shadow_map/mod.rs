@@ -334,6 +334,11 @@ impl Technique for ShadowMap {
             .record(frame, scene, "shadow-map.gather", receiver)
     }
 
+    fn shared_lookups(&self) -> u32 {
+        let first = self.bound_with.map(|settings| settings.first_shared);
+        first.map_or(0, |first| self.shadows.light_count().saturating_sub(first))
+    }
+
     fn inspect(&self) -> Inspection {
         let atlas = self.shadows.atlas();
         let maps = atlas.map(|atlas| Map {

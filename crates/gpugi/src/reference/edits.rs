@@ -1,0 +1,81 @@
+//! A path tracer that goes on with an edited scene, or with pictures of another size.
+
+use gpugi_scene::Scene;
+
+use super::{Pass, PathTracer, check, tiles};
+use crate::gpu::GpuError;
+use crate::lighting::LightingError;
+
+impl PathTracer {
+    /// Takes the scene as it is after edits, and begins its picture anew, if that costs no more than what the edits
+    /// change: instances that move, lights, factors of materials, and the environment's rotation and intensity. Returns
+    /// false if it would cost more, such as an upload or other kernels: then it renders no more until it is updated to a
+    /// scene that it can follow.
+    ///
+    /// # Errors
+    /// As [`PathTracer::new`].
+    pub fn update(&mut self, scene: &Scene) -> Result<bool, LightingError> {
+        check::check_values(scene)?;
+        if !self.scene.can_follow(scene) {
+            return Ok(false);
+        }
+        self.scene.update(&self.gpu, scene)?;
+        self.lit.follow(scene, &self.scene);
+        if !self.has_kernels_for_lights() {
+            return Ok(false);
+        }
+        self.lights = self.lights.with_table(&self.gpu, &self.lit.table)?;
+        self.wavefront.light(&self.gpu, &self.lights.named())?;
+        if let Some(photons) = &mut self.photons {
+            photons.aim(&self.gpu, self.lit.aims.as_ref())?;
+        }
+        self.restart(self.seed)?;
+        Ok(true)
+    }
+
+    /// Whether the kernels know of lights as they are now. Those that look for lamps in caustics and for photons serve
+    /// scenes that have none, too.
+    fn has_kernels_for_lights(&self) -> bool {
+        (self.looks_for_lamps || !self.lit.has_lamps)
+            && (self.photons.is_some() || self.lit.aims.is_none())
+    }
+
+    /// Begins anew with pictures of `size` pixels. Only what depends on the size is made again.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`] when the picture does not fit the adapter or has no pixels.
+    pub fn resize(&mut self, size: [u32; 2]) -> Result<(), LightingError> {
+        check::check_size(size)?;
+        self.forget();
+        // The memory of the last picture is free before the next one takes its own.
+        self.tiles.clear();
+        self.size = size;
+        self.make_tiles()?;
+        Ok(())
+    }
+
+    /// Makes what depends on the picture's size.
+    pub(super) fn make_tiles(&mut self) -> Result<(), GpuError> {
+        let gpu = &self.gpu;
+        self.wavefront.resize(gpu, self.size)?;
+        if let Some(photons) = &mut self.photons {
+            photons.resize(self.size);
+        }
+        self.tiles = tiles(
+            gpu,
+            self.size,
+            self.tile_side,
+            (&self.wavefront, self.photons.as_ref()),
+            &self.parameters,
+            (&self.noise_kernel, &self.shown_kernel),
+        )?;
+        Ok(())
+    }
+
+    /// Forgets the samples so far.
+    pub(super) fn forget(&mut self) {
+        self.samples = 0;
+        self.pass = Pass::default();
+        (self.batch, self.sums, self.noise) = (None, None, None);
+    }
+}

@@ -1,0 +1,121 @@
+//! What the path tracer knows of a scene beside what [`GpuScene`] holds: which lights it samples, where photons are sent,
+//! and which solids there are. It follows edits; what they keep is measured once.
+
+use gpugi_scene::Scene;
+
+use super::Settings;
+use super::lights::{Light, LightTable};
+use super::photons::{self, Aims, Measured};
+use super::sky::Sky;
+use super::surroundings::{self, Solid};
+use crate::gpu::{Gpu, GpuError};
+use crate::light_paths::LightClass;
+use crate::scene::GpuScene;
+
+/// Lights, solids and aims of a scene.
+#[derive(Debug)]
+pub(super) struct Lit {
+    classes: Vec<LightClass>,
+    /// The classes whose photons are kept; `None` if there are no photons at all.
+    photon_classes: Option<Vec<LightClass>>,
+    /// [`Sky::luminance`].
+    sky: f64,
+    measured: Measured,
+    /// Versions of lights and sky that the table is of.
+    of: [u64; 2],
+    pub table: LightTable,
+    pub solids: Vec<Solid>,
+    /// Where photons are sent, if there are any to send.
+    pub aims: Option<Aims>,
+    /// Whether the light tracer finds light of lamps.
+    pub has_lamps: bool,
+}
+
+impl Lit {
+    /// What is to be known of `scene`, for light of some classes. `sky`: [`Sky::luminance`].
+    pub fn new(
+        scene: &Scene,
+        on_gpu: &GpuScene,
+        (settings, classes): (&Settings, &[LightClass]),
+        sky: f64,
+        has_photons: bool,
+    ) -> Self {
+        let mut lit = Self {
+            classes: classes.to_vec(),
+            photon_classes: has_photons.then(|| photons::kept_classes(settings, classes)),
+            sky,
+            measured: Measured::default(),
+            of: versions(on_gpu),
+            table: LightTable::new(scene, on_gpu, classes, sky),
+            solids: Vec::new(),
+            aims: None,
+            has_lamps: false,
+        };
+        lit.follow(scene, on_gpu);
+        lit
+    }
+
+    /// Follows edits: `scene` has the meshes, images and environment's image of the scene before.
+    pub fn follow(&mut self, scene: &Scene, on_gpu: &GpuScene) {
+        let now = versions(on_gpu);
+        if self.of != now {
+            self.table = LightTable::new(scene, on_gpu, &self.classes, self.sky);
+            self.of = now;
+        }
+        self.solids = surroundings::solids(scene, on_gpu);
+        if let Some(classes) = &self.photon_classes {
+            let rows = &mut self.table.rows;
+            let spheres = photons::spheres(scene, rows, &mut self.measured);
+            self.has_lamps = photons::mark_lamps(&spheres, rows);
+            self.aims = Aims::new(&spheres, rows, classes, &self.solids);
+        }
+    }
+}
+
+/// Versions of what the light table is made of.
+fn versions(on_gpu: &GpuScene) -> [u64; 2] {
+    [on_gpu.versions.lights, on_gpu.versions.sky]
+}
+
+/// The lights that paths are led to, on the GPU.
+#[derive(Debug)]
+pub(super) struct LightBuffers {
+    rows: wgpu::Buffer,
+    emitter_rows: wgpu::Buffer,
+    sky: wgpu::Buffer,
+}
+
+impl LightBuffers {
+    pub fn new(gpu: &Gpu, table: &LightTable, sky: &Sky) -> Result<Self, GpuError> {
+        let sky = gpu.storage("path-tracer.sky [bytes]", &sky.words)?;
+        Self::under(gpu, table, sky)
+    }
+
+    /// Those of another table under the same sky.
+    pub fn with_table(&self, gpu: &Gpu, table: &LightTable) -> Result<Self, GpuError> {
+        Self::under(gpu, table, self.sky.clone())
+    }
+
+    fn under(gpu: &Gpu, table: &LightTable, sky: wgpu::Buffer) -> Result<Self, GpuError> {
+        // A binding must hold at least one element, even if it is unused.
+        let unlit = [bytemuck::Zeroable::zeroed()];
+        let rows: &[Light] = match table.rows.is_empty() {
+            true => &unlit,
+            false => &table.rows,
+        };
+        Ok(Self {
+            rows: gpu.storage("path-tracer.lights [bytes]", rows)?,
+            emitter_rows: gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?,
+            sky,
+        })
+    }
+
+    /// The buffers with their names in the shaders.
+    pub fn named(&self) -> [(&'static str, &wgpu::Buffer); 3] {
+        [
+            ("lights", &self.rows),
+            ("emitter_rows", &self.emitter_rows),
+            ("sky_grid", &self.sky),
+        ]
+    }
+}
