@@ -251,12 +251,6 @@ try {
     await again.evaluate(() => window.gpugi.run('technique shadow-map,image-based-lighting'));
     await shoot(again, 'dropped', /render box\.glb .*image-based-lighting /);
 
-    // What takes long is done by workers, and frames go on.
-    await drop(again, 'hills.glb', hills());
-    await settled(again, /render hills\.glb /);
-    await again.evaluate(() => window.gpugi.run('technique shadow-map,radiosity'));
-    await worked(again, 'lay out an atlas');
-
     // Where no worker starts, the page does it.
     const alone = await browser.newPage();
     await alone.setRequestInterception(true);
@@ -266,6 +260,12 @@ try {
     await alone.waitForFunction(() => window.gpugi);
     await shoot(alone, 'alone', /render cornell .*--technique shadow-map /);
     await alone.close();
+
+    // What takes long is done by workers, and frames go on.
+    await drop(again, 'hills.glb', hills());
+    await settled(again, /render hills\.glb /);
+    await again.evaluate(() => window.gpugi.run('technique shadow-map,radiosity'));
+    await worked(again, 'lay out an atlas');
 
     // The path tracer, alone and beside the picture. Frames go on while it works.
     await again.evaluate(() => window.gpugi.open('scene=cornell&technique=path-tracer&samples=1'));
