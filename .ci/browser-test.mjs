@@ -19,19 +19,20 @@ function check(isRight, what) {
     }
 }
 
-/// A box without lid, seen from above: a .glb of one mesh.
-function glb() {
-    const corners = [-1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1, -1, 1, -1, 1, 1, -1];
+/// A .glb of one mesh.
+function glb(corners, triangles) {
     const positions = Buffer.from(new Float32Array(corners).buffer);
-    const indices = Buffer.from(new Uint16Array([0, 2, 1, 0, 3, 2, 0, 1, 5, 0, 5, 4]).buffer);
+    const indices = Buffer.from(new Uint32Array(triangles).buffer);
+    const side = (pick, axis) => corners.filter((_, at) => at % 3 === axis).reduce((a, b) => pick(a, b));
+    const [min, max] = [Math.min, Math.max].map((pick) => [0, 1, 2].map((axis) => Math.fround(side(pick, axis))));
     const document = {
         asset: { version: '2.0' },
         scenes: [{ nodes: [0] }],
         nodes: [{ mesh: 0 }],
         meshes: [{ primitives: [{ attributes: { POSITION: 0 }, indices: 1 }] }],
         accessors: [
-            { bufferView: 0, componentType: 5126, count: 6, type: 'VEC3', min: [-1, 0, -1], max: [1, 1, 1] },
-            { bufferView: 1, componentType: 5123, count: 12, type: 'SCALAR' },
+            { bufferView: 0, componentType: 5126, count: corners.length / 3, type: 'VEC3', min, max },
+            { bufferView: 1, componentType: 5125, count: triangles.length, type: 'SCALAR' },
         ],
         bufferViews: [
             { buffer: 0, byteLength: positions.length },
@@ -53,6 +54,54 @@ function glb() {
     const head = Buffer.from('glTF\x02\0\0\0\0\0\0\0');
     head.writeUInt32LE(12 + chunks[0].length + chunks[1].length, 8);
     return Buffer.concat([head, ...chunks]);
+}
+
+/// A box without lid, seen from above.
+function box() {
+    const corners = [-1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1, -1, 1, -1, 1, 1, -1];
+    return glb(corners, [0, 2, 1, 0, 3, 2, 0, 1, 5, 0, 5, 4]);
+}
+
+/// A landscape with so many triangles that it takes seconds to unwrap.
+function hills() {
+    const SIDE = 100;
+    const [corners, triangles] = [[], []];
+    for (let z = 0; z <= SIDE; z += 1) {
+        for (let x = 0; x <= SIDE; x += 1) {
+            corners.push(x / SIDE, Math.sin(x / 5) * Math.sin(z / 7) / 10, z / SIDE);
+            const at = z * (SIDE + 1) + x;
+            if (x < SIDE && z < SIDE) {
+                triangles.push(at, at + SIDE + 1, at + 1, at + 1, at + SIDE + 1, at + SIDE + 2);
+            }
+        }
+    }
+    return glb(corners, triangles);
+}
+
+/// In the page: keeps the jobs that it gives to workers, with the frames in which they were at work.
+function watchWorkers() {
+    window.jobs = [];
+    window.Worker = class extends Worker {
+        postMessage(message, transfer) {
+            const job = { name: message.name, frames: 0, hasEnded: false, hasResult: false };
+            const count = () => {
+                if (!job.hasEnded) {
+                    job.frames += 1;
+                    requestAnimationFrame(count);
+                }
+            };
+            requestAnimationFrame(count);
+            window.jobs.push(job);
+            this.job = job;
+            this.addEventListener('message', ({ data }) => (job.hasResult ||= !!data.result));
+            super.postMessage(message, transfer);
+        }
+
+        terminate() {
+            this.job.hasEnded = true;
+            super.terminate();
+        }
+    };
 }
 
 const complaints = [];
@@ -80,6 +129,7 @@ async function openOnce(browser, url) {
     });
     page.on('pageerror', (error) => complaints.push(error.message));
     page.setDefaultTimeout(PATIENCE);
+    await page.evaluateOnNewDocument(watchWorkers);
     await page.goto(url);
     await page.waitForFunction(() => window.gpugi || !document.getElementById('words').textContent.includes('way'));
     check(await page.evaluate(() => !!window.gpugi), await page.evaluate(() => document.body.innerText));
@@ -120,6 +170,27 @@ function slowestFrame(page) {
         }
         return slowest;
     });
+}
+
+/// Drops a file on the page.
+async function drop(page, name, bytes) {
+    writeFileSync(join(folder, name), bytes);
+    await page.evaluate((name, bytes) => {
+        const transfer = new DataTransfer();
+        transfer.items.add(new File([new Uint8Array(bytes)], name));
+        const canvas = document.querySelector('canvas');
+        canvas.dispatchEvent(new DragEvent('drop', { dataTransfer: transfer, bubbles: true, cancelable: true }));
+    }, name, Array.from(bytes));
+}
+
+/// Waits until a worker has done the page's last job of this name, and checks that the page did not stand still.
+async function worked(page, name) {
+    const last = (name) => window.jobs.findLast((job) => job.name === name);
+    await page.waitForFunction(`(${last})(${JSON.stringify(name)})?.hasEnded`);
+    const { frames, hasResult } = await page.evaluate(last, name);
+    console.log(`frames while a worker had to ${name}: ${frames}`);
+    check(hasResult, `no worker can ${name}`);
+    check(frames >= 3, `the page stands still while a worker has to ${name}`);
 }
 
 async function shoot(page, name, expected) {
@@ -175,16 +246,26 @@ try {
     const again = await open(browser, seen);
     await shoot(again, 'again', /--camera 'eye=.*--technique shadow-map /);
 
-    await again.evaluate((bytes) => {
-        const transfer = new DataTransfer();
-        transfer.items.add(new File([new Uint8Array(bytes)], 'box.glb'));
-        const canvas = document.querySelector('canvas');
-        canvas.dispatchEvent(new DragEvent('drop', { dataTransfer: transfer, bubbles: true, cancelable: true }));
-    }, Array.from(glb()));
-    writeFileSync(join(folder, 'box.glb'), glb());
+    await drop(again, 'box.glb', box());
     await settled(again, /render box\.glb /);
     await again.evaluate(() => window.gpugi.run('technique shadow-map,image-based-lighting'));
     await shoot(again, 'dropped', /render box\.glb .*image-based-lighting /);
+
+    // Where no worker starts, the page does it.
+    const alone = await browser.newPage();
+    await alone.setRequestInterception(true);
+    const isWorker = (request) => new URL(request.url()).pathname === '/worker.js';
+    alone.on('request', (request) => (isWorker(request) ? request.abort() : request.continue()));
+    await alone.goto(`${address}#scene=cornell&technique=shadow-map&samples=2`);
+    await alone.waitForFunction(() => window.gpugi);
+    await shoot(alone, 'alone', /render cornell .*--technique shadow-map /);
+    await alone.close();
+
+    // What takes long is done by workers, and frames go on.
+    await drop(again, 'hills.glb', hills());
+    await settled(again, /render hills\.glb /);
+    await again.evaluate(() => window.gpugi.run('technique shadow-map,radiosity'));
+    await worked(again, 'lay out an atlas');
 
     // The path tracer, alone and beside the picture. Frames go on while it works.
     await again.evaluate(() => window.gpugi.open('scene=cornell&technique=path-tracer&samples=1'));

@@ -5,20 +5,24 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gpugi_scene::Resolver;
+use serde::{Deserialize, Serialize};
 
 /// Files by name. They lie in one folder: what refers to them may name other folders, too.
-#[derive(Debug, Clone, Default)]
-pub struct Files(BTreeMap<String, Arc<[u8]>>);
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct Files(BTreeMap<String, Arc<File>>);
+
+#[derive(Debug, Serialize, Deserialize)]
+struct File(#[serde(with = "gpugi_scene::plain")] Vec<u8>);
 
 impl Files {
     /// The content of a file.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
-        self.0.get(name).map(AsRef::as_ref)
+        self.0.get(name).map(|file| &file.0[..])
     }
 
     /// Adds a file.
     pub fn insert(&mut self, name: String, bytes: Vec<u8>) {
-        self.0.insert(name, bytes.into());
+        self.0.insert(name, Arc::new(File(bytes)));
     }
 
     /// What is to be opened: a view file, which names its scene, or else a scene, or else an image.

@@ -8,13 +8,14 @@ use gpugi_scene::{
     Camera, Environment, FileResolver, Limits, Scene, builtin, import, import_environment,
     import_file, import_file_within,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::edits;
 use crate::files::Files;
 use crate::{Usage, numbers};
 
 /// Options that select the scene.
-#[derive(Debug, Clone, PartialEq, clap::Args)]
+#[derive(Debug, Clone, PartialEq, clap::Args, Serialize, Deserialize)]
 pub struct SceneArguments {
     /// Scene file (.gltf, .glb, .obj, .ply) or name of a built-in scene (`gpugi list scenes`)
     pub scene: String,

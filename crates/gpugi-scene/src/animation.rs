@@ -7,11 +7,12 @@
 use std::sync::Arc;
 
 use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
 
 use crate::{Mesh, Scene};
 
 /// The animation data of a scene.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Rig {
     /// The hierarchy; instances, lights and cameras refer to a node by its index.
     pub nodes: Vec<Node>,
@@ -26,7 +27,7 @@ pub struct Rig {
 }
 
 /// A node of the hierarchy.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Node {
     /// Index of the parent node.
     pub parent: Option<usize>,
@@ -37,7 +38,7 @@ pub struct Node {
 }
 
 /// Placement of a node relative to its parent.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Transform {
     /// Any affine matrix.
     Matrix(Mat4),
@@ -100,7 +101,7 @@ pub fn unit_rotation(xyzw: [f32; 4]) -> Quat {
 }
 
 /// A skeleton.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Skin {
     /// Node indices of the joints.
     pub joints: Vec<usize>,
@@ -119,17 +120,20 @@ impl Skin {
 }
 
 /// A mesh that deforms: the mesh at rest and what deforms it. No other instance uses the mesh.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Deformer {
     /// Index into [`Scene::instances`].
     pub instance: usize,
     /// Node that carries the instance and the morph target weights.
     pub node: usize,
     /// Positions at rest, mesh space.
+    #[serde(with = "crate::plain")]
     pub positions: Vec<Vec3>,
     /// Normals at rest, mesh space.
+    #[serde(with = "crate::plain")]
     pub normals: Vec<Vec3>,
     /// Tangents at rest, mesh space; may be empty.
+    #[serde(with = "crate::plain")]
     pub tangents: Vec<Vec4>,
     /// Normals are recomputed from the deformed triangles. Each triangle then has three vertices of its own, in order.
     pub flat: bool,
@@ -140,13 +144,16 @@ pub struct Deformer {
 }
 
 /// Displacements of every vertex, in mesh space; a list is empty if the target does not change that attribute.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct MorphTarget {
     /// Added to positions (m).
+    #[serde(with = "crate::plain")]
     pub positions: Vec<Vec3>,
     /// Added to normals.
+    #[serde(with = "crate::plain")]
     pub normals: Vec<Vec3>,
     /// Added to tangents.
+    #[serde(with = "crate::plain")]
     pub tangents: Vec<Vec3>,
 }
 
@@ -162,7 +169,7 @@ impl MorphTarget {
 pub(crate) const JOINT_BYTES: usize = size_of::<(u32, f32)>();
 
 /// Which joints move each vertex.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Influences {
     /// Number of influences per vertex.
     pub per_vertex: usize,
@@ -172,7 +179,7 @@ pub struct Influences {
 }
 
 /// Channels that play together.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Animation {
     /// Name for reports.
     pub name: String,
@@ -183,7 +190,7 @@ pub struct Animation {
 }
 
 /// One property of one node over time.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
     /// Index into [`Rig::nodes`].
     pub node: usize,
@@ -192,13 +199,15 @@ pub struct Channel {
     /// Interpolation between keys.
     pub interpolation: Interpolation,
     /// Times of the keys (s), increasing, at least one.
+    #[serde(with = "crate::plain")]
     pub times: Vec<f32>,
     /// The same number of values for each key; cubic splines store in-tangent, value and out-tangent.
+    #[serde(with = "crate::plain")]
     pub values: Vec<f32>,
 }
 
 /// What a channel sets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Property {
     /// Three values.
     Translation,
@@ -211,7 +220,7 @@ pub enum Property {
 }
 
 /// How a channel interpolates between keys.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Interpolation {
     /// A key's value holds until the next key.
     Step,

@@ -1,12 +1,13 @@
 //! Cameras: viewpoint and projection.
 
 use glam::{Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::names::Name;
 use crate::scene::Bounds;
 
 /// How a camera projects the scene onto its image.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Projection {
     /// Perspective with a vertical field of view (rad).
     Perspective {
@@ -21,7 +22,7 @@ pub enum Projection {
 }
 
 /// A camera that looks along its local -Z; +Y is up.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// Name, for `--camera NAME`.
     pub name: Name,

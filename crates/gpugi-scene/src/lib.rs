@@ -21,6 +21,7 @@ pub mod mesh;
 pub mod names;
 pub mod normals;
 pub mod panes;
+pub mod plain;
 pub mod polygon;
 pub mod provoking;
 pub mod scene;

@@ -1,11 +1,12 @@
 //! Punctual lights. Area lights are emissive triangles: see [`crate::Material::emissive`].
 
 use glam::{Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::names::Name;
 
 /// The shape of a punctual light's emission.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum LightKind {
     /// Emits equally in all directions. Intensity in W/sr (candela).
     Point,
@@ -21,7 +22,7 @@ pub enum LightKind {
 }
 
 /// A punctual light (KHR_lights_punctual).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Light {
     /// Name for reports.
     pub name: Name,

@@ -1,9 +1,10 @@
 //! Materials: glTF 2.0 metallic-roughness with extensions, and the tutorial's own reflection models.
 
 use glam::{Affine2, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
 
 /// How a texture continues past its border.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Wrap {
     /// Tile the image.
     #[default]
@@ -15,7 +16,7 @@ pub enum Wrap {
 }
 
 /// An image and how to sample it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Texture {
     /// Index into [`crate::Scene::images`].
     pub image: usize,
@@ -29,7 +30,7 @@ pub struct Texture {
 }
 
 /// How a material reads a texture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TextureRef {
     /// Index into [`crate::Scene::textures`].
     pub texture: usize,
@@ -51,7 +52,7 @@ impl TextureRef {
 }
 
 /// How alpha is used.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub enum AlphaMode {
     /// Alpha is ignored.
     #[default]
@@ -66,7 +67,7 @@ pub enum AlphaMode {
 }
 
 /// The interior of a closed surface (KHR_materials_volume).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Volume {
     /// Distance (m) after which `attenuation_color` of the light remains; infinite means no absorption.
     pub attenuation_distance: f32,
@@ -89,7 +90,7 @@ impl Volume {
 }
 
 /// Which reflection model a material uses.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub enum MaterialModel {
     /// Lambert and GGX, as glTF 2.0 defines them.
     #[default]
@@ -114,7 +115,7 @@ pub enum MaterialModel {
 }
 
 /// A surface's reflection and emission. Colours are linear Rec. 709.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     /// Name for reports.
     pub name: String,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::names::Name;
 use crate::scene::Bounds;
@@ -11,7 +12,7 @@ use crate::scene::Bounds;
 pub const MAX_MEDIA: usize = 64;
 
 /// A medium that scatters, absorbs and emits light in a box, or everywhere.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Medium {
     /// Name for reports.
     pub name: Name,
@@ -81,7 +82,7 @@ impl Medium {
 }
 
 /// How a medium distributes scattered light over directions, by the mean cosine g (-1 to 1) of the scattering angle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum PhaseFunction {
     /// Henyey and Greenstein 1941; g is the mean cosine.
     HenyeyGreenstein(f32),
@@ -91,11 +92,12 @@ pub enum PhaseFunction {
 
 /// Densities at the centres of a grid of cells that fills a medium's box. Between the centres densities are
 /// interpolated linearly; beyond the outermost centres they are constant, and 0 outside of the box.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DensityGrid {
     /// Cells along x, y and z.
     pub size: [u32; 3],
     /// Densities, finite and at least 0; x varies fastest, then y.
+    #[serde(with = "crate::plain")]
     pub values: Vec<f32>,
 }
 

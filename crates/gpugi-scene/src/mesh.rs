@@ -3,6 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use glam::{Vec2, Vec3, Vec4};
+use serde::{Deserialize, Serialize};
 
 use crate::names::Name;
 use crate::scene::Bounds;
@@ -12,21 +13,26 @@ use crate::scene::Bounds;
 /// `positions` and `normals` have the same length. `tangents`, each set of `uvs` and `colors` either have that length
 /// or are empty. The length of `indices` is a multiple of three, and every index is in range. [`Mesh::check`] verifies
 /// these conditions.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Mesh {
     /// Name for reports.
     pub name: Name,
     /// Positions in mesh space (m).
+    #[serde(with = "crate::plain")]
     pub positions: Vec<Vec3>,
     /// Unit normals in mesh space.
+    #[serde(with = "crate::plain")]
     pub normals: Vec<Vec3>,
     /// Unit tangents (xyz) and the sign of the bitangent (w), as glTF defines them; empty if there are no normal maps.
+    #[serde(with = "crate::plain")]
     pub tangents: Vec<Vec4>,
     /// Two sets of texture coordinates, v downward.
     pub uvs: [Vec<Vec2>; 2],
     /// Linear vertex colours with alpha; they multiply the base colour.
+    #[serde(with = "crate::plain")]
     pub colors: Vec<Vec4>,
     /// Three vertex indices per triangle.
+    #[serde(with = "crate::plain")]
     pub indices: Vec<u32>,
 }
 

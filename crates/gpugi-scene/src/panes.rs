@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::transfer::geometry;
 use crate::{Atlas, Scene};
 
@@ -16,7 +18,7 @@ const MOST_SAMPLES: usize = 16;
 pub const ANY_DEPTH: u32 = 32;
 
 /// A place on a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SurfacePlace {
     /// Index into the scene's instances.
     pub instance: u32,
@@ -29,7 +31,7 @@ pub struct SurfacePlace {
 /// Panes: pane c is the indirect irradiance of an atlas's texels for irradiance 1 of the points of cluster c. Under any
 /// light, texels receive the sum of w_c P_c [W/m^2], where w_c is the mean irradiance of the cluster's points, each
 /// counted by its albedo.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LightPathPanes {
     /// Where the texels are. Its charts are not stored in files: every triangle with an area belongs to chart 0.
     pub atlas: Arc<Atlas>,
@@ -44,6 +46,7 @@ pub struct LightPathPanes {
     /// First light sample of each cluster, and behind the last one their number.
     pub first_samples: Vec<u32>,
     /// Irradiance, rgb9e5: pane by pane, page by page, row by row from the top.
+    #[serde(with = "crate::plain")]
     pub panes: Vec<u32>,
     /// [`geometry`] of the scene that they were made for.
     pub geometry: [u8; 32],

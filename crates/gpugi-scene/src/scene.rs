@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 
 use crate::animation::Rig;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
@@ -12,7 +13,7 @@ use crate::{
 };
 
 /// A placed mesh. Several instances may share a mesh.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Instance {
     /// Name for reports.
     pub name: Name,
@@ -32,7 +33,7 @@ pub struct Instance {
 
 /// The place of an instance in its glTF file. Corner c of triangle t of the instance's mesh is corner c of triangle t
 /// of that primitive, once strips and fans are converted to triangle lists.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Origin {
     /// Index into the file's nodes.
     pub node: usize,
@@ -44,7 +45,7 @@ pub struct Origin {
 
 /// Light from infinitely far away: an equirectangular image. +Y is up, the centre looks toward -Z, and u grows toward
 /// +X.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Environment {
     /// Linear radiance.
     pub image: Arc<Image>,
@@ -200,7 +201,7 @@ impl Bounds {
 }
 
 /// All scene contents, in world space.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scene {
     /// File or built-in name.
     pub name: String,

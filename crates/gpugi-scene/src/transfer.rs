@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use blake3::{Hash, Hasher};
 use half::f16;
+use serde::{Deserialize, Serialize};
 
 use crate::{Atlas, Mesh, Scene};
 
@@ -16,7 +17,7 @@ pub const MOST_BOUNCES: u32 = 32;
 /// The transfer vectors of an atlas's texels: E = pi sum of T_m L_m is the irradiance [W/m^2] of a texel under the light
 /// whose radiance is the sum of L_m y_m. The y_m are real, orthonormal spherical harmonics with the polar axis +Y, in
 /// the order l (l + 1) + m: those of direction (x, y, z) are the usual ones of (z, x, y).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TransferVectors {
     /// Bands of spherical harmonics, in [`ORDERS`]: order * order functions.
     pub order: u32,
@@ -26,6 +27,7 @@ pub struct TransferVectors {
     pub atlas: Arc<Atlas>,
     /// T_m as red, green and blue, and 1 if the texel has a point, or 0 if its neighbours fill it: page by page,
     /// function by function, row by row from the top.
+    #[serde(with = "crate::plain")]
     pub coefficients: Vec<[f16; 4]>,
     /// [`geometry`] of the scene that they were made for.
     pub geometry: [u8; 32],

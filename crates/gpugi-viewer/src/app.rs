@@ -262,19 +262,16 @@ impl App {
                 }
             }
             if let Some(session) = self.viewer.session() {
-                let text = match session.readiness() {
-                    Readiness::Pending { what, progress } => {
-                        format!("{what} {:.0} %", 100.0 * progress)
-                    }
-                    Readiness::Refining { progress } => format!("maps {:.0} %", 100.0 * progress),
+                match session.readiness() {
+                    Readiness::Pending { what, progress } => work(ui, what, progress),
+                    Readiness::Refining { progress } => work(ui, "maps", progress),
                     Readiness::Ready if session.loaded().set.is_path_tracer() => {
-                        panels::traced(session)
+                        ui.label(panels::traced(session));
                     }
                     Readiness::Ready => {
-                        format!("{} samples", session.loaded().renderer.samples())
+                        ui.label(format!("{} samples", session.loaded().renderer.samples()));
                     }
-                };
-                ui.label(text);
+                }
                 if self.frame_seconds > 0.0 {
                     ui.label(format!("{:.0} frames/s", 1.0 / self.frame_seconds));
                 }
@@ -460,6 +457,13 @@ fn gpu_of(render_state: &RenderState) -> Gpu {
         render_state.device.clone(),
         render_state.queue.clone(),
     )
+}
+
+/// How far work is that the picture waits for.
+fn work(ui: &mut Ui, what: &str, progress: f32) {
+    ui.label(what);
+    let bar = egui::ProgressBar::new(progress).desired_width(100.0);
+    ui.add(bar.text(format!("{:.0} %", 100.0 * progress)));
 }
 
 /// Keys that save what is seen and show the truth beside it. For tests, F12 loses the device.

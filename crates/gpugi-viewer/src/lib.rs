@@ -15,6 +15,7 @@ pub mod headless;
 pub mod opening;
 pub mod pace;
 mod panels;
+mod reading;
 pub mod recording;
 mod saving;
 pub mod script;
@@ -26,3 +27,5 @@ pub mod technique_set;
 pub mod timings;
 pub mod truth;
 pub mod viewer;
+#[cfg(target_arch = "wasm32")]
+pub mod worker;

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use gpugi::gpu::Gpu;
 use gpugi_arguments::files::Files;
-use gpugi_arguments::scene_argument::{self, SceneArguments};
+use gpugi_arguments::scene_argument::SceneArguments;
 use gpugi_scene::Scene;
 
+use crate::reading::{ReadEnvironment, ReadScene, result_of};
 use crate::session::Loaded;
 use crate::task::Task;
 use crate::technique_set::TechniqueSet;
@@ -45,11 +46,10 @@ pub fn open(
     let (gpu, arguments, set) = (gpu.clone(), arguments.clone(), set.clone());
     Task::start(&arguments.scene.clone(), done, move |stage| async move {
         stage.set("reading").await;
-        let loaded = scene_argument::load_among(&arguments, &files);
-        let (scene, notes) = loaded.map_err(|error| format!("{error:#}"))?;
+        let (words, edits) = (in_words(&arguments), arguments.edit.clone());
+        let (scene, notes) = result_of(ReadScene { arguments, files }).await?;
         stage.set("uploading").await;
-        let edits = arguments.edit.clone();
-        let source = (in_words(&arguments), edits, notes);
+        let source = (words, edits, notes);
         renderer(&gpu, scene, set, size, source)
     })
 }
@@ -69,9 +69,13 @@ pub fn change_environment(
     let file = arguments.environment.clone().unwrap_or_default();
     Task::start(&file.display().to_string(), done, move |stage| async move {
         stage.set("reading").await;
-        let limits = arguments.limits().map_err(|error| format!("{error:#}"))?;
-        let environment = scene_argument::environment_of(&file, &files, &limits);
-        scene.environment = Some(environment.map_err(|error| format!("{error:#}"))?);
+        let limits = arguments.limits.clone();
+        let read = ReadEnvironment {
+            file,
+            files,
+            limits,
+        };
+        scene.environment = Some(result_of(read).await?);
         stage.set("uploading").await;
         let source = (in_words(&arguments), edits, notes);
         renderer(&gpu, scene, set, size, source)

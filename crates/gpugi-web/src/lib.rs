@@ -15,6 +15,7 @@ use gpugi_viewer::arguments::of_address;
 use gpugi_viewer::command::command;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::Session;
+use gpugi_viewer::worker;
 use js_sys::Uint8Array;
 use wasm_bindgen::prelude::*;
 
@@ -30,6 +31,7 @@ impl Page {
     /// # Errors
     /// Rejects with a sentence where there is no WebGPU that gpugi can use.
     pub async fn start(canvas: HtmlCanvasElement, address: &str) -> Result<Page, JsError> {
+        gpugi::jobs::do_elsewhere(worker::begin);
         let (start, wrong) = match of_address(address) {
             Ok(start) => (start, None),
             Err(reason) => (of_address("").map_err(error)?, Some(reason)),
@@ -150,6 +152,12 @@ impl Page {
         write_exr(&mut file, width, height, &radiance)?;
         Ok(Uint8Array::from(&file.into_inner()[..]))
     }
+}
+
+/// Does a job of a page: what page/worker.js calls. Nothing is returned if the job is unknown.
+#[wasm_bindgen]
+pub fn work(name: &str, job: &[u8]) -> Option<Vec<u8>> {
+    worker::work(name, job)
 }
 
 impl Page {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-/// Name of the page's script, which [`pack`] and page/index.html share.
+/// Name of the page's script, which [`pack`] and the files of page share.
 const NAME: &str = "gpugi_web";
 
 /// Writes the page with the compiled `module` into `folder`.
@@ -20,6 +20,11 @@ pub fn pack(module: &Path, folder: &Path) -> anyhow::Result<()> {
         .typescript(false)
         .generate(folder)
         .with_context(|| module.display().to_string())?;
-    let page = folder.join("index.html");
-    fs::write(page, include_str!("../page/index.html")).with_context(failed)
+    for (name, text) in [
+        ("index.html", include_str!("../page/index.html")),
+        ("worker.js", include_str!("../page/worker.js")),
+    ] {
+        fs::write(folder.join(name), text).with_context(failed)?;
+    }
+    Ok(())
 }

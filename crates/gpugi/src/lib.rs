@@ -23,6 +23,7 @@ pub mod default_set;
 pub mod display;
 pub mod gpu;
 pub mod impostor;
+pub mod jobs;
 pub mod light_paths;
 pub mod lighting;
 mod lights;

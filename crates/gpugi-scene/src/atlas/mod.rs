@@ -72,7 +72,7 @@ pub struct InstanceUvs {
 }
 
 /// Texel density.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum TexelDensity {
     /// The highest density at which everything fits one page. If gutters alone overfill a page, several pages at the
     /// lowest density.
@@ -82,7 +82,7 @@ pub enum TexelDensity {
 }
 
 /// Layout options of an atlas.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct AtlasOptions {
     /// Side of a page (texels), 16 to [`LARGEST_PAGE`].
     pub size: u32,

@@ -9,6 +9,8 @@ mod ktx2_volume;
 pub mod metrics;
 mod nanovdb;
 
+use serde::{Deserialize, Serialize};
+
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub(crate) use decode::{decode_color_within, srgb_from_linear};
 pub use encode::{replace_file, save_exr, save_hdr, save_png, write_exr, write_png};
@@ -20,16 +22,16 @@ pub(crate) use ktx2_volume::{decode_volume, encode_volume};
 pub(crate) use nanovdb::{decode_nanovdb, is_nanovdb};
 
 /// Texels, row by row from the top, four channels per texel.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Pixels {
     /// 8 bits per channel; the use decides whether RGB is sRGB or linear.
-    Rgba8(Vec<u8>),
+    Rgba8(#[serde(with = "crate::plain")] Vec<u8>),
     /// Linear 32-bit floats.
-    Rgba32Float(Vec<f32>),
+    Rgba32Float(#[serde(with = "crate::plain")] Vec<f32>),
 }
 
 /// An image in memory.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Image {
     /// File name or label, for error messages.
     pub name: String,

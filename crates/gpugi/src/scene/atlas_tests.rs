@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::builtin::shapes;
-use gpugi_scene::{AlphaMode, Atlas, Camera, Light, LightKind, Material, Scene};
+use gpugi_scene::{AlphaMode, Atlas, AtlasOptions, Camera, Light, LightKind, Material, Scene};
 
-use super::GpuScene;
+use super::{GpuScene, LayOut};
 use crate::Renderer;
 use crate::gpu::Gpu;
+use crate::jobs::{self, Job};
 use crate::testing::test_gpu;
 
 const SIZE: u32 = 32;
@@ -152,4 +153,17 @@ fn a_finished_atlas_waits_until_it_is_asked_for_again() {
     assert_eq!(of(SIZE).unwrap().size, SIZE);
     scene.wait_for_atlas();
     assert_eq!(of(2 * SIZE).unwrap().size, 2 * SIZE);
+}
+
+#[test]
+fn an_atlas_is_the_same_if_it_is_laid_out_elsewhere() {
+    let job = || LayOut {
+        scene: block_on_floor(),
+        options: AtlasOptions::default(),
+    };
+    let here = job().run(&|_| true).unwrap();
+    let bytes = postcard::to_allocvec(&job()).unwrap();
+    let result = jobs::run::<LayOut>(&bytes, &|_| true).unwrap();
+    let elsewhere: <LayOut as Job>::Result = postcard::from_bytes(&result).unwrap();
+    assert_eq!(elsewhere.unwrap(), here);
 }

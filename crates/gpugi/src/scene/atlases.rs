@@ -1,13 +1,14 @@
 //! Atlases in which techniques keep light. An atlas is laid out at the first request, beside the frames that wait for
 //! it, because it may take minutes; all techniques that request the same share it.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
+use serde::{Deserialize, Serialize};
 
 use super::GpuScene;
 use crate::gpu::{Gpu, GpuError};
+use crate::jobs::{self, Running};
 
 /// With more triangles than this, unwrapping takes longer than anybody expects.
 const MOST_TRIANGLES: usize = 500_000;
@@ -45,12 +46,29 @@ struct SharedAtlas {
     atlas: Weak<Atlas>,
 }
 
-/// An atlas that is being laid out on another thread; in browsers, which have none, at once.
+/// Lays out an atlas: of a scene's meshes, instances and materials.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct LayOut {
+    pub(super) scene: Scene,
+    pub(super) options: AtlasOptions,
+}
+
+impl jobs::Job for LayOut {
+    const NAME: &'static str = "lay out an atlas";
+    type Result = Result<Arc<Atlas>, String>;
+
+    fn run(self, goes_on: &(dyn Fn(f32) -> bool + Sync)) -> Self::Result {
+        let atlas = Atlas::with_progress(&self.scene, &self.options, goes_on);
+        atlas.map(Arc::new).map_err(|error| error.to_string())
+    }
+}
+
+/// An atlas that is being laid out beside the frames.
 #[derive(Debug, Clone)]
 struct Job {
     size: u32,
     density: f32,
-    result: Arc<OnceLock<Result<Arc<Atlas>, String>>>,
+    running: Running<Result<Arc<Atlas>, String>>,
     /// Whether meshes have changed since it was started.
     is_stale: bool,
 }
@@ -68,24 +86,16 @@ impl Job {
             backs: true,
             ..AtlasOptions::default()
         };
-        let result = Arc::new(OnceLock::new());
-        let (scene, done) = (scene.clone(), result.clone());
-        let lay_out = move || {
-            // A panic must not leave callers waiting for ever.
-            let atlas = catch_unwind(AssertUnwindSafe(|| Atlas::new(&scene, &options)));
-            let _ = done.set(match atlas {
-                Ok(atlas) => atlas.map(Arc::new).map_err(|error| error.to_string()),
-                Err(_) => Err("unwrapping failed".into()),
-            });
+        let scene = Scene {
+            meshes: scene.meshes.clone(),
+            instances: scene.instances.clone(),
+            materials: scene.materials.clone(),
+            ..Scene::default()
         };
-        #[cfg(target_arch = "wasm32")]
-        lay_out();
-        #[cfg(not(target_arch = "wasm32"))]
-        std::thread::spawn(lay_out);
         Self {
             size,
             density,
-            result,
+            running: jobs::start(LayOut { scene, options }),
             is_stale: false,
         }
     }
@@ -166,7 +176,10 @@ impl GpuScene {
         let is_mine =
             |slot: &&mut Option<Job>| slot.as_ref().is_some_and(|job| job.is_of(size, density));
         let Some(mine) = [&mut *job, &mut *finished].into_iter().find(is_mine) else {
-            if job.as_ref().is_none_or(|job| job.result.get().is_some()) {
+            if job
+                .as_ref()
+                .is_none_or(|job| job.running.result().is_some())
+            {
                 let before = job.replace(Job::start(scene, size, density, most_pages));
                 if before.as_ref().is_some_and(|before| !before.is_stale) {
                     *finished = before;
@@ -174,10 +187,11 @@ impl GpuScene {
             }
             return Ok(None);
         };
-        let Some(result) = mine.as_ref().and_then(|job| job.result.get()) else {
+        let Some(result) = mine.as_ref().and_then(|job| job.running.result()) else {
             return Ok(None);
         };
         // A failed job stays: asked again, it fails again without the work.
+        let result = result.ok_or_else(|| refused("unwrapping failed".into()))?;
         let atlas = result.clone().map_err(refused)?;
         *mine = None;
         shared.push(SharedAtlas {
@@ -198,12 +212,18 @@ impl GpuScene {
         });
     }
 
-    /// Blocks until no atlas is being laid out. Not for browsers, where none ever is.
+    /// How far the atlas is that is being laid out (0 to 1).
+    pub(crate) fn atlas_progress(&self) -> f32 {
+        let kept = self.kept_atlases();
+        kept.job.as_ref().map_or(0.0, |job| job.running.progress())
+    }
+
+    /// Blocks until no atlas is being laid out; in browsers, which may not block, it does nothing.
     pub(crate) fn wait_for_atlas(&self) {
         let job = self.kept_atlases().job.clone();
         #[cfg(not(target_arch = "wasm32"))]
         if let Some(job) = job {
-            job.result.wait();
+            job.running.wait();
         }
         #[cfg(target_arch = "wasm32")]
         let _ = job;

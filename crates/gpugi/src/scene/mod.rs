@@ -34,6 +34,7 @@ use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Medium, Scene};
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use atlases::Atlases;
+pub use atlases::LayOut;
 use bounds_tree::BoundsTree;
 pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
 pub use edit::Edit;

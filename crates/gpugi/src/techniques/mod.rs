@@ -102,11 +102,13 @@ pub struct Generated {
 
 impl Generated {
     /// Nothing yet: the technique's atlas is being laid out.
-    pub(crate) const WITHOUT_ATLAS: Self = Self {
-        revision: 0,
-        progress: 0.0,
-        pending: Some("texture atlas"),
-    };
+    pub(crate) fn without_atlas(scene: &GpuScene) -> Self {
+        Self {
+            revision: 0,
+            progress: scene.atlas_progress(),
+            pending: Some("texture atlas"),
+        }
+    }
 
     /// Those of the environment's maps.
     pub(crate) fn of_environment(filled: Filled) -> Self {

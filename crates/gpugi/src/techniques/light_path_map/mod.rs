@@ -153,7 +153,7 @@ impl Technique for LightPathMap {
             )?,
         };
         let Some(atlas) = atlas else {
-            return Ok(Generated::WITHOUT_ATLAS);
+            return Ok(Generated::without_atlas(scene));
         };
         let is_made = |made: &LightPathMaps| made.serves(settings, scene, &atlas);
         let mut made = match self.made.take().filter(is_made) {

@@ -220,7 +220,7 @@ impl Technique for Obscurances {
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, TEXEL_BYTES)?;
         let Some(atlas) = atlas else {
-            return Ok(Generated::WITHOUT_ATLAS);
+            return Ok(Generated::without_atlas(scene));
         };
         let is_made = |made: &ObscuranceMaps| {
             made.settings == self.settings

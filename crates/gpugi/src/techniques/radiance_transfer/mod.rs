@@ -151,7 +151,7 @@ impl Technique for RadianceTransfer {
                 let (size, density) = (settings.resolution, settings.density);
                 let atlas = scene.atlas(frame.gpu, INFO.name, size, density, bytes)?;
                 if atlas.is_none() {
-                    return Ok(Generated::WITHOUT_ATLAS);
+                    return Ok(Generated::without_atlas(scene));
                 }
                 atlas
             }

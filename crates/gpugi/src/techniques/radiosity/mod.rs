@@ -318,7 +318,7 @@ impl Technique for Radiosity {
         } = self.settings;
         let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
         let Some(atlas) = atlas else {
-            return Ok(Generated::WITHOUT_ATLAS);
+            return Ok(Generated::without_atlas(scene));
         };
         let is_made = |made: &LitTexels| {
             made.compiled_for == compiled_for(scene) && Arc::ptr_eq(&made.atlas, &atlas)
