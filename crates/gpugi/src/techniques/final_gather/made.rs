@@ -243,7 +243,7 @@ impl Made {
     pub fn serves(&self, settings: &Settings, own: Own, claimed: &[u32], scene: &GpuScene) -> bool {
         self.settings == *settings
             && self.own == own
-            && self.knows_media == !scene.media.is_empty()
+            && self.knows_media != scene.media.is_empty()
             && self.of.serves(settings, claimed, scene)
     }
 
