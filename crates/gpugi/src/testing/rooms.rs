@@ -7,7 +7,7 @@ use regex::Regex;
 
 /// Rooms from the lowest up. A room imports from those before it, and rooms of one entry not from each other.
 const ORDER: &[&[&str]] = &[
-    &["gpu", "light_paths", "sequences"],
+    &["gpu", "jobs", "light_paths", "sequences"],
     &["settings", "shared"],
     &["scene", "display"],
     &["capture", "prefiltered", "ray_bench"],
