@@ -414,11 +414,7 @@ impl App {
             Panel::left("controls").default_size(300.0).show(ui, |ui| {
                 ScrollArea::vertical().show(ui, |ui| {
                     panels::scene(ui, session, &mut actions);
-                    panels::picture(ui, session, &mut actions);
-                    // A page has no folder to write to.
-                    if cfg!(not(target_arch = "wasm32")) {
-                        panels::recording(ui, self.recording.as_ref(), &mut actions);
-                    }
+                    panels::picture(ui, session, self.recording.as_ref(), &mut actions);
                     // What is set while something is opened would be lost.
                     ui.add_enabled_ui(!is_opening, |ui| {
                         panels::techniques(ui, session, &mut actions);

@@ -101,7 +101,12 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
 }
 
 /// Exposure, tone mapping, lens, resolution and what is done with the picture.
-pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
+pub fn picture(
+    ui: &mut Ui,
+    session: &mut Session,
+    recording: Option<&Recording>,
+    actions: &mut Vec<Action>,
+) {
     CollapsingHeader::new("Picture")
         .default_open(true)
         .show(ui, |ui| {
@@ -189,12 +194,16 @@ pub fn picture(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                 {
                     actions.push(Action::CopyCommand);
                 }
+                // A page has no folder to write to.
+                if cfg!(not(target_arch = "wasm32")) {
+                    record(ui, recording, actions);
+                }
             });
         });
 }
 
-/// The recording, if one goes on.
-pub fn recording(ui: &mut Ui, recording: Option<&Recording>, actions: &mut Vec<Action>) {
+/// Begins a recording, or ends the one that goes on.
+fn record(ui: &mut Ui, recording: Option<&Recording>, actions: &mut Vec<Action>) {
     let text = match recording {
         Some(recording) => format!("stop after {} frames", recording.frames()),
         None => "record".to_owned(),

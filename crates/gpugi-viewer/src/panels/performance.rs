@@ -40,6 +40,9 @@ pub fn performance(ui: &mut Ui, session: &mut Session, cpu_seconds: f32) {
             return;
         }
         let times = session.pass_times.longest_first();
+        if times.is_empty() {
+            return;
+        }
         let sum: f64 = times.iter().map(|(_, milliseconds)| milliseconds).sum();
         ui.strong(format!("{sum:.2} ms of the GPU per frame"));
         graph(ui, session.pass_times.history().iter());
