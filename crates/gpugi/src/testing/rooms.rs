@@ -9,9 +9,9 @@ use regex::Regex;
 const ORDER: &[&[&str]] = &[
     &["gpu", "jobs", "light_paths", "sequences"],
     &["settings", "shared"],
-    &["scene", "display"],
+    &["scene"],
     &["capture", "prefiltered", "ray_bench"],
-    &["impostor", "lights"],
+    &["impostor", "lights", "display"],
     &["techniques"],
     &["lighting"],
     &["default_set", "reference", "bake"],
