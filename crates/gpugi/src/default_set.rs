@@ -8,7 +8,7 @@ use gpugi_scene::{Light, LightKind, Material, Scene};
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::lighting::LightingError;
-use crate::scene::{emit_light, has_emitters, has_glossy_objects};
+use crate::scene::{emit_light, has_emitters, has_glossy_objects, stand_apart};
 use crate::techniques::{
     Info, Registry, caustics, distance_impostor, final_gather, image_based_lighting,
     participating_media, radiosity, ray_tracing, shadow_map,
@@ -149,6 +149,10 @@ pub fn default_set(
             }
             (SKY, Purpose::StillPicture) => sky(triangles, Speed::of(adapter)),
             (CAUSTICS, Purpose::StillPicture) => photons(Speed::of(adapter)),
+            // Surfaces in fog would be lit by few bright rays: dots, unless there are very many samples.
+            (MEDIA, Purpose::StillPicture) if stand_apart(scene) => {
+                vec![("light-surfaces", 4.to_string())]
+            }
             _ => Vec::new(),
         },
     });
@@ -439,6 +443,7 @@ mod tests {
             assert!(is_fast || has_settings(SHADOWS) == is_soft);
             assert_eq!(has_settings(SKY), scene.environment.is_some());
             assert_eq!(has_settings(RAY_TRACING), has_glossy_objects(&scene));
+            assert_eq!(has_settings(MEDIA), has_media && stand_apart(&scene));
             // Refused if light paths overlap, or if a setting does not exist.
             let size = [8, 8];
             let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();

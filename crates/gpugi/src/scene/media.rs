@@ -42,6 +42,20 @@ pub(crate) fn emit_light(media: &[Medium]) -> bool {
     media.iter().any(|medium| medium.emission != Vec3::ZERO)
 }
 
+/// Whether the boxes of all media are apart from everything else, as clouds are from the ground.
+pub(crate) fn stand_apart(scene: &Scene) -> bool {
+    let meshes: Vec<Bounds> = scene.meshes.iter().map(|mesh| mesh.bounds()).collect();
+    let meets_none = |medium: Bounds| {
+        let mut instances = scene.instances.iter();
+        instances.all(|one| {
+            let placed = meshes[one.mesh].transformed(&one.world_from_mesh);
+            placed.min.cmpgt(medium.max).any() || placed.max.cmplt(medium.min).any()
+        })
+    };
+    let mut boxes = scene.media.iter().map(Medium::bounds);
+    boxes.all(|medium| medium.is_some_and(meets_none))
+}
+
 /// The box of a medium. One that fills everything is taken to fill `bounds`, those of the scene's instances, where
 /// light is followed in steps.
 pub(crate) fn world_from_box(medium: &Medium, bounds: &Bounds) -> Mat4 {
@@ -224,6 +238,16 @@ fn by_cell(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clouds_stand_apart_and_fog_does_not() {
+        for (name, is_apart) in [("cloud", true), ("fog-room", false)] {
+            let mut scene = gpugi_scene::builtin::builtin(name, 1).unwrap();
+            assert_eq!(stand_apart(&scene), is_apart, "{name}");
+            scene.media[0].world_from_box = None;
+            assert!(!stand_apart(&scene), "{name}");
+        }
+    }
 
     #[test]
     fn majorants_bound_the_density_and_follow_it() {

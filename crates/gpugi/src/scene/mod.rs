@@ -43,7 +43,7 @@ pub(crate) use emitters::has_emitters;
 pub(crate) use environment::check_environment;
 use geometry::Geometry;
 use images::ImageArrays;
-pub(crate) use media::{check_media, emit_light, world_from_box};
+pub(crate) use media::{check_media, emit_light, stand_apart, world_from_box};
 pub use motion::Placement;
 use objects::seen_class;
 pub use objects::{Claims, Object};
