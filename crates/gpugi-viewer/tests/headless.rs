@@ -288,7 +288,10 @@ fn a_window_records_complete_frames_at_fixed_times() {
     (session.clock.is_playing, session.pace.is_adaptive) = (true, true);
     let mut recording = Recording::begin(session, &folder).unwrap();
     let mut times = Vec::new();
+    let mut waited = 0;
     while recording.frames() < 3 {
+        waited += 1;
+        assert!(waited < 20_000, "{} frames", recording.frames());
         times.push(session.clock.seconds);
         recording.frame(session, SIZE).unwrap();
         gpu.wait().unwrap();
