@@ -30,8 +30,8 @@ pub struct FrameTimes {
     pub frames_ms: Vec<f64>,
     /// Work on maps in each frame, in units of [`gpugi::lighting::Budget`].
     pub work: Vec<u64>,
-    /// GPU time per frame of each pass, means of the last frames (ms). Empty if passes were not timed.
-    pub gpu_ms: BTreeMap<String, f64>,
+    /// GPU time of each pass in each frame (ms). Empty if passes were not timed.
+    pub gpu_ms: Vec<BTreeMap<String, f64>>,
 }
 
 /// Takes each frame of a recording: its number, and the session that shows it.
@@ -72,7 +72,7 @@ pub fn run(
     session.is_timed = frames.are_timed;
     while !show(&mut viewer, size)? {}
     let first_picture_seconds = started.elapsed().as_secs_f64();
-    let (mut times, mut work) = (Vec::new(), Vec::new());
+    let (mut times, mut work, mut gpu_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut device = Device::First;
     for frame in 0..frames.count {
         let began = Instant::now();
@@ -94,6 +94,8 @@ pub fn run(
         times.push(began.elapsed().as_secs_f64() * 1e3);
         let session = viewer.session().ok_or("nothing is on show")?;
         work.push(session.loaded().renderer.work());
+        session.pass_times.update();
+        gpu_ms.extend(session.pass_times.history().back().cloned());
     }
     if samples.is_some() {
         device.outlive(&mut viewer, |viewer| {
@@ -102,15 +104,6 @@ pub fn run(
             session.clock.is_playing = false;
             finish(viewer, size)
         })?;
-    }
-    let mut gpu_ms = BTreeMap::new();
-    if let Some(session) = viewer.session() {
-        session.pass_times.update();
-        let passes = session.pass_times.longest_first();
-        gpu_ms = passes
-            .into_iter()
-            .map(|(pass, time)| (pass.to_owned(), time))
-            .collect();
     }
     let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
     let (slowest_frame, slowest_ms) = slowest.map_or((0, 0.0), |(frame, time)| (frame, *time));

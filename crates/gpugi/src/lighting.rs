@@ -15,12 +15,15 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
 use crate::prefiltered::Environments;
-use crate::scene::{Claims, GpuScene, emit_light};
+use crate::scene::{Claims, GpuScene, Versions, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
     Earlier, Figure, Generated, Inspection, Map, Plan, Registry, Slice, Technique,
 };
+
+/// Frames that keep to their budget after one that does not, while the scene changes.
+const FRUGAL_FRAMES: u32 = 2;
 
 /// Lighting that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -116,6 +119,10 @@ pub struct Lighting {
     generated: Vec<Generated>,
     /// Frames for which each technique has waited for a step.
     waited: Vec<u32>,
+    /// The scene of the last frame.
+    seen: Option<Versions>,
+    /// Frames that kept to their budget since the last one that did not.
+    frugal_frames: u32,
     /// Grows with every setting.
     settings_version: u64,
     lights_elsewhere: bool,
@@ -176,6 +183,8 @@ impl Lighting {
             plans: Vec::new(),
             generated: vec![Generated::FINAL; techniques.len()],
             waited: vec![0; techniques.len()],
+            seen: None,
+            frugal_frames: 0,
             lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
             techniques,
             settings_version: 0,
@@ -334,7 +343,13 @@ impl Lighting {
         let waiting = self.techniques.iter().map(|one| one.waiting());
         let waiting: Vec<u64> = waiting.collect();
         let longest = self.waited.iter().copied().max().unwrap_or(0);
-        let in_turn = self.waited.iter().position(|&frames| frames == longest);
+        // While the scene changes, maps are never final: most frames had better be fast.
+        let is_changing = self.seen.replace(scene.versions) != Some(scene.versions);
+        let is_pending = self.generated.iter().any(|one| one.pending.is_some());
+        let has_turns = !is_changing || is_pending || self.frugal_frames >= FRUGAL_FRAMES;
+        self.frugal_frames = self.frugal_frames.saturating_add(1);
+        let mut waited = self.waited.iter();
+        let in_turn = waited.position(|&frames| has_turns && frames == longest);
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
             let left = budget.after(self.work);
@@ -357,6 +372,9 @@ impl Lighting {
             let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
             let slice = earlier.into_slice();
             self.work = self.work.saturating_add(slice.work());
+            if left.is_spent() && slice.work() > 0 {
+                self.frugal_frames = 0;
+            }
             self.waited[index] = match slice.is_waiting() {
                 true => self.waited[index] + 1,
                 false => 0,

@@ -448,10 +448,15 @@ impl Renderer {
         if !readiness.is_usable() {
             return Ok(readiness);
         }
+        // Gathers take the CPU longest: the GPU need not wait for them.
+        if self.lighting.work() > 0 {
+            frame.flush();
+        }
         for tile in &mut self.tiles {
             let view = view.of_rows(&tile.rows);
             tile.capture
                 .record(frame, &self.scene, &view, |draw| draw.seen)?;
+            frame.flush();
             self.lighting.gather(frame, &self.scene, &tile.receiver)?;
         }
         self.samples += 1;

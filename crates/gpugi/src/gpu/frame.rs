@@ -301,6 +301,14 @@ impl<'a> Frame<'a> {
         record_buffer(self.gpu, self.encoder(), buffer, size)
     }
 
+    /// Submits what is recorded so far, so that the GPU begins with it while the CPU records the rest. Errors arrive at
+    /// [`Frame::submit`].
+    pub fn flush(&mut self) {
+        self.joined = None;
+        let recorded = std::mem::replace(&mut self.encoder, encoder(self.gpu));
+        self.gpu.submit(recorded.finish());
+    }
+
     /// Submits the frame to the GPU without waiting for it. Returns the future times of its passes, if the frame is
     /// timed.
     ///

@@ -7,7 +7,7 @@ use super::{
     read_texture,
 };
 use crate::shader;
-use crate::testing::{run_kernel, test_gpu};
+use crate::testing::{own_test_gpu, run_kernel, test_gpu};
 
 fn shaders() -> Vec<Shader> {
     all_shaders()
@@ -505,7 +505,7 @@ fn every_pass_of_a_timed_frame_has_a_time() {
 /// Writes that change nothing are skipped, those that change something arrive, and a shorter write leaves the rest.
 #[test]
 fn host_buffers_upload_what_changes() {
-    let Some(gpu) = test_gpu() else { return };
+    let Some(gpu) = own_test_gpu() else { return };
     let buffer = HostBuffer::new(&gpu, "test", 16, wgpu::BufferUsages::STORAGE).unwrap();
     let uploads = |data: &[u32]| {
         let before = gpu.uploaded_bytes();

@@ -10,8 +10,9 @@ use std::cell::Cell;
 /// they were lit.
 ///
 /// Techniques work in steps and begin no further step once the frame's steps have used up the budget. The technique that
-/// has waited longest for a step takes one all the same, so a frame exceeds its budget by at most two steps. A step is all depth maps of one light sample, the capture of one object's cube with its
-/// light, one frame of photons of one object with the capture of its surroundings, or less. The depth maps and the domains of image-based lighting are not cut into steps.
+/// has waited longest for a step takes one all the same, so a frame exceeds its budget by at most two steps; while the
+/// scene changes, by one at most in every third frame. A step is all depth maps of one light sample, the capture of one object's cube with its light, one frame of photons of one
+/// object, or less. The depth maps and the domains of image-based lighting are not cut into steps.
 ///
 /// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
 /// cubes; then caustics, which cubes show; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such
@@ -36,6 +37,11 @@ impl Budget {
         } else {
             self
         }
+    }
+
+    /// Whether nothing is left.
+    pub(crate) fn is_spent(self) -> bool {
+        self.0 == 0
     }
 
     /// Whether there is a limit.

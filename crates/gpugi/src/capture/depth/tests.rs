@@ -26,16 +26,16 @@ fn around(scene: &GpuScene, count: u32, side: u32) -> Vec<DepthViewSpec> {
         .collect()
 }
 
-/// The atlas drawn by hardware and by compute.
+/// The atlas drawn by hardware and by compute, and its width.
 fn both(
     gpu: &Gpu,
     scene: &mut GpuScene,
     specs: Vec<DepthViewSpec>,
     compute: &mut DepthCompute,
-) -> [Vec<f32>; 2] {
+) -> ([Vec<f32>; 2], usize) {
     let kernels = DepthKernels::of_environment(gpu, scene).unwrap();
     let mut atlas = DepthAtlas::new(gpu, &kernels, specs).unwrap();
-    [false, true].map(|by_compute| {
+    let drawn = [false, true].map(|by_compute| {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
         if by_compute {
@@ -47,27 +47,40 @@ fn both(
         }
         frame.submit().unwrap();
         read_texture(gpu, &atlas.texture, TextureAspect::DepthOnly, 0, 0).unwrap()
-    })
+    });
+    (drawn, atlas.texture.width() as usize)
 }
 
 fn assert_alike(gpu: &Gpu, scene: &Scene, compute: &mut DepthCompute, count: u32, side: u32) {
     let mut uploaded = GpuScene::new(gpu, scene).unwrap();
     let specs = around(&uploaded, count, side);
-    let [hardware, compute] = both(gpu, &mut uploaded, specs, compute);
-    let pairs = || hardware.iter().zip(&compute);
+    let ([hardware, compute], width) = both(gpu, &mut uploaded, specs, compute);
     let covered = hardware.iter().filter(|depth| **depth > 0.0).count();
-    let unlike = pairs().filter(|(a, b)| (**a - **b).abs() > 1e-5).count();
+    let differing: Vec<usize> = (0..hardware.len())
+        .filter(|&at| (hardware[at] - compute[at]).abs() > 1e-5)
+        .collect();
+    // GPUs round corners to a part of a texel, which moves edges a little: a texel may have its neighbour's depth.
+    let is_moved = |at: usize| {
+        let near = [0, width, 2 * width].map(|row| (at + row).saturating_sub(width + 1));
+        let near = near.into_iter().flat_map(|first| first..first + 3);
+        let depths = near.filter_map(|neighbor| hardware.get(neighbor));
+        let (low, high) = depths.fold((1.0_f32, 0.0_f32), |(low, high), depth| {
+            (low.min(*depth), high.max(*depth))
+        });
+        (low - 1e-5..=high + 1e-5).contains(&compute[at])
+    };
+    let moved = differing.iter().filter(|at| is_moved(**at)).count();
+    let wrong = differing.len() - moved;
     println!(
-        "{}: {covered} texels of {} covered, {unlike} differ",
+        "{}: {covered} texels of {} covered, {moved} moved, {wrong} wrong",
         scene.name,
         hardware.len()
     );
     assert!(covered * 4 > hardware.len() / 2, "the views see the scene");
-    assert!(
-        unlike * 1000 <= covered,
-        "{}: {unlike} of {covered} differ",
-        scene.name
-    );
+    let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
+    let most_moved = if is_software { 1 } else { 30 };
+    assert!(moved * 1000 <= covered * most_moved, "{moved} of {covered}");
+    assert!(wrong * 1000 <= covered, "{wrong} of {covered}");
 }
 
 #[test]

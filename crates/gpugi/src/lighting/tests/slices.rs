@@ -169,8 +169,8 @@ fn cubes_that_are_lit_again_are_lit_briefly_first() {
     assert!(left < 0.05, "{left}");
 }
 
-/// Surroundings that change in every frame are captured in turn, whenever depth maps, which come first and use up the
-/// budget, leave cubes their turn.
+/// Surroundings that change in every frame are captured in turn: depth maps, which come first, use up the budget, and
+/// every third frame exceeds it.
 #[test]
 fn every_cube_is_captured_while_everything_moves() {
     let Some(gpu) = test_gpu() else { return };
@@ -180,7 +180,7 @@ fn every_cube_is_captured_while_everything_moves() {
     let [first, _] = cubes(&gpu, &renderer);
     let mut before = first.clone();
     let mut captured = Vec::new();
-    for _ in 0..8 {
+    for _ in 0..12 {
         lower_block(&mut scene);
         renderer.update(&scene).unwrap();
         one_frame(&mut renderer);
@@ -189,7 +189,7 @@ fn every_cube_is_captured_while_everything_moves() {
         captured.push(is_captured.iter().filter(|is| **is).count());
         before = after;
     }
-    assert_eq!(captured, [0, 1, 0, 1, 0, 1, 0, 1]);
+    assert_eq!(captured, [0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0]);
     assert_eq!(changes(&first, &before), [true; 4]);
 }
 

@@ -405,6 +405,11 @@ impl Technique for Caustics {
             while let Some(caustic) = made.caustics.get_mut(made.next)
                 && earlier.may_step()
             {
+                let pixels = caustic.surround(frame, making, earlier.impostors)?;
+                if pixels > 0 {
+                    earlier.count(pixels);
+                    continue;
+                }
                 let photons = caustic.generate(frame, making, earlier.impostors)?;
                 earlier.count(photons);
                 made.next += 1;

@@ -36,6 +36,8 @@ pub struct Caustic {
     group: wgpu::BindGroup,
     bound: Option<PhotonGroups>,
     caustic_maps: Option<CausticMaps>,
+    /// Whether the maps around the object are renewed for the next frame's photons.
+    is_surrounded: bool,
     /// Frames whose photons the counters hold.
     frames: u32,
     /// Flux per count of one frame's sums (W); 0: no light shines on the object.
@@ -160,14 +162,46 @@ impl Caustic {
             group,
             bound: None,
             caustic_maps: None,
+            is_surrounded: false,
             frames: 0,
             step: 0.0,
         })
     }
 
-    /// Makes the next frame's photons the first ones.
+    /// Makes the next frame's photons the first ones, in surroundings that are yet to be renewed.
     pub fn restart(&mut self) {
         self.frames = 0;
+        self.is_surrounded = false;
+    }
+
+    /// Renews the maps around the object for the next frame's photons, unless that is done; returns how many pixels were
+    /// drawn.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn surround(
+        &mut self,
+        frame: &mut Frame<'_>,
+        making: Making<'_>,
+        impostors: &mut Impostors,
+    ) -> Result<u64, GpuError> {
+        if self.is_surrounded {
+            return Ok(0);
+        }
+        let Making {
+            scene,
+            settings,
+            settings_version,
+            ..
+        } = making;
+        if settings.tracer == Tracer::Rays {
+            let mut draws = scene.draws.iter();
+            let draw = draws.find(|draw| draw.instance == self.instance);
+            self.wanted.reference = draw.map(|draw| draw.bounds.center());
+        }
+        let (_, pixels) = impostors.renew(frame, scene, &self.wanted, settings_version, 0)?;
+        self.is_surrounded = true;
+        Ok(pixels)
     }
 
     /// Keeps the maps around the object, which this frame neither captures nor reads.
@@ -185,7 +219,8 @@ impl Caustic {
         Ok(())
     }
 
-    /// Traces and counts the photons of one more frame; returns how many there are, and how many pixels were drawn.
+    /// Traces and counts the photons of one more frame, which follows [`Caustic::surround`]; returns how many there are,
+    /// and how many pixels were drawn.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -202,13 +237,9 @@ impl Caustic {
             ..
         } = making;
         let gpu = frame.gpu;
-        if settings.tracer == Tracer::Rays {
-            let mut draws = scene.draws.iter();
-            let draw = draws.find(|draw| draw.instance == self.instance);
-            self.wanted.reference = draw.map(|draw| draw.bounds.center());
-        }
-        let (maps, captured) =
-            impostors.renew(frame, scene, &self.wanted, making.settings_version, 0)?;
+        self.is_surrounded = false;
+        let version = making.settings_version;
+        let maps = impostors.follow(gpu, scene, &self.wanted, version, 0)?;
         let maps = maps.clone();
         self.bind(gpu, kernels, &maps)?;
         if self.frames == 0 {
@@ -248,7 +279,7 @@ impl Caustic {
             .write(gpu, std::slice::from_ref(&count_flux));
         self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
         let Some(bound) = &self.bound else {
-            return Ok(captured);
+            return Ok(0);
         };
         // Without a light that shines on the object there are no maps, and the irradiance becomes that of no photons.
         if let Some(caustic_maps) = &mut self.caustic_maps {
@@ -261,7 +292,7 @@ impl Caustic {
             kernels.irradiance.dispatch(pass, &groups, [side, side, 6]);
         });
         let pixels = views.iter().map(|seen| u64::from(seen.side).pow(2));
-        Ok(captured + pixels.sum::<u64>() * (1 + u64::from(self.photons)))
+        Ok(pixels.sum::<u64>() * (1 + u64::from(self.photons)))
     }
 
     /// The lights of frame `number`, each with the side of its map (pixels) and its view's framing, `None` if it does not

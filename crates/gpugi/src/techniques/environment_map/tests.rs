@@ -248,9 +248,12 @@ fn the_radiance_cube_holds_the_map() {
             assert!(off < 3e-3, "{name}, level {level}: {off}");
         }
         // Compares texel by texel with the mean of many points spread over each; errors are relative to the texel plus
-        // the map's mean.
+        // the map's mean. Samplers of hardware may round their weights to 8 bits: beside the brightest texel, that is an
+        // error of its own.
         let mean = total / (4.0 * PI);
         let found = Level::read(&gpu, &technique, "radiance", 0);
+        let brightest = found.of_cube().map(|(_, _, value)| value);
+        let brightest = brightest.fold(DVec3::ZERO, DVec3::max) / 512.0;
         let mut worst = 0.0_f64;
         for (index, (_, _, value)) in found.of_cube().enumerate().step_by(7) {
             const POINTS: usize = 32;
@@ -266,7 +269,8 @@ fn the_radiance_cube_holds_the_map() {
                 weights += weight;
             }
             let expected = sum / weights;
-            worst = worst.max(relative(value + mean, expected + mean));
+            let off = ((value - expected).abs() - brightest).max(DVec3::ZERO);
+            worst = worst.max((off / (expected + mean)).max_element());
         }
         println!("{name}: a texel is off by at most {worst:.1e}");
         assert!(worst < 0.03, "{name}: {worst}");

@@ -226,11 +226,11 @@ fn nearest(samples: &[Vec3], cells: [u32; 2]) -> Vec<u32> {
 fn relaxation_tends_to_the_density_asked_for() {
     let Some(gpu) = test_gpu() else { return };
     // Two hemispheres, one 16 times as bright: a density proportional to power gives 16 : 1, to its root 4 : 1, which
-    // even many steps only approach.
+    // even many steps only approach. Of 85 samples, 4 to 6 below are 20.25 to 13.2 : 1.
     let scene = sky([128, 64], |_, y| {
         Vec3::splat(if y < 32 { 16.0 } else { 1.0 })
     });
-    for (spread, low, high) in [(Spread::Power, 12.5, 20.0), (Spread::Root, 3.5, 11.0)] {
+    for (spread, low, high) in [(Spread::Power, 13.0, 20.5), (Spread::Root, 3.5, 11.0)] {
         let settings = Settings {
             iterations: 256,
             spread,

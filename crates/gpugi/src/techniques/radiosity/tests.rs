@@ -322,7 +322,7 @@ fn several_pages_hold_the_light_of_one() {
     let Some(gpu) = test_gpu() else { return };
     let scene = room_of_walls();
     // The noise of shooting stems from few shooters, which all texels share.
-    for (mode, most, most_of_all) in [(RAYS, 0.01, 0.005), (SHOOTING, 0.06, 0.015)] {
+    for (mode, most, most_of_all) in [(RAYS, 0.01, 0.005), (SHOOTING, 0.08, 0.015)] {
         let of = |resolution, seed| {
             let more = [("resolution", resolution), ("density", "16")];
             let settings = [mode, &more].concat();

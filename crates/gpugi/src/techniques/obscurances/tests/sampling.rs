@@ -261,7 +261,9 @@ fn what_moves_changes_what_is_near_and_nothing_else() {
         let after = with_block_at(&moving.scene, 0.5);
         moving.follow(&gpu, after);
         let after = moving.finish(&gpu);
-        assert!(after == bench(0.5).finish(&gpu), "{mode:?}: interrupted");
+        let at_once = bench(0.5).finish(&gpu);
+        let differ = after.iter().zip(&at_once).filter(|(a, b)| a != b).count();
+        assert!(differ == 0, "{mode:?}: interrupted, {differ} words differ");
     }
 }
 
