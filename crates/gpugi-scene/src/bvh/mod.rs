@@ -141,17 +141,37 @@ impl BottomLevel {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
         for (mesh, triangles) in meshes.into_iter().enumerate() {
-            let is_broken = |corners: &[Vec3; 3]| corners.iter().any(|corner| !corner.is_finite());
-            if let Some(triangle) = triangles.iter().position(is_broken) {
-                return Err(BvhError::NotFinite { mesh, triangle });
-            }
-            trees.push(append_mesh(&triangles, self.meshes.get(mesh), &mut rows)?);
+            check_finite(mesh, &triangles)?;
+            let root = row_number(rows.len())?;
+            let (tree, of_mesh) = mesh_tree(&triangles, self.meshes.get(mesh), root)?;
+            trees.push(tree);
+            rows.extend(of_mesh);
         }
         let bottom = Self {
             meshes: trees,
             rows: row_number(rows.len())?,
         };
         Ok((bottom, rows))
+    }
+
+    /// Fits the tree of one mesh to its triangles after it has deformed. Returns the rows of the mesh and the number of
+    /// the first one; or `None`, if [`BottomLevel::following`] would build another tree: then nothing has changed.
+    ///
+    /// # Errors
+    /// [`BvhError`].
+    pub fn bend(
+        &mut self,
+        mesh: usize,
+        triangles: &[[Vec3; 3]],
+    ) -> Result<Option<(u32, Vec<Row>)>, BvhError> {
+        check_finite(mesh, triangles)?;
+        let before = &mut self.meshes[mesh];
+        let (after, rows) = mesh_tree(triangles, Some(before), before.root)?;
+        if !Arc::ptr_eq(&before.tree, &after.tree) {
+            return Ok(None);
+        }
+        *before = after;
+        Ok(Some((before.root, rows)))
     }
 
     /// The triangles and spheres of all instances in `top`, for tests of each without the hierarchy. `mesh_of` gives the
@@ -204,12 +224,21 @@ fn row_number(rows: usize) -> Result<u32, BvhError> {
     at_most("rows", rows, u32::MAX)
 }
 
-fn append_mesh(
+fn check_finite(mesh: usize, triangles: &[[Vec3; 3]]) -> Result<(), BvhError> {
+    let is_broken = |corners: &[Vec3; 3]| corners.iter().any(|corner| !corner.is_finite());
+    match triangles.iter().position(is_broken) {
+        Some(triangle) => Err(BvhError::NotFinite { mesh, triangle }),
+        None => Ok(()),
+    }
+}
+
+/// The hierarchy of a mesh whose rows begin at `root`, and these rows. It keeps the tree of `before` if that is still
+/// good.
+fn mesh_tree(
     triangles: &[[Vec3; 3]],
     before: Option<&MeshTree>,
-    rows: &mut Vec<Row>,
-) -> Result<MeshTree, BvhError> {
-    let root = row_number(rows.len())?;
+    root: u32,
+) -> Result<(MeshTree, Vec<Row>), BvhError> {
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
     let largest = if bounds.is_empty() {
         0.0
@@ -237,7 +266,7 @@ fn append_mesh(
             let (encoded, cost_now) = fitted(tree);
             (cost_now <= WORST_COST * cost).then(|| (tree.clone(), encoded, *cost))
         });
-    let (tree, encoded, cost) = match kept {
+    let (tree, mut rows, cost) = match kept {
         Some(kept) => kept,
         None => {
             let tree = Tree::new(&boxes, MESH_LEVELS, 3);
@@ -246,8 +275,7 @@ fn append_mesh(
             (Arc::new(tree), encoded, cost)
         }
     };
-    rows.extend(encoded);
-    let first_triangle = row_number(rows.len())?;
+    let first_triangle = row_number(root as usize + rows.len())?;
     for &number in &tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
         for (corner, last) in corners.into_iter().zip([number, 0, 0]) {
@@ -255,8 +283,8 @@ fn append_mesh(
             rows.push([x, y, z, last]);
         }
     }
-    row_number(rows.len())?;
-    Ok(MeshTree {
+    row_number(root as usize + rows.len())?;
+    let tree = MeshTree {
         root,
         bounds,
         first_triangle,
@@ -264,7 +292,8 @@ fn append_mesh(
         units_from_mesh,
         tree,
         cost,
-    })
+    };
+    Ok((tree, rows))
 }
 
 /// The transform from world space to the mesh's units, and the world-space box of the instance (of its mesh or of the

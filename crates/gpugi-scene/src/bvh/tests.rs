@@ -481,6 +481,15 @@ fn a_mesh_that_deforms_keeps_its_tree() {
     for (a, b) in bottom.meshes.iter().zip(&built.meshes) {
         assert!(Arc::ptr_eq(&a.tree, &b.tree));
     }
+    // One mesh alone gets the same rows.
+    for (mesh, triangles) in after.iter().enumerate() {
+        let mut bent = built.clone();
+        let (first, of_mesh) = bent.bend(mesh, triangles).unwrap().unwrap();
+        let end = first as usize + of_mesh.len();
+        assert!(of_mesh == rows[first as usize..end]);
+        assert_eq!(bent.meshes[mesh].bounds, bottom.meshes[mesh].bounds);
+        assert_eq!(bent.end(), built.end());
+    }
     let instances = instances.map(|(mesh, world_from_mesh)| BvhInstance {
         mesh,
         world_from_mesh,
@@ -522,6 +531,12 @@ fn a_mesh_that_changes_too_much_gets_another_tree() {
             &followed.meshes[0].tree,
             &bottom.meshes[0].tree
         ));
-        assert_eq!(rows, BottomLevel::new([after]).unwrap().1);
+        assert_eq!(rows, BottomLevel::new([after.clone()]).unwrap().1);
+        let mut bent = bottom.clone();
+        assert!(bent.bend(0, &after).unwrap().is_none());
+        assert_eq!(bent.meshes[0].bounds, bottom.meshes[0].bounds);
     }
+    let mut broken = before;
+    broken[3][1].x = f32::NAN;
+    assert!(bottom.clone().bend(0, &broken).is_err());
 }

@@ -34,6 +34,17 @@ fn shift(scene: &mut Scene, name: &str, by: Vec3) {
     *place = Mat4::from_translation(by) * *place;
 }
 
+/// Scales the mesh of an instance, which nobody else has.
+fn deform(scene: &mut Scene, name: &str, by: Vec3) {
+    let instance = index(scene, name);
+    let mesh = scene.instances[instance].mesh;
+    let deformed = std::sync::Arc::make_mut(&mut scene.meshes[mesh]);
+    let center = deformed.bounds().center();
+    for position in &mut deformed.positions {
+        *position = center + (*position - center) * by;
+    }
+}
+
 fn picture(tracer: &mut PathTracer, camera: &Camera) -> Vec<f32> {
     let go_on = &mut |_: &super::Progress| ControlFlow::Continue(());
     let progress = tracer.render(camera, SAMPLES, go_on).unwrap();
@@ -62,7 +73,7 @@ fn edits_show_what_a_new_path_tracer_shows() {
     let mut scene = room();
     let mut tracer = new(&gpu, &scene);
     let bound = tracer.scene().ray_bind_group.clone();
-    let steps: [Step; 7] = [
+    let steps: [Step; 9] = [
         ("a light that moves and becomes brighter", |scene| {
             scene.lights[1].world_from_light.w_axis.x -= 0.8;
             scene.lights[1].intensity *= 3.0;
@@ -72,6 +83,12 @@ fn edits_show_what_a_new_path_tracer_shows() {
         }),
         ("a lamp that moves", |scene| {
             shift(scene, "lamp", vec3(-0.5, -0.3, 0.4));
+        }),
+        ("a lamp that deforms", |scene| {
+            deform(scene, "lamp", vec3(0.6, 1.0, 1.5));
+        }),
+        ("glass that deforms", |scene| {
+            deform(scene, "ball", vec3(1.3, 0.8, 1.1));
         }),
         ("glass that moves, around the eye", |scene| {
             let eye = scene.cameras[0].world_from_view.w_axis.truncate();
@@ -134,8 +151,9 @@ fn other_sizes_show_what_a_new_path_tracer_shows() {
 fn what_takes_an_upload_or_other_kernels_is_not_followed() {
     let Some(gpu) = test_gpu() else { return };
     let edits: [Step; 4] = [
-        ("another mesh", |scene| {
-            let mesh = scene.meshes[0].as_ref().clone();
+        ("fewer triangles", |scene| {
+            let mut mesh = scene.meshes[0].as_ref().clone();
+            mesh.indices.truncate(3);
             scene.meshes[0] = mesh.into();
         }),
         ("another sky", |scene| {

@@ -8,9 +8,9 @@ use crate::lighting::LightingError;
 
 impl PathTracer {
     /// Takes the scene as it is after edits, and begins its picture anew, if that costs no more than what the edits
-    /// change: instances that move, lights, factors of materials, and the environment's rotation and intensity. Returns
-    /// false if it would cost more, such as an upload or other kernels: then it renders no more until it is updated to a
-    /// scene that it can follow.
+    /// change: instances that move, meshes that deform, lights, factors of materials, and the environment's rotation and
+    /// intensity. Returns false if it would cost more, such as an upload or other kernels: then it renders no more until
+    /// it is updated to a scene that it can follow.
     ///
     /// # Errors
     /// As [`PathTracer::new`].

@@ -55,7 +55,7 @@ impl Lit {
         lit
     }
 
-    /// Follows edits: `scene` has the meshes, images and environment's image of the scene before.
+    /// Follows edits: `scene` has the images and the environment's image of the scene before.
     pub fn follow(&mut self, scene: &Scene, on_gpu: &GpuScene) {
         let now = versions(on_gpu);
         if self.of != now {

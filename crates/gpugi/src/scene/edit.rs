@@ -11,6 +11,7 @@ use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texture};
 use super::media::{check_media, have_same_grids};
 use super::motion::{moved, same_meshes};
+use super::rays::Rays;
 use super::rows::{is_mirrored, mesh_bounds, set_place, texture_slots};
 use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
@@ -35,8 +36,8 @@ pub enum Edit {
         /// The new material.
         material: Box<Material>,
     },
-    /// Replaces a mesh. Only its vertices are uploaded if the scene has no rays, the triangles and the number of
-    /// vertices are the same, the mesh stays closed or open, and no instance of it is a sphere.
+    /// Replaces a mesh. Only its vertices and its ray hierarchy are uploaded if the triangles and the number of vertices
+    /// are the same, the mesh stays closed or open, and no instance of it is a sphere.
     Mesh {
         /// Index into [`Scene::meshes`].
         index: usize,
@@ -123,7 +124,8 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Whether [`GpuScene::update`] to `after` writes only what has changed: no mesh, image or table is uploaded.
+    /// Whether [`GpuScene::update`] to `after` writes only what has changed: no image, no table, and of meshes only those
+    /// that deform.
     pub(crate) fn can_follow(&self, after: &Scene) -> bool {
         let edits = self.edits_to(after);
         is_same_image(self.environment.as_ref(), after.environment.as_ref())
@@ -242,8 +244,7 @@ impl GpuScene {
             Edit::Mesh { index, mesh } => {
                 let before = &self.host.meshes[*index];
                 let shows = |one: &Instance| one.is_sphere && one.mesh == *index;
-                self.rays.is_none()
-                    && !self.host.instances.iter().any(shows)
+                !self.host.instances.iter().any(shows)
                     && before.positions.len() == mesh.positions.len()
                     && before.indices == mesh.indices
                     && self.geometry.meshes[*index].closed == mesh.is_closed()
@@ -256,6 +257,7 @@ impl GpuScene {
     fn apply(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
         let header = self.header_values;
         let mut moved = Vec::new();
+        let mut has_good_trees = true;
         for edit in edits {
             match edit {
                 Edit::Instance {
@@ -267,7 +269,7 @@ impl GpuScene {
                 }
                 Edit::Material { index, material } => self.set_material(gpu, *index, material),
                 Edit::Mesh { index, mesh } => {
-                    moved.extend(self.bend(gpu, *index, mesh));
+                    has_good_trees &= self.bend(gpu, *index, mesh, &mut moved)?;
                 }
                 Edit::Light { index, light } => {
                     if self.lights[*index] != *light {
@@ -277,6 +279,10 @@ impl GpuScene {
                 }
                 Edit::Environment(environment) => self.set_environment(gpu, environment)?,
             }
+        }
+        if let Some(rays) = self.rays.as_ref().filter(|_| !has_good_trees) {
+            let rays = Rays::new(gpu, &self.host, &self.geometry, Some(rays))?;
+            self.set_rays(gpu, rays);
         }
         moved.sort_unstable();
         moved.dedup();
@@ -330,12 +336,7 @@ impl GpuScene {
             && !rays.follow(gpu, &self.host, &moved)
         {
             let rays = rays.with_instances(gpu, &self.host)?;
-            if rays.buffer != self.hierarchy {
-                self.hierarchy = rays.buffer.clone();
-                self.bind(gpu);
-            }
-            self.header_values.bvh_start = rays.start();
-            self.rays = Some(rays);
+            self.set_rays(gpu, rays);
         }
         self.bounds = self.bounds_tree.all();
         self.header_values.diagonal = self.bounds.diagonal();
@@ -376,11 +377,28 @@ impl GpuScene {
         }
     }
 
-    /// Replaces a mesh by a deformed one; returns its instances.
-    fn bend(&mut self, gpu: &Gpu, index: usize, mesh: &Arc<Mesh>) -> Vec<usize> {
+    /// Replaces the hierarchies; the header is yet to be written.
+    fn set_rays(&mut self, gpu: &Gpu, rays: Rays) {
+        if rays.buffer != self.hierarchy {
+            self.hierarchy = rays.buffer.clone();
+            self.bind(gpu);
+        }
+        self.header_values.bvh_start = rays.start();
+        self.rays = Some(rays);
+    }
+
+    /// Replaces a mesh by a deformed one, and adds its instances to `moved`. Returns false if the ray hierarchies should
+    /// be built again.
+    fn bend(
+        &mut self,
+        gpu: &Gpu,
+        index: usize,
+        mesh: &Arc<Mesh>,
+        moved: &mut Vec<usize>,
+    ) -> Result<bool, GpuError> {
         let before = std::mem::replace(&mut self.host.meshes[index], mesh.clone());
         if Arc::ptr_eq(&before, mesh) {
-            return Vec::new();
+            return Ok(true);
         }
         self.versions.topology += 1;
         self.versions.meshes += 1;
@@ -392,7 +410,17 @@ impl GpuScene {
         for &number in &bent {
             self.placements[number].bent = self.versions.geometry + 1;
         }
-        bent
+        let mut has_good_tree = true;
+        if let Some(rays) = &mut self.rays {
+            let triangles = self.geometry.meshes[index].triangles(mesh);
+            has_good_tree = rays.bend(gpu, index, &triangles)?
+                && bent.iter().all(|&number| {
+                    let place = &self.host.instances[number].world_from_mesh;
+                    rays.can_refit(number, index, place)
+                });
+        }
+        moved.extend(bent);
+        Ok(has_good_tree)
     }
 
     /// Makes bind group 0 again, after one of its resources was replaced.

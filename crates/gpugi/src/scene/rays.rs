@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Mat4;
+use glam::{Mat4, Vec3};
 use gpugi_scene::bvh::{
     BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MovedItem, NODE_ROWS, Row,
     TopLevel,
@@ -53,6 +53,22 @@ impl Rays {
     pub fn with_instances(&self, gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
         let (bottom, buffer) = (self.bottom.clone(), self.buffer.clone());
         Self::over(gpu, scene, bottom, buffer, &self.refit_kernel)
+    }
+
+    /// Fits the hierarchy of one mesh to its triangles after it has deformed; its instances are yet to follow. Returns
+    /// false if the hierarchies should be built again.
+    pub fn bend(
+        &mut self,
+        gpu: &Gpu,
+        mesh: usize,
+        triangles: &[[Vec3; 3]],
+    ) -> Result<bool, GpuError> {
+        let bent = Arc::make_mut(&mut self.bottom).bend(mesh, triangles);
+        let Some((first, rows)) = bent.map_err(|error| refused(gpu, error))? else {
+            return Ok(false);
+        };
+        gpu.write(&self.buffer, bytes(first as usize), &rows);
+        Ok(true)
     }
 
     /// Builds the top level. `buffer` begins with the rows of `bottom`.

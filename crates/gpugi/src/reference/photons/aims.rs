@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use glam::{Mat3, Mat4, Vec3};
 use gpugi_scene::{Bounds, Image, Material, MaterialModel, Mesh, Pixels, Scene};
@@ -231,10 +232,10 @@ fn largest_stretch(map: Mat3) -> f32 {
     sums.into_iter().fold(0.0, f32::max).sqrt()
 }
 
-/// What spheres depend on in meshes and images, which edits keep: measured once.
+/// What spheres depend on in meshes and images: measured once, and again if a mesh deforms. Edits keep images.
 #[derive(Debug, Default)]
 pub struct Measured {
-    extents: HashMap<usize, Extent>,
+    extents: HashMap<usize, (Arc<Mesh>, Extent)>,
     /// The smallest value of an image's green channel.
     greens: HashMap<usize, f32>,
 }
@@ -250,9 +251,12 @@ pub fn spheres(scene: &Scene, table: &[Light], measured: &mut Measured) -> Vec<S
         if !ideal[instance.material] {
             return None;
         }
-        let extent = extents
-            .entry(instance.mesh)
-            .or_insert_with(|| Extent::of(&scene.meshes[instance.mesh]));
+        let mesh = &scene.meshes[instance.mesh];
+        let measure = || (mesh.clone(), Extent::of(mesh));
+        let (measured, extent) = extents.entry(instance.mesh).or_insert_with(measure);
+        if !Arc::ptr_eq(measured, mesh) {
+            (*measured, *extent) = measure();
+        }
         let sphere = extent.placed(instance.world_from_mesh);
         let has_extent = extent.radius > 0.0 && sphere.radius > 0.0;
         let is_finite = sphere.center.is_finite() && sphere.radius.is_finite();
