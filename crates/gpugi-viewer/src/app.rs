@@ -44,7 +44,10 @@ pub struct App {
     #[cfg(target_arch = "wasm32")]
     address: address::Address,
     message: Option<Message>,
+    last_view: Instant,
     last_frame: Instant,
+    #[cfg(target_arch = "wasm32")]
+    busy: crate::browser::Busy,
     /// Seconds per frame, smoothed.
     frame_seconds: f32,
     /// Time that the CPU takes for a frame (s), smoothed.
@@ -97,7 +100,10 @@ impl App {
             #[cfg(target_arch = "wasm32")]
             address: address::Address::default(),
             message: None,
+            last_view: Instant::now(),
             last_frame: Instant::now(),
+            #[cfg(target_arch = "wasm32")]
+            busy: crate::browser::Busy::default(),
             frame_seconds: 0.0,
             cpu_seconds: 0.0,
         }
@@ -294,18 +300,17 @@ impl App {
         });
     }
 
-    /// The picture, and what mouse and keyboard do to it.
-    fn view(&mut self, ui: &mut Ui) {
-        let rect = ui.available_rect_before_wrap();
-        let response = ui.allocate_rect(rect, Sense::click_and_drag());
-        let seconds = self.last_frame.elapsed().as_secs_f32();
-        self.last_frame = Instant::now();
+    /// The session's next frame in a window of this size (pixels), if the GPU has done the last one.
+    fn frame(&mut self, context: &egui::Context, window: [u32; 2]) {
+        #[cfg(target_arch = "wasm32")]
+        if self.busy.get() {
+            return;
+        }
         let Some(session) = self.viewer.session() else {
             return;
         };
-        steer(ui, &response, session, seconds);
-        let pixels = (rect.size() * ui.ctx().pixels_per_point()).round();
-        let window = [pixels.x, pixels.y].map(|side| (side as u32).max(1));
+        let seconds = self.last_frame.elapsed().as_secs_f32();
+        self.last_frame = Instant::now();
         let began = Instant::now();
         let shown = match &mut self.recording {
             Some(recording) => recording.frame(session, window),
@@ -316,23 +321,44 @@ impl App {
         };
         self.cpu_seconds += 0.1 * (began.elapsed().as_secs_f32() - self.cpu_seconds);
         match shown {
-            Ok(shown) => {
-                if shown.is_final && self.recording.is_none() {
-                    self.frame_seconds = 0.0;
-                } else {
-                    ui.ctx().request_repaint();
-                    let part = if self.frame_seconds > 0.0 { 0.1 } else { 1.0 };
-                    self.frame_seconds += part * (seconds.min(1.0) - self.frame_seconds);
+            Ok(shown) if shown.is_final && self.recording.is_none() => self.frame_seconds = 0.0,
+            Ok(_) => {
+                #[cfg(target_arch = "wasm32")]
+                {
+                    let context = context.clone();
+                    let done = move || context.request_repaint();
+                    self.busy.begin(&self.gpu, done);
                 }
+                #[cfg(not(target_arch = "wasm32"))]
+                context.request_repaint();
+                let part = if self.frame_seconds > 0.0 { 0.1 } else { 1.0 };
+                self.frame_seconds += part * (seconds.min(1.0) - self.frame_seconds);
             }
             Err(text) => {
                 if let Some(recording) = self.recording.take() {
                     recording.end(session);
                 }
-                let is_error = true;
-                self.message = Some(Message { text, is_error });
+                self.complain(text);
             }
         }
+    }
+
+    /// The picture, and what mouse and keyboard do to it.
+    fn view(&mut self, ui: &mut Ui) {
+        let rect = ui.available_rect_before_wrap();
+        let response = ui.allocate_rect(rect, Sense::click_and_drag());
+        let seconds = self.last_view.elapsed().as_secs_f32();
+        self.last_view = Instant::now();
+        let Some(session) = self.viewer.session() else {
+            return;
+        };
+        steer(ui, &response, session, seconds);
+        let pixels = (rect.size() * ui.ctx().pixels_per_point()).round();
+        let window = [pixels.x, pixels.y].map(|side| (side as u32).max(1));
+        self.frame(ui.ctx(), window);
+        let Some(session) = self.viewer.session() else {
+            return;
+        };
         for (purpose, point) in session.picked() {
             match (purpose, point) {
                 (Pick::Focus, Some(point)) => session.camera.focus(point.position),

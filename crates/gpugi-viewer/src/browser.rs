@@ -1,6 +1,12 @@
 //! What only a browser can do.
 
+use std::future::poll_fn;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Poll, Waker};
+
 use eframe::egui::DroppedFileHandle;
+use gpugi::gpu::Gpu;
 use gpugi_arguments::files::Files;
 use wasm_bindgen::prelude::*;
 
@@ -34,6 +40,46 @@ extern "C" {
     /// Changes what follows `#` in the page's address.
     #[wasm_bindgen(js_name = showAddress)]
     pub fn show_address(address: &str);
+}
+
+/// Whether the GPU is at work on the page's last frame. If it were given more, the page would stand still until the
+/// browser's GPU process takes that.
+#[derive(Debug, Clone, Default)]
+pub struct Busy(Arc<AtomicBool>);
+
+impl Busy {
+    /// Is busy until the GPU has done what was submitted so far, and calls `done` then.
+    pub fn begin(&self, gpu: &Gpu, done: impl FnOnce() + Send + 'static) {
+        self.0.store(true, Ordering::Relaxed);
+        let busy = self.0.clone();
+        gpu.queue.on_submitted_work_done(move || {
+            busy.store(false, Ordering::Relaxed);
+            done();
+        });
+    }
+
+    /// Whether it is busy.
+    pub fn get(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Waits until the GPU has done what was submitted, and the browser has compiled what was made.
+pub async fn gpu_done(gpu: &Gpu) {
+    let (busy, waker) = (Busy::default(), Arc::new(Mutex::new(None::<Waker>)));
+    let to_wake = waker.clone();
+    busy.begin(gpu, move || {
+        let mut waker = to_wake.lock().unwrap_or_else(PoisonError::into_inner);
+        waker.take().into_iter().for_each(Waker::wake);
+    });
+    poll_fn(|context| {
+        if !busy.get() {
+            return Poll::Ready(());
+        }
+        *waker.lock().unwrap_or_else(PoisonError::into_inner) = Some(context.waker().clone());
+        Poll::Pending
+    })
+    .await;
 }
 
 /// Reads what was dropped on the page.

@@ -9,7 +9,7 @@ use gpugi_scene::Scene;
 
 use crate::reading::{ReadEnvironment, ReadScene, result_of};
 use crate::session::Loaded;
-use crate::task::Task;
+use crate::task::{Stage, Task, compiled};
 use crate::technique_set::TechniqueSet;
 
 /// A scene on its way, or why there is none.
@@ -50,7 +50,7 @@ pub fn open(
         let (scene, notes) = result_of(ReadScene { arguments, files }).await?;
         stage.set("uploading").await;
         let source = (words, edits, notes);
-        renderer(&gpu, scene, set, size, source)
+        renderer(&gpu, scene, set, size, source, stage).await
     })
 }
 
@@ -78,7 +78,7 @@ pub fn change_environment(
         scene.environment = Some(result_of(read).await?);
         stage.set("uploading").await;
         let source = (in_words(&arguments), edits, notes);
-        renderer(&gpu, scene, set, size, source)
+        renderer(&gpu, scene, set, size, source, stage).await
     })
 }
 
@@ -96,22 +96,25 @@ pub fn upload_again(
     let source = (arguments, current.edits.clone(), current.notes.clone());
     Task::start(subject, done, move |stage| async move {
         stage.set("uploading").await;
-        renderer(&gpu, scene, set, size, source)
+        renderer(&gpu, scene, set, size, source, stage).await
     })
 }
 
-fn renderer(
+async fn renderer(
     gpu: &Gpu,
     scene: Scene,
     set: TechniqueSet,
     size: [u32; 2],
     (arguments, edits, notes): (Vec<String>, Vec<String>, Vec<String>),
+    stage: Stage,
 ) -> Result<Loaded, String> {
     let renderer = set.renderer(gpu, &scene, size);
+    let renderer = renderer.map_err(|error| error.to_string())?;
+    compiled(gpu, &stage, || renderer.is_compiling()).await;
     Ok(Loaded {
         arguments,
         edits,
-        renderer: renderer.map_err(|error| error.to_string())?,
+        renderer,
         scene,
         set,
         notes,

@@ -7,6 +7,8 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::Poll;
 
+use gpugi::gpu::Gpu;
+
 /// What a task says about itself.
 #[derive(Debug, Clone, Default)]
 pub struct Stage(Arc<Mutex<&'static str>>);
@@ -32,6 +34,23 @@ impl Stage {
     /// What the task does now.
     pub fn get(&self) -> &'static str {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Waits until pipelines are compiled; what is on show goes on meanwhile. `is_compiling` as
+/// [`gpugi::renderer::Renderer::is_compiling`].
+pub async fn compiled(gpu: &Gpu, stage: &Stage, is_compiling: impl Fn() -> bool) {
+    stage.set("compiling shaders").await;
+    while is_compiling() {
+        // The page draws between two pipelines.
+        #[cfg(target_arch = "wasm32")]
+        crate::browser::gpu_done(gpu).await;
+        #[cfg(not(target_arch = "wasm32"))]
+        {
+            let _ = gpu;
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            stage.set("compiling shaders").await;
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use gpugi::gpu::{Gpu, GpuError};
 use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_scene::{Camera, Scene};
 
-use crate::task::Task;
+use crate::task::{Task, compiled};
 
 /// Time from one piece to the next (s). Some frames pass until a page learns that a piece is done.
 const PIECE_SECONDS: f32 = 0.1;
@@ -207,7 +207,9 @@ impl Truth {
         let task = Task::start("path-tracer", done, move |stage| async move {
             stage.set("uploading").await;
             let tracer = PathTracer::new(&gpu, &scene, size, &settings);
-            tracer.map_err(|error| error.to_string())
+            let tracer = tracer.map_err(|error| error.to_string())?;
+            compiled(&gpu, &stage, || tracer.is_compiling()).await;
+            Ok(tracer)
         });
         self.making = Some((task, view.version));
     }

@@ -86,6 +86,7 @@ impl Renderer {
         names: &[String],
         registry: &Registry,
     ) -> Result<Self, LightingError> {
+        let gpu = &gpu.apart();
         let mut scene = Lighting::upload(gpu, scene, names, registry)?;
         let lighting = Lighting::new(gpu, &mut scene, names, registry)?;
         let tiles = tiles(gpu, &lighting, size, u32::MAX)?;
@@ -137,6 +138,12 @@ impl Renderer {
             }
         }
         Ok(renderer)
+    }
+
+    /// Whether its pipelines are still being compiled: until then, [`Renderer::try_render_sample`] adds no sample. In a
+    /// browser, each call compiles one.
+    pub fn is_compiling(&self) -> bool {
+        self.gpu.is_compiling()
     }
 
     /// Changes the size of the picture (pixels); accumulation restarts, maps stay.

@@ -1,6 +1,5 @@
 //! Pipelines whose bind-group layouts come from shader reflection, which keeps the host code of a pass to a few lines.
 
-#[cfg(not(target_arch = "wasm32"))]
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 
@@ -140,42 +139,87 @@ pub(super) fn shader_module(gpu: &Gpu, shader: &Shader, unchecked: bool) -> wgpu
     }
 }
 
-/// A pipeline that compiles in the background: on another thread or, in a browser, in the browser's own process. The
-/// first use waits for it.
+/// A pipeline that compiles in the background: on another thread or, in a browser, by [`Gpu::is_compiling`]. The first use
+/// waits for it.
 #[derive(Debug, Clone)]
-struct Lazy<P>(Arc<OnceLock<P>>);
+struct Lazy<P> {
+    made: Arc<OnceLock<P>>,
+    #[cfg(target_arch = "wasm32")]
+    uncompiled: Uncompiled,
+}
 
 impl<P: Send + Sync + 'static> Lazy<P> {
     fn compile(gpu: &Gpu, create: impl FnOnce() -> P + Send + 'static) -> Self {
-        let cell = Arc::new(OnceLock::new());
+        let made = Arc::new(OnceLock::new());
+        let (job, compiling) = (made.clone(), gpu.compiling.clone());
+        compiling.fetch_add(1, Ordering::Relaxed);
+        let work = move || {
+            // What they hold of the device goes first.
+            let (job, create) = (job, create);
+            let is_wanted = Arc::strong_count(&job) > 1;
+            if is_wanted {
+                // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the process.
+                let _ = job.set(create());
+            }
+            compiling.fetch_sub(1, Ordering::Relaxed);
+        };
         #[cfg(target_arch = "wasm32")]
-        let _ = (gpu, cell.set(create()));
+        gpu.uncompiled.add(work);
         #[cfg(not(target_arch = "wasm32"))]
         {
-            let (job, compiling) = (cell.clone(), gpu.compiling.clone());
-            compiling.fetch_add(1, Ordering::Relaxed);
             let at_work = AtWork::begin();
             rayon::spawn(move || {
                 let _at_work = at_work;
-                // What they hold of the device goes first.
-                let (job, create) = (job, create);
-                let is_wanted = Arc::strong_count(&job) > 1;
-                if is_wanted {
-                    // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the
-                    // process.
-                    let _ = job.set(create());
-                }
-                compiling.fetch_sub(1, Ordering::Relaxed);
+                work();
             });
         }
-        Self(cell)
+        Self {
+            made,
+            #[cfg(target_arch = "wasm32")]
+            uncompiled: gpu.uncompiled.clone(),
+        }
     }
 
     fn get(&self) -> &P {
         #[cfg(target_arch = "wasm32")]
-        return self.0.get().expect("set when it was made");
+        while self.made.get().is_none() && self.uncompiled.compile_next() {}
+        #[cfg(target_arch = "wasm32")]
+        return self.made.get().expect("it was among them");
         #[cfg(not(target_arch = "wasm32"))]
-        self.0.wait()
+        self.made.wait()
+    }
+}
+
+/// Pipelines that a browser is yet to compile.
+#[cfg(target_arch = "wasm32")]
+#[derive(Clone, Default)]
+pub(super) struct Uncompiled(Arc<std::sync::Mutex<std::collections::VecDeque<Compile>>>);
+
+#[cfg(target_arch = "wasm32")]
+type Compile = Box<dyn FnOnce() + Send>;
+
+#[cfg(target_arch = "wasm32")]
+impl Uncompiled {
+    fn waiting(&self) -> std::sync::MutexGuard<'_, std::collections::VecDeque<Compile>> {
+        let waiting = self.0.lock();
+        waiting.unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    fn add(&self, compile: impl FnOnce() + Send + 'static) {
+        self.waiting().push_back(Box::new(compile));
+    }
+
+    /// Compiles one; returns false if there is none.
+    pub(super) fn compile_next(&self) -> bool {
+        let next = self.waiting().pop_front();
+        next.map(|compile| compile()).is_some()
+    }
+}
+
+#[cfg(target_arch = "wasm32")]
+impl std::fmt::Debug for Uncompiled {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{} pipelines", self.waiting().len())
     }
 }
 

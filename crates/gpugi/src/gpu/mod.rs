@@ -56,8 +56,11 @@ pub struct Gpu {
     uniforms_are_storage: bool,
     limits: wgpu::Limits,
     faults: Arc<Mutex<Faults>>,
-    /// Pipelines that are being compiled.
+    /// Number of pipelines of this handle that are not compiled yet.
     compiling: Arc<AtomicUsize>,
+    /// All pipelines that a browser has not compiled yet, whosever they are.
+    #[cfg(target_arch = "wasm32")]
+    uncompiled: kernel::Uncompiled,
     /// How many more allocations may succeed.
     allocations_left: Arc<AtomicU64>,
     /// Shaders that take the place of those with their names.
@@ -139,6 +142,8 @@ impl Gpu {
             adapter,
             faults,
             compiling: Arc::default(),
+            #[cfg(target_arch = "wasm32")]
+            uncompiled: kernel::Uncompiled::default(),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
         }
@@ -301,9 +306,24 @@ impl Gpu {
         })
     }
 
-    /// Whether pipelines are still being compiled. Passes that use one wait for it.
+    /// Whether pipelines that were made with this handle, or a clone of it, are still being compiled. Passes that use one
+    /// wait for it. In a browser, whose GPU process draws nothing meanwhile, each call compiles one.
     pub fn is_compiling(&self) -> bool {
-        self.compiling.load(Ordering::Relaxed) > 0
+        let is_compiling = || self.compiling.load(Ordering::Relaxed) > 0;
+        #[cfg(target_arch = "wasm32")]
+        if is_compiling() {
+            self.uncompiled.compile_next();
+        }
+        is_compiling()
+    }
+
+    /// A handle of the same device that knows of its own pipelines alone ([`Gpu::is_compiling`]): whoever uses others
+    /// need not wait for these.
+    pub fn apart(&self) -> Self {
+        Self {
+            compiling: Arc::default(),
+            ..self.clone()
+        }
     }
 
     /// Limits of the device.

@@ -219,6 +219,7 @@ impl PathTracer {
             .map_err(|reason| value("lights", &settings.lights, reason))?;
         check::check_size(size)?;
         check::check(scene)?;
+        let gpu = &gpu.apart();
         let on_gpu = GpuScene::with_rays(gpu, scene)?;
         let sky = match &scene.environment {
             Some(environment) if classes.contains(&LightClass::Environment) => {
@@ -313,6 +314,12 @@ impl PathTracer {
     /// Width and height of the picture (pixels).
     pub fn size(&self) -> [u32; 2] {
         self.size
+    }
+
+    /// Whether its pipelines are still being compiled: until then, [`PathTracer::try_render`] traces nothing. In a
+    /// browser, each call compiles one.
+    pub fn is_compiling(&self) -> bool {
+        self.gpu.is_compiling()
     }
 
     /// The scene on the GPU.
