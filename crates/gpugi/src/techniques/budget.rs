@@ -91,6 +91,10 @@ impl Slice {
         self.work
     }
 
+    pub(crate) fn left(&self) -> u64 {
+        self.budget.after(self.work).0
+    }
+
     pub(crate) fn is_limited(&self) -> bool {
         self.budget.is_limited()
     }

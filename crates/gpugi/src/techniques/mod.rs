@@ -351,6 +351,11 @@ impl<'a> Earlier<'a> {
         self.slice.may_step_after(0)
     }
 
+    /// What is left of the technique's budget in this frame.
+    pub(crate) fn left(&self) -> u64 {
+        self.slice.left()
+    }
+
     /// Whether the frame has a budget: work that would otherwise be done at once is cut into steps.
     pub fn is_limited(&self) -> bool {
         self.slice.is_limited()

@@ -16,6 +16,8 @@ pub struct Work {
     pub texels: u32,
     pub chosen: u32,
     pub light_sampled: u32,
+    pub first_traced: u32,
+    pub end_traced: u32,
 }
 
 /// `Level` of sum.wesl.

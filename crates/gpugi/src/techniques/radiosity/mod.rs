@@ -370,9 +370,19 @@ impl Technique for Radiosity {
         let all = burn_in + iterations;
         let before = made.solution.iterates;
         let most = (before.max(burn_in) + steps).min(all);
+        let mut is_first = true;
         while made.is_lit() && made.solution.iterates < most && earlier.may_step() {
-            let rays = made.solution.iterate(frame, scene, &made.kernels);
-            earlier.count(rays);
+            let solution = &mut made.solution;
+            let part = solution.next_part(earlier.left());
+            let is_whole = part.len() as u32 == solution.texel_count();
+            if !is_whole && !is_first {
+                break;
+            }
+            earlier.count(solution.iterate(frame, scene, &made.kernels, part));
+            if !is_whole {
+                break;
+            }
+            is_first = false;
         }
         // Dropped iterates do not count.
         let [before, counted] =

@@ -1,6 +1,8 @@
 //! The light in the texels of an atlas: direct light from other techniques, and the iteration that computes the
 //! indirect light.
 
+use std::ops::Range;
+
 use gpugi_scene::Atlas;
 use gpugi_scene::atlas::Seams;
 
@@ -11,10 +13,13 @@ use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
 };
 use crate::capture::{SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Map, Texels};
+
+/// Texels that trace rays in a frame, if the budget allows fewer (but the rest of an iterate).
+const LEAST_TRACED: u64 = 8192;
 
 /// The passes of the iteration.
 #[derive(Debug)]
@@ -54,6 +59,10 @@ pub struct Solution {
     pub texels: AtlasCapture,
     /// Iterates so far, including dropped ones.
     pub iterates: u32,
+    /// Texels of all pieces that have traced the rays of the next iterate.
+    traced: u32,
+    /// What [`Solution::begin`] was given.
+    work: Work,
     leaks: LeakTest,
     pieces: Vec<Piece>,
     /// Bind group of the atlas lookup and of the chosen texels in `rays`.
@@ -89,7 +98,7 @@ struct Piece {
     first_texel: u32,
     count: u32,
     direct: Target,
-    work: wgpu::Buffer,
+    work: HostBuffer,
     begin: wgpu::BindGroup,
     rays: wgpu::BindGroup,
     average: wgpu::BindGroup,
@@ -148,6 +157,8 @@ impl Solution {
             lookup,
             texels,
             iterates: 0,
+            traced: 0,
+            work: bytemuck::Zeroable::zeroed(),
             pieces,
             corners,
             light: iterates,
@@ -229,7 +240,7 @@ impl Solution {
         work: &Work,
         batch: Option<Batch>,
     ) -> Result<(), GpuError> {
-        self.iterates = 0;
+        (self.iterates, self.traced) = (0, 0);
         let texels = self.pieces.iter().map(|piece| piece.count).sum();
         if self.shooting.as_ref().map(|shooting| shooting.batch) != batch {
             self.shooting = None;
@@ -249,15 +260,13 @@ impl Solution {
             Some(batch) => batch.shooters.into(),
             None => (work.rays + work.light_sampled).into(),
         };
+        self.work = Work {
+            texels,
+            chosen: self.chosen_count,
+            ..*work
+        };
         for piece in &self.pieces {
-            let work = Work {
-                texels,
-                chosen: self.chosen_count,
-                first_texel: piece.first_texel,
-                count: piece.count,
-                ..*work
-            };
-            frame.gpu.write(&piece.work, 0, std::slice::from_ref(&work));
+            piece.write(frame.gpu, &self.work, 0..piece.count);
         }
         frame.compute("radiosity.begin", |pass| {
             for piece in &self.pieces {
@@ -268,20 +277,41 @@ impl Solution {
         Ok(())
     }
 
-    /// Computes one iterate, and returns the number of its rays, or of texels that shooters are compared with: passes
-    /// `radiosity.choose`, and `radiosity.rays` or those of shooting.
+    /// The texels that trace the rays of the next iterate in a frame with a budget of `units`, at least
+    /// [`LEAST_TRACED`]. A frame may do one part of an iterate, or whole ones: the passes read one range of texels.
+    pub(super) fn next_part(&self, units: u64) -> Range<u32> {
+        let most = units / self.work_per_texel.max(1);
+        let end = most.max(LEAST_TRACED).saturating_add(self.traced.into());
+        let end = end.min(self.work.texels.into()) as u32;
+        match self.shooting {
+            Some(_) => 0..self.work.texels,
+            None => self.traced..end,
+        }
+    }
+
+    /// Number of texels of all pieces.
+    pub(super) fn texel_count(&self) -> u32 {
+        self.work.texels
+    }
+
+    /// Computes the next iterate, or a part of it ([`Solution::next_part`]). Returns the number of rays, or of texels that
+    /// shooters are compared with: passes `radiosity.choose`, and `radiosity.rays` or those of shooting.
     pub(super) fn iterate(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         kernels: &Kernels,
+        part: Range<u32>,
     ) -> u64 {
-        if self.chosen_count > 0 {
+        if self.chosen_count > 0 && self.traced == 0 {
             self.choosing.record(frame, self.last, self.chosen_count);
         }
         if let Some(shooting) = &self.shooting {
             shooting.iterate(frame, scene, self.last);
         } else {
+            for piece in &self.pieces {
+                piece.write(frame.gpu, &self.work, piece.texels_of(&part));
+            }
             frame.compute("radiosity.rays", |pass| {
                 for piece in &self.pieces {
                     let groups = [
@@ -290,14 +320,20 @@ impl Solution {
                         (2, &self.corners),
                         (3, &piece.rays_texels[self.last]),
                     ];
-                    kernels.rays.dispatch(pass, &groups, [piece.count, 1, 1]);
+                    let texels = piece.texels_of(&part).len() as u32;
+                    if texels > 0 {
+                        kernels.rays.dispatch(pass, &groups, [texels, 1, 1]);
+                    }
                 }
             });
         }
-        self.last = 1 - self.last;
-        self.iterates += 1;
-        let texels: u64 = self.pieces.iter().map(|piece| u64::from(piece.count)).sum();
-        texels * self.work_per_texel
+        self.traced = part.end;
+        if part.end == self.work.texels {
+            self.traced = 0;
+            self.last = 1 - self.last;
+            self.iterates += 1;
+        }
+        part.len() as u64 * self.work_per_texel
     }
 
     /// Averages the iterates into the irradiance that other passes look up: passes `radiosity.average`,
@@ -333,7 +369,7 @@ impl Solution {
             return false;
         }
         gpu.write(last, 0, light);
-        self.iterates = iterates;
+        (self.iterates, self.traced) = (iterates, 0);
         true
     }
 }
@@ -350,6 +386,24 @@ fn for_steps<'a>(texels: &'a AtlasCapture, pieces: &'a [Piece]) -> Vec<ForStep<'
 }
 
 impl Piece {
+    /// Texels of the piece that are among these of all pieces.
+    fn texels_of(&self, texels: &Range<u32>) -> Range<u32> {
+        let here = |texel: u32| texel.saturating_sub(self.first_texel).min(self.count);
+        here(texels.start)..here(texels.end)
+    }
+
+    /// Writes what the passes of the piece read, of which these texels trace rays.
+    fn write(&self, gpu: &Gpu, work: &Work, traced: Range<u32>) {
+        let work = Work {
+            first_texel: self.first_texel,
+            count: self.count,
+            first_traced: traced.start,
+            end_traced: traced.end,
+            ..*work
+        };
+        self.work.write(gpu, std::slice::from_ref(&work));
+    }
+
     fn new(
         gpu: &Gpu,
         kernels: &Kernels,
@@ -361,7 +415,7 @@ impl Piece {
         let count = piece.points.count;
         let direct = Target::new(gpu, count)?;
         let bytes = size_of::<Work>() as u64;
-        let work = gpu.buffer("radiosity", bytes, wgpu::BufferUsages::UNIFORM)?;
+        let work = HostBuffer::new(gpu, "radiosity", bytes, wgpu::BufferUsages::UNIFORM)?;
         let begin = [("work", work.as_entire_binding())];
         let average = [
             ("work", work.as_entire_binding()),
