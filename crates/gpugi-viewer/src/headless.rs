@@ -70,7 +70,8 @@ pub fn run(
     session.pace.is_adaptive = false;
     session.samples = samples.unwrap_or(session.samples);
     session.is_timed = frames.are_timed;
-    while !show(&mut viewer, size)? {}
+    let mut took = STEP_SECONDS;
+    while !show(&mut viewer, size, &mut took)? {}
     let first_picture_seconds = started.elapsed().as_secs_f64();
     let (mut times, mut work, mut gpu_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut device = Device::First;
@@ -83,12 +84,12 @@ pub fn run(
         device.outlive(&mut viewer, |viewer| {
             let Some(recorder) = &mut recorder else {
                 viewer.take_opened()?;
-                return show(viewer, size).map(drop);
+                return show(viewer, size, &mut took).map(drop);
             };
             viewer.finish_opening()?;
-            show(viewer, size)?;
+            show(viewer, size, &mut took)?;
             hold(viewer, true)?;
-            finish(viewer, size)?;
+            finish(viewer, size, &mut took)?;
             recorder(frame, hold(viewer, false)?)
         })?;
         times.push(began.elapsed().as_secs_f64() * 1e3);
@@ -102,7 +103,7 @@ pub fn run(
             viewer.finish_opening()?;
             let session = viewer.session().ok_or("nothing is on show")?;
             session.clock.is_playing = false;
-            finish(viewer, size)
+            finish(viewer, size, &mut took)
         })?;
     }
     let slowest = times.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
@@ -160,13 +161,16 @@ impl Device {
     }
 }
 
-/// A frame, until the GPU has run it. Returns whether the picture changed.
-fn show(viewer: &mut Viewer, size: [u32; 2]) -> Result<bool, String> {
+/// A frame, until the GPU has run it; `took`: how long the last one and this one take (s). Returns whether the picture
+/// changed.
+fn show(viewer: &mut Viewer, size: [u32; 2], took: &mut f32) -> Result<bool, String> {
     let session = viewer.session().ok_or("nothing is on show")?;
+    let began = Instant::now();
     let shown = session
-        .frame(size, STEP_SECONDS)
+        .frame_after(size, STEP_SECONDS, *took)
         .map_err(|error| error.to_string())?;
     session.gpu().wait().map_err(|error| error.to_string())?;
+    *took = began.elapsed().as_secs_f32();
     // Before the next step, the camera knows what it orbits around.
     session.picked();
     Ok(shown.is_new)
@@ -180,9 +184,9 @@ fn hold(viewer: &mut Viewer, is_held: bool) -> Result<&Session, String> {
 }
 
 /// Frames until all samples of the scene at rest are there.
-fn finish(viewer: &mut Viewer, size: [u32; 2]) -> Result<(), String> {
+fn finish(viewer: &mut Viewer, size: [u32; 2], took: &mut f32) -> Result<(), String> {
     loop {
-        show(viewer, size)?;
+        show(viewer, size, took)?;
         let session = viewer.session().ok_or("nothing is on show")?;
         if session.is_complete() {
             return Ok(());

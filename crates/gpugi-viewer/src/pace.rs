@@ -15,8 +15,23 @@ const PATIENCE: u32 = 12;
 const STILL_SECONDS: f32 = 0.2;
 /// Time that a picture of the path tracer may take in motion (s).
 const TRACED_SECONDS: f32 = 0.1;
+/// Frames per second, at least, while maps are made without a picture.
+const MAPS_RATE: u32 = 60;
 /// Limits of the budget, in units of [`Budget`].
 const UNITS: [u64; 2] = [20_000, 1 << 40];
+/// The budget before the first measurement.
+const FIRST_UNITS: u64 = 250_000;
+
+/// What a frame is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// A picture in motion.
+    Moving,
+    /// A picture at rest.
+    Still,
+    /// Maps alone, while the last picture stays.
+    Maps,
+}
 
 /// Chooses resolution and budget by the times of frames.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +44,10 @@ pub struct Pace {
     pub is_adaptive: bool,
     in_motion: Resolution,
     at_rest: Resolution,
-    units: u64,
+    /// Work on maps beside a picture in motion.
+    units_in_motion: u64,
+    /// Work on maps without a picture.
+    units_alone: u64,
 }
 
 /// A resolution that follows the times of frames.
@@ -70,30 +88,29 @@ impl Default for Pace {
             is_adaptive: true,
             in_motion: Resolution::default(),
             at_rest: Resolution::default(),
-            units: 4_000_000,
+            units_in_motion: FIRST_UNITS,
+            units_alone: FIRST_UNITS,
         }
     }
 }
 
 impl Pace {
-    /// Takes notice of a frame that took `seconds` and did `work` on maps; `is_moving`: its picture was in motion.
-    pub fn measure(&mut self, seconds: f32, work: u64, is_moving: bool) {
-        let due = 1.0 / self.target_rate.max(1) as f32;
-        let ratio = seconds / due;
-        // Work on maps gives way first: pixels are seen at once.
-        let [least, most] = UNITS;
-        if work > 0 && ratio > 1.2 && self.units > least {
-            let part = (1.0 / ratio).max(0.25);
-            self.units = ((work.min(self.units) as f32 * part) as u64).clamp(least, most);
-            return;
-        }
-        if work >= self.units && ratio < 1.0 {
-            self.units = (self.units + self.units / 4).clamp(least, most);
-        }
-        if is_moving {
-            self.in_motion.measure(ratio);
-        } else {
-            self.at_rest.measure(seconds / STILL_SECONDS.max(due));
+    /// Takes notice of a frame that took `seconds` and did `work` on maps.
+    pub fn measure(&mut self, seconds: f32, work: u64, purpose: Purpose) {
+        let rate = self.target_rate.max(1);
+        let due = 1.0 / rate as f32;
+        match purpose {
+            // Work on maps gives way first: pixels are seen at once.
+            Purpose::Moving => {
+                if !follow(&mut self.units_in_motion, seconds / due, work) {
+                    self.in_motion.measure(seconds / due);
+                }
+            }
+            Purpose::Still => self.at_rest.measure(seconds / STILL_SECONDS.max(due)),
+            Purpose::Maps => {
+                let due = 1.0 / rate.min(MAPS_RATE) as f32;
+                follow(&mut self.units_alone, seconds / due, work);
+            }
         }
     }
 
@@ -103,8 +120,12 @@ impl Pace {
     }
 
     /// Work on maps that the next frame may do.
-    pub fn budget(&self) -> Budget {
-        Budget::units(self.units)
+    pub fn budget(&self, purpose: Purpose) -> Budget {
+        Budget::units(match purpose {
+            Purpose::Moving => self.units_in_motion,
+            Purpose::Still => UNITS[0],
+            Purpose::Maps => self.units_alone,
+        })
     }
 
     /// Pixels of the picture in a window of `size` pixels.
@@ -119,6 +140,22 @@ impl Pace {
     }
 }
 
+/// Adapts a budget to a frame that did `work` within it, by its time as a part of the time that is due. Returns whether
+/// the work is what made the frame slow.
+fn follow(units: &mut u64, ratio: f32, work: u64) -> bool {
+    let [least, most] = UNITS;
+    if work > 0 && ratio > 1.2 && *units > least {
+        let part = (1.0 / ratio).max(0.25);
+        *units = ((work.min(*units) as f32 * part) as u64).clamp(least, most);
+        return true;
+    }
+    if work >= *units && ratio < 1.0 {
+        let more = if ratio < 0.5 { *units } else { *units / 4 };
+        *units = (*units + more).clamp(least, most);
+    }
+    false
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -129,7 +166,7 @@ mod tests {
         for _ in 0..count {
             let [width, height] = pace.size([1000, 1000], true);
             last = seconds * (width * height) as f32 / 1e6;
-            pace.measure(last, 0, true);
+            pace.measure(last, 0, Purpose::Moving);
         }
         last
     }
@@ -152,11 +189,11 @@ mod tests {
     fn still_pictures_give_up_pixels_only_when_input_would_wait_long() {
         let mut pace = Pace::default();
         for seconds in [0.15, 3.0, 0.15] {
-            pace.measure(seconds, 0, false);
+            pace.measure(seconds, 0, Purpose::Still);
         }
         assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
-        pace.measure(2.0, 0, false);
-        pace.measure(2.0, 0, false);
+        pace.measure(2.0, 0, Purpose::Still);
+        pace.measure(2.0, 0, Purpose::Still);
         let [width, height] = pace.size([1000, 1000], false);
         let seconds = 2.0 * (width * height) as f32 / 1e6;
         assert!(seconds < 1.25 * STILL_SECONDS, "{seconds}");
@@ -188,14 +225,29 @@ mod tests {
     #[test]
     fn maps_give_way_before_pixels() {
         let mut pace = Pace::default();
-        let units = pace.units;
-        pace.measure(0.2, units, true);
-        assert!(pace.units < units / 2);
+        let units = pace.units_in_motion;
+        pace.measure(0.2, units, Purpose::Moving);
+        assert!(pace.units_in_motion < units / 2);
         assert_eq!(pace.size([64, 64], true), [64, 64]);
         for _ in 0..40 {
-            pace.measure(0.01, pace.units, true);
+            pace.measure(0.01, pace.units_in_motion, Purpose::Moving);
         }
-        assert!(pace.units > units);
+        assert!(pace.units_in_motion > units);
+        assert_eq!(pace.units_alone, units);
+    }
+
+    /// A machine that does 10^8 units per second, beside 0.1 s for a picture, which slow machines take.
+    #[test]
+    fn maps_alone_are_made_as_fast_as_frames_allow() {
+        let mut pace = Pace::default();
+        for _ in 0..100 {
+            let work = pace.units_alone;
+            pace.measure(work as f32 * 1e-8, work, Purpose::Maps);
+            pace.measure(0.1, UNITS[0], Purpose::Still);
+        }
+        let seconds = pace.units_alone as f32 * 1e-8;
+        assert!((0.01..0.02).contains(&seconds), "{seconds}");
+        assert_eq!(pace.size([64, 64], false), [64, 64]);
     }
 
     #[test]
@@ -203,7 +255,7 @@ mod tests {
         let mut pace = Pace::default();
         frames(&mut pace, 1e6, 50);
         assert_eq!(pace.size([1, 3], true)[0], 1);
-        pace.measure(f32::NAN, 0, true);
+        pace.measure(f32::NAN, 0, Purpose::Moving);
         assert!(pace.size([0, 0], true).iter().all(|&side| side > 0));
     }
 }

@@ -15,13 +15,15 @@ use gpugi_arguments::edits;
 use gpugi_scene::Scene;
 
 use crate::camera_control::CameraControl;
-use crate::pace::Pace;
+use crate::pace::{Pace, Purpose};
 use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
 use crate::truth::{Reference, Truth, View};
 
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
+/// While maps are refined at rest, so often there is a picture (s).
+const PICTURE_SECONDS: f32 = 0.1;
 
 /// Format of the picture, as egui wants it.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -114,8 +116,10 @@ pub struct Session {
     displayed: (DisplaySettings, Option<Compared>, Option<Quantity>),
     is_edited: bool,
     at_rest: f32,
-    /// Whether the last frame, if it rendered, was in motion.
-    was_moving: Option<bool>,
+    /// What the last frame was for, if its time says something.
+    was_for: Option<Purpose>,
+    /// Time without a new picture (s).
+    unchanged: f32,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
     /// What is seen in the middle of the picture, for the camera to orbit around.
     middle: Option<ReadBack<Option<VisiblePoint>>>,
@@ -165,7 +169,8 @@ impl Session {
             displayed: (DisplaySettings::default(), None, None),
             is_edited: true,
             at_rest: 0.0,
-            was_moving: None,
+            was_for: None,
+            unchanged: 0.0,
             picks: Vec::new(),
             middle: None,
             loaded,
@@ -362,14 +367,28 @@ impl Session {
         picked
     }
 
-    /// The next frame, for a window of `window` pixels, `seconds` after the one before. Never waits for the GPU.
+    /// The next frame, for a window of `window` pixels, `seconds` after the one before, which took as long on the GPU.
+    /// Never waits for the GPU.
     ///
     /// # Errors
     /// [`LightingError`].
     pub fn frame(&mut self, window: [u32; 2], seconds: f32) -> Result<Shown, LightingError> {
-        if let Some(was_moving) = self.was_moving {
+        self.frame_after(window, seconds, seconds)
+    }
+
+    /// As [`Session::frame`], where the frame before `took` another time (s) than cameras and animations move on.
+    ///
+    /// # Errors
+    /// [`LightingError`].
+    pub fn frame_after(
+        &mut self,
+        window: [u32; 2],
+        seconds: f32,
+        took: f32,
+    ) -> Result<Shown, LightingError> {
+        if let Some(purpose) = self.was_for.take() {
             let work = self.loaded.renderer.work();
-            self.pace.measure(seconds, work, was_moving);
+            self.pace.measure(took, work, purpose);
         }
         if self.clock.is_playing && !self.is_held {
             self.pose(self.clock.seconds + seconds.min(0.25))?;
@@ -385,14 +404,15 @@ impl Session {
         let is_moving_still = self.at_rest < REST_SECONDS;
         let size = self.pace.size(window, is_moving_still);
         let renderer = &mut self.loaded.renderer;
+        self.unchanged += took;
         if size != renderer.size() {
             renderer.resize(size)?;
+            self.unchanged = PICTURE_SECONDS;
         }
         if is_moving || self.readiness != Readiness::Ready {
             renderer.restart();
         }
         self.pass_times.update();
-        self.was_moving = None;
         let is_truth_new = self.follow_truth(is_moving_still, seconds)?;
         let is_tracing = self.is_tracing();
         let wanted = self.samples_of_techniques();
@@ -415,9 +435,27 @@ impl Session {
             quantity,
         );
         let mut shown = Shown::default();
-        if renderer.samples() < wanted {
+        let is_displayed = self.displayed == to_display && !is_truth_new;
+        // At rest, maps need not wait for pictures that are soon replaced.
+        let is_refining = matches!(self.readiness, Readiness::Refining { .. });
+        let makes_maps = is_refining
+            && !is_moving_still
+            && is_displayed
+            && self.picture.is_some()
+            && self.unchanged < PICTURE_SECONDS;
+        if makes_maps {
+            renderer.set_budget(self.pace.budget(Purpose::Maps));
+            self.readiness = renderer.try_converge(&self.camera.camera())?;
+            renderer.restart();
+            self.was_for = (!is_tracing).then_some(Purpose::Maps);
+        } else if renderer.samples() < wanted {
             let is_timed = self.is_timed && self.pass_times.wants_more();
-            renderer.set_budget(self.pace.budget());
+            let purpose = match (self.readiness, is_moving_still) {
+                (Readiness::Pending { .. }, _) => Purpose::Maps,
+                (_, true) => Purpose::Moving,
+                (_, false) => Purpose::Still,
+            };
+            renderer.set_budget(self.pace.budget(purpose));
             let display = is_plain.then_some(&self.display);
             let camera = self.camera.camera();
             let (readiness, timings) =
@@ -426,14 +464,15 @@ impl Session {
             let is_usable = readiness.is_usable();
             shown.is_new = is_usable && !is_late;
             // A frame's time says nothing about its pixels while the path tracer takes its part of it.
-            self.was_moving = (is_usable && !is_tracing).then_some(is_moving_still);
+            let has_purpose = is_usable != (purpose == Purpose::Maps);
+            self.was_for = (has_purpose && !is_tracing).then_some(purpose);
             if is_timed {
                 self.pass_times.follow(timings);
             }
             if is_usable && self.camera.wants_target() && self.middle.is_none() {
                 self.middle = point_at(renderer, [0.5, 0.5]);
             }
-        } else if (self.displayed != to_display || is_truth_new) && !is_late {
+        } else if !is_displayed && !is_late {
             shown.is_new = true;
             if is_plain {
                 renderer.display(&self.display)?;
@@ -442,6 +481,7 @@ impl Session {
             shown.is_final = self.picks.is_empty() && self.middle.is_none() && !is_tracing;
         }
         if shown.is_new {
+            self.unchanged = 0.0;
             if let Some(quantity) = quantity {
                 let surfaces = match self.surfaces.take() {
                     Some((of_size, surfaces)) if of_size == size => surfaces,

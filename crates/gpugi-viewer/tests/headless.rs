@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use gpugi::Renderer;
 use gpugi::display::{Compared, Display};
 use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
 use gpugi::reference::{PathTracer, Progress, Settings};
+use gpugi::{Readiness, Renderer};
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::builtin::builtin;
@@ -330,6 +330,63 @@ fn an_opening_that_is_cancelled_changes_nothing() {
     assert!(viewer.opening().is_none());
     viewer.finish_opening().unwrap();
     assert_eq!(viewer.session().unwrap().loaded().arguments, ["room"]);
+}
+
+/// What is opened is shown when its shaders are compiled. Until then, the picture before follows the camera.
+#[test]
+fn the_picture_goes_on_while_shaders_are_compiled() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let names = ["shadow-map", "final-gather", "distance-impostor"];
+    let set = TechniqueSet {
+        names: Some(names.map(str::to_owned).into()),
+        ..TechniqueSet::default()
+    };
+    viewer.change_set(set);
+    let mut pictures = 0;
+    while !viewer.take_opened().unwrap() {
+        let is_compiling =
+            (viewer.opening()).is_some_and(|opening| opening.stage.get() == "compiling shaders");
+        let session = viewer.session().unwrap();
+        session.camera.orbit(glam::Vec2::new(0.01, 0.0));
+        let shown = session.frame(SIZE, 0.02).unwrap();
+        pictures += u32::from(is_compiling && shown.is_new);
+        session.gpu().wait().unwrap();
+    }
+    assert!(pictures > 0, "it stood still");
+    let session = viewer.session().unwrap();
+    assert_eq!(session.technique_names(), names);
+    frames_until(session, |session| session.is_complete());
+}
+
+/// At rest, maps that are far from final are made in frames of their own, most of which show no other picture.
+#[test]
+fn maps_are_refined_without_pictures_at_rest() {
+    let Some(gpu) = open() else { return };
+    let mut start = start("cornell", &["shadow-map", "radiosity"]);
+    for (name, value) in [("resolution", "64"), ("iterations", "24")] {
+        start.set.set("radiosity", name, value);
+    }
+    let mut viewer = Viewer::new(&gpu, start, || {});
+    viewer.finish_opening().unwrap();
+    let session = viewer.session().unwrap();
+    let mut frames = Vec::new();
+    while !session.is_complete() {
+        assert!(frames.len() < 10_000, "it never comes");
+        let shown = session.frame_after(SIZE, 0.05, 0.02).unwrap();
+        session.gpu().wait().unwrap();
+        frames.push((
+            shown.is_new,
+            matches!(session.readiness(), Readiness::Ready),
+        ));
+    }
+    let [refining, pictures] = [true, false].map(|all| {
+        let frames = frames.iter().skip_while(|(is_new, _)| !is_new);
+        let refining = frames.take_while(|(_, is_ready)| !is_ready);
+        refining.filter(|(is_new, _)| all || *is_new).count()
+    });
+    println!("{pictures} pictures in {refining} frames");
+    assert!(pictures > 1 && pictures * 2 < refining);
 }
 
 #[test]
