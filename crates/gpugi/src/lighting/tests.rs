@@ -144,7 +144,7 @@ fn budgets_bound_frames_and_change_no_map() {
         ["shadow-map", "resolution", "64"],
         ["environment-map", "resolution", "16"],
         ["environment-map", "samples", "8"],
-        ["radiosity", "resolution", "128"],
+        ["radiosity", "resolution", "192"],
         ["radiosity", "iterations", "16"],
         ["radiosity", "steps", "16"],
         ["obscurances", "resolution", "32"],

@@ -83,6 +83,10 @@ pub(crate) struct PieceUniform {
     pub padding: u32,
 }
 
+/// Points that a part of a piece has at least, and parts that a piece has at most.
+const LEAST_PART: u32 = 1 << 14;
+const MOST_PARTS: u32 = 16;
+
 /// Bytes of a `Texel` of capture/atlas/coverage.wesl.
 const TEXEL_BYTES: u64 = 16;
 
@@ -91,6 +95,8 @@ const TEXEL_BYTES: u64 = 16;
 pub struct AtlasPiece {
     /// The rows' texels, row by row.
     pub points: SurfacePoints,
+    /// The same points, a few rows each, to be lit one after the other.
+    pub(crate) parts: Vec<Part>,
     /// The rows, counted through all pages, which are stacked vertically.
     pub rows: Range<u32>,
     /// `Texel` of capture/atlas/coverage.wesl, one per point.
@@ -101,6 +107,14 @@ pub struct AtlasPiece {
     /// Bind group 1 of `cover`, by phase.
     cover: [wgpu::BindGroup; 2],
     resolve: wgpu::BindGroup,
+}
+
+/// Some rows of a piece.
+#[derive(Debug)]
+pub(crate) struct Part {
+    pub points: SurfacePoints,
+    /// Counted from the first row of the piece.
+    rows: Range<u32>,
 }
 
 /// Captures the texels of an atlas as surface points.
@@ -192,22 +206,36 @@ impl AtlasCapture {
                     view_formats: &[],
                 })?;
                 let hits = hits.create_view(&Default::default());
+                let view = || {
+                    let bytes = size_of::<ViewUniform>() as u64;
+                    gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)
+                };
                 let points = SurfacePoints {
                     points: gpu.buffer(
                         "surface points [bytes]",
                         u64::from(count) * SURFACE_POINT_BYTES,
                         storage,
                     )?,
-                    view: gpu.buffer(
-                        "view",
-                        size_of::<ViewUniform>() as u64,
-                        wgpu::BufferUsages::UNIFORM,
-                    )?,
+                    view: view()?,
                     count,
                     hits: hits.clone(),
                     output: options.output,
                     slots: Default::default(),
                 };
+                let height = rows.end - rows.start;
+                let rows_of_part = LEAST_PART.div_ceil(atlas.size.max(1));
+                let rows_of_part = rows_of_part.max(height.div_ceil(MOST_PARTS)).max(1);
+                let part = |first: u32| {
+                    let rows = first..height.min(first + rows_of_part);
+                    let points = SurfacePoints {
+                        view: view()?,
+                        count: rows.len() as u32 * atlas.size,
+                        ..points.clone()
+                    };
+                    Ok(Part { points, rows })
+                };
+                let parts = (0..height).step_by(rows_of_part as usize).map(part);
+                let parts = parts.collect::<Result<_, GpuError>>()?;
                 let uniform = |phase| {
                     gpu.uniform(
                         "piece of an atlas",
@@ -245,6 +273,7 @@ impl AtlasCapture {
                     resolve: resolve.bind(gpu, 1, &resources)?,
                     uniform: phases[0].clone(),
                     points,
+                    parts,
                     rows,
                     texels,
                     block_count: blocks.len() as u32,
@@ -281,17 +310,22 @@ impl AtlasCapture {
     /// Sets the sample of light that the next gathers take, and its seed. Sample 0 restarts targets.
     pub fn look(&self, gpu: &Gpu, sample_index: u32, seed: u32) {
         for piece in &self.pieces {
-            let mut view = ViewUniform {
-                width: self.size,
-                height: piece.rows.end - piece.rows.start,
-                sample_index,
-                first_texel: piece.rows.start * self.size,
-                // Otherwise all pieces would use the same random numbers.
-                seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),
-                ..Zeroable::zeroed()
-            };
-            piece.points.output.write(&mut view);
-            gpu.write(&piece.points.view, 0, std::slice::from_ref(&view));
+            let all = 0..piece.rows.end - piece.rows.start;
+            let parts = piece.parts.iter().map(|part| (&part.points, &part.rows));
+            for (points, rows) in parts.chain([(&piece.points, &all)]) {
+                let mut view = ViewUniform {
+                    width: self.size,
+                    first_row: rows.start,
+                    height: rows.end,
+                    sample_index,
+                    first_texel: piece.rows.start * self.size,
+                    // Otherwise all pieces would use the same random numbers.
+                    seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),
+                    ..Zeroable::zeroed()
+                };
+                points.output.write(&mut view);
+                gpu.write(&points.view, 0, std::slice::from_ref(&view));
+            }
         }
     }
 

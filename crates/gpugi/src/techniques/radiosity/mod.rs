@@ -134,8 +134,8 @@ struct LitTexels {
     lit: Option<LitAs>,
     /// What the latest frame's light was, whose iteration may have yet to begin.
     seen: Option<LitAs>,
-    /// Pieces of the atlas whose direct light is that of `lit`.
-    lit_pieces: usize,
+    /// Parts of the atlas whose direct light is that of `lit`.
+    lit_parts: usize,
     /// Whether iterates were averaged once, so that the light can be gathered.
     is_averaged: bool,
     revision: u64,
@@ -231,7 +231,7 @@ impl Radiosity {
             solution,
             lit: None,
             seen: None,
-            lit_pieces: 0,
+            lit_parts: 0,
             is_averaged: false,
             revision: 0,
         })
@@ -241,7 +241,7 @@ impl Radiosity {
 impl LitTexels {
     /// Whether all direct light is up to date.
     fn is_lit(&self) -> bool {
-        self.lit_pieces == self.solution.direct().count()
+        self.lit_parts == self.solution.parts()
     }
 
     /// Whether the iteration begins again because of the light `now`. `has_first`: its first light was averaged;
@@ -352,17 +352,16 @@ impl Technique for Radiosity {
                 made.solution.forget(frame);
             }
             made.lit = Some(lit_as.clone());
-            made.lit_pieces = 0;
+            made.lit_parts = 0;
             made.solution.iterates = 0;
         }
         while !made.is_lit() && earlier.may_step() {
-            let mut direct = made.solution.direct().skip(made.lit_pieces);
-            let Some(receiver) = direct.next().map(|(points, to)| Receiver::new(points, to)) else {
+            let fits = |points| earlier.gather_work(points) <= earlier.left();
+            let Some((receiver, parts)) = made.solution.next_direct(made.lit_parts, fits) else {
                 break;
             };
-            drop(direct);
             earlier.gather(frame, scene, &receiver, self.own.emission)?;
-            made.lit_pieces += 1;
+            made.lit_parts += parts;
             if made.is_lit() {
                 self.begin(frame, scene, view, &mut made.solution, &made.kernels)?;
             }

@@ -12,7 +12,7 @@ use super::shooting::{Batch, Shooting};
 use crate::capture::atlas::{
     AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
 };
-use crate::capture::{SurfacePoints, Target};
+use crate::capture::{Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -219,10 +219,30 @@ impl Solution {
         Ok(())
     }
 
-    /// The texels' points, and the targets of their direct light.
-    pub(super) fn direct(&self) -> impl Iterator<Item = (&SurfacePoints, &Target)> {
-        let direct = self.pieces.iter().map(|piece| &piece.direct);
-        self.texels.points().zip(direct)
+    /// Number of parts in which the texels are lit directly.
+    pub(super) fn parts(&self) -> usize {
+        let pieces = self.texels.pieces().iter();
+        pieces.map(|piece| piece.parts.len()).sum()
+    }
+
+    /// What is to be lit directly once the first `lit` parts are, and how many parts it is: a whole piece of the atlas, if
+    /// so many points fit the frame's budget, or else a part.
+    pub(super) fn next_direct(
+        &self,
+        mut lit: usize,
+        fits: impl Fn(u64) -> bool,
+    ) -> Option<(Receiver, usize)> {
+        for (captured, piece) in self.texels.pieces().iter().zip(&self.pieces) {
+            let parts = captured.parts.len();
+            if lit == 0 && fits(piece.count.into()) {
+                return Some((Receiver::new(&captured.points, &piece.direct), parts));
+            }
+            if let Some(part) = captured.parts.get(lit) {
+                return Some((Receiver::new(&part.points, &piece.direct), 1));
+            }
+            lit -= parts;
+        }
+        None
     }
 
     /// Drops the light of the last iterate, before the iteration restarts.
