@@ -49,6 +49,8 @@ pub struct SurfacePoints {
     pub points: wgpu::Buffer,
     /// `View` uniform, which says where in the buffer the points are.
     pub view: wgpu::Buffer,
+    /// Index of the first of the points in the buffer.
+    pub first: u32,
     /// Number of points.
     pub count: u32,
     /// Hit records from which the points were resolved: the provoking merged vertex of each point's triangle.
@@ -177,6 +179,7 @@ impl Faces {
         let points = SurfacePoints {
             points,
             view: wgpu::Buffer::clone(&view),
+            first: range.start * size[0] * size[1],
             count: range.len() as u32 * size[0] * size[1],
             hits,
             output: Output::RadianceToEye,

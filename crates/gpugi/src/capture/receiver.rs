@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::{SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
-use crate::gpu::{Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::scene::GpuScene;
 use crate::scene::gpu::octahedral;
 
@@ -96,6 +96,23 @@ impl Receiver {
             transmittance: Some(transmittance.clone()),
             ..self
         })
+    }
+
+    /// Clears what the target has of the points; all of it, if their results do not lie side by side.
+    pub(crate) fn clear(&self, frame: &mut Frame<'_>) {
+        let SurfacePoints {
+            first,
+            count,
+            slots,
+            ..
+        } = self.points;
+        let target = &self.target.radiance;
+        let [start, end] = [first, first + count].map(|entry| u64::from(entry) * 16);
+        let bytes = match slots == Slots::default() {
+            true => start..end.min(target.size()),
+            false => 0..target.size(),
+        };
+        frame.clear_range(target, bytes);
     }
 
     /// Bind groups 1 and 3 of a pass that reads the points, adds to the target, and binds nothing else there.
@@ -327,6 +344,7 @@ impl Receiver {
             points: SurfacePoints {
                 points: buffer,
                 view: gpu.uniform("view of probes", &view)?,
+                first: 0,
                 count,
                 hits: hits.create_view(&Default::default()),
                 output,

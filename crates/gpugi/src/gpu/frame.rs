@@ -242,9 +242,10 @@ impl<'a> Frame<'a> {
         self.encoder().clear_buffer(buffer, 0, None);
     }
 
-    /// Fills a buffer's first `bytes`, a multiple of 4, with zeros.
-    pub fn clear_first(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
-        self.encoder().clear_buffer(buffer, 0, Some(bytes));
+    /// Fills these bytes of a buffer, from and to multiples of 4, with zeros.
+    pub fn clear_range(&mut self, buffer: &wgpu::Buffer, bytes: Range<u64>) {
+        let size = bytes.end.saturating_sub(bytes.start);
+        self.encoder().clear_buffer(buffer, bytes.start, Some(size));
     }
 
     /// Copies the first `bytes` of a buffer to `offset` in another one (both multiples of 4).

@@ -110,6 +110,13 @@ impl Generated {
         }
     }
 
+    /// Nothing yet: the technique's shaders are being compiled.
+    pub(crate) const WITHOUT_SHADERS: Self = Self {
+        revision: 0,
+        progress: 0.0,
+        pending: Some("shaders"),
+    };
+
     /// Those of the environment's maps.
     pub(crate) fn of_environment(filled: Filled) -> Self {
         Self {
@@ -482,8 +489,8 @@ impl<'a> Earlier<'a> {
         if with_emission {
             self.emission.record(frame, scene, &gathered)?;
         } else {
-            frame.clear(&attenuated.target.radiance);
-            frame.clear(&gathered.target.radiance);
+            attenuated.clear(frame);
+            gathered.clear(frame);
         }
         let others = (0..self.techniques.len()).filter(|&index| Some(index) != last);
         for index in others.chain(last) {

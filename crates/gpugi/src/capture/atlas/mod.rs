@@ -84,8 +84,8 @@ pub(crate) struct PieceUniform {
 }
 
 /// Points that a part of a piece has at least, and parts that a piece has at most.
-const LEAST_PART: u32 = 1 << 14;
-const MOST_PARTS: u32 = 16;
+const LEAST_PART: u32 = 1 << 12;
+const MOST_PARTS: u32 = 64;
 
 /// Bytes of a `Texel` of capture/atlas/coverage.wesl.
 const TEXEL_BYTES: u64 = 16;
@@ -217,6 +217,7 @@ impl AtlasCapture {
                         storage,
                     )?,
                     view: view()?,
+                    first: 0,
                     count,
                     hits: hits.clone(),
                     output: options.output,
@@ -229,6 +230,7 @@ impl AtlasCapture {
                     let rows = first..height.min(first + rows_of_part);
                     let points = SurfacePoints {
                         view: view()?,
+                        first: rows.start * atlas.size,
                         count: rows.len() as u32 * atlas.size,
                         ..points.clone()
                     };

@@ -34,6 +34,7 @@ fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> SurfacePoints {
     SurfacePoints {
         points: gpu.storage("points", points).unwrap(),
         view: gpu.storage("view", &[0; 4]).unwrap(),
+        first: 0,
         count: points.len() as u32,
         hits: hits.create_view(&Default::default()),
         output: Default::default(),

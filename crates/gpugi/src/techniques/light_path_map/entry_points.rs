@@ -61,6 +61,7 @@ impl EntryPoints {
         let points = SurfacePoints {
             points: gpu.buffer("entry points [bytes]", bytes, storage)?,
             view: gpu.uniform("view of entry points", &view)?,
+            first: 0,
             count,
             hits: hits.clone(),
             output,

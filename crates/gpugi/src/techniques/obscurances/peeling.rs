@@ -238,7 +238,7 @@ impl Peeling {
             self.peel[0].bind(gpu, 1, &peel)?,
             self.peel[1].bind(gpu, 1, &peel)?,
         ];
-        frame.clear_first(hits, (1 + u64::from(self.side).pow(2)) * 4);
+        frame.clear_range(hits, 0..(1 + u64::from(self.side).pow(2)) * 4);
         let (name, keeps) = ("obscurances.peel", Keeps::Everything);
         frame.render_onto(name, keeps, &[], &self.target, |pass| {
             pass.set_bind_group(0, &scene.bind_group, &[]);

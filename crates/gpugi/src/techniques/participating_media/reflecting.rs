@@ -58,6 +58,7 @@ impl Reflecting {
         let points = SurfacePoints {
             points: gpu.buffer("ends of links [bytes]", bytes, storage)?,
             view: gpu.uniform("view of ends of links", &view)?,
+            first: 0,
             count,
             hits: hits.clone(),
             output: Output::RadianceToEye,

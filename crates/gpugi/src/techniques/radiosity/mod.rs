@@ -325,7 +325,14 @@ impl Technique for Radiosity {
         };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => self.make(frame.gpu, scene, atlas)?,
+            None => {
+                let made = self.make(frame.gpu, scene, atlas)?;
+                if earlier.is_limited() && frame.gpu.is_compiling() {
+                    self.made = Some(made);
+                    return Ok(Generated::WITHOUT_SHADERS);
+                }
+                made
+            }
         };
         made.solution.capture(frame, scene)?;
         let lit_as = LitAs {

@@ -313,7 +313,7 @@ impl Passes {
             });
         }
         for chunk in chunks {
-            frame.clear_first(&in_flight.rays, COUNTERS);
+            frame.clear_range(&in_flight.rays, 0..COUNTERS);
             frame.compute("ray-tracing.begin", |pass| {
                 let [seen, rays] = &chunk.begin;
                 let slots = [in_flight.capacity, 1, 1];
@@ -481,6 +481,7 @@ impl InFlight {
         let hits = SurfacePoints {
             points,
             view,
+            first: 0,
             count: capacity,
             hits: hit_records.clone(),
             output: Output::RadianceToEye,
