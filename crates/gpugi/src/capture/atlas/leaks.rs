@@ -12,7 +12,9 @@ const SHARE: f32 = 0.5;
 /// Height above the surface at which rays start, in sides of a texel.
 const OFFSET: f32 = 0.01;
 /// Texels per dispatch. Each traces up to 40 rays, and no driver may take the dispatch for a hang.
-const TEXELS_AT_ONCE: u32 = if cfg!(test) { 1 << 10 } else { 1 << 16 };
+const TEXELS_AT_ONCE: u32 = if cfg!(test) { 1 << 10 } else { 1 << 14 };
+/// Rays that most texels trace: `RAYS` of capture/atlas/leaks.wesl.
+const RAYS: u64 = 16;
 
 /// `Settings` of capture/atlas/leaks.wesl.
 #[repr(C)]
@@ -67,6 +69,8 @@ pub struct LeakTest {
     pieces: Vec<Piece>,
     /// Number of the capture whose points were last tested.
     tested: u64,
+    /// Number of the capture whose points are being tested, and dispatches so far.
+    testing: (u64, usize),
 }
 
 #[derive(Debug)]
@@ -123,6 +127,7 @@ impl LeakTest {
                 .collect::<Result<_, GpuError>>()?,
             kernel,
             tested: 0,
+            testing: (0, 0),
         })
     }
 
@@ -130,18 +135,49 @@ impl LeakTest {
     /// Points that lie inside something are moved out along their surface, or lose their instance as if no triangle
     /// touched the texel.
     pub fn record(&mut self, frame: &mut Frame<'_>, rays: &GpuScene, capture: &AtlasCapture) {
-        if self.tested == capture.number {
-            return;
+        while !self.is_done(capture) {
+            self.record_part(frame, rays, capture, usize::MAX);
         }
-        self.tested = capture.number;
-        for piece in &self.pieces {
-            frame.compute("capture.atlas.leaks", |pass| {
-                for (group, count) in &piece.dispatches {
-                    let groups = [(0, &rays.ray_bind_group), (1, group)];
-                    self.kernel.dispatch(pass, &groups, [*count, 1, 1]);
-                }
-            });
+    }
+
+    /// Whether all points of `capture` are tested.
+    pub(crate) fn is_done(&self, capture: &AtlasCapture) -> bool {
+        self.tested == capture.number
+    }
+
+    /// Tests some more of the points, in `most` dispatches at most; all of them if the last test was not finished before
+    /// the points changed. Returns the number of rays.
+    pub(crate) fn record_part(
+        &mut self,
+        frame: &mut Frame<'_>,
+        rays: &GpuScene,
+        capture: &AtlasCapture,
+        mut most: usize,
+    ) -> u64 {
+        let (of, mut first) = self.testing;
+        if of != capture.number {
+            if first > 0 {
+                most = usize::MAX;
+            }
+            first = 0;
         }
+        let all = self.pieces.iter().map(|piece| piece.dispatches.len()).sum();
+        let end = first.saturating_add(most).min(all);
+        let mut rays_traced = 0;
+        frame.compute("capture.atlas.leaks", |pass| {
+            let dispatches = self.pieces.iter().flat_map(|piece| &piece.dispatches);
+            for (group, count) in dispatches.take(end).skip(first) {
+                let groups = [(0, &rays.ray_bind_group), (1, group)];
+                self.kernel.dispatch(pass, &groups, [*count, 1, 1]);
+                rays_traced += u64::from(*count) * RAYS;
+            }
+        });
+        self.testing = (capture.number, end);
+        if end == all {
+            self.tested = capture.number;
+            self.testing.1 = 0;
+        }
+        rays_traced
     }
 
     /// Counts the texels of each kind. Waits for the GPU.

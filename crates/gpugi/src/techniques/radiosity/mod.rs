@@ -334,7 +334,17 @@ impl Technique for Radiosity {
                 made
             }
         };
-        made.solution.capture(frame, scene)?;
+        // Only the first time: while objects move, points would never be tested.
+        let is_sliced = earlier.is_limited() && !made.is_averaged;
+        let budget = is_sliced.then_some(&mut *earlier);
+        if !made.solution.capture(frame, scene, budget)? {
+            self.made = Some(made);
+            return Ok(Generated {
+                revision: 0,
+                progress: 0.0,
+                pending: Some("the texels"),
+            });
+        }
         let lit_as = LitAs {
             versions: scene.versions,
             settings: earlier.settings_version,

@@ -16,7 +16,7 @@ use crate::capture::{Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::{Map, Texels};
+use crate::techniques::{Earlier, Map, Texels};
 
 /// Texels that trace rays in a frame, if the budget allows fewer (but the rest of an iterate).
 const LEAST_TRACED: u64 = 8192;
@@ -208,15 +208,24 @@ impl Solution {
         light + self.texels.bytes + lookup + around + self.choosing.bytes + shooting
     }
 
-    /// Updates the texels' points.
+    /// Updates the texels' points, and finds those that leak: with a budget, in as many steps as it allows. Returns
+    /// whether that is done.
     pub(super) fn capture(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-    ) -> Result<(), GpuError> {
+        budget: Option<&mut Earlier<'_>>,
+    ) -> Result<bool, GpuError> {
         self.texels.record(frame, scene)?;
-        self.leaks.record(frame, scene, &self.texels);
-        Ok(())
+        let Some(budget) = budget else {
+            self.leaks.record(frame, scene, &self.texels);
+            return Ok(true);
+        };
+        while !self.leaks.is_done(&self.texels) && budget.may_step() {
+            let rays = self.leaks.record_part(frame, scene, &self.texels, 1);
+            budget.count(rays);
+        }
+        Ok(self.leaks.is_done(&self.texels))
     }
 
     /// Number of parts in which the texels are lit directly.
