@@ -230,7 +230,7 @@ fn relaxation_tends_to_the_density_asked_for() {
     let scene = sky([128, 64], |_, y| {
         Vec3::splat(if y < 32 { 16.0 } else { 1.0 })
     });
-    for (spread, low, high) in [(Spread::Power, 13.0, 20.5), (Spread::Root, 3.5, 11.0)] {
+    for (spread, low, high) in [(Spread::Power, 13.0, 20.5), (Spread::Root, 3.5, 11.5)] {
         let settings = Settings {
             iterations: 256,
             spread,
