@@ -379,6 +379,10 @@ fn maps_are_refined_without_pictures_at_rest() {
             shown.is_new,
             matches!(session.readiness(), Readiness::Ready),
         ));
+        if !session.readiness().is_usable() {
+            // Shaders are compiled on other threads.
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
     }
     let [refining, pictures] = [true, false].map(|all| {
         let frames = frames.iter().skip_while(|(is_new, _)| !is_new);
