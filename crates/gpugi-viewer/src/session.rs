@@ -22,8 +22,10 @@ use crate::truth::{Reference, Truth, View};
 
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
-/// While maps are refined at rest, so often there is a picture (s).
-const PICTURE_SECONDS: f32 = 0.1;
+/// While maps are refined at rest, the time between two pictures is this multiple of what a picture takes, within these
+/// limits (s).
+const MAPS_PER_PICTURE: f32 = 3.0;
+const MAPS_SECONDS: [f32; 2] = [0.1, 2.0];
 
 /// Format of the picture, as egui wants it.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -118,8 +120,10 @@ pub struct Session {
     at_rest: f32,
     /// What the last frame was for, if its time says something.
     was_for: Option<Purpose>,
-    /// Time without a new picture (s).
+    /// Time since the last frame with a new picture ended (s).
     unchanged: f32,
+    /// Time that the last frame with a new picture took (s), once it is known.
+    picture_took: Option<f32>,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
     /// What is seen in the middle of the picture, for the camera to orbit around.
     middle: Option<ReadBack<Option<VisiblePoint>>>,
@@ -171,6 +175,7 @@ impl Session {
             at_rest: 0.0,
             was_for: None,
             unchanged: 0.0,
+            picture_took: Some(0.0),
             picks: Vec::new(),
             middle: None,
             loaded,
@@ -404,10 +409,13 @@ impl Session {
         let is_moving_still = self.at_rest < REST_SECONDS;
         let size = self.pace.size(window, is_moving_still);
         let renderer = &mut self.loaded.renderer;
-        self.unchanged += took;
+        match self.picture_took {
+            Some(_) => self.unchanged += took,
+            None => self.picture_took = Some(took),
+        }
         if size != renderer.size() {
             renderer.resize(size)?;
-            self.unchanged = PICTURE_SECONDS;
+            self.unchanged = f32::INFINITY;
         }
         if is_moving || self.readiness != Readiness::Ready {
             renderer.restart();
@@ -438,11 +446,14 @@ impl Session {
         let is_displayed = self.displayed == to_display && !is_truth_new;
         // At rest, maps need not wait for pictures that are soon replaced.
         let is_refining = matches!(self.readiness, Readiness::Refining { .. });
+        let [least, most] = MAPS_SECONDS;
+        let picture_took = self.picture_took.unwrap_or_default();
+        let seconds_of_maps = (MAPS_PER_PICTURE * picture_took).clamp(least, most);
         let makes_maps = is_refining
             && !is_moving_still
             && is_displayed
             && self.picture.is_some()
-            && self.unchanged < PICTURE_SECONDS;
+            && self.unchanged < seconds_of_maps;
         if makes_maps {
             renderer.set_budget(self.pace.budget(Purpose::Maps));
             self.readiness = renderer.try_converge(&self.camera.camera())?;
@@ -481,7 +492,7 @@ impl Session {
             shown.is_final = self.picks.is_empty() && self.middle.is_none() && !is_tracing;
         }
         if shown.is_new {
-            self.unchanged = 0.0;
+            (self.unchanged, self.picture_took) = (0.0, None);
             if let Some(quantity) = quantity {
                 let surfaces = match self.surfaces.take() {
                     Some((of_size, surfaces)) if of_size == size => surfaces,
