@@ -162,6 +162,7 @@ impl Feed for Mesh {
             uvs,
             colors,
             indices,
+            tree: _,
         } = self;
         list(hasher, positions);
         list(hasher, normals);

@@ -1,10 +1,12 @@
 //! Indexed triangle meshes.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
+use crate::bvh::TriangleTree;
 use crate::names::Name;
 use crate::scene::Bounds;
 
@@ -34,6 +36,9 @@ pub struct Mesh {
     /// Three vertex indices per triangle.
     #[serde(with = "crate::plain")]
     pub indices: Vec<u32>,
+    /// The tree of its ray hierarchy, if it was built ahead ([`TriangleTree::of`]): uploads then need not build one. It
+    /// may be that of another shape of the mesh, or of another mesh: one that does not serve is ignored.
+    pub tree: Option<Arc<TriangleTree>>,
 }
 
 /// See [`Mesh::weld_positions`].
@@ -142,6 +147,7 @@ impl Mesh {
             uvs: [pick(&self.uvs[0], vertices), pick(&self.uvs[1], vertices)],
             colors: pick(&self.colors, vertices),
             indices,
+            tree: None,
         }
     }
 

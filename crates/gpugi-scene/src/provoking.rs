@@ -4,6 +4,8 @@
 //! comes from the first vertex of the triangle. So if triangle t starts with vertex t, the vertex index is the
 //! triangle's number.
 
+use glam::Vec3;
+
 /// The triangles of a mesh in provoking-vertex order.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ProvokingMesh {
@@ -13,6 +15,15 @@ pub struct ProvokingMesh {
     /// Three new vertex indices per triangle: the original triangles in their original order and winding, some of them
     /// rotated.
     pub indices: Vec<u32>,
+}
+
+impl ProvokingMesh {
+    /// The corners of the triangles, where the original vertices have these positions.
+    pub fn triangles(&self, positions: &[Vec3]) -> Vec<[Vec3; 3]> {
+        let position = |&index: &u32| positions[self.vertices[index as usize] as usize];
+        let corners = |triangle: &[u32; 3]| triangle.each_ref().map(position);
+        self.indices.as_chunks().0.iter().map(corners).collect()
+    }
 }
 
 /// Rotates triangles and duplicates vertices until the first vertex of triangle t is new vertex t.

@@ -6,6 +6,7 @@ use glam::{Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::animation::Rig;
+use crate::bvh::TriangleTree;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{
     AlphaMode, Camera, Image, ImportError, Light, LightKind, LightPathPanes, Limits, Material,
@@ -287,6 +288,16 @@ impl Scene {
     pub fn add_mesh(&mut self, mesh: impl Into<Arc<Mesh>>) -> usize {
         self.meshes.push(mesh.into());
         self.meshes.len() - 1
+    }
+
+    /// Builds the trees of meshes that have none ([`Mesh::tree`]), so that uploads for rays take less time.
+    pub fn build_trees(&mut self) {
+        for mesh in &mut self.meshes {
+            if mesh.tree.is_none() {
+                let tree = TriangleTree::of(mesh);
+                Arc::make_mut(mesh).tree = tree;
+            }
+        }
     }
 
     /// Adds a material; returns its index.

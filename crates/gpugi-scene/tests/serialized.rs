@@ -6,7 +6,9 @@ use gpugi_scene::builtin::{SCENES, builtin};
 #[test]
 fn a_scene_is_the_same_from_its_bytes() {
     for name in SCENES.iter().map(|scene| scene.name) {
-        let scene = builtin(name, 1).unwrap();
+        let mut scene = builtin(name, 1).unwrap();
+        scene.build_trees();
+        assert!(scene.meshes.iter().all(|mesh| mesh.tree.is_some()));
         let bytes = postcard::to_allocvec(&scene).unwrap();
         let again: Scene = postcard::from_bytes(&bytes).unwrap();
         assert!(again == scene, "{name}");

@@ -8,7 +8,8 @@ use gpugi_arguments::scene_argument::{self, SceneArguments};
 use gpugi_scene::{Environment, Scene};
 use serde::{Deserialize, Serialize};
 
-/// Reads a scene, from `files` or from the disk.
+/// Reads a scene, from `files` or from the disk, and builds the trees of its meshes: other techniques and the path
+/// tracer need not build them again.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ReadScene {
     /// What selects it.
@@ -24,7 +25,9 @@ impl Job for ReadScene {
 
     fn run(self, _: &(dyn Fn(f32) -> bool + Sync)) -> Self::Result {
         let read = scene_argument::load_among(&self.arguments, &self.files);
-        read.map_err(|error| format!("{error:#}"))
+        let (mut scene, notes) = read.map_err(|error| format!("{error:#}"))?;
+        scene.build_trees();
+        Ok((scene, notes))
     }
 }
 
@@ -66,5 +69,20 @@ pub async fn result_of<J: Job<Result = Result<T, String>>, T: Clone>(job: J) -> 
             }
             crate::browser::pause().await;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_that_was_read_brings_its_trees() {
+        let job = ReadScene {
+            arguments: SceneArguments::of("cornell"),
+            files: Files::default(),
+        };
+        let (scene, _) = job.run(&|_| true).unwrap();
+        assert!(scene.meshes.iter().all(|mesh| mesh.tree.is_some()));
     }
 }

@@ -17,12 +17,14 @@ mod tree;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3, Mat4, Vec3};
+use serde::{Deserialize, Serialize};
 
 pub use node::NODE_ROWS;
 pub use top::{MovedItem, TopLevel};
 use tree::{Tree, WORST_COST};
 
-use crate::{Bounds, Sphere};
+use crate::provoking::provoking_order;
+use crate::{Bounds, Mesh, Sphere};
 
 /// Four words of the packed hierarchies.
 pub type Row = [u32; 4];
@@ -81,6 +83,43 @@ pub enum BvhError {
     },
 }
 
+/// Which triangles of a mesh lie below which node of its hierarchy. The boxes of the nodes are not part of it, so it
+/// serves every shape of the mesh; how well depends on how the shapes differ.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TriangleTree {
+    tree: Tree,
+    /// [`Tree::cost`] when it was built.
+    cost: f64,
+}
+
+impl TriangleTree {
+    /// Builds the tree of a mesh, to be kept as [`Mesh::tree`]. `None` if the mesh has no hierarchy: its upload says why.
+    pub fn of(mesh: &Mesh) -> Option<Arc<Self>> {
+        mesh.check().ok()?;
+        let order = provoking_order(&mesh.indices, mesh.positions.len());
+        let triangles = order.triangles(&mesh.positions);
+        check_finite(0, &triangles).ok()?;
+        let (built, _) = mesh_tree(&triangles, [], 0).ok()?;
+        Some(built.tree)
+    }
+}
+
+/// The triangles of a mesh, of which a hierarchy is to be built.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshTriangles {
+    /// The corners of each, in mesh space (m).
+    pub corners: Vec<[Vec3; 3]>,
+    /// A tree that was built of as many triangles in the same order, if there is one.
+    pub tree: Option<Arc<TriangleTree>>,
+}
+
+impl From<Vec<[Vec3; 3]>> for MeshTriangles {
+    fn from(corners: Vec<[Vec3; 3]>) -> Self {
+        let tree = None;
+        Self { corners, tree }
+    }
+}
+
 /// A mesh's hierarchy within the rows.
 #[derive(Debug, Clone)]
 struct MeshTree {
@@ -92,9 +131,7 @@ struct MeshTree {
     /// Power of two that scales the mesh's largest coordinate to about one. Without it, products of tiny or huge
     /// coordinates would leave the range of 32-bit floats.
     units_from_mesh: f64,
-    tree: Arc<Tree>,
-    /// [`Tree::cost`] when the tree was built.
-    cost: f64,
+    tree: Arc<TriangleTree>,
 }
 
 /// An instance to place in the top level.
@@ -118,13 +155,13 @@ pub struct BottomLevel {
 }
 
 impl BottomLevel {
-    /// Builds the hierarchies and returns them with their rows. Each mesh is a list of triangles in mesh space;
-    /// hits report triangles by their position in that list.
+    /// Builds the hierarchies and returns them with their rows. Hits report triangles by their position in the lists. A
+    /// tree that comes with the triangles is taken unless it is bad for them (docs/bvh.md).
     ///
     /// # Errors
     /// [`BvhError`].
     pub fn new(
-        meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
+        meshes: impl IntoIterator<Item = impl Into<MeshTriangles>>,
     ) -> Result<(Self, Vec<Row>), BvhError> {
         Self::default().following(meshes)
     }
@@ -136,14 +173,16 @@ impl BottomLevel {
     /// [`BvhError`].
     pub fn following(
         &self,
-        meshes: impl IntoIterator<Item = Vec<[Vec3; 3]>>,
+        meshes: impl IntoIterator<Item = impl Into<MeshTriangles>>,
     ) -> Result<(Self, Vec<Row>), BvhError> {
         let mut rows = Vec::new();
         let mut trees = Vec::new();
         for (mesh, triangles) in meshes.into_iter().enumerate() {
-            check_finite(mesh, &triangles)?;
+            let MeshTriangles { corners, tree } = triangles.into();
+            check_finite(mesh, &corners)?;
             let root = row_number(rows.len())?;
-            let (tree, of_mesh) = mesh_tree(&triangles, self.meshes.get(mesh), root)?;
+            let before = self.meshes.get(mesh).map(|before| before.tree.clone());
+            let (tree, of_mesh) = mesh_tree(&corners, before.into_iter().chain(tree), root)?;
             trees.push(tree);
             rows.extend(of_mesh);
         }
@@ -166,7 +205,7 @@ impl BottomLevel {
     ) -> Result<Option<(u32, Vec<Row>)>, BvhError> {
         check_finite(mesh, triangles)?;
         let before = &mut self.meshes[mesh];
-        let (after, rows) = mesh_tree(triangles, Some(before), before.root)?;
+        let (after, rows) = mesh_tree(triangles, [before.tree.clone()], before.root)?;
         if !Arc::ptr_eq(&before.tree, &after.tree) {
             return Ok(None);
         }
@@ -232,11 +271,11 @@ fn check_finite(mesh: usize, triangles: &[[Vec3; 3]]) -> Result<(), BvhError> {
     }
 }
 
-/// The hierarchy of a mesh whose rows begin at `root`, and these rows. It keeps the tree of `before` if that is still
-/// good.
+/// The hierarchy of a mesh whose rows begin at `root`, and these rows. It has the first of the `known` trees that is
+/// good for the triangles.
 fn mesh_tree(
     triangles: &[[Vec3; 3]],
-    before: Option<&MeshTree>,
+    known: impl IntoIterator<Item = Arc<TriangleTree>>,
     root: u32,
 ) -> Result<(MeshTree, Vec<Row>), BvhError> {
     let bounds = Bounds::of(triangles.as_flattened().iter().copied());
@@ -260,23 +299,24 @@ fn mesh_tree(
         let (encoded, bounds) = node::encode(tree, &boxes, root, TRIANGLE_ROWS);
         (encoded, Tree::cost(&bounds))
     };
-    let kept = before
-        .filter(|before| before.triangles as usize == triangles.len())
-        .and_then(|MeshTree { tree, cost, .. }| {
-            let (encoded, cost_now) = fitted(tree);
-            (cost_now <= WORST_COST * cost).then(|| (tree.clone(), encoded, *cost))
+    let kept = known
+        .into_iter()
+        .filter(|known| known.tree.order.len() == triangles.len())
+        .find_map(|known| {
+            let (encoded, cost_now) = fitted(&known.tree);
+            (cost_now <= WORST_COST * known.cost).then_some((known, encoded))
         });
-    let (tree, mut rows, cost) = match kept {
+    let (tree, mut rows) = match kept {
         Some(kept) => kept,
         None => {
             let tree = Tree::new(&boxes, MESH_LEVELS, 3);
             at_most("levels", tree.depth as usize, MESH_LEVELS)?;
             let (encoded, cost) = fitted(&tree);
-            (Arc::new(tree), encoded, cost)
+            (Arc::new(TriangleTree { tree, cost }), encoded)
         }
     };
     let first_triangle = row_number(root as usize + rows.len())?;
-    for &number in &tree.order {
+    for &number in &tree.tree.order {
         let corners = triangles[number as usize].map(|corner| scaled(corner).to_array());
         for (corner, last) in corners.into_iter().zip([number, 0, 0]) {
             let [x, y, z] = corner.map(f32::to_bits);
@@ -291,7 +331,6 @@ fn mesh_tree(
         triangles: triangles.len() as u32,
         units_from_mesh,
         tree,
-        cost,
     };
     Ok((tree, rows))
 }

@@ -517,6 +517,52 @@ fn a_mesh_that_deforms_keeps_its_tree() {
 }
 
 #[test]
+fn a_tree_that_was_built_ahead_is_taken_where_it_serves() {
+    let triangles = |mesh: &Mesh| {
+        let order = provoking_order(&mesh.indices, mesh.positions.len());
+        order.triangles(&mesh.positions)
+    };
+    let scene = crate::builtin::builtin("spheres", 1).unwrap();
+    let mesh = &scene.meshes[0];
+    let tree = TriangleTree::of(mesh);
+    let with_tree = |corners: &[[Vec3; 3]], tree: &Option<Arc<TriangleTree>>| {
+        let corners = corners.to_vec();
+        let tree = tree.clone();
+        BottomLevel::new([MeshTriangles { corners, tree }]).unwrap()
+    };
+    let corners = triangles(mesh);
+    let (bottom, rows) = with_tree(&corners, &tree);
+    assert!(Arc::ptr_eq(&bottom.meshes[0].tree, tree.as_ref().unwrap()));
+    assert_eq!(rows, BottomLevel::new([corners.clone()]).unwrap().1);
+    // What deforms is fitted to the tree before, if there is one.
+    let before = BottomLevel::new([corners.clone()]).unwrap().0;
+    let triangles = MeshTriangles {
+        corners: corners.clone(),
+        tree: tree.clone(),
+    };
+    let (followed, _) = before.following([triangles]).unwrap();
+    assert!(Arc::ptr_eq(
+        &followed.meshes[0].tree,
+        &before.meshes[0].tree
+    ));
+    // Another mesh; one with fewer triangles.
+    let mut shuffled = corners.clone();
+    for index in 0..shuffled.len() {
+        shuffled.swap(index, (index * 7919) % corners.len());
+    }
+    for other in [&shuffled[..], &corners[1..]] {
+        let (_, rows) = with_tree(other, &tree);
+        assert_eq!(rows, BottomLevel::new([other.to_vec()]).unwrap().1);
+    }
+    // A mesh without a hierarchy has no tree.
+    let mut broken = Mesh::clone(mesh);
+    broken.positions[0].x = f32::NAN;
+    assert!(TriangleTree::of(&broken).is_none());
+    broken.indices[0] = u32::MAX;
+    assert!(TriangleTree::of(&broken).is_none());
+}
+
+#[test]
 fn a_mesh_that_changes_too_much_gets_another_tree() {
     let before = sheet(30, 0.1);
     let (bottom, _) = BottomLevel::new([before.clone()]).unwrap();

@@ -3,6 +3,8 @@
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode};
 
+use serde::{Deserialize, Serialize};
+
 use super::binary;
 use crate::Bounds;
 
@@ -10,11 +12,13 @@ use crate::Bounds;
 pub(super) const WORST_COST: f64 = 1.5;
 
 /// An eight-wide tree. The boxes of its nodes are encoded elsewhere.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tree {
     /// Only the topology of obvhs' nodes is used: which slots are filled, and with what. Children follow their parents.
+    #[serde(with = "crate::plain")]
     pub nodes: Vec<CwBvhNode>,
     /// Primitives in the order of the leaves.
+    #[serde(with = "crate::plain")]
     pub order: Vec<u32>,
     /// Nodes on the longest path from the root.
     pub depth: u32,

@@ -76,15 +76,7 @@ impl PlacedMesh {
 
     /// The corners of its triangles, in mesh space.
     pub fn triangles(&self, mesh: &Mesh) -> Vec<[Vec3; 3]> {
-        let position = |&index: &u32| mesh.positions[self.order.vertices[index as usize] as usize];
-        let corners = |triangle: &[u32; 3]| triangle.each_ref().map(position);
-        self.order
-            .indices
-            .as_chunks()
-            .0
-            .iter()
-            .map(corners)
-            .collect()
+        self.order.triangles(&mesh.positions)
     }
 }
 

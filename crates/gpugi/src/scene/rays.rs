@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::bvh::{
-    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MovedItem, NODE_ROWS, Row,
-    TopLevel,
+    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MeshTriangles, MovedItem,
+    NODE_ROWS, Row, TopLevel,
 };
 use gpugi_scene::{AlphaMode, Scene};
 
@@ -34,7 +34,10 @@ impl Rays {
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
         let meshes = geometry.meshes.iter().zip(&scene.meshes);
-        let triangles = meshes.map(|(placed, mesh)| placed.triangles(mesh));
+        let triangles = meshes.map(|(placed, mesh)| MeshTriangles {
+            corners: placed.triangles(mesh),
+            tree: mesh.tree.clone(),
+        });
         let built = match before {
             Some(before) => before.bottom.following(triangles),
             None => BottomLevel::new(triangles),

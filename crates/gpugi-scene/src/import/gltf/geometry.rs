@@ -251,6 +251,7 @@ impl Reader<'_> {
             uvs: [uvs(uv_sets[0])?, uvs(uv_sets[1])?],
             colors: self.colors(attributes)?,
             indices,
+            tree: None,
         };
         let targets = primitive.targets.iter().enumerate();
         Ok(Geometry {
