@@ -10,7 +10,9 @@ use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
 use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
-use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Registry, Technique};
+use gpugi::techniques::{
+    Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique,
+};
 use gpugi::{Renderer, settings};
 
 const INFO: Info = Info {
@@ -20,7 +22,7 @@ const INFO: Info = Info {
     paths: &[LightPaths::new(LightClass::Environment, "LDD+E")],
     suits: |_| true,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 settings! {

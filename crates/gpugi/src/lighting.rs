@@ -19,7 +19,7 @@ use crate::scene::{Claims, GpuScene, Versions, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
-    Earlier, Figure, Generated, Inspection, Map, Plan, Registry, Slice, Technique,
+    Earlier, Figure, Generated, Inspection, Map, OwnPoints, Plan, Registry, Slice, Technique,
 };
 
 /// Frames that keep to their budget after one that does not, while the scene changes.
@@ -170,6 +170,8 @@ impl Lighting {
     ) -> Result<Self, LightingError> {
         let is_wanted = |name: &str| names.iter().any(|one| one == name);
         let wanted = registry.all().iter().filter(|one| is_wanted(one.info.name));
+        let mut own_points = wanted.clone().map(|one| one.info.lights_points);
+        scene.has_irradiance |= own_points.any(|points| points == OwnPoints::Irradiance);
         let techniques: Vec<_> = wanted
             .map(|one| (one.make)(gpu, scene))
             .collect::<Result<_, _>>()?;
@@ -185,7 +187,9 @@ impl Lighting {
             waited: vec![0; techniques.len()],
             seen: None,
             frugal_frames: 0,
-            lights_elsewhere: techniques.iter().any(|one| one.info().lights_points),
+            lights_elsewhere: techniques
+                .iter()
+                .any(|one| one.info().lights_points != OwnPoints::None),
             techniques,
             settings_version: 0,
             work: 0,
@@ -353,7 +357,7 @@ impl Lighting {
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
             let left = budget.after(self.work);
-            let left = if rest[0].info().lights_points {
+            let left = if rest[0].info().lights_points != OwnPoints::None {
                 left.after(waiting[index + 1..].iter().sum())
             } else {
                 left
@@ -378,6 +382,11 @@ impl Lighting {
             self.waited[index] = match slice.is_waiting() {
                 true => self.waited[index] + 1,
                 false => 0,
+            };
+            let generated = match budget.is_limited() && self.gpu.is_compiling() {
+                // Those that a gather is yet to use.
+                true if generated.pending.is_none() => Generated::WITHOUT_SHADERS,
+                _ => generated,
             };
             self.generated[index] = generated;
             if let Some(what) = generated.pending {

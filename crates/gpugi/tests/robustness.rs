@@ -290,7 +290,7 @@ mod planner {
     use gpugi::light_paths::LightPaths;
     use gpugi::scene::{Claims, GpuScene};
     use gpugi::settings::SettingSet;
-    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique};
+    use gpugi::techniques::{Earlier, Generated, Info, OwnPoints, Plan, Registration, Technique};
 
     pub static PLANS: AtomicU32 = AtomicU32::new(0);
 
@@ -309,7 +309,7 @@ mod planner {
         paths: &[],
         suits: |_| false,
         keeps_texels: false,
-        lights_points: false,
+        lights_points: OwnPoints::None,
     };
 
     pub const REGISTRATION: Registration = Registration {

@@ -128,7 +128,7 @@ impl Receiver {
 }
 
 /// A kernel over receivers' points. It is compiled for cameras and cubes; a general variant for all other receivers is
-/// compiled when one first needs it.
+/// compiled when one first needs it, or in advance if techniques of the scene's lighting will.
 #[derive(Debug)]
 pub struct ReceiverKernel {
     radiance: Kernel,
@@ -164,7 +164,7 @@ impl ReceiverKernel {
         shader: &Shader,
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
-        Self::over(gpu, &scene.layout, shader, options)
+        Self::over(gpu, scene, &scene.layout, shader, options)
     }
 
     /// The same for a shader that traces rays in this scene, with `more` pipeline constants. Its bind group 0 is
@@ -182,11 +182,12 @@ impl ReceiverKernel {
             constants: &[&scene.ray_constants(), more].concat(),
             ..Default::default()
         };
-        Self::over(gpu, &scene.ray_layout, shader, &options)
+        Self::over(gpu, scene, &scene.ray_layout, shader, &options)
     }
 
     fn over(
         gpu: &Gpu,
+        scene: &GpuScene,
         layout: &wgpu::BindGroupLayout,
         shader: &Shader,
         options: &KernelOptions<'_>,
@@ -195,10 +196,14 @@ impl ReceiverKernel {
             constants: &[options.constants, &[("IS_GENERAL", 0.0)]].concat(),
             ..*options
         };
-        Ok(Self {
+        let made = Self {
             radiance: Kernel::with_options(gpu, shader, "main", Some(layout), &options)?,
             general: OnceLock::new(),
-        })
+        };
+        if scene.has_irradiance {
+            made.general(gpu)?;
+        }
+        Ok(made)
     }
 
     /// The same kernel with other values of some constants ([`Kernel::variant`]).
@@ -225,6 +230,10 @@ impl ReceiverKernel {
         if points.output == Output::RadianceToEye && points.slots == Slots::default() {
             return Ok(&self.radiance);
         }
+        self.general(gpu)
+    }
+
+    fn general(&self, gpu: &Gpu) -> Result<&Kernel, GpuError> {
         if let Some(general) = self.general.get() {
             return Ok(general);
         }

@@ -1,7 +1,9 @@
 //! Pipelines whose bind-group layouts come from shader reflection, which keeps the host code of a pass to a few lines.
 
+use std::collections::VecDeque;
+use std::fmt::{self, Debug, Formatter};
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 #[cfg(not(target_arch = "wasm32"))]
 use super::AtWork;
@@ -144,8 +146,7 @@ pub(super) fn shader_module(gpu: &Gpu, shader: &Shader, unchecked: bool) -> wgpu
 #[derive(Debug, Clone)]
 struct Lazy<P> {
     made: Arc<OnceLock<P>>,
-    #[cfg(target_arch = "wasm32")]
-    uncompiled: Uncompiled,
+    uncompiled: Option<Uncompiled>,
 }
 
 impl<P: Send + Sync + 'static> Lazy<P> {
@@ -163,26 +164,32 @@ impl<P: Send + Sync + 'static> Lazy<P> {
             }
             compiling.fetch_sub(1, Ordering::Relaxed);
         };
-        #[cfg(target_arch = "wasm32")]
-        gpu.uncompiled.add(work);
-        #[cfg(not(target_arch = "wasm32"))]
-        {
-            let at_work = AtWork::begin();
-            rayon::spawn(move || {
-                let _at_work = at_work;
-                work();
-            });
+        if let Some(uncompiled) = &gpu.uncompiled {
+            uncompiled.add(work);
+        } else {
+            #[cfg(not(target_arch = "wasm32"))]
+            {
+                let at_work = AtWork::begin();
+                rayon::spawn(move || {
+                    let _at_work = at_work;
+                    work();
+                });
+            }
         }
         Self {
             made,
-            #[cfg(target_arch = "wasm32")]
             uncompiled: gpu.uncompiled.clone(),
         }
     }
 
-    fn get(&self) -> &P {
-        #[cfg(target_arch = "wasm32")]
-        while self.made.get().is_none() && self.uncompiled.compile_next() {}
+    /// `name`: of the pipeline.
+    fn get(&self, name: &str) -> &P {
+        if let Some(uncompiled) = &self.uncompiled
+            && self.made.get().is_none()
+        {
+            uncompiled.note_wait(name);
+            while self.made.get().is_none() && uncompiled.compile_next() {}
+        }
         #[cfg(target_arch = "wasm32")]
         return self.made.get().expect("it was among them");
         #[cfg(not(target_arch = "wasm32"))]
@@ -191,18 +198,18 @@ impl<P: Send + Sync + 'static> Lazy<P> {
 }
 
 /// Pipelines that a browser is yet to compile.
-#[cfg(target_arch = "wasm32")]
 #[derive(Clone, Default)]
-pub(super) struct Uncompiled(Arc<std::sync::Mutex<std::collections::VecDeque<Compile>>>);
+pub(super) struct Uncompiled {
+    waiting: Arc<Mutex<VecDeque<Compile>>>,
+    #[cfg(test)]
+    waited_for: Arc<Mutex<Vec<String>>>,
+}
 
-#[cfg(target_arch = "wasm32")]
 type Compile = Box<dyn FnOnce() + Send>;
 
-#[cfg(target_arch = "wasm32")]
 impl Uncompiled {
-    fn waiting(&self) -> std::sync::MutexGuard<'_, std::collections::VecDeque<Compile>> {
-        let waiting = self.0.lock();
-        waiting.unwrap_or_else(std::sync::PoisonError::into_inner)
+    fn waiting(&self) -> MutexGuard<'_, VecDeque<Compile>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn add(&self, compile: impl FnOnce() + Send + 'static) {
@@ -214,11 +221,21 @@ impl Uncompiled {
         let next = self.waiting().pop_front();
         next.map(|compile| compile()).is_some()
     }
+
+    /// Takes notice of a frame that waits for a pipeline.
+    fn note_wait(&self, _name: &str) {
+        #[cfg(test)]
+        self.waited_for.lock().unwrap().push(_name.to_owned());
+    }
+
+    #[cfg(test)]
+    pub(super) fn waited_for(&self) -> Vec<String> {
+        self.waited_for.lock().unwrap().clone()
+    }
 }
 
-#[cfg(target_arch = "wasm32")]
-impl std::fmt::Debug for Uncompiled {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl Debug for Uncompiled {
+    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
         write!(formatter, "{} pipelines", self.waiting().len())
     }
 }
@@ -433,7 +450,7 @@ impl Kernel {
     }
 
     fn set(&self, pass: &mut wgpu::ComputePass<'_>, groups: &[(u32, &wgpu::BindGroup)]) {
-        pass.set_pipeline(self.pipeline.get());
+        pass.set_pipeline(self.pipeline.get(&self.interface.name));
         for (index, group) in groups {
             pass.set_bind_group(*index, *group, &[]);
         }
@@ -609,7 +626,7 @@ impl RasterKernel {
 
     /// Makes this the pipeline of `pass`.
     pub fn set(&self, pass: &mut wgpu::RenderPass<'_>) {
-        pass.set_pipeline(self.pipeline.get());
+        pass.set_pipeline(self.pipeline.get(&self.interface.name));
     }
 }
 

@@ -58,9 +58,8 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     /// Number of pipelines of this handle that are not compiled yet.
     compiling: Arc<AtomicUsize>,
-    /// All pipelines that a browser has not compiled yet, whosever they are.
-    #[cfg(target_arch = "wasm32")]
-    uncompiled: kernel::Uncompiled,
+    /// In a browser, all pipelines that are not compiled yet, whosever they are.
+    uncompiled: Option<kernel::Uncompiled>,
     /// How many more allocations may succeed.
     allocations_left: Arc<AtomicU64>,
     /// Shaders that take the place of those with their names.
@@ -142,8 +141,7 @@ impl Gpu {
             adapter,
             faults,
             compiling: Arc::default(),
-            #[cfg(target_arch = "wasm32")]
-            uncompiled: kernel::Uncompiled::default(),
+            uncompiled: cfg!(target_arch = "wasm32").then(kernel::Uncompiled::default),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
         }
@@ -310,11 +308,28 @@ impl Gpu {
     /// wait for it. In a browser, whose GPU process draws nothing meanwhile, each call compiles one.
     pub fn is_compiling(&self) -> bool {
         let is_compiling = || self.compiling.load(Ordering::Relaxed) > 0;
-        #[cfg(target_arch = "wasm32")]
-        if is_compiling() {
-            self.uncompiled.compile_next();
+        if is_compiling()
+            && let Some(uncompiled) = &self.uncompiled
+        {
+            uncompiled.compile_next();
         }
         is_compiling()
+    }
+
+    /// A handle of the same device whose pipelines are compiled as in a browser.
+    #[cfg(test)]
+    pub(crate) fn as_in_a_browser(&self) -> Self {
+        Self {
+            uncompiled: Some(kernel::Uncompiled::default()),
+            ..self.apart()
+        }
+    }
+
+    /// Pipelines of [`Gpu::as_in_a_browser`] that were first used before they were compiled, so that a frame waited.
+    #[cfg(test)]
+    pub(crate) fn waited_for(&self) -> Vec<String> {
+        let uncompiled = self.uncompiled.as_ref();
+        uncompiled.map_or_else(Vec::new, kernel::Uncompiled::waited_for)
     }
 
     /// A handle of the same device that knows of its own pipelines alone ([`Gpu::is_compiling`]): whoever uses others

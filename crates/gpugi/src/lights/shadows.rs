@@ -17,7 +17,7 @@ const CHANGED_FIRST: u64 = 8;
 pub struct Shadows {
     kernels: DepthKernels,
     /// Compiled on first use.
-    clear: Option<RasterKernel>,
+    clear: RasterKernel,
     comparison: wgpu::Sampler,
     maps: Option<DepthMaps>,
     /// Maps of other sizes, until each of them is drawn.
@@ -65,7 +65,7 @@ impl Shadows {
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
             kernels: DepthKernels::of_lamps(gpu, scene)?,
-            clear: None,
+            clear: clear_tiles(gpu)?,
             comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("shadow comparison"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -144,11 +144,6 @@ impl Shadows {
                 progress: 1.0,
             });
         }
-        let clear = match self.clear.take() {
-            Some(clear) => clear,
-            None => clear_tiles(gpu)?,
-        };
-        let clear = self.clear.insert(clear);
         let has_tiles = |maps: &Option<DepthMaps>| {
             let mut maps = maps.iter();
             maps.any(|made| made.has_tiles_of(list))
@@ -184,7 +179,7 @@ impl Shadows {
             }
             let views: Vec<Range<usize>> = taken.iter().map(|&index| made.views(index)).collect();
             let is_drawn = |view: usize| views.iter().any(|views| views.contains(&view));
-            let kernels = (&*clear, &self.kernels);
+            let kernels = (&self.clear, &self.kernels);
             made.atlas
                 .record_some(frame, pass, kernels, scene.casters(), is_drawn);
             for &index in &taken {

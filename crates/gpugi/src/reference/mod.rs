@@ -43,7 +43,7 @@ use crate::lighting::LightingError;
 use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
-use crate::techniques::Info;
+use crate::techniques::{Info, OwnPoints};
 use lit::{LightBuffers, Lit};
 use photons::Photons;
 use picture::Sums;
@@ -63,7 +63,7 @@ pub const INFO: Info = Info {
     ],
     suits: |_| true,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 /// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU

@@ -1,5 +1,7 @@
 //! Renderers: tiles, threads, and frames that never wait.
 
+use std::time::Instant;
+
 use gpugi_scene::builtin::builtin;
 
 use super::*;
@@ -86,4 +88,72 @@ fn frames_that_never_wait_come_to_the_same_picture() {
     live.resize([24, 8]).unwrap();
     live.render_sample(camera, 1, None, false).unwrap();
     assert_eq!(live.radiance().unwrap().len(), 24 * 8 * 3);
+}
+
+/// Techniques make shaders when they need them: other ones for other scenes and settings. With a budget, the picture before
+/// stays until they are compiled.
+#[test]
+fn no_frame_with_a_budget_waits_for_shaders() {
+    let Some(gpu) = test_gpu() else { return };
+    let sets = [
+        (
+            "glass-room",
+            "shadow-map caustics final-gather distance-impostor",
+            "final-gather.solid-angle=quad",
+        ),
+        ("cornell", "shadow-map radiosity", "radiosity.mode=shooting"),
+        (
+            "cornell",
+            "shadow-map obscurances",
+            "obscurances.mode=peeling",
+        ),
+        ("cornell", "shadow-map light-path-map", ""),
+        ("spheres", "shadow-map radiance-transfer", ""),
+        (
+            "spheres",
+            "image-based-lighting environment-map",
+            "image-based-lighting.reflectivity=ratio",
+        ),
+        (
+            "ornaments",
+            "environment-map ray-tracing",
+            "ray-tracing.tracer=cones",
+        ),
+        (
+            "cloud",
+            "shadow-map participating-media",
+            "participating-media.visibility=peel",
+        ),
+    ];
+    for (scene, names, setting) in sets {
+        let gpu = gpu.as_in_a_browser();
+        let scene = builtin(scene, 1).unwrap();
+        let names: Vec<String> = names.split(' ').map(str::to_owned).collect();
+        let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &names).unwrap();
+        for name in &names {
+            for resolution in ["32", "64", "256"] {
+                if renderer.set(name, "resolution", resolution).is_ok() {
+                    break;
+                }
+            }
+        }
+        renderer.set_budget(Budget::units(200_000));
+        let mut settings = vec![setting];
+        loop {
+            let began = Instant::now();
+            while renderer.samples() < 4 {
+                assert!(began.elapsed().as_secs() < 60, "{names:?}");
+                let camera = &scene.cameras[0];
+                renderer.try_render_sample(camera, 4, None, false).unwrap();
+                gpu.wait().unwrap();
+            }
+            assert_eq!(gpu.waited_for(), [""; 0], "{names:?}");
+            let Some((path, value)) = settings.pop().and_then(|one| one.split_once('=')) else {
+                break;
+            };
+            let (technique, name) = path.split_once('.').unwrap();
+            renderer.set(technique, name, value).unwrap();
+            renderer.restart();
+        }
+    }
 }

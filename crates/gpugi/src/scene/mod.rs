@@ -181,6 +181,8 @@ pub struct GpuScene {
     merged_version: u64,
     rays: Option<Rays>,
     use_of: Use,
+    /// Whether techniques take irradiance at points of their own: gathers compile for these in advance.
+    pub(crate) has_irradiance: bool,
     /// The scene without lights, cameras, environment and what moves it.
     host: Scene,
     atlases: Atlases,

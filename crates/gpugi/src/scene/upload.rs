@@ -238,6 +238,7 @@ impl GpuScene {
             merged_version: 0,
             rays,
             use_of,
+            has_irradiance: before.is_some_and(|before| before.has_irradiance),
             atlases: Atlases::default(),
             host: Scene {
                 meshes: scene.meshes.clone(),

@@ -54,8 +54,19 @@ pub struct Info {
     pub suits: fn(&Scene) -> bool,
     /// Whether it keeps light in the texels of an atlas or traces rays: it needs a [`GpuScene::with_texels`].
     pub keeps_texels: bool,
-    /// Whether it lights points of its own, which the camera may not see: cubes around objects, texels.
-    pub lights_points: bool,
+    /// Points of its own that it lights, which the camera may not see.
+    pub lights_points: OwnPoints,
+}
+
+/// Points that a technique lights by those before it: cubes around objects, texels, probes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OwnPoints {
+    /// None.
+    None,
+    /// Points whose radiance toward an eye it takes.
+    TowardEye,
+    /// Points whose irradiance or fluence it takes, too: gathers are compiled for these in advance.
+    Irradiance,
 }
 
 /// The part of a technique in a scene, given its settings and the techniques before it in the frame.
@@ -368,6 +379,12 @@ impl<'a> Earlier<'a> {
         self.slice.is_limited()
     }
 
+    /// Whether shaders that the technique has made in this frame are still being compiled, and the frame has a budget: it
+    /// then returns [`Generated::WITHOUT_SHADERS`], and the picture before stays, instead of waiting for them.
+    pub(crate) fn awaits_shaders(&self, gpu: &Gpu) -> bool {
+        self.is_limited() && gpu.is_compiling()
+    }
+
     /// As [`Earlier::may_step`], after further work that the technique is going to do in this frame.
     pub(crate) fn may_step_after(&self, work: u64) -> bool {
         self.slice.may_step_after(work)
@@ -427,9 +444,10 @@ impl<'a> Earlier<'a> {
         wanted: Wanted,
         is_read: bool,
     ) -> Result<(&Prefiltered, Generated), GpuError> {
-        let slice = &mut self.slice;
+        let (gpu, slice) = (frame.gpu, &mut self.slice);
         let takes = |step: u64| {
-            let may_step = slice.may_step_after(0);
+            let awaits_shaders = slice.is_limited() && gpu.is_compiling();
+            let may_step = !awaits_shaders && slice.may_step_after(0);
             if may_step {
                 slice.count(step);
             }

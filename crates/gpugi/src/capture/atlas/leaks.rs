@@ -11,8 +11,10 @@ use crate::shader;
 const SHARE: f32 = 0.5;
 /// Height above the surface at which rays start, in sides of a texel.
 const OFFSET: f32 = 0.01;
-/// Texels per dispatch. Each traces up to 40 rays, and no driver may take the dispatch for a hang.
-const TEXELS_AT_ONCE: u32 = if cfg!(test) { 1 << 10 } else { 1 << 14 };
+/// Texels per part: the least that a dispatch tests.
+const PART: u32 = if cfg!(test) { 1 << 10 } else { 1 << 14 };
+/// Most parts per dispatch. Each texel traces up to 40 rays, and no driver may take the dispatch for a hang.
+const PARTS_AT_ONCE: usize = 4;
 /// Rays that most texels trace: `RAYS` of capture/atlas/leaks.wesl.
 const RAYS: u64 = 16;
 
@@ -69,14 +71,14 @@ pub struct LeakTest {
     pieces: Vec<Piece>,
     /// Number of the capture whose points were last tested.
     tested: u64,
-    /// Number of the capture whose points are being tested, and dispatches so far.
+    /// Number of the capture whose points are being tested, and parts so far.
     testing: (u64, usize),
 }
 
 #[derive(Debug)]
 struct Piece {
-    /// Bind group 1 of each dispatch, and its number of texels.
-    dispatches: Vec<(wgpu::BindGroup, u32)>,
+    /// Bind group 1 of dispatches that begin at each of its parts.
+    parts: Vec<wgpu::BindGroup>,
     states: wgpu::Buffer,
     count: u32,
 }
@@ -94,15 +96,14 @@ impl LeakTest {
             let count = piece.points.count;
             let storage = wgpu::BufferUsages::STORAGE;
             let states = gpu.buffer("states of texels [bytes]", u64::from(count) * 4, storage)?;
-            let dispatch = |first: u32| {
-                let end = first.saturating_add(TEXELS_AT_ONCE).min(count);
+            let part = |first: u32| {
                 let settings = LeakSettings {
                     share: SHARE,
                     reach: side,
                     // Below that, positions are rounded.
                     offset: (side * OFFSET).max(rays.diagonal() * 1e-6),
                     first,
-                    end,
+                    end: count,
                 };
                 let settings = gpu.uniform("leak test", &settings)?;
                 let resources = [
@@ -110,11 +111,11 @@ impl LeakTest {
                     ("points", piece.points.points.as_entire_binding()),
                     ("states", states.as_entire_binding()),
                 ];
-                Ok((kernel.bind(gpu, 1, &resources)?, end - first))
+                kernel.bind(gpu, 1, &resources)
             };
-            let firsts = (0..count).step_by(TEXELS_AT_ONCE as usize);
+            let firsts = (0..count).step_by(PART as usize);
             Ok(Piece {
-                dispatches: firsts.map(dispatch).collect::<Result<_, GpuError>>()?,
+                parts: firsts.map(part).collect::<Result<_, GpuError>>()?,
                 states,
                 count,
             })
@@ -145,8 +146,8 @@ impl LeakTest {
         self.tested == capture.number
     }
 
-    /// Tests some more of the points, in `most` dispatches at most; all of them if the last test was not finished before
-    /// the points changed. Returns the number of rays.
+    /// Tests some more of the points, in `most` parts at most; all of them if the last test was not finished before the
+    /// points changed. Returns the number of rays.
     pub(crate) fn record_part(
         &mut self,
         frame: &mut Frame<'_>,
@@ -161,15 +162,22 @@ impl LeakTest {
             }
             first = 0;
         }
-        let all = self.pieces.iter().map(|piece| piece.dispatches.len()).sum();
+        let all = self.pieces.iter().map(|piece| piece.parts.len()).sum();
         let end = first.saturating_add(most).min(all);
         let mut rays_traced = 0;
         frame.compute("capture.atlas.leaks", |pass| {
-            let dispatches = self.pieces.iter().flat_map(|piece| &piece.dispatches);
-            for (group, count) in dispatches.take(end).skip(first) {
-                let groups = [(0, &rays.ray_bind_group), (1, group)];
-                self.kernel.dispatch(pass, &groups, [*count, 1, 1]);
-                rays_traced += u64::from(*count) * RAYS;
+            let mut before = 0;
+            for piece in &self.pieces {
+                let within = |part: usize| part.saturating_sub(before).min(piece.parts.len());
+                let parts = within(first)..within(end);
+                for part in parts.clone().step_by(PARTS_AT_ONCE) {
+                    let groups = [(0, &rays.ray_bind_group), (1, &piece.parts[part])];
+                    let parts = (parts.end - part).min(PARTS_AT_ONCE) as u32;
+                    let count = (parts * PART).min(piece.count - part as u32 * PART);
+                    self.kernel.dispatch(pass, &groups, [count, 1, 1]);
+                    rays_traced += u64::from(count) * RAYS;
+                }
+                before += piece.parts.len();
             }
         });
         self.testing = (capture.number, end);

@@ -37,22 +37,21 @@ const SMALL: f32 = 16.0;
 pub struct DepthRasterizer {
     /// The pipelines of the hardware rasterizer.
     pub kernels: DepthKernels,
-    /// Compiled on first use.
-    compute: Option<DepthCompute>,
+    compute: DepthCompute,
     simplified: Option<SimplifiedCasters>,
     /// Geometry to simplify, on its way to the host.
     geometry: Option<CasterGeometry>,
 }
 
 impl DepthRasterizer {
-    /// Compiles the pipelines of the hardware rasterizer.
+    /// Compiles the pipelines of both rasterizers.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         Ok(Self {
             kernels: DepthKernels::of_environment(gpu, scene)?,
-            compute: None,
+            compute: DepthCompute::new(gpu)?,
             simplified: None,
             geometry: None,
         })
@@ -116,13 +115,8 @@ impl DepthRasterizer {
             atlas.record(frame, name, &self.kernels, casters);
             return Ok(());
         }
-        let mut compute = match self.compute.take() {
-            Some(compute) => compute,
-            None => DepthCompute::new(frame.gpu)?,
-        };
-        let result = compute.record(frame, name, &self.kernels, casters, atlas);
-        self.compute = Some(compute);
-        result
+        self.compute
+            .record(frame, name, &self.kernels, casters, atlas)
     }
 }
 

@@ -10,7 +10,7 @@ mod object;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Technique};
+use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, OwnPoints, Plan, Technique};
 use crate::capture::{PerReceiver, Receiver, ReceiverKernel, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths};
@@ -32,7 +32,7 @@ pub const INFO: Info = Info {
     ],
     suits: has_smooth_objects,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 crate::choices! {
@@ -371,6 +371,9 @@ impl Technique for Caustics {
             .choose(frame.gpu, scene, self.settings.tracer)?
         {
             self.made = None;
+            if earlier.awaits_shaders(frame.gpu) {
+                return Ok(Generated::WITHOUT_SHADERS);
+            }
         }
         let is_made = |made: &CausticMaps| made.of.serves(&self.settings, &self.claimed, scene);
         let mut made = match self.made.take().filter(is_made) {

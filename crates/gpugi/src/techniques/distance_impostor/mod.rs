@@ -15,7 +15,9 @@ use std::collections::VecDeque;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, Plan, Technique, Texels};
+use super::{
+    Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, OwnPoints, Plan, Technique, Texels,
+};
 use crate::capture::{Output, PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
@@ -40,7 +42,7 @@ pub const INFO: Info = Info {
     ],
     suits: has_smooth_objects,
     keeps_texels: false,
-    lights_points: true,
+    lights_points: OwnPoints::TowardEye,
 };
 
 crate::choices! {

@@ -14,7 +14,7 @@ mod export_tests;
 mod tests;
 
 use super::obscurances::{self, Attenuation, Obscurances};
-use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -31,7 +31,7 @@ pub const INFO: Info = Info {
     paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
     suits: |_| true,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 /// Light paths that remain if another technique adds the rest.

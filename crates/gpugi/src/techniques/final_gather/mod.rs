@@ -16,7 +16,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Technique, obscurances};
+use super::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Technique, obscurances};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
@@ -39,7 +39,7 @@ pub const INFO: Info = Info {
     // Default sets choose it by themselves, where radiosity does not serve.
     suits: |_| false,
     keeps_texels: false,
-    lights_points: true,
+    lights_points: OwnPoints::Irradiance,
 };
 
 /// Final gathering.
@@ -208,7 +208,14 @@ impl Technique for FinalGather {
         let is_made = |made: &Made| made.serves(settings, own, claimed, scene);
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => Made::new(frame.gpu, scene, earlier, settings, own, claimed)?,
+            None => {
+                let made = Made::new(frame.gpu, scene, earlier, settings, own, claimed)?;
+                if earlier.awaits_shaders(frame.gpu) {
+                    self.made = Some(made);
+                    return Ok(Generated::WITHOUT_SHADERS);
+                }
+                made
+            }
         };
         let eye = view.world_from_view.w_axis.truncate();
         let generated = made.generate(frame, scene, eye, earlier)?;

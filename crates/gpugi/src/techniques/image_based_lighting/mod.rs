@@ -24,7 +24,7 @@ use ratio::RatioPass;
 use rays::RayGather;
 use survey::Survey;
 
-use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -41,7 +41,7 @@ pub const INFO: Info = Info {
     paths: &[LightPaths::new(LightClass::Environment, "LS*[DG]E")],
     suits: |_| true,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 /// The light in scenes without glass.

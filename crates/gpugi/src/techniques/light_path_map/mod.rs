@@ -22,7 +22,9 @@ use std::sync::Arc;
 use gpugi_scene::{Atlas, LightPathPanes, Scene};
 
 use super::precomputed::Fit;
-use super::{Earlier, Generated, Info, Inspection, Plan, Precomputed, Resume, Technique};
+use super::{
+    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique,
+};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
@@ -47,7 +49,7 @@ pub const INFO: Info = Info {
     // Unwrapping takes too long for a live view.
     suits: |_| false,
     keeps_texels: true,
-    lights_points: true,
+    lights_points: OwnPoints::Irradiance,
 };
 
 /// Light path maps.
@@ -160,7 +162,13 @@ impl Technique for LightPathMap {
             Some(made) => made,
             None => {
                 let most_texels = self.most_texels;
-                LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?
+                let made =
+                    LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?;
+                if earlier.awaits_shaders(frame.gpu) {
+                    self.made = Some(made);
+                    return Ok(Generated::WITHOUT_SHADERS);
+                }
+                made
             }
         };
         let generated = made.generate(frame, scene, settings, earlier)?;

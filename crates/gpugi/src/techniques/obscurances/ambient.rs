@@ -15,7 +15,7 @@ use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Earlier, Generated, Info, Inspection, Plan, Technique};
+use crate::techniques::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Technique};
 
 /// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
 pub const INFO: Info = Info {
@@ -29,7 +29,7 @@ pub const INFO: Info = Info {
     ],
     suits: |_| false,
     keeps_texels: true,
-    lights_points: true,
+    lights_points: OwnPoints::TowardEye,
 };
 
 /// Light paths that the ambient term approximates.
@@ -98,7 +98,9 @@ impl Obscurances {
             ..AtlasCaptureOptions::default()
         };
         let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        let solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
+        let mut solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
+        // The frame that shows them need not wait for their shaders.
+        solution.pictures(gpu)?;
         let [texels, mean] = solution.buffers();
         let kept = [
             ("atlas", solution.lookup.words.as_entire_binding()),
@@ -229,7 +231,14 @@ impl Technique for Obscurances {
         };
         let mut made = match self.made.take().filter(is_made) {
             Some(made) => made,
-            None => self.make(frame.gpu, scene, atlas)?,
+            None => {
+                let made = self.make(frame.gpu, scene, atlas)?;
+                if earlier.awaits_shaders(frame.gpu) {
+                    self.made = Some(made);
+                    return Ok(Generated::WITHOUT_SHADERS);
+                }
+                made
+            }
         };
         made.capture.record(frame, scene)?;
         made.leaks.record(frame, scene, &made.capture);

@@ -96,7 +96,7 @@ struct State {
 
 /// The images of one page, and the maps made from them.
 #[derive(Debug)]
-struct Pictures {
+pub(super) struct Pictures {
     plain: Target,
     colored: Target,
     dilation: Dilation,
@@ -418,7 +418,7 @@ impl Solution {
     }
 
     /// Images of one page, created on first use.
-    fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
+    pub(super) fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
         if self.pictures.is_none() {
             let count = self.size * self.size;
             self.pictures = Some(Pictures {

@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 use gpugi_scene::Bounds;
 
-use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -46,7 +46,7 @@ pub const INFO: Info = Info {
     ],
     suits: |scene| !scene.media.is_empty(),
     keeps_texels: true,
-    lights_points: true,
+    lights_points: OwnPoints::TowardEye,
 };
 
 /// The paths without surfaces that media light.
@@ -283,6 +283,9 @@ impl Technique for ParticipatingMedia {
             made.seen = Some(Seen::new(gpu, &made.network, &passes)?);
         }
         self.passes = Some(passes);
+        if earlier.awaits_shaders(gpu) {
+            return Ok(Generated::WITHOUT_SHADERS);
+        }
         let Versions {
             geometry,
             materials,

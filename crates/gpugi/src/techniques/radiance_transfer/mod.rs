@@ -27,7 +27,9 @@ use std::sync::Arc;
 use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
 
 use super::precomputed::Fit;
-use super::{Earlier, Generated, Info, Inspection, Plan, Precomputed, Resume, Technique};
+use super::{
+    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique,
+};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -49,7 +51,7 @@ pub const INFO: Info = Info {
     // Unwrapping takes too long for a live view.
     suits: |_| false,
     keeps_texels: true,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 /// Precomputed radiance transfer.
@@ -174,6 +176,10 @@ impl Technique for RadianceTransfer {
                     made.transfer
                         .resume(frame.gpu, &finished, false)
                         .map_err(unfit)?;
+                }
+                if earlier.awaits_shaders(frame.gpu) {
+                    self.made = Some(made);
+                    return Ok(Generated::WITHOUT_SHADERS);
                 }
                 made
             }

@@ -17,7 +17,7 @@ use std::sync::Arc;
 use gpugi_scene::Atlas;
 use serde::{Deserialize, Serialize};
 
-use super::{Earlier, Generated, Info, Inspection, Plan, Resume, Technique};
+use super::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Resume, Technique};
 use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -42,7 +42,7 @@ pub const INFO: Info = Info {
     // Unwrapping takes too long for a live view; default sets for other purposes decide for themselves.
     suits: |_| false,
     keeps_texels: true,
-    lights_points: true,
+    lights_points: OwnPoints::TowardEye,
 };
 
 /// Most texels per dispatch, so that none keeps a GPU busy for long.
@@ -204,12 +204,16 @@ impl Radiosity {
             with_emission: u32::from(self.own.emission),
             ..bytemuck::Zeroable::zeroed()
         };
+        solution.begin(frame, kernels, &work)
+    }
+
+    /// Number and resolution of shooters; `None` to trace rays.
+    fn batch(&self) -> Option<Batch> {
         let batch = Batch {
             shooters: self.settings.shooters,
             side: self.settings.hemicube_resolution,
         };
-        let batch = (self.settings.mode == Mode::Shooting).then_some(batch);
-        solution.begin(frame, scene, kernels, &work, batch)
+        (self.settings.mode == Mode::Shooting).then_some(batch)
     }
 
     fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<LitTexels, GpuError> {
@@ -327,7 +331,7 @@ impl Technique for Radiosity {
             Some(made) => made,
             None => {
                 let made = self.make(frame.gpu, scene, atlas)?;
-                if earlier.is_limited() && frame.gpu.is_compiling() {
+                if earlier.awaits_shaders(frame.gpu) {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }
@@ -363,6 +367,11 @@ impl Technique for Radiosity {
         }
         let has_first = made.is_lit() && made.solution.iterates > burn_in;
         if made.begins(&lit_as, has_first, earlier.is_final) {
+            made.solution.shoot(frame.gpu, scene, self.batch())?;
+            if earlier.awaits_shaders(frame.gpu) {
+                self.made = Some(made);
+                return Ok(Generated::WITHOUT_SHADERS);
+            }
             // Where other light led must not show in the light of a still scene, or budgets would.
             let before = made.lit.as_ref().map(|lit| lit.revision);
             if before.is_some_and(|before| before != lit_as.revision) {

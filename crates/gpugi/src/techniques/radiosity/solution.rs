@@ -259,27 +259,34 @@ impl Solution {
         frame.clear(&self.light[self.last]);
     }
 
-    /// Restarts the iteration from the light of the last iterate and discards all else: pass `radiosity.begin`.
-    /// `batch`: number and resolution of shooters; `None` to trace rays.
-    pub(super) fn begin(
+    /// Prepares to shoot, or to trace rays if `batch` is `None`. The iteration has to begin again.
+    pub(super) fn shoot(
         &mut self,
-        frame: &mut Frame<'_>,
+        gpu: &Gpu,
         scene: &GpuScene,
-        kernels: &Kernels,
-        work: &Work,
         batch: Option<Batch>,
     ) -> Result<(), GpuError> {
-        (self.iterates, self.traced) = (0, 0);
-        let texels = self.pieces.iter().map(|piece| piece.count).sum();
         if self.shooting.as_ref().map(|shooting| shooting.batch) != batch {
             self.shooting = None;
         }
         if let (None, Some(batch)) = (&self.shooting, batch) {
             let steps = for_steps(&self.texels, &self.pieces);
-            let shooting =
-                Shooting::new(frame.gpu, scene, batch, &self.chosen, &self.light, &steps)?;
+            let shooting = Shooting::new(gpu, scene, batch, &self.chosen, &self.light, &steps)?;
             self.shooting = Some(shooting);
         }
+        Ok(())
+    }
+
+    /// Restarts the iteration from the light of the last iterate and discards all else: pass `radiosity.begin`.
+    pub(super) fn begin(
+        &mut self,
+        frame: &mut Frame<'_>,
+        kernels: &Kernels,
+        work: &Work,
+    ) -> Result<(), GpuError> {
+        (self.iterates, self.traced) = (0, 0);
+        let texels = self.pieces.iter().map(|piece| piece.count).sum();
+        let batch = self.shooting.as_ref().map(|shooting| shooting.batch);
         self.chosen_count = match batch {
             Some(batch) => batch.shooters,
             None if work.light_sampled > 0 => MOST_CHOSEN,

@@ -10,7 +10,9 @@ mod passes;
 mod tests;
 
 use super::participating_media::ParticipatingMedia;
-use super::{Earlier, Figure, Generated, Info, Inspection, Plan, Technique, distance_impostor};
+use super::{
+    Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, distance_impostor,
+};
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
@@ -26,7 +28,7 @@ pub const INFO: Info = Info {
     paths: distance_impostor::INFO.paths,
     suits: |_| false,
     keeps_texels: true,
-    lights_points: true,
+    lights_points: OwnPoints::TowardEye,
 };
 
 crate::choices! {

@@ -13,7 +13,7 @@
 mod gather;
 pub(crate) mod gpu;
 
-use super::{Earlier, Generated, Info, Inspection, Map, Plan, Technique, Texels};
+use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -35,7 +35,7 @@ pub const INFO: Info = Info {
     ],
     suits: |_| true,
     keeps_texels: false,
-    lights_points: false,
+    lights_points: OwnPoints::None,
 };
 
 /// The light in scenes without glass.
@@ -246,6 +246,9 @@ impl Technique for ShadowMap {
                 },
                 ..Self::new(frame.gpu, scene)?
             };
+            if earlier.awaits_shaders(frame.gpu) {
+                return Ok(Generated::WITHOUT_SHADERS);
+            }
         }
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
