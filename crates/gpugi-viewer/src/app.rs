@@ -261,8 +261,13 @@ impl App {
                 ui.label(format!("{}: {}", dropped.subject, dropped.stage.get()));
             }
             if let Some(opening) = self.viewer.opening() {
-                ui.spinner();
-                ui.label(format!("{}: {}", opening.subject, opening.stage.get()));
+                match opening.stage.with_progress() {
+                    (stage, Some(progress)) => work(ui, stage, progress),
+                    (stage, None) => {
+                        ui.spinner();
+                        ui.label(format!("{}: {stage}", opening.subject));
+                    }
+                }
                 if ui.small_button("cancel").clicked() {
                     self.viewer.cancel();
                 }

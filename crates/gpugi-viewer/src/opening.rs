@@ -3,13 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use gpugi::gpu::Gpu;
+use gpugi::lighting::{LightingError, Readiness};
+use gpugi::renderer::Renderer;
 use gpugi_arguments::files::Files;
-use gpugi_arguments::scene_argument::SceneArguments;
-use gpugi_scene::Scene;
+use gpugi_arguments::scene_argument::{self, SceneArguments};
+use gpugi_scene::{Camera, Scene};
+use web_time::Instant;
 
+use crate::pace::{Pace, Purpose};
 use crate::reading::{ReadEnvironment, ReadScene, result_of};
 use crate::session::Loaded;
-use crate::task::{Stage, Task, compiled};
+use crate::task::{Stage, Task, compiled, gpu_done};
 use crate::technique_set::TechniqueSet;
 
 /// A scene on its way, or why there is none.
@@ -40,7 +44,6 @@ pub fn open(
     arguments: &SceneArguments,
     files: Files,
     set: &TechniqueSet,
-    size: [u32; 2],
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, arguments, set) = (gpu.clone(), arguments.clone(), set.clone());
@@ -50,7 +53,7 @@ pub fn open(
         let (scene, notes) = result_of(ReadScene { arguments, files }).await?;
         stage.set("uploading").await;
         let source = (words, edits, notes);
-        renderer(&gpu, scene, set, size, source, stage).await
+        renderer(&gpu, scene, set, source, stage).await
     })
 }
 
@@ -60,7 +63,6 @@ pub fn change_environment(
     current: &Loaded,
     arguments: &SceneArguments,
     files: Files,
-    size: [u32; 2],
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, arguments) = (gpu.clone(), arguments.clone());
@@ -78,7 +80,7 @@ pub fn change_environment(
         scene.environment = Some(result_of(read).await?);
         stage.set("uploading").await;
         let source = (in_words(&arguments), edits, notes);
-        renderer(&gpu, scene, set, size, source, stage).await
+        renderer(&gpu, scene, set, source, stage).await
     })
 }
 
@@ -88,7 +90,6 @@ pub fn upload_again(
     subject: &str,
     current: &Loaded,
     set: TechniqueSet,
-    size: [u32; 2],
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, scene) = (gpu.clone(), current.scene.clone());
@@ -96,7 +97,7 @@ pub fn upload_again(
     let source = (arguments, current.edits.clone(), current.notes.clone());
     Task::start(subject, done, move |stage| async move {
         stage.set("uploading").await;
-        renderer(&gpu, scene, set, size, source, stage).await
+        renderer(&gpu, scene, set, source, stage).await
     })
 }
 
@@ -104,13 +105,17 @@ async fn renderer(
     gpu: &Gpu,
     scene: Scene,
     set: TechniqueSet,
-    size: [u32; 2],
     (arguments, edits, notes): (Vec<String>, Vec<String>, Vec<String>),
     stage: Stage,
 ) -> Result<Loaded, String> {
-    let renderer = set.renderer(gpu, &scene, size);
-    let renderer = renderer.map_err(|error| error.to_string())?;
+    // The first frame in the window gives it a size.
+    let renderer = set.renderer(gpu, &scene, [1, 1]);
+    let mut renderer = renderer.map_err(|error| error.to_string())?;
     compiled(gpu, &stage, || renderer.is_compiling()).await;
+    let camera = scene_argument::camera(&scene, None, 1.0);
+    let camera = camera.map_err(|error| format!("{error:#}"))?;
+    let lit = first_light(gpu, &mut renderer, &camera, &stage).await;
+    lit.map_err(|error| error.to_string())?;
     Ok(Loaded {
         arguments,
         edits,
@@ -119,6 +124,29 @@ async fn renderer(
         set,
         notes,
     })
+}
+
+/// Frames of a single pixel, beside those of what is on show, until there is light to see: they lay out atlases, begin the
+/// maps, and compile the shaders that techniques make late.
+async fn first_light(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    camera: &Camera,
+    stage: &Stage,
+) -> Result<(), LightingError> {
+    let mut pace = Pace::default();
+    loop {
+        renderer.set_budget(pace.budget(Purpose::Maps));
+        let began = Instant::now();
+        let (readiness, _) = renderer.try_render_sample(camera, 1, None, false)?;
+        let Readiness::Pending { progress, what } = readiness else {
+            return Ok(());
+        };
+        gpu_done(gpu).await?;
+        let seconds = began.elapsed().as_secs_f32();
+        pace.measure(seconds, renderer.work(), Purpose::Maps);
+        stage.set_progress(what, Some(progress)).await;
+    }
 }
 
 /// The arguments as they are written on the command line, without the time and the edits, which go on.

@@ -496,7 +496,8 @@ impl Session {
             if let Some(quantity) = quantity {
                 let surfaces = match self.surfaces.take() {
                     Some((of_size, surfaces)) if of_size == size => surfaces,
-                    _ => Surfaces::new(&self.gpu, size)?,
+                    Some((_, surfaces)) => surfaces.resized(&self.gpu, size)?,
+                    None => Surfaces::new(&self.gpu, size)?,
                 };
                 renderer.display_surfaces(&surfaces, quantity, &self.display)?;
                 self.surfaces = Some((size, surfaces));

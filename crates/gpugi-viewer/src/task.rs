@@ -7,16 +7,21 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::Poll;
 
-use gpugi::gpu::Gpu;
+use gpugi::gpu::{Gpu, GpuError};
 
-/// What a task says about itself.
+/// What a task says about itself: what it does now, and how far that is (0 to 1), if it is known.
 #[derive(Debug, Clone, Default)]
-pub struct Stage(Arc<Mutex<&'static str>>);
+pub struct Stage(Arc<Mutex<(&'static str, Option<f32>)>>);
 
 impl Stage {
     /// Says what the task does now. A page shows that before the task goes on. A task that nobody waits for ends here.
     pub async fn set(&self, stage: &'static str) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
+        self.set_progress(stage, None).await;
+    }
+
+    /// As [`Stage::set`], with how far that is (0 to 1).
+    pub async fn set_progress(&self, stage: &'static str, progress: Option<f32>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (stage, progress);
         #[cfg(target_arch = "wasm32")]
         crate::browser::pause().await;
         let mut has_paused = false;
@@ -33,8 +38,29 @@ impl Stage {
 
     /// What the task does now.
     pub fn get(&self) -> &'static str {
+        self.with_progress().0
+    }
+
+    /// What the task does now, and how far that is (0 to 1), if it is known.
+    pub fn with_progress(&self) -> (&'static str, Option<f32>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Waits until the GPU has done what was submitted.
+///
+/// # Errors
+/// [`GpuError`].
+pub async fn gpu_done(gpu: &Gpu) -> Result<(), GpuError> {
+    #[cfg(target_arch = "wasm32")]
+    crate::browser::gpu_done(gpu).await;
+    #[cfg(not(target_arch = "wasm32"))]
+    {
+        gpu.wait()?;
+        // A frame that waits for other threads is done at once.
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    gpu.check()
 }
 
 /// Waits until pipelines are compiled; what is on show goes on meanwhile. `is_compiling` as

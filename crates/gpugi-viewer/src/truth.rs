@@ -184,7 +184,8 @@ impl Truth {
             let size = tracer.size();
             let comparison = match self.reference.take() {
                 Some(reference) if reference.comparison.size() == size => reference.comparison,
-                _ => Comparison::new(&self.gpu, size)?,
+                Some(reference) => reference.comparison.resized(&self.gpu, size)?,
+                None => Comparison::new(&self.gpu, size)?,
             };
             tracer.show(&comparison)?;
             self.reference = Some(Reference {

@@ -104,13 +104,12 @@ impl Viewer {
         gpu.replace_shaders(self.gpu.replaced_shaders());
         self.gpu = gpu.clone();
         self.wake = Arc::new(wake);
-        let size = self.size();
         match (self.session.take(), self.opening.take()) {
             (Some(session), _) => {
                 let wake = self.wake.clone();
                 let done = move || wake();
                 let (loaded, set) = (session.loaded(), session.loaded().set.clone());
-                let opening = opening::upload_again(gpu, "a new device", loaded, set, size, done);
+                let opening = opening::upload_again(gpu, "a new device", loaded, set, done);
                 self.opening = Some((opening, Kind::Renewed(Box::new(session))));
             }
             (None, Some((_, Kind::Scene(scene, set)))) => {
@@ -152,7 +151,7 @@ impl Viewer {
     fn open_among(&mut self, scene: SceneArguments, files: Files, set: &TechniqueSet) {
         let wake = self.wake.clone();
         let done = move || wake();
-        let opening = opening::open(&self.gpu, &scene, files, set, self.size(), done);
+        let opening = opening::open(&self.gpu, &scene, files, set, done);
         self.opening = Some((opening, Kind::Scene(scene, set.clone())));
         self.look = None;
     }
@@ -182,8 +181,8 @@ impl Viewer {
         };
         let wake = self.wake.clone();
         let done = move || wake();
-        let (current, size) = (session.loaded(), self.size());
-        let opening = opening::change_environment(&self.gpu, current, &scene, files, size, done);
+        let current = session.loaded();
+        let opening = opening::change_environment(&self.gpu, current, &scene, files, done);
         self.opening = Some((opening, Kind::Environment(scene)));
         Ok(())
     }
@@ -193,8 +192,8 @@ impl Viewer {
         let Some(session) = &self.session else { return };
         let wake = self.wake.clone();
         let done = move || wake();
-        let (loaded, size) = (session.loaded(), self.size());
-        let opening = opening::upload_again(&self.gpu, "techniques", loaded, set, size, done);
+        let loaded = session.loaded();
+        let opening = opening::upload_again(&self.gpu, "techniques", loaded, set, done);
         self.opening = Some((opening, Kind::Techniques));
     }
 
@@ -287,11 +286,5 @@ impl Viewer {
             session.pace.target_rate = look.frame_rate;
         }
         Ok(())
-    }
-
-    /// Size of the picture (pixels).
-    fn size(&self) -> [u32; 2] {
-        let session = self.session.as_ref();
-        session.map_or([64, 64], |session| session.loaded().renderer.size())
     }
 }

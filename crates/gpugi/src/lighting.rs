@@ -383,7 +383,7 @@ impl Lighting {
                 true => self.waited[index] + 1,
                 false => 0,
             };
-            let generated = match budget.is_limited() && self.gpu.is_compiling() {
+            let generated = match frame.awaits_shaders() {
                 // Those that a gather is yet to use.
                 true if generated.pending.is_none() => Generated::WITHOUT_SHADERS,
                 _ => generated,

@@ -157,7 +157,7 @@ impl Renderer {
     /// As [`Renderer::resize`], in tiles of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
         let tiles = tiles(&self.gpu, &self.lighting, size, most_points)?;
-        self.display = Display::new(&self.gpu, size)?;
+        self.display = self.display.resized(&self.gpu, size)?;
         self.tiles = tiles;
         self.size = size;
         self.samples = 0;
@@ -370,7 +370,7 @@ impl Renderer {
             return Ok(COMPILING);
         }
         let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, false);
+        let mut frame = Frame::without_waiting(&gpu, false);
         let readiness = self.prepare(&mut frame, camera)?;
         frame.submit()?;
         Ok(readiness)
@@ -428,7 +428,7 @@ impl Renderer {
             return Ok((COMPILING, Timings::default()));
         }
         let gpu = self.gpu.clone();
-        let mut frame = Frame::new(&gpu, timed);
+        let mut frame = Frame::without_waiting(&gpu, timed);
         let readiness = self.record(&mut frame, camera, of, display)?;
         Ok((readiness, frame.submit()?))
     }

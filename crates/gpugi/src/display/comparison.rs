@@ -46,10 +46,23 @@ impl Comparison {
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let kernel = Kernel::new(gpu, &shader!("display.comparison"), "compare", None)?;
+        Self::by(kernel, gpu, size)
+    }
+
+    /// The same for pictures of another size; it compiles nothing.
+    ///
+    /// # Errors
+    /// As [`Comparison::new`].
+    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Self::by(self.kernel.clone(), gpu, size)
+    }
+
+    fn by(kernel: Kernel, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         let storage = |label| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
         Ok(Self {
-            kernel: Kernel::new(gpu, &shader!("display.comparison"), "compare", None)?,
+            kernel,
             size,
             reference: storage("display.reference")?,
             compared: storage("display.compared")?,

@@ -73,6 +73,12 @@ pub struct Display {
     parts: Mutex<Vec<BoundPart>>,
 }
 
+/// Four bytes per pixel.
+fn pixels(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
+    gpu.buffer("display.pixels", bytes, wgpu::BufferUsages::STORAGE)
+}
+
 /// A part that was displayed, with its parameters and the bind groups 1 and 3 of both passes.
 #[derive(Debug, Clone)]
 struct BoundPart {
@@ -89,16 +95,32 @@ impl Display {
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let storage = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
-        let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
         let exposure_shader = shader!("display.exposure");
         Ok(Self {
             pixel_count: size[0] * size[1],
-            pixels: storage("display.pixels", bytes)?,
+            pixels: pixels(gpu, size)?,
             histogram: Kernel::new(gpu, &exposure_shader, "histogram", None)?,
             average: Kernel::new(gpu, &exposure_shader, "average", None)?,
             encode: Kernel::new(gpu, &shader!("display.encode"), "encode", None)?,
             histogram_bins: storage("display.histogram", HISTOGRAM_BYTES)?,
             exposure: storage("display.exposure", size_of::<f32>() as u64)?,
+            parts: Mutex::default(),
+        })
+    }
+
+    /// The same display for images of another size; it compiles nothing.
+    ///
+    /// # Errors
+    /// As [`Display::new`].
+    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Ok(Self {
+            pixel_count: size[0] * size[1],
+            pixels: pixels(gpu, size)?,
+            histogram: self.histogram.clone(),
+            average: self.average.clone(),
+            encode: self.encode.clone(),
+            histogram_bins: self.histogram_bins.clone(),
+            exposure: self.exposure.clone(),
             parts: Mutex::default(),
         })
     }

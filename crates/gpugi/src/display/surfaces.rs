@@ -85,9 +85,22 @@ impl Surfaces {
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let kernel = Kernel::new(gpu, &shader!("display.surfaces"), "show_surfaces", None)?;
+        Self::by(kernel, gpu, size)
+    }
+
+    /// The same for pictures of another size; it compiles nothing.
+    ///
+    /// # Errors
+    /// As [`Surfaces::new`].
+    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Self::by(self.kernel.clone(), gpu, size)
+    }
+
+    fn by(kernel: Kernel, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         Ok(Self {
-            kernel: Kernel::new(gpu, &shader!("display.surfaces"), "show_surfaces", None)?,
+            kernel,
             pixels: size[0] * size[1],
             colors: gpu.buffer("display.colors", bytes, wgpu::BufferUsages::STORAGE)?,
         })

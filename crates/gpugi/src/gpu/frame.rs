@@ -28,6 +28,7 @@ pub struct Frame<'a> {
     joined: Option<wgpu::ComputePass<'static>>,
     queries: Option<wgpu::QuerySet>,
     passes: Vec<String>,
+    never_waits: bool,
 }
 
 fn encoder(gpu: &Gpu) -> wgpu::CommandEncoder {
@@ -85,7 +86,27 @@ impl<'a> Frame<'a> {
             joined: None,
             queries,
             passes: Vec::new(),
+            never_waits: false,
         }
+    }
+
+    /// As [`Frame::new`], for loops that must not block. A pass waits for its shaders; in such a frame, techniques whose
+    /// shaders are still being compiled record none, and what they light is pending.
+    pub fn without_waiting(gpu: &'a Gpu, timed: bool) -> Self {
+        Self {
+            never_waits: true,
+            ..Self::new(gpu, timed)
+        }
+    }
+
+    /// Whether it is one of [`Frame::without_waiting`].
+    pub(crate) fn never_waits(&self) -> bool {
+        self.never_waits
+    }
+
+    /// Whether shaders are being compiled that it must not wait for.
+    pub(crate) fn awaits_shaders(&self) -> bool {
+        self.never_waits && self.gpu.is_compiling()
     }
 
     /// The query set for the next pass and the first of its two query indices, if the pass is timed.

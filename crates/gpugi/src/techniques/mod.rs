@@ -379,12 +379,6 @@ impl<'a> Earlier<'a> {
         self.slice.is_limited()
     }
 
-    /// Whether shaders that the technique has made in this frame are still being compiled, and the frame has a budget: it
-    /// then returns [`Generated::WITHOUT_SHADERS`], and the picture before stays, instead of waiting for them.
-    pub(crate) fn awaits_shaders(&self, gpu: &Gpu) -> bool {
-        self.is_limited() && gpu.is_compiling()
-    }
-
     /// As [`Earlier::may_step`], after further work that the technique is going to do in this frame.
     pub(crate) fn may_step_after(&self, work: u64) -> bool {
         self.slice.may_step_after(work)
@@ -444,9 +438,9 @@ impl<'a> Earlier<'a> {
         wanted: Wanted,
         is_read: bool,
     ) -> Result<(&Prefiltered, Generated), GpuError> {
-        let (gpu, slice) = (frame.gpu, &mut self.slice);
+        let (gpu, never_waits, slice) = (frame.gpu, frame.never_waits(), &mut self.slice);
         let takes = |step: u64| {
-            let awaits_shaders = slice.is_limited() && gpu.is_compiling();
+            let awaits_shaders = never_waits && gpu.is_compiling();
             let may_step = !awaits_shaders && slice.may_step_after(0);
             if may_step {
                 slice.count(step);

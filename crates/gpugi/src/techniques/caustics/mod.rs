@@ -371,7 +371,7 @@ impl Technique for Caustics {
             .choose(frame.gpu, scene, self.settings.tracer)?
         {
             self.made = None;
-            if earlier.awaits_shaders(frame.gpu) {
+            if frame.awaits_shaders() {
                 return Ok(Generated::WITHOUT_SHADERS);
             }
         }

@@ -210,7 +210,7 @@ impl Technique for FinalGather {
             Some(made) => made,
             None => {
                 let made = Made::new(frame.gpu, scene, earlier, settings, own, claimed)?;
-                if earlier.awaits_shaders(frame.gpu) {
+                if frame.awaits_shaders() {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }

@@ -164,7 +164,7 @@ impl Technique for LightPathMap {
                 let most_texels = self.most_texels;
                 let made =
                     LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?;
-                if earlier.awaits_shaders(frame.gpu) {
+                if frame.awaits_shaders() {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }

@@ -233,7 +233,7 @@ impl Technique for Obscurances {
             Some(made) => made,
             None => {
                 let made = self.make(frame.gpu, scene, atlas)?;
-                if earlier.awaits_shaders(frame.gpu) {
+                if frame.awaits_shaders() {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }

@@ -283,7 +283,7 @@ impl Technique for ParticipatingMedia {
             made.seen = Some(Seen::new(gpu, &made.network, &passes)?);
         }
         self.passes = Some(passes);
-        if earlier.awaits_shaders(gpu) {
+        if frame.awaits_shaders() {
             return Ok(Generated::WITHOUT_SHADERS);
         }
         let Versions {

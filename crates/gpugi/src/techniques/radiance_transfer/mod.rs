@@ -177,7 +177,7 @@ impl Technique for RadianceTransfer {
                         .resume(frame.gpu, &finished, false)
                         .map_err(unfit)?;
                 }
-                if earlier.awaits_shaders(frame.gpu) {
+                if frame.awaits_shaders() {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }

@@ -331,7 +331,7 @@ impl Technique for Radiosity {
             Some(made) => made,
             None => {
                 let made = self.make(frame.gpu, scene, atlas)?;
-                if earlier.awaits_shaders(frame.gpu) {
+                if frame.awaits_shaders() {
                     self.made = Some(made);
                     return Ok(Generated::WITHOUT_SHADERS);
                 }
@@ -368,7 +368,7 @@ impl Technique for Radiosity {
         let has_first = made.is_lit() && made.solution.iterates > burn_in;
         if made.begins(&lit_as, has_first, earlier.is_final) {
             made.solution.shoot(frame.gpu, scene, self.batch())?;
-            if earlier.awaits_shaders(frame.gpu) {
+            if frame.awaits_shaders() {
                 self.made = Some(made);
                 return Ok(Generated::WITHOUT_SHADERS);
             }

@@ -246,7 +246,7 @@ impl Technique for ShadowMap {
                 },
                 ..Self::new(frame.gpu, scene)?
             };
-            if earlier.awaits_shaders(frame.gpu) {
+            if frame.awaits_shaders() {
                 return Ok(Generated::WITHOUT_SHADERS);
             }
         }
