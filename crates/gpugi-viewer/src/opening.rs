@@ -143,8 +143,13 @@ async fn first_light(
             return Ok(());
         };
         gpu_done(gpu).await?;
-        let seconds = began.elapsed().as_secs_f32();
-        pace.measure(seconds, renderer.work(), Purpose::Maps);
+        let (seconds, work) = (began.elapsed().as_secs_f32(), renderer.work());
+        pace.measure(seconds, work, Purpose::Maps);
+        #[cfg(not(target_arch = "wasm32"))]
+        if work == 0 {
+            // Other threads are at work.
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         stage.set_progress(what, Some(progress)).await;
     }
 }

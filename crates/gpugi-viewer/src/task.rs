@@ -55,11 +55,7 @@ pub async fn gpu_done(gpu: &Gpu) -> Result<(), GpuError> {
     #[cfg(target_arch = "wasm32")]
     crate::browser::gpu_done(gpu).await;
     #[cfg(not(target_arch = "wasm32"))]
-    {
-        gpu.wait()?;
-        // A frame that waits for other threads is done at once.
-        std::thread::sleep(std::time::Duration::from_millis(1));
-    }
+    gpu.wait()?;
     gpu.check()
 }
 

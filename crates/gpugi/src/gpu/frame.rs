@@ -104,8 +104,8 @@ impl<'a> Frame<'a> {
         self.never_waits
     }
 
-    /// Whether shaders are being compiled that it must not wait for.
-    pub(crate) fn awaits_shaders(&self) -> bool {
+    /// Whether shaders are being compiled that it must not wait for. In a browser, each call compiles one.
+    pub fn awaits_shaders(&self) -> bool {
         self.never_waits && self.gpu.is_compiling()
     }
 

@@ -122,7 +122,7 @@ impl Generated {
     }
 
     /// Nothing yet: the technique's shaders are being compiled.
-    pub(crate) const WITHOUT_SHADERS: Self = Self {
+    pub const WITHOUT_SHADERS: Self = Self {
         revision: 0,
         progress: 0.0,
         pending: Some("shaders"),
