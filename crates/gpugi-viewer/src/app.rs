@@ -311,9 +311,11 @@ impl App {
         if self.busy.get() {
             return;
         }
+        let is_disturbed = self.viewer.opening().is_some();
         let Some(session) = self.viewer.session() else {
             return;
         };
+        session.is_disturbed = is_disturbed;
         let seconds = self.last_frame.elapsed().as_secs_f32();
         self.last_frame = Instant::now();
         let began = Instant::now();

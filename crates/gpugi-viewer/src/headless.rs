@@ -169,7 +169,9 @@ impl Device {
 /// A frame, until the GPU has run it; `took`: how long the last one and this one take (s). Returns whether the picture
 /// changed.
 fn show(viewer: &mut Viewer, size: [u32; 2], took: &mut f32) -> Result<bool, String> {
+    let is_disturbed = viewer.opening().is_some();
     let session = viewer.session().ok_or("nothing is on show")?;
+    session.is_disturbed = is_disturbed;
     let began = Instant::now();
     let shown = session
         .frame_after(size, STEP_SECONDS, *took)

@@ -96,6 +96,8 @@ pub struct Session {
     pub clock: Clock,
     /// Whether time stands still: neither camera nor animation move.
     pub is_held: bool,
+    /// Whether the GPU has other work, such as what is being opened: then times of frames say nothing.
+    pub is_disturbed: bool,
     /// Whether passes are timed.
     pub is_timed: bool,
     /// GPU times of passes.
@@ -118,6 +120,8 @@ pub struct Session {
     displayed: (DisplaySettings, Option<Compared>, Option<Quantity>),
     is_edited: bool,
     at_rest: f32,
+    /// Width and height of the window's last picture (pixels).
+    window: [u32; 2],
     /// What the last frame was for, if its time says something.
     was_for: Option<Purpose>,
     /// Time since the last frame with a new picture ended (s).
@@ -159,6 +163,7 @@ impl Session {
             samples: loaded.set.default_samples(),
             clock: Clock::default(),
             is_held: false,
+            is_disturbed: false,
             is_timed: false,
             pass_times: PassTimes::default(),
             quantity: None,
@@ -173,6 +178,7 @@ impl Session {
             displayed: (DisplaySettings::default(), None, None),
             is_edited: true,
             at_rest: 0.0,
+            window: [1, 1],
             was_for: None,
             unchanged: 0.0,
             picture_took: Some(0.0),
@@ -391,7 +397,7 @@ impl Session {
         seconds: f32,
         took: f32,
     ) -> Result<Shown, LightingError> {
-        if let Some(purpose) = self.was_for.take() {
+        if let Some(purpose) = self.was_for.take().filter(|_| !self.is_disturbed) {
             let work = self.loaded.renderer.work();
             self.pace.measure(took, work, purpose);
         }
@@ -407,6 +413,7 @@ impl Session {
             self.at_rest + seconds
         };
         let is_moving_still = self.at_rest < REST_SECONDS;
+        self.window = window;
         let size = self.pace.size(window, is_moving_still);
         let renderer = &mut self.loaded.renderer;
         match self.picture_took {
@@ -458,7 +465,7 @@ impl Session {
             renderer.set_budget(self.pace.budget(Purpose::Maps));
             self.readiness = renderer.try_converge(&self.camera.camera())?;
             renderer.restart();
-            self.was_for = (!is_tracing).then_some(Purpose::Maps);
+            self.was_for = Some(Purpose::Maps);
         } else if renderer.samples() < wanted {
             let is_timed = self.is_timed && self.pass_times.wants_more();
             let purpose = match (self.readiness, is_moving_still) {
@@ -474,9 +481,8 @@ impl Session {
             self.readiness = readiness;
             let is_usable = readiness.is_usable();
             shown.is_new = is_usable && !is_late;
-            // A frame's time says nothing about its pixels while the path tracer takes its part of it.
             let has_purpose = is_usable != (purpose == Purpose::Maps);
-            self.was_for = (has_purpose && !is_tracing).then_some(purpose);
+            self.was_for = has_purpose.then_some(purpose);
             if is_timed {
                 self.pass_times.follow(timings);
             }
@@ -489,7 +495,12 @@ impl Session {
                 renderer.display(&self.display)?;
             }
         } else {
-            shown.is_final = self.picks.is_empty() && self.middle.is_none() && !is_tracing;
+            let is_read = self.picks.is_empty() && self.middle.is_none();
+            shown.is_final = is_read && !is_tracing && !is_moving_still;
+        }
+        // A frame's time says nothing about its own work while something else takes a part of it.
+        if is_tracing || self.is_disturbed {
+            self.was_for = None;
         }
         if shown.is_new {
             (self.unchanged, self.picture_took) = (0.0, None);
@@ -546,11 +557,13 @@ impl Session {
         self.beside().is_some() && truth.is_none_or(|truth| !truth.is_done(&self.truth_view()))
     }
 
-    /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too.
+    /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too,
+    /// with the pixels that a picture has at rest.
     pub fn is_complete(&self) -> bool {
-        let samples = self.loaded.renderer.samples();
+        let renderer = &self.loaded.renderer;
         self.readiness == Readiness::Ready
-            && samples >= self.samples_of_techniques()
+            && renderer.samples() >= self.samples_of_techniques()
+            && renderer.size() == self.pace.size(self.window, false)
             && !self.is_tracing()
     }
 

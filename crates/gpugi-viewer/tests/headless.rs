@@ -16,6 +16,7 @@ use gpugi_scene::{Camera, Limits, Pixels, Scene};
 use gpugi_viewer::arguments::of_view_file;
 use gpugi_viewer::command::{command, view_file};
 use gpugi_viewer::headless::{self, Frames};
+use gpugi_viewer::pace::Purpose;
 use gpugi_viewer::recording::Recording;
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
@@ -363,6 +364,35 @@ fn the_picture_goes_on_until_there_is_light_in_the_next() {
     assert_eq!(session.technique_names(), names);
     assert!(session.frame(SIZE, 0.02).unwrap().is_new);
     frames_until(session, |session| session.is_complete());
+}
+
+/// A picture that gets all its samples while it still has few pixels is not the last.
+#[test]
+fn a_picture_gets_all_its_pixels_at_rest() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    session.samples = 1;
+    session.pace.is_adaptive = true;
+    for _ in 0..2 {
+        session.pace.measure(10.0, 0, Purpose::Moving);
+    }
+    session.camera.orbit(glam::Vec2::new(0.1, 0.0));
+    let mut sizes = Vec::new();
+    loop {
+        // Times that say nothing about pixels.
+        let shown = session.frame_after(SIZE, 0.01, 1.0 / 60.0).unwrap();
+        session.gpu().wait().unwrap();
+        let size = session.loaded().renderer.size();
+        assert!(size == SIZE || !session.is_complete(), "{size:?}");
+        sizes.push(size);
+        assert!(sizes.len() < 1000);
+        if shown.is_final {
+            break;
+        }
+    }
+    assert!(sizes[0][0] < SIZE[0] / 4, "{sizes:?}");
+    assert_eq!(sizes.last(), Some(&SIZE));
 }
 
 /// At rest, maps that are far from final are made in frames of their own, most of which show no other picture.

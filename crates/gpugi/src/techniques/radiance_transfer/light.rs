@@ -32,7 +32,7 @@ pub(super) struct Light {
 #[derive(Debug)]
 enum Projection {
     Harmonics(Box<harmonics::Projection>),
-    Wavelets(haar::Projection),
+    Wavelets(Box<haar::Projection>),
 }
 
 /// What is made of a scene's light.
@@ -75,7 +75,7 @@ impl Light {
             Basis::Haar => {
                 let light = buffer(CUBE_TEXELS, storage)?;
                 let of = haar::Projection::new(gpu, scene, &faces, &light)?;
-                (light, Projection::Wavelets(of))
+                (light, Projection::Wavelets(Box::new(of)))
             }
         };
         let is_turned = matches!(projection, Projection::Wavelets(_));
