@@ -1,6 +1,7 @@
 //! The window, or the page: the session's picture, its controls, mouse and keyboard.
 
 use std::path::Path;
+use std::time::Duration;
 
 use eframe::egui::{self, Color32, Key, Panel, PointerButton, Rect, ScrollArea, Sense, Ui};
 use eframe::egui_wgpu::RenderState;
@@ -257,14 +258,14 @@ impl App {
     fn status(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             if let Some(dropped) = &self.dropped {
-                ui.spinner();
+                repaint_soon(ui);
                 ui.label(format!("{}: {}", dropped.subject, dropped.stage.get()));
             }
             if let Some(opening) = self.viewer.opening() {
+                repaint_soon(ui);
                 match opening.stage.with_progress() {
                     (stage, Some(progress)) => work(ui, stage, progress),
                     (stage, None) => {
-                        ui.spinner();
                         ui.label(format!("{}: {stage}", opening.subject));
                     }
                 }
@@ -486,6 +487,12 @@ fn gpu_of(render_state: &RenderState) -> Gpu {
         render_state.device.clone(),
         render_state.queue.clone(),
     )
+}
+
+/// Shows soon how far something is. A spinner would draw the window as often as it can, and take the GPU from what is
+/// waited for.
+fn repaint_soon(ui: &Ui) {
+    ui.ctx().request_repaint_after(Duration::from_millis(100));
 }
 
 /// How far work is that the picture waits for.

@@ -73,7 +73,7 @@ pub struct Clock {
 pub struct Shown {
     /// Whether the picture changed.
     pub is_new: bool,
-    /// Whether another frame would change nothing.
+    /// Whether another frame would change nothing, until something is done or what is opened is ready.
     pub is_final: bool,
 }
 
@@ -96,7 +96,7 @@ pub struct Session {
     pub clock: Clock,
     /// Whether time stands still: neither camera nor animation move.
     pub is_held: bool,
-    /// Whether the GPU has other work, such as what is being opened: then times of frames say nothing.
+    /// Whether the GPU has other work, such as what is being opened: a picture at rest then leaves it to that.
     pub is_disturbed: bool,
     /// Whether passes are timed.
     pub is_timed: bool,
@@ -397,7 +397,7 @@ impl Session {
         seconds: f32,
         took: f32,
     ) -> Result<Shown, LightingError> {
-        if let Some(purpose) = self.was_for.take().filter(|_| !self.is_disturbed) {
+        if let Some(purpose) = self.was_for.take() {
             let work = self.loaded.renderer.work();
             self.pace.measure(took, work, purpose);
         }
@@ -461,7 +461,11 @@ impl Session {
             && is_displayed
             && self.picture.is_some()
             && self.unchanged < seconds_of_maps;
-        if makes_maps {
+        let is_shown = is_displayed && self.picture.is_some() && renderer.samples() > 0;
+        if self.is_disturbed && is_shown && !is_moving_still {
+            // Further samples can wait.
+            shown.is_final = !is_tracing;
+        } else if makes_maps {
             renderer.set_budget(self.pace.budget(Purpose::Maps));
             self.readiness = renderer.try_converge(&self.camera.camera())?;
             renderer.restart();
@@ -499,7 +503,7 @@ impl Session {
             shown.is_final = is_read && !is_tracing && !is_moving_still;
         }
         // A frame's time says nothing about its own work while something else takes a part of it.
-        if is_tracing || self.is_disturbed {
+        if is_tracing {
             self.was_for = None;
         }
         if shown.is_new {

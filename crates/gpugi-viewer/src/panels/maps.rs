@@ -199,7 +199,7 @@ impl Window {
         is_changed |= self.follow(gpu, map, is_other);
         ui.ctx().request_repaint_after(Duration::from_millis(100));
         let Some(texels) = &self.texels else {
-            ui.spinner();
+            ui.label("reading");
             return;
         };
         if is_changed || self.picture.is_none() {
