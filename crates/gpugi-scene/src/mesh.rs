@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::bvh::TriangleTree;
 use crate::names::Name;
+use crate::provoking::provoking_order;
 use crate::scene::Bounds;
 
 /// An indexed triangle mesh. Counter-clockwise triangles face the viewer.
@@ -36,7 +37,7 @@ pub struct Mesh {
     /// Three vertex indices per triangle.
     #[serde(with = "crate::plain")]
     pub indices: Vec<u32>,
-    /// The tree of its ray hierarchy, if it was built ahead ([`TriangleTree::of`]): uploads then need not build one. It
+    /// The tree of its ray hierarchy, if it was built ahead ([`Mesh::build_tree`]): uploads then need not build one. It
     /// may be that of another shape of the mesh, or of another mesh: one that does not serve is ignored.
     pub tree: Option<Arc<TriangleTree>>,
 }
@@ -127,6 +128,14 @@ impl Mesh {
             return Err(format!("normal of vertex {at} is not finite"));
         }
         Ok(())
+    }
+
+    /// Builds [`Mesh::tree`], unless the mesh has no hierarchy: its upload says why.
+    pub fn build_tree(&mut self) {
+        self.tree = self.check().ok().and_then(|()| {
+            let order = provoking_order(&self.indices, self.positions.len());
+            TriangleTree::of(&order.triangles(&self.positions)).ok()
+        });
     }
 
     /// A new mesh that contains the listed vertices of this one, in that order and repeated as listed. The new

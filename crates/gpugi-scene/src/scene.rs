@@ -6,7 +6,6 @@ use glam::{Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::animation::Rig;
-use crate::bvh::TriangleTree;
 use crate::names::{Name, UnknownObject, check_names, is_named_by};
 use crate::{
     AlphaMode, Camera, Image, ImportError, Light, LightKind, LightPathPanes, Limits, Material,
@@ -294,8 +293,7 @@ impl Scene {
     pub fn build_trees(&mut self) {
         for mesh in &mut self.meshes {
             if mesh.tree.is_none() {
-                let tree = TriangleTree::of(mesh);
-                Arc::make_mut(mesh).tree = tree;
+                Arc::make_mut(mesh).build_tree();
             }
         }
     }

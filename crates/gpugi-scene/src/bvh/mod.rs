@@ -23,8 +23,7 @@ pub use node::NODE_ROWS;
 pub use top::{MovedItem, TopLevel};
 use tree::{Tree, WORST_COST};
 
-use crate::provoking::provoking_order;
-use crate::{Bounds, Mesh, Sphere};
+use crate::{Bounds, Sphere};
 
 /// Four words of the packed hierarchies.
 pub type Row = [u32; 4];
@@ -93,14 +92,13 @@ pub struct TriangleTree {
 }
 
 impl TriangleTree {
-    /// Builds the tree of a mesh, to be kept as [`Mesh::tree`]. `None` if the mesh has no hierarchy: its upload says why.
-    pub fn of(mesh: &Mesh) -> Option<Arc<Self>> {
-        mesh.check().ok()?;
-        let order = provoking_order(&mesh.indices, mesh.positions.len());
-        let triangles = order.triangles(&mesh.positions);
-        check_finite(0, &triangles).ok()?;
-        let (built, _) = mesh_tree(&triangles, [], 0).ok()?;
-        Some(built.tree)
+    /// Builds the tree of a mesh's triangles, in mesh space.
+    ///
+    /// # Errors
+    /// [`BvhError`].
+    pub fn of(triangles: &[[Vec3; 3]]) -> Result<Arc<Self>, BvhError> {
+        check_finite(0, triangles)?;
+        mesh_tree(triangles, [], 0).map(|(built, _)| built.tree)
     }
 }
 

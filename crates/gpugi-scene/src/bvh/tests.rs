@@ -518,19 +518,17 @@ fn a_mesh_that_deforms_keeps_its_tree() {
 
 #[test]
 fn a_tree_that_was_built_ahead_is_taken_where_it_serves() {
-    let triangles = |mesh: &Mesh| {
-        let order = provoking_order(&mesh.indices, mesh.positions.len());
-        order.triangles(&mesh.positions)
-    };
     let scene = crate::builtin::builtin("spheres", 1).unwrap();
-    let mesh = &scene.meshes[0];
-    let tree = TriangleTree::of(mesh);
+    let mut mesh = crate::Mesh::clone(&scene.meshes[0]);
+    mesh.build_tree();
+    let tree = mesh.tree.clone();
+    let order = crate::provoking::provoking_order(&mesh.indices, mesh.positions.len());
+    let corners = order.triangles(&mesh.positions);
     let with_tree = |corners: &[[Vec3; 3]], tree: &Option<Arc<TriangleTree>>| {
         let corners = corners.to_vec();
         let tree = tree.clone();
         BottomLevel::new([MeshTriangles { corners, tree }]).unwrap()
     };
-    let corners = triangles(mesh);
     let (bottom, rows) = with_tree(&corners, &tree);
     assert!(Arc::ptr_eq(&bottom.meshes[0].tree, tree.as_ref().unwrap()));
     assert_eq!(rows, BottomLevel::new([corners.clone()]).unwrap().1);
@@ -555,11 +553,16 @@ fn a_tree_that_was_built_ahead_is_taken_where_it_serves() {
         assert_eq!(rows, BottomLevel::new([other.to_vec()]).unwrap().1);
     }
     // A mesh without a hierarchy has no tree.
-    let mut broken = Mesh::clone(mesh);
-    broken.positions[0].x = f32::NAN;
-    assert!(TriangleTree::of(&broken).is_none());
-    broken.indices[0] = u32::MAX;
-    assert!(TriangleTree::of(&broken).is_none());
+    mesh.positions[0].x = f32::NAN;
+    mesh.build_tree();
+    assert!(mesh.tree.is_none());
+    mesh.positions[0].x = 0.0;
+    mesh.indices[0] = u32::MAX;
+    mesh.build_tree();
+    assert!(mesh.tree.is_none());
+    mesh.indices[0] = 0;
+    mesh.build_tree();
+    assert!(mesh.tree.is_some());
 }
 
 #[test]
