@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 #[cfg(not(target_arch = "wasm32"))]
 use super::AtWork;
-use super::shader::{BindingKind, Declared, Shader, is_linked_name};
+use super::shader::{BindingKind, Declared, Reflection, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
 /// The part common to all pipelines: a module's resources as bind-group layouts.
@@ -26,10 +26,9 @@ impl Interface {
         shader: &Shader,
         visibility: wgpu::ShaderStages,
         scene: Option<&wgpu::BindGroupLayout>,
-    ) -> Result<(Self, naga::Module), GpuError> {
-        let source = gpu.source_of(shader);
-        let reflection = shader.parse_as(&source)?;
-        let declared = shader.declared(&reflection)?;
+    ) -> Result<(Self, Arc<Reflection>), GpuError> {
+        let reflection = gpu.reflections.of(shader, &gpu.source_of(shader))?;
+        let declared = reflection.declared.clone();
         let groups = declared.iter().map(|one| one.group + 1).max().unwrap_or(0);
         let layouts: Vec<Option<wgpu::BindGroupLayout>> = (0..groups)
             .map(|group| {
@@ -270,12 +269,6 @@ struct EntryPoint {
     constants: Vec<(String, f64)>,
 }
 
-/// Linked names of the overridable constants that a module declares.
-fn overridable(reflection: &naga::Module) -> Vec<String> {
-    let declared = reflection.overrides.iter();
-    declared.filter_map(|(_, one)| one.name.clone()).collect()
-}
-
 /// Constants by their linked names, which carry the module's path, from their names in WESL modules.
 fn linked_constants(
     pass: &str,
@@ -363,19 +356,19 @@ impl Kernel {
             shader,
             name: entry.to_owned(),
             unchecked: options.unchecked,
-            overridable: overridable(&reflection),
+            overridable: reflection.overridable.clone(),
             constants: Vec::new(),
         };
         let entry = Arc::new(entry.with(options.constants)?);
         let mut points = reflection.entry_points.iter();
-        let point = points.find(|point| point.name == entry.name);
-        let point = point.ok_or_else(|| GpuError::Pass {
+        let point = points.find(|(name, _)| *name == entry.name);
+        let (_, workgroup_size) = point.ok_or_else(|| GpuError::Pass {
             pass: entry.label(),
             reason: "there is no such entry point".into(),
         })?;
         Ok(Self {
             pipeline: entry.compile(gpu, &interface),
-            workgroup_size: point.workgroup_size,
+            workgroup_size: *workgroup_size,
             interface,
             entry,
         })
@@ -522,7 +515,7 @@ impl RasterKernel {
         let stages = wgpu::ShaderStages::VERTEX_FRAGMENT;
         let shader = gpu.current(shader);
         let (interface, reflection) = Interface::new(gpu, &shader, stages, scene)?;
-        let constants = linked_constants(shader.name, &overridable(&reflection), state.constants)?;
+        let constants = linked_constants(shader.name, &reflection.overridable, state.constants)?;
         let pipeline = Lazy::compile(gpu, {
             let (gpu, layout) = (gpu.clone(), interface.pipeline_layout.clone());
             let colors = state.colors.to_vec();
@@ -638,7 +631,8 @@ pub(crate) fn scene_layout(
     let mut declared = Vec::new();
     for shader in shaders {
         let shader = gpu.current(shader);
-        declared.extend(shader.declared(&shader.parse_as(&gpu.source_of(&shader))?)?);
+        let reflection = gpu.reflections.of(&shader, &gpu.source_of(&shader))?;
+        declared.extend_from_slice(&reflection.declared);
     }
     let entries: Vec<_> = declared
         .iter()

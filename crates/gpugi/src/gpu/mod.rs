@@ -64,6 +64,7 @@ pub struct Gpu {
     allocations_left: Arc<AtomicU64>,
     /// Shaders that take the place of those with their names.
     replaced: Arc<Mutex<Vec<Shader>>>,
+    reflections: Arc<shader::Reflections>,
     uploads: Arc<Uploads>,
 }
 
@@ -144,6 +145,7 @@ impl Gpu {
             uncompiled: cfg!(target_arch = "wasm32").then(kernel::Uncompiled::default),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
+            reflections: Arc::default(),
         }
     }
 

@@ -1,7 +1,9 @@
 //! Linked shaders and their resources by naga's reflection.
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::GpuError;
 
@@ -62,6 +64,43 @@ pub(super) struct Declared {
     pub group: u32,
     pub binding: u32,
     pub kind: BindingKind,
+}
+
+/// What the host needs to know of a shader's module.
+#[derive(Debug, Clone)]
+pub(super) struct Reflection {
+    /// Its resources, ordered by group and binding.
+    pub declared: Vec<Declared>,
+    /// Linked names of the constants that pipelines may override.
+    pub overridable: Vec<String>,
+    /// Names and workgroup sizes of its entry points.
+    pub entry_points: Vec<(String, [u32; 3])>,
+}
+
+/// Reflections by source: techniques make the same kernels again and again, and parsing takes milliseconds.
+#[derive(Debug, Default)]
+pub(super) struct Reflections(Mutex<HashMap<Cow<'static, str>, Arc<Reflection>>>);
+
+impl Reflections {
+    /// The reflection of a shader; `source` as an adapter needs it.
+    pub fn of(&self, shader: &Shader, source: &str) -> Result<Arc<Reflection>, GpuError> {
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = known().get(&shader.source) {
+            return Ok(found.clone());
+        }
+        let module = shader.parse_as(source)?;
+        let overrides = module.overrides.iter();
+        let points = module.entry_points.iter();
+        let reflection = Arc::new(Reflection {
+            declared: shader.declared(&module)?,
+            overridable: overrides.filter_map(|(_, one)| one.name.clone()).collect(),
+            entry_points: points
+                .map(|point| (point.name.clone(), point.workgroup_size))
+                .collect(),
+        });
+        known().insert(shader.source.clone(), reflection.clone());
+        Ok(reflection)
+    }
 }
 
 /// The type of a declared resource.
