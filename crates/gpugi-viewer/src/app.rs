@@ -244,6 +244,9 @@ impl App {
     /// Tells people about an error.
     pub fn complain(&mut self, text: String) {
         let is_error = true;
+        // The terminal keeps what the window soon replaces.
+        #[cfg(not(target_arch = "wasm32"))]
+        eprintln!("gpugi: {text}");
         self.message = Some(Message { text, is_error });
     }
 
