@@ -1,6 +1,8 @@
 //! What is seen: a scene, its renderer and a camera, and the loop that shows frame after frame. It knows nothing of
 //! windows, so that tests and headless runs drive the same loop.
 
+mod beside;
+
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -18,7 +20,7 @@ use crate::camera_control::CameraControl;
 use crate::pace::{Pace, Purpose};
 use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
-use crate::truth::{Reference, Truth, View};
+use crate::truth::Truth;
 
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
@@ -57,6 +59,10 @@ pub struct Picture {
     pub view: wgpu::TextureView,
     /// Width and height (pixels).
     pub size: [u32; 2],
+}
+
+fn has_size(picture: &Option<Picture>, size: [u32; 2]) -> bool {
+    picture.as_ref().is_some_and(|one| one.size == size)
 }
 
 /// Animation of the scene.
@@ -461,7 +467,7 @@ impl Session {
             && is_displayed
             && self.picture.is_some()
             && self.unchanged < seconds_of_maps;
-        let is_shown = is_displayed && self.picture.is_some() && renderer.samples() > 0;
+        let is_shown = is_displayed && self.readiness.is_usable() && has_size(&self.picture, size);
         if self.is_disturbed && is_shown && !is_moving_still {
             // Further samples can wait.
             shown.is_final = !is_tracing;
@@ -525,42 +531,6 @@ impl Session {
         Ok(shown)
     }
 
-    /// What is shown of the path tracer's picture: all of it where it takes the place of the techniques.
-    fn beside(&self) -> Option<Compared> {
-        match self.loaded.set.is_path_tracer() {
-            true => Some(Compared::Split(0.0)),
-            false => self.compared,
-        }
-    }
-
-    /// Samples per pixel that the techniques take at rest. Where the path tracer takes their place, what their picture
-    /// is needed for, such as clicks, needs one.
-    fn samples_of_techniques(&self) -> u32 {
-        match self.loaded.set.is_path_tracer() {
-            true => 1,
-            false => self.samples,
-        }
-    }
-
-    /// What the path tracer is to trace.
-    fn truth_view(&self) -> View {
-        View {
-            version: self.version,
-            camera: self.camera.camera(),
-            size: self.loaded.renderer.size(),
-            samples: match self.loaded.set.is_path_tracer() {
-                true => self.samples,
-                false => self.truth_samples,
-            },
-        }
-    }
-
-    /// Whether the path tracer has something to do.
-    fn is_tracing(&self) -> bool {
-        let truth = self.truth.as_ref();
-        self.beside().is_some() && truth.is_none_or(|truth| !truth.is_done(&self.truth_view()))
-    }
-
     /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too,
     /// with the pixels that a picture has at rest.
     pub fn is_complete(&self) -> bool {
@@ -571,71 +541,11 @@ impl Session {
             && !self.is_tracing()
     }
 
-    /// Lets the path tracer work on what is seen: beside the picture, only at rest; alone, in motion, too, with as many
-    /// pixels as its pictures are quick with. Returns whether there is something new to show.
-    fn follow_truth(&mut self, is_moving: bool, seconds: f32) -> Result<bool, LightingError> {
-        if self.beside().is_none() {
-            let truth = self.truth.take();
-            return Ok(truth.is_some_and(|truth| truth.reference().is_some()));
-        }
-        let is_alone = self.loaded.set.is_path_tracer();
-        let view = self.truth_view();
-        let mut truth = match self.truth.take() {
-            Some(truth) => truth,
-            None => {
-                let settings = self.loaded.set.path_tracer_settings()?;
-                Truth::new(&self.gpu, settings, self.wake.clone())
-            }
-        };
-        let has_begun = truth.tracer(&view).is_some();
-        let was_shown = truth.reference().is_some();
-        if !is_alone && !has_begun {
-            truth.forget();
-        }
-        let done = match is_moving && !is_alone {
-            true => Ok(false),
-            false => truth.frame(&self.loaded.scene, &view, is_moving, seconds),
-        };
-        if let Some(seconds) = truth.first_sample()
-            && is_moving
-        {
-            self.pace.measure_traced(seconds);
-        }
-        let is_shown = truth.reference().is_some();
-        self.truth = Some(truth);
-        Ok(done? || was_shown != is_shown)
-    }
-
-    /// The path tracer's picture, if it is of what is seen.
-    pub fn reference(&self) -> Option<&Reference> {
-        let truth = self.truth.as_ref()?;
-        truth.tracer(&self.truth_view())?;
-        truth.reference()
-    }
-
-    /// Linear radiance of what is seen, three floats per pixel, row by row from the top, when it arrives: that of the
-    /// techniques, or of the path tracer in their place.
-    ///
-    /// # Errors
-    /// [`LightingError`].
-    pub fn begin_radiance(&self) -> Result<Radiance, LightingError> {
-        if !self.loaded.set.is_path_tracer() {
-            return Ok(Box::pin(self.loaded.renderer.begin_radiance()?));
-        }
-        let truth = self.truth.as_ref();
-        match truth.and_then(|truth| truth.tracer(&self.truth_view())) {
-            Some(tracer) => Ok(Box::pin(tracer.begin_radiance()?)),
-            None => Err(LightingError::Gpu(GpuError::Input {
-                what: format!("{PATH_TRACER} has traced nothing yet of what is seen"),
-            })),
-        }
-    }
-
     /// Draws the renderer's picture onto the texture.
     fn show(&mut self) -> Result<(), LightingError> {
         let renderer = &self.loaded.renderer;
         let size = renderer.size();
-        if self.picture.as_ref().is_none_or(|one| one.size != size) {
+        if !has_size(&self.picture, size) {
             let texture = self.gpu.texture(&wgpu::TextureDescriptor {
                 label: Some("viewer.picture"),
                 size: wgpu::Extent3d {

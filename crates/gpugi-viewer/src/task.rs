@@ -47,7 +47,8 @@ impl Stage {
     }
 }
 
-/// Waits until the GPU has done what was submitted.
+/// Waits until the GPU has done what was submitted. On another thread than the window's, it looks again and again: while
+/// [`Gpu::wait`] waits, no other thread presents a picture.
 ///
 /// # Errors
 /// [`GpuError`].
@@ -55,7 +56,17 @@ pub async fn gpu_done(gpu: &Gpu) -> Result<(), GpuError> {
     #[cfg(target_arch = "wasm32")]
     crate::browser::gpu_done(gpu).await;
     #[cfg(not(target_arch = "wasm32"))]
-    gpu.wait()?;
+    {
+        let (done, is_done) = channel();
+        // Nobody may wait any more.
+        let tell = move || drop(done.send(()));
+        gpu.queue.on_submitted_work_done(tell);
+        while is_done.try_recv() == Err(TryRecvError::Empty) {
+            gpu.check()?;
+            gpu.device.poll(wgpu::PollType::Poll).ok();
+            std::thread::sleep(std::time::Duration::from_micros(200));
+        }
+    }
     gpu.check()
 }
 

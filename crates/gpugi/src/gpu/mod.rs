@@ -8,6 +8,7 @@ mod ending;
 mod error;
 mod frame;
 mod kernel;
+mod lazy;
 mod quad;
 mod read_back;
 mod shader;
@@ -59,7 +60,7 @@ pub struct Gpu {
     /// Number of pipelines of this handle that are not compiled yet.
     compiling: Arc<AtomicUsize>,
     /// In a browser, all pipelines that are not compiled yet, whosever they are.
-    uncompiled: Option<kernel::Uncompiled>,
+    uncompiled: Option<lazy::Uncompiled>,
     /// How many more allocations may succeed.
     allocations_left: Arc<AtomicU64>,
     /// Shaders that take the place of those with their names.
@@ -142,7 +143,7 @@ impl Gpu {
             adapter,
             faults,
             compiling: Arc::default(),
-            uncompiled: cfg!(target_arch = "wasm32").then(kernel::Uncompiled::default),
+            uncompiled: cfg!(target_arch = "wasm32").then(lazy::Uncompiled::default),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
             reflections: Arc::default(),
@@ -322,7 +323,7 @@ impl Gpu {
     #[cfg(test)]
     pub(crate) fn as_in_a_browser(&self) -> Self {
         Self {
-            uncompiled: Some(kernel::Uncompiled::default()),
+            uncompiled: Some(lazy::Uncompiled::default()),
             ..self.apart()
         }
     }
@@ -331,7 +332,7 @@ impl Gpu {
     #[cfg(test)]
     pub(crate) fn waited_for(&self) -> Vec<String> {
         let uncompiled = self.uncompiled.as_ref();
-        uncompiled.map_or_else(Vec::new, kernel::Uncompiled::waited_for)
+        uncompiled.map_or_else(Vec::new, lazy::Uncompiled::waited_for)
     }
 
     /// A handle of the same device that knows of its own pipelines alone ([`Gpu::is_compiling`]): whoever uses others
