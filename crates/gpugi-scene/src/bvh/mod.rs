@@ -43,6 +43,9 @@ pub const FLAG_ALPHA: u32 = 1;
 /// Flag of an instance that is a sphere: its triangles tell only which of them lies below a hit.
 pub const FLAG_SPHERE: u32 = 2;
 
+/// Flag of an instance whose back faces nobody sees and no light leaves: a front face in the same place hides them.
+pub const FLAG_BLACK_BACK: u32 = 4;
+
 /// Maximum number of levels of a mesh's hierarchy. A deeper one is replaced by a balanced one, which holds 10^11
 /// triangles in this many levels.
 const MESH_LEVELS: u32 = 12;
@@ -139,7 +142,7 @@ pub struct BvhInstance {
     pub mesh: usize,
     /// World space (m) from mesh space.
     pub world_from_mesh: Mat4,
-    /// [`FLAG_ALPHA`] or 0.
+    /// [`FLAG_ALPHA`], [`FLAG_BLACK_BACK`], both or neither.
     pub flags: u32,
     /// The sphere that stands for the mesh's triangles, in mesh space.
     pub sphere: Option<Sphere>,

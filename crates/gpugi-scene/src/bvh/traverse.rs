@@ -2,7 +2,10 @@
 
 use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
-use super::{FLAG_ALPHA, FLAG_SPHERE, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row, TRIANGLE_ROWS};
+use super::{
+    FLAG_ALPHA, FLAG_BLACK_BACK, FLAG_SPHERE, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row,
+    TRIANGLE_ROWS,
+};
 
 /// A ray in world space: origin + t * direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,7 +131,7 @@ impl Local {
 
     /// Watertight: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013). All triangles project
     /// their corners by the same operations, so if two triangles share an edge, its edge functions differ only in sign.
-    fn triangle(&self, rows: &[Row], row: u32) -> Option<(f32, Vec2)> {
+    fn triangle(&self, rows: &[Row], row: u32) -> Option<Crossing> {
         let [a, b, c] = [0, 1, 2].map(|corner| {
             let [x, y, z, _] = rows[(row + corner) as usize].map(f32::from_bits);
             let p = turned(Vec3::new(x, y, z) - self.origin, self.axis);
@@ -148,9 +151,29 @@ impl Local {
         }
         let inverse = 1.0 / determinant;
         let t = (weights.x * a.z + weights.y * b.z + weights.z * c.z) * inverse;
-        Some((t, Vec2::new(weights.y, weights.z) * inverse))
+        let terms = (weights * Vec3::new(a.z, b.z, c.z)).abs();
+        let is_back = determinant * self.inverse_length < 0.0;
+        Some(Crossing {
+            t,
+            barycentrics: Vec2::new(weights.y, weights.z) * inverse,
+            slack: match is_back {
+                true => terms.max_element() * inverse.abs() * BACK_SLACK,
+                false => 0.0,
+            },
+        })
     }
 }
+
+/// Where a ray meets a triangle.
+struct Crossing {
+    t: f32,
+    barycentrics: Vec2,
+    /// Where the ray meets the triangle's back, an allowance for rounding of `t`; otherwise 0.
+    slack: f32,
+}
+
+/// Allowance for rounding of the distance to a triangle, relative to its terms.
+const BACK_SLACK: f32 = 0.000_001_907_348_6; // 2^-19
 
 /// Where a line enters and leaves a sphere, in multiples of the direction's length; `None` if it misses it. Haines,
 /// Guenther and Akenine-Moeller, "Precision Improvements for Ray/Sphere Intersection" (Ray Tracing Gems, 2019).
@@ -191,9 +214,9 @@ fn on_sphere(rows: &[Row], row: usize, ray: &Ray) -> Option<Hit> {
         }
         for item in (0..24).filter(|item| hits & 1 << item != 0) {
             let row = node[1][1] + item * TRIANGLE_ROWS;
-            let found = outward.triangle(rows, row).filter(|(t, _)| *t > 0.0);
+            let found = outward.triangle(rows, row).filter(|found| found.t > 0.0);
             below = found
-                .map(|(_, barycentrics)| (rows[row as usize][3], barycentrics))
+                .map(|found| (rows[row as usize][3], found.barycentrics))
                 .or(below);
         }
     }
@@ -282,9 +305,13 @@ fn traverse(
                 let item = items[1].ilog2();
                 items[1] &= !(1 << item);
                 let row = items[0] + item * TRIANGLE_ROWS;
-                let Some((t, barycentrics)) = local.triangle(rows, row) else {
+                let Some(crossing) = local.triangle(rows, row) else {
                     continue;
                 };
+                let (mut t, barycentrics) = (crossing.t, crossing.barycentrics);
+                if flags & FLAG_BLACK_BACK != 0 {
+                    t += crossing.slack;
+                }
                 let primitive = rows[row as usize][3];
                 if t > ray.t_min
                     && t < t_max

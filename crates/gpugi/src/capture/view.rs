@@ -31,6 +31,11 @@ pub struct ViewUniform {
     pub padding: [f32; 2],
 }
 
+/// Distance of near planes, in diagonals of the scene: as small as clipping allows. Depth is reversed, so its precision does
+/// not depend on it, and what is clipped stays small where a landscape or a stray object makes the scene large. A triangle
+/// as large as the scene is clipped with an error of about this much.
+pub(crate) const NEAR: f32 = 1e-7;
+
 /// A camera for an image of a given size: the rays of its pixels, and the matrix that rasterizes the same view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
@@ -88,7 +93,7 @@ impl View {
             };
         let view_from_world = camera.world_from_view.inverse();
         let clip_from_view = if is_perspective {
-            perspective_reverse_infinite(half_extent, diagonal * 1e-4)
+            perspective_reverse_infinite(half_extent, diagonal * NEAR)
         } else {
             orthographic_reverse(half_extent, 0.0, (eye.length() + diagonal) * 4.0)
         };

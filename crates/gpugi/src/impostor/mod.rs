@@ -29,9 +29,6 @@ use renewal::{Begun, Due, RenewalKey};
 use shape::{ShapePasses, Shaped};
 use textures::{cube, layers};
 
-/// Near distance of cubes, as a fraction of the scene's diagonal.
-const NEAR: f32 = 1e-4;
-
 /// Which maps a technique requests.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
@@ -485,7 +482,7 @@ impl ObjectMaps {
         seed: u32,
     ) -> Result<(), GpuError> {
         let (gpu, wanted, side) = (frame.gpu, &self.wanted, self.wanted.side);
-        let view = CubeView::new(self.maps.reference, side, near(scene), 0, seed);
+        let view = CubeView::new(self.maps.reference, side, scene.near(), 0, seed);
         // From now on all turns look from here, including those that only relight what was captured before.
         for turn in &self.turns {
             turn.faces.look(gpu, &view.uniform);
@@ -516,11 +513,6 @@ impl ObjectMaps {
         self.pyramid.record(frame);
         Ok(())
     }
-}
-
-/// Near distance of cubes (m).
-fn near(scene: &GpuScene) -> f32 {
-    scene.diagonal() * NEAR
 }
 
 /// How a cube draws an object: other glass only from outside, because the reference point may lie inside it.

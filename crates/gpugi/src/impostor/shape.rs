@@ -3,8 +3,8 @@
 use glam::{DMat3, DQuat, Mat4, Quat};
 use wgpu::BindingResource::TextureView;
 
+use super::ObjectMaps;
 use super::textures::layers;
-use super::{ObjectMaps, near};
 use crate::capture::{Capture, CaptureKernels, CubeView};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
@@ -138,7 +138,7 @@ impl ObjectMaps {
             }
         };
         let (capture, points) = passes.capture(gpu, side)?;
-        let view = CubeView::new(self.maps.center, side, near(scene), 0, 0);
+        let view = CubeView::new(self.maps.center, side, scene.near(), 0, 0);
         let wanted = &self.wanted;
         capture.record_cube(frame, scene, &view, |draw| {
             wanted

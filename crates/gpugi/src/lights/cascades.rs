@@ -1,10 +1,10 @@
 //! Cascades of a directional light: depth views that follow a camera.
 
 use glam::{Vec3, Vec4};
-use gpugi_scene::Bounds;
 
-use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
+use crate::capture::{View, frustum_planes};
+use crate::scene::GpuScene;
 
 /// `count` cascades of `side` texels of a directional light (one if rays are parallel), fitted to what the camera sees
 /// of the scene. Each covers a sphere around its slice of the view. So its size does not change when the camera turns;
@@ -13,24 +13,26 @@ pub fn cascades(
     direction: Vec3,
     count: u32,
     side: u32,
-    bounds: &Bounds,
+    scene: &GpuScene,
     view: &View,
 ) -> Vec<DepthViewSpec> {
+    let bounds = &scene.bounds;
     let center = bounds.center();
     let radius = (bounds.diagonal() / 2.0).max(1e-6);
     let up = direction.any_orthonormal_vector();
     let right = direction.cross(up);
     let eye = view.world_from_view.w_axis.truncate();
     let forward = -view.world_from_view.z_axis.truncate();
-    // The part of the view's axis along which something may be visible.
-    let middle = (center - eye).dot(forward);
-    let near = (middle - radius).max(radius * 1e-3);
-    let far = (middle + radius).max(near * 1.01);
+    let [near, far] = seen_distances(scene, view);
     let count = if view.is_perspective { count } else { 1 };
     let split = |index: u32| {
-        // Split half-way between equal ratios, which suit perspective, and equal lengths (Zhang et al. 2006).
+        // Equal ratios suit perspective, where pixels are spread over the distances as texels are; equal lengths suit
+        // what lies far from the eye in a narrow range (Zhang et al. 2006). Both count alike up to this ratio.
+        const NARROW: f32 = 10.0;
         let part = index as f32 / count as f32;
-        0.5 * (near * (far / near).powf(part) + near + (far - near) * part)
+        let lengths = 0.5 * (NARROW * near / far).min(1.0);
+        let ratio = near * (far / near).powf(part);
+        ratio + lengths * (near + (far - near) * part - ratio)
     };
     (0..count)
         .map(|index| {
@@ -50,17 +52,9 @@ pub fn cascades(
             let half = (((half * 1.05).log2() * 6.0).ceil() / 6.0).exp2();
             let texel = 2.0 * half / side as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
-            let origin =
-                right * snapped(right) + up * snapped(up) + direction * center.dot(direction);
-            DepthViewSpec::orthographic(
-                origin,
-                direction,
-                up,
-                half,
-                -radius * 1.05,
-                radius * 1.05,
-                side,
-            )
+            let origin = right * snapped(right) + up * snapped(up);
+            let [low, high] = depths(scene, origin, [direction, up, right], half);
+            DepthViewSpec::orthographic(origin, direction, up, half, low, high, side)
         })
         .collect()
 }
@@ -79,4 +73,47 @@ fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (V
     let middle = ((to + from) * (1.0 + spread) / 2.0).min(to);
     let corner = Vec4::new(to * spread.sqrt(), to - middle, 0.0, 0.0).length();
     (eye + forward * middle, corner)
+}
+
+/// Distances along a view's axis between which it may see something (m): the smallest is positive.
+fn seen_distances(scene: &GpuScene, view: &View) -> [f32; 2] {
+    /// An object around the eye is seen from about this share of its size on.
+    const INSIDE: f32 = 0.02;
+    let eye = view.world_from_view.w_axis.truncate();
+    let forward = -view.world_from_view.z_axis.truncate();
+    let planes = frustum_planes(&view.clip_from_world);
+    // The far plane is infinitely far away.
+    let planes = [planes[0], planes[1], planes[2], planes[3], planes[5]];
+    let mut range = [f32::INFINITY, 0.0_f32];
+    scene.visit_within(&planes, scene.diagonal(), |corners, diagonal| {
+        let distances = || corners.iter().map(|&corner| (corner - eye).dot(forward));
+        let nearest = distances().fold(f32::INFINITY, f32::min);
+        let nearest = match nearest > diagonal * 1e-6 {
+            true => nearest,
+            false => diagonal * INSIDE,
+        };
+        range[0] = range[0].min(nearest);
+        range[1] = distances().fold(range[1], f32::max);
+    });
+    let near = range[0].min(scene.diagonal()).max(scene.near());
+    [near, range[1].max(near * 1.01)]
+}
+
+/// The range of depth along a light's direction (m, relative to `origin`) of what lies within a cascade, with a margin.
+/// `axes`: along the light, and two across it.
+fn depths(scene: &GpuScene, origin: Vec3, axes: [Vec3; 3], half: f32) -> [f32; 2] {
+    let [direction, up, right] = axes;
+    let sides = [right, -right, up, -up].map(|axis| axis.extend(half - axis.dot(origin)));
+    let mut range = [f32::INFINITY, f32::NEG_INFINITY];
+    scene.visit_within(&sides, half, |corners, _| {
+        for corner in corners {
+            let depth = (*corner - origin).dot(direction);
+            range = [range[0].min(depth), range[1].max(depth)];
+        }
+    });
+    if range[0] > range[1] {
+        range = [0.0; 2];
+    }
+    let margin = 0.05 * (range[1] - range[0]) + 1e-3 * half;
+    [range[0] - margin, range[1] + margin]
 }

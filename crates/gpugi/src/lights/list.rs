@@ -170,7 +170,7 @@ impl Source<'_> {
         settings: &MapSettings,
         side: u32,
     ) -> Vec<DepthViewSpec> {
-        let near = scene.diagonal() * 1e-4;
+        let near = scene.near();
         let gutter = |gutter: u32| gutter.min(side / 8);
         let light = match self {
             Self::Punctual(light) => light,
@@ -205,7 +205,7 @@ impl Source<'_> {
                 }
             }
             LightKind::Directional => {
-                let mut views = cascades(direction, settings.cascades, side, bounds, view);
+                let mut views = cascades(direction, settings.cascades, side, scene, view);
                 if settings.beyond_camera {
                     views.push(DepthViewSpec::fitted(direction, bounds, side, gutter));
                 }

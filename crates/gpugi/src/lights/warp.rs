@@ -10,6 +10,7 @@ use gpugi_scene::Bounds;
 use crate::capture::View;
 use crate::capture::depth::DepthViewSpec;
 use crate::capture::frustum_planes;
+use crate::scene::{box_faces, clip};
 
 /// The depth view of a light that shines along `direction`, warped toward what `view` sees of `bounds`; unchanged where
 /// warping gains nothing.
@@ -93,60 +94,6 @@ fn range(values: impl Iterator<Item = f32>) -> (f32, f32) {
     values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| {
         (low.min(value), high.max(value))
     })
-}
-
-/// The six faces of a box, corners in order around each.
-fn box_faces(bounds: &Bounds) -> Vec<Vec<Vec3>> {
-    let corners = bounds.corners();
-    [
-        [0, 1, 3, 2],
-        [4, 5, 7, 6],
-        [0, 1, 5, 4],
-        [2, 3, 7, 6],
-        [0, 2, 6, 4],
-        [1, 3, 7, 5],
-    ]
-    .map(|face| face.map(|corner| corners[corner]).to_vec())
-    .to_vec()
-}
-
-/// The part of a convex polyhedron on the positive side of a plane (Sutherland and Hodgman 1974), closed by a new face.
-fn clip(faces: Vec<Vec<Vec3>>, plane: Vec4) -> Vec<Vec<Vec3>> {
-    let height = |point: Vec3| plane.dot(point.extend(1.0));
-    let mut cut = Vec::new();
-    let mut kept: Vec<Vec<Vec3>> = Vec::new();
-    for face in faces {
-        let mut polygon = Vec::new();
-        for (index, &from) in face.iter().enumerate() {
-            let to = face[(index + 1) % face.len()];
-            let (h_from, h_to) = (height(from), height(to));
-            if h_from >= 0.0 {
-                polygon.push(from);
-            }
-            if (h_from >= 0.0) != (h_to >= 0.0) {
-                let crossing = from.lerp(to, h_from / (h_from - h_to));
-                polygon.push(crossing);
-                cut.push(crossing);
-            }
-        }
-        if polygon.len() >= 3 {
-            kept.push(polygon);
-        }
-    }
-    if cut.len() >= 3 {
-        let center = cut.iter().sum::<Vec3>() / cut.len() as f32;
-        let normal = plane.truncate().normalize_or(Vec3::Y);
-        let right = normal.any_orthonormal_vector();
-        let up = normal.cross(right);
-        let angle = |point: &Vec3| {
-            (*point - center)
-                .dot(up)
-                .atan2((*point - center).dot(right))
-        };
-        cut.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
-        kept.push(cut);
-    }
-    kept
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! What the path tracer knows of a scene beside what [`GpuScene`] holds: which lights it samples, where photons are sent,
 //! and which solids there are. It follows edits; what they keep is measured once.
 
-use gpugi_scene::Scene;
+use std::collections::BTreeSet;
+
+use gpugi_scene::{Material, Scene};
 
 use super::Settings;
 use super::lights::{Light, LightTable};
@@ -70,6 +72,21 @@ impl Lit {
             self.aims = Aims::new(&spheres, rows, classes, &self.solids);
         }
     }
+}
+
+/// Whether light may pass a surface of the scene without being bent: a thin pane, or a solid with the refractive index of
+/// what is around it. Edits that make others of this kind leave their light to the light tracer.
+pub(super) fn may_pass_straight(scene: &Scene) -> bool {
+    let materials = scene.instances.iter().map(|one| one.material);
+    let used: BTreeSet<usize> = materials.collect();
+    let transmissive: Vec<&Material> = (used.iter().map(|&index| &scene.materials[index]))
+        .filter(|one| one.transmission > 0.0)
+        .collect();
+    let mut indices: Vec<f32> = transmissive.iter().map(|one| one.ior).collect();
+    indices.push(1.0);
+    indices.sort_by(f32::total_cmp);
+    let have_equal_indices = indices.windows(2).any(|pair| pair[0] == pair[1]);
+    have_equal_indices || transmissive.iter().any(|one| one.volume.is_none())
 }
 
 /// Versions of what the light table is made of.

@@ -340,6 +340,7 @@ impl GpuScene {
         }
         self.bounds = self.bounds_tree.all();
         self.header_values.diagonal = self.bounds.diagonal();
+        self.header_values.longest = self.bounds_tree.longest();
         if (self.media.iter()).any(|medium| medium.world_from_box.is_none()) {
             self.tables.write_media(gpu, &self.media, &self.bounds);
         }

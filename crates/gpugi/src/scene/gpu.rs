@@ -16,6 +16,8 @@ pub struct SceneHeader {
     pub bvh_start: [u32; 2],
     pub medium_row: u32,
     pub medium_count: u32,
+    pub longest: f32,
+    pub padding: [u32; 3],
 }
 
 /// `Instance` of scene/tables.wesl.

@@ -10,6 +10,7 @@ mod edit;
 mod edit_tests;
 mod emitters;
 mod environment;
+mod extent;
 mod geometry;
 pub(crate) mod gpu;
 mod images;
@@ -41,6 +42,7 @@ pub use edit::Edit;
 pub use emitters::Emitter;
 pub(crate) use emitters::has_emitters;
 pub(crate) use environment::check_environment;
+pub(crate) use extent::{box_faces, clip};
 use geometry::Geometry;
 use images::ImageArrays;
 pub(crate) use media::{check_media, emit_light, stand_apart, world_from_box};
@@ -415,5 +417,10 @@ impl GpuScene {
     /// Length of the scene's diagonal (m), positive even for an empty scene.
     pub fn diagonal(&self) -> f32 {
         self.bounds.diagonal().max(1e-6)
+    }
+
+    /// Distance of near planes (m).
+    pub fn near(&self) -> f32 {
+        self.diagonal() * crate::capture::NEAR
     }
 }

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::bvh::{
-    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, INSTANCE_ROWS, MeshTriangles, MovedItem,
-    NODE_ROWS, Row, TopLevel,
+    BottomLevel, BvhError, BvhInstance, FLAG_ALPHA, FLAG_BLACK_BACK, INSTANCE_ROWS, MeshTriangles,
+    MovedItem, NODE_ROWS, Row, TopLevel,
 };
-use gpugi_scene::{AlphaMode, Scene};
+use gpugi_scene::{AlphaMode, Material, Scene};
 
 use super::geometry::Geometry;
 use super::refit::{Refit, WorldBox};
@@ -90,10 +90,7 @@ impl Rays {
             .map(|(instance, sphere)| BvhInstance {
                 mesh: instance.mesh,
                 world_from_mesh: instance.world_from_mesh,
-                flags: match scene.materials[instance.material].alpha_mode {
-                    AlphaMode::Opaque => 0,
-                    AlphaMode::Mask { .. } | AlphaMode::Blend => FLAG_ALPHA,
-                },
+                flags: flags(&scene.materials[instance.material]),
                 sphere,
             })
             .collect();
@@ -173,6 +170,16 @@ impl Rays {
         self.refit.record(gpu);
         true
     }
+}
+
+/// What rays have to know of a material.
+fn flags(material: &Material) -> u32 {
+    let alpha = match material.alpha_mode {
+        AlphaMode::Opaque => 0,
+        AlphaMode::Mask { .. } | AlphaMode::Blend => FLAG_ALPHA,
+    };
+    let has_black_back = !material.double_sided && material.transmission <= 0.0;
+    alpha | if has_black_back { FLAG_BLACK_BACK } else { 0 }
 }
 
 /// Rows that a top level over the scene's instances seldom exceeds, because nodes have at least two children.

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use gpugi_scene::bvh::NODE_ROWS;
-use gpugi_scene::{AlphaMode, Bounds, Environment, Instance, Material, Scene};
+use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene};
 
 use super::atlases::Atlases;
 use super::bounds_tree::BoundsTree;
@@ -142,7 +142,7 @@ impl GpuScene {
             None => None,
         };
         let environment = scene.environment.as_ref();
-        let header_values = gpu::SceneHeader::new(scene, &tables, &bounds, rays.as_ref());
+        let header_values = gpu::SceneHeader::new(scene, &tables, &bounds_tree, rays.as_ref());
         let header = gpu.uniform("scene header", &header_values)?;
         let vertices = gpu.buffer(
             "merged vertices [bytes]",
@@ -338,14 +338,15 @@ impl Bindings {
 }
 
 impl gpu::SceneHeader {
-    fn new(scene: &Scene, tables: &Tables, bounds: &Bounds, rays: Option<&Rays>) -> Self {
+    fn new(scene: &Scene, tables: &Tables, bounds: &BoundsTree, rays: Option<&Rays>) -> Self {
         let [instance_row, material_row, texture_row, medium_row] = tables.rows();
         Self {
             instance_row,
             material_row,
             texture_row,
             instance_count: scene.instances.len() as u32,
-            diagonal: bounds.diagonal(),
+            diagonal: bounds.all().diagonal(),
+            longest: bounds.longest(),
             bvh_start: rays.map_or([0; 2], Rays::start),
             medium_row,
             medium_count: scene.media.len() as u32,

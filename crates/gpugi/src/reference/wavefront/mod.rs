@@ -18,7 +18,7 @@ use crate::scene::GpuScene;
 use crate::shader;
 
 /// Rows of 16 bytes per path in `rows` of pool.wesl, excluding the results.
-const ROWS: u64 = 13;
+const ROWS: u64 = 14;
 const ROW_BYTES: u64 = 16;
 /// Paths in flight. On a GPU, enough to fill the largest GPUs for a millisecond; on a processor, as many as its caches
 /// hold.

@@ -11,8 +11,6 @@ use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{Draw, Versions};
 use crate::techniques::Earlier;
 
-/// Near distance of cubes, as a fraction of the scene's diagonal.
-const NEAR: f32 = 1e-4;
 /// Memory in which all points may keep what was captured, so that a change of the light captures nothing again [bytes].
 const MOST_KEPT: u64 = 64 << 20;
 
@@ -276,7 +274,7 @@ impl Workplace {
         work: &Work,
     ) -> Result<(), GpuError> {
         let Making { scene, output, .. } = making;
-        let near = scene.diagonal() * NEAR;
+        let near = scene.near();
         let mut view = CubeView::new(position, work.resolution, near, 0, 0);
         output.write(&mut view.uniform);
         let Versions {

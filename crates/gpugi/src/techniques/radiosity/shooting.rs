@@ -55,7 +55,7 @@ impl Shooting {
     ) -> Result<Self, GpuError> {
         let Batch { shooters, side } = batch;
         let depth = DepthKernels::of_lamps(gpu, scene)?;
-        let near = scene.diagonal() * 1e-4;
+        let near = scene.near();
         let hemicube = DepthViewSpec::hemicube(Vec3::ZERO, Vec3::Z, Vec3::X, near, side, GUTTER);
         // The GPU sets the views, so the host cannot cull.
         let unseen = hemicube.map(|face| DepthViewSpec {
