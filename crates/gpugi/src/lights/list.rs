@@ -162,7 +162,8 @@ impl Source<'_> {
 
     /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
     /// has the views that follow the camera first (cascades, a warped view). With [`MapSettings::beyond_camera`], and
-    /// for a spot light without a warped view, a view of everything that it may light comes last.
+    /// for a spot light without a warped view, a view of everything that it may light comes last; that of a directional
+    /// light shows the scene's core, beyond which nothing is in shadow.
     fn views(
         &self,
         scene: &GpuScene,
@@ -207,7 +208,7 @@ impl Source<'_> {
             LightKind::Directional => {
                 let mut views = cascades(direction, settings.cascades, side, scene, view);
                 if settings.beyond_camera {
-                    views.push(DepthViewSpec::fitted(direction, bounds, side, gutter));
+                    views.push(DepthViewSpec::fitted(direction, &scene.core, side, gutter));
                 }
                 views
             }

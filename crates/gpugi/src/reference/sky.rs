@@ -3,6 +3,7 @@
 use gpugi_scene::{Image, Pixels};
 
 use super::alias;
+use crate::scene::{shown, texel_scale};
 
 /// Rec. 709.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -31,8 +32,9 @@ impl Sky {
     /// the cell's solid angle. No direction that emits light has probability 0.
     pub fn new(image: &Image) -> Self {
         let (width, height) = (image.width as usize, image.height as usize);
+        let scale = texel_scale(image);
         let luminance: Vec<f64> = (0..width * height)
-            .map(|texel| texel_luminance(&image.pixels, texel))
+            .map(|texel| texel_luminance(&image.pixels, texel, scale))
             .collect();
         // The integral of linear interpolation over a texel weights the texel and its two neighbours along each axis by
         // 1/8, 3/4 and 1/8.
@@ -91,11 +93,11 @@ fn row_angle(row: usize, height: usize) -> f64 {
     std::f64::consts::PI * row as f64 / height as f64
 }
 
-/// Luminance of a texel as the GPU stores it, in half floats.
-fn texel_luminance(pixels: &Pixels, texel: usize) -> f64 {
+/// Luminance of a texel as the GPU shows it, in half floats of `scale`.
+fn texel_luminance(pixels: &Pixels, texel: usize, scale: f32) -> f64 {
     let rgb: [f64; 3] = match pixels {
         Pixels::Rgba32Float(values) => {
-            std::array::from_fn(|c| f64::from(values[texel * 4 + c].clamp(0.0, 65504.0)))
+            std::array::from_fn(|c| f64::from(shown(values[texel * 4 + c], scale)))
         }
         Pixels::Rgba8(values) => std::array::from_fn(|c| f64::from(values[texel * 4 + c]) / 255.0),
     };

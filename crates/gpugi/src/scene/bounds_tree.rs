@@ -69,6 +69,17 @@ impl BoundsTree {
         self.nodes[1].longest
     }
 
+    /// The boxes, or where there are more than `most`, boxes around groups of them.
+    pub fn at_most(&self, most: usize) -> Vec<Bounds> {
+        let leaves = self.nodes.len() / 2;
+        let first = leaves.min(1 << most.max(1).ilog2());
+        let boxes = self.nodes[first..2 * first].iter();
+        boxes
+            .map(|one| one.bounds)
+            .filter(|one| !one.is_empty())
+            .collect()
+    }
+
     /// Goes through the boxes from the root down. `enters` gets a box and whether it is one of the boxes themselves, and
     /// says whether to go on to those inside it.
     pub fn visit(&self, mut enters: impl FnMut(&Bounds, bool) -> bool) {

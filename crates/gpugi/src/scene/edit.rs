@@ -8,7 +8,8 @@ use gpugi_scene::{
 };
 
 use super::emitters::{emitters, emitters_of};
-use super::environment::{check_environment, environment_texture};
+use super::environment::{check_environment, environment_texels};
+use super::extent::{MOST_BOXES, core_of};
 use super::media::{check_media, have_same_grids};
 use super::motion::{moved, same_meshes};
 use super::rays::Rays;
@@ -339,6 +340,7 @@ impl GpuScene {
             self.set_rays(gpu, rays);
         }
         self.bounds = self.bounds_tree.all();
+        self.core = core_of(&self.bounds_tree.at_most(MOST_BOXES), self.bounds);
         self.header_values.diagonal = self.bounds.diagonal();
         self.header_values.longest = self.bounds_tree.longest();
         if (self.media.iter()).any(|medium| medium.world_from_box.is_none()) {
@@ -432,7 +434,7 @@ impl GpuScene {
             &self.tables.buffer,
             &self.hierarchy,
         ];
-        let environment = &self.environment_view;
+        let environment = &self.environment_texels.view;
         [self.bind_group, self.ray_bind_group] =
             self.bindings.bind(gpu, buffers, environment, &self.images);
     }
@@ -440,11 +442,11 @@ impl GpuScene {
     fn set_environment(&mut self, gpu: &Gpu, environment: &Environment) -> Result<(), GpuError> {
         let after = Some(environment);
         if !is_same_image(self.environment.as_ref(), after) {
-            self.environment_view = environment_texture(gpu, after)?;
+            self.environment_texels = environment_texels(gpu, after)?;
             self.bind(gpu);
             self.versions.environment += 1;
         }
-        let header = self.header_values.with_environment(after);
+        let header = (self.header_values).with_environment(after, self.environment_texels.scale);
         self.versions.sky += u64::from(header != self.header_values);
         self.header_values = header;
         self.environment = Some(environment.clone());

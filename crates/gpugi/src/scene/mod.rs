@@ -41,7 +41,8 @@ pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
 pub use edit::Edit;
 pub use emitters::Emitter;
 pub(crate) use emitters::has_emitters;
-pub(crate) use environment::check_environment;
+use environment::EnvironmentTexels;
+pub(crate) use environment::{check_environment, shown, texel_scale};
 pub(crate) use extent::{box_faces, clip};
 use geometry::Geometry;
 use images::ImageArrays;
@@ -145,6 +146,8 @@ pub struct GpuScene {
     pub draws: Vec<Draw>,
     /// World-space bounding box of the scene.
     pub bounds: Bounds,
+    /// World-space bounding box of all but what is far larger than the rest or far away.
+    pub core: Bounds,
     /// Punctual lights.
     pub lights: Vec<Light>,
     /// Emissive triangles.
@@ -170,7 +173,7 @@ pub struct GpuScene {
     tables: Tables,
     geometry: Arc<Geometry>,
     images: ImageArrays,
-    environment_view: wgpu::TextureView,
+    environment_texels: EnvironmentTexels,
     hierarchy: wgpu::Buffer,
     bindings: Bindings,
     /// By instance, its entry of `draws`.
@@ -417,6 +420,11 @@ impl GpuScene {
     /// Length of the scene's diagonal (m), positive even for an empty scene.
     pub fn diagonal(&self) -> f32 {
         self.bounds.diagonal().max(1e-6)
+    }
+
+    /// Radiance per unit of the environment's texels, its intensity included; 0 without an environment.
+    pub fn environment_factor(&self) -> f32 {
+        self.header_values.environment_intensity
     }
 
     /// Distance of near planes (m).

@@ -9,7 +9,8 @@ use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene};
 use super::atlases::Atlases;
 use super::bounds_tree::BoundsTree;
 use super::emitters::emitters;
-use super::environment::{check_environment, environment_texture};
+use super::environment::{check_environment, environment_texels};
+use super::extent::{MOST_BOXES, core_of};
 use super::geometry::{Geometry, PlacedMesh};
 use super::images::{ImageArrays, images_used};
 use super::media::check_media;
@@ -132,6 +133,7 @@ impl GpuScene {
             });
         let bounds_tree = BoundsTree::new(world_bounds);
         let bounds = bounds_tree.all();
+        let core = core_of(&bounds_tree.at_most(MOST_BOXES), bounds);
         let tables = Tables::new(gpu, scene, instances, &images, (&scene.media, &bounds))?;
         let rays = match same_meshes.and_then(|before| before.rays.as_ref()) {
             Some(rays) => Some(rays.with_instances(gpu, scene)?),
@@ -142,7 +144,13 @@ impl GpuScene {
             None => None,
         };
         let environment = scene.environment.as_ref();
-        let header_values = gpu::SceneHeader::new(scene, &tables, &bounds_tree, rays.as_ref());
+        let had = before.and_then(|before| before.environment.as_ref());
+        let texels = match before {
+            Some(before) if is_same_image(had, environment) => before.environment_texels.clone(),
+            _ => environment_texels(gpu, environment)?,
+        };
+        let header_values = gpu::SceneHeader::new(scene, &tables, &bounds_tree, rays.as_ref())
+            .with_environment(environment, texels.scale);
         let header = gpu.uniform("scene header", &header_values)?;
         let vertices = gpu.buffer(
             "merged vertices [bytes]",
@@ -158,17 +166,12 @@ impl GpuScene {
             Some(before) => before.bindings.clone(),
             None => Bindings::new(gpu)?,
         };
-        let had = before.and_then(|before| before.environment.as_ref());
-        let environment_view = match before {
-            Some(before) if is_same_image(had, environment) => before.environment_view.clone(),
-            _ => environment_texture(gpu, environment)?,
-        };
         let hierarchy = match &rays {
             Some(rays) => rays.buffer.clone(),
             None => hierarchy_buffer(gpu, NODE_ROWS as usize)?,
         };
         let buffers = [&header, &geometry.buffer, &tables.buffer, &hierarchy];
-        let [bind_group, ray_bind_group] = bindings.bind(gpu, buffers, &environment_view, &images);
+        let [bind_group, ray_bind_group] = bindings.bind(gpu, buffers, &texels.view, &images);
         let merge_group =
             bindings
                 .merge
@@ -190,6 +193,7 @@ impl GpuScene {
             indices,
             draws,
             bounds,
+            core,
             lights: scene.lights.clone(),
             emitters: emitters(scene),
             objects: scene
@@ -208,7 +212,7 @@ impl GpuScene {
             tables,
             geometry,
             images,
-            environment_view,
+            environment_texels: texels,
             hierarchy,
             bindings,
             draw_of,
@@ -352,15 +356,15 @@ impl gpu::SceneHeader {
             medium_count: scene.media.len() as u32,
             ..bytemuck::Zeroable::zeroed()
         }
-        .with_environment(scene.environment.as_ref())
     }
 
-    /// The same with another environment.
-    pub(super) fn with_environment(self, environment: Option<&Environment>) -> Self {
+    /// The same with another environment, whose texels are in units of `scale`.
+    pub(super) fn with_environment(self, environment: Option<&Environment>, scale: f32) -> Self {
         let rotation = environment.map_or(0.0, |environment| environment.rotation);
         Self {
             environment_rotation: [rotation.cos(), rotation.sin()],
-            environment_intensity: environment.map_or(0.0, |environment| environment.intensity),
+            environment_intensity: environment
+                .map_or(0.0, |environment| environment.intensity * scale),
             ..self
         }
     }

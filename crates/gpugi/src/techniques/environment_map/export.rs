@@ -108,6 +108,8 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
     frame.submit()?;
     let maps = environments.of(gpu, &scene, wanted)?;
 
+    // The maps are in units of the texels on the GPU. What is too bright for half floats is clamped.
+    let factor = scene.environment_factor();
     let coefficients: Vec<[f32; 4]> = read_buffer(gpu, &maps.harmonics, 9 * 16)?;
     let [ggx, phong] = &maps.glossy;
     let levels = ggx.mip_level_count();
@@ -120,10 +122,10 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
         }
     });
     Ok(Baked {
-        radiance: cube(gpu, &maps.radiance)?,
-        irradiance: cube(gpu, &maps.irradiance)?,
-        ggx: cube(gpu, ggx)?,
-        phong: cube(gpu, phong)?,
+        radiance: cube(gpu, &maps.radiance, factor)?,
+        irradiance: cube(gpu, &maps.irradiance, factor)?,
+        ggx: cube(gpu, ggx, factor)?,
+        phong: cube(gpu, phong, factor)?,
         albedo: HalfTexture {
             size: [maps.albedo.width(), maps.albedo.height()],
             depth: 1,
@@ -135,7 +137,7 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
             basis: BASIS,
             radiance_coefficients: std::array::from_fn(|i| {
                 let [red, green, blue, _] = coefficients[i];
-                [red, green, blue]
+                [red, green, blue].map(|value| value * factor)
             }),
             cosine_factors: COSINE_FACTORS,
             irradiance: IRRADIANCE,
@@ -148,13 +150,17 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
 /// Reads all levels of a cube map, and converts it from gpugi's right-handed axes to KTX2's left-handed ones, z -> -z:
 /// the faces of Z swap places, those of Y are flipped vertically, and all others are mirrored. Each face then shows the
 /// surroundings as seen from inside the cube, not mirrored.
-fn cube(gpu: &Gpu, texture: &wgpu::Texture) -> Result<HalfTexture, GpuError> {
+fn cube(gpu: &Gpu, texture: &wgpu::Texture, factor: f32) -> Result<HalfTexture, GpuError> {
     let mut levels = Vec::new();
     for level in 0..texture.mip_level_count() {
         let side = (texture.width() >> level) as usize;
         let mut texels = Vec::with_capacity(6 * side * side);
         for face in [0, 1, 2, 3, 5, 4] {
-            let read: Vec<[f16; 4]> = read_texture(gpu, texture, TextureAspect::All, face, level)?;
+            let mut read: Vec<[f16; 4]> =
+                read_texture(gpu, texture, TextureAspect::All, face, level)?;
+            for value in read.iter_mut().flat_map(|texel| &mut texel[..3]) {
+                *value = f16::from_f32((value.to_f32() * factor).min(f16::MAX.to_f32()));
+            }
             let rows = read.chunks_exact(side);
             if matches!(face, 2 | 3) {
                 texels.extend(rows.rev().flatten());

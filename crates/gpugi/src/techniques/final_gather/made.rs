@@ -86,8 +86,8 @@ impl Layout {
     fn new(settings: &Settings, places: Places, claimed: &[u32], scene: &GpuScene) -> Self {
         match places {
             Places::Grid => {
-                let grid = Grid::new(&scene.bounds, settings.density);
-                Self::Grid(scene.bounds, grid)
+                let grid = Grid::new(&scene.core, settings.density);
+                Self::Grid(scene.core, grid)
             }
             Places::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
             Places::Camera => Self::Camera,
@@ -100,7 +100,7 @@ impl Layout {
     fn serves(&self, settings: &Settings, claimed: &[u32], scene: &GpuScene) -> bool {
         match self {
             Self::Grid(bounds, _) => {
-                let now = &scene.bounds;
+                let now = &scene.core;
                 let slack = bounds.diagonal() * 1e-3;
                 *now == *bounds
                     || now.min.cmpge(bounds.min - slack).all()

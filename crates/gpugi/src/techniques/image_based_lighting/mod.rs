@@ -242,7 +242,7 @@ impl ImageBasedLighting {
         };
         let world_from_map = Mat3::from_rotation_y(environment.rotation);
         let lit = domains.iter().filter_map(|domain| {
-            let flux_density = domain.flux_density * environment.intensity;
+            let flux_density = domain.flux_density * scene.environment_factor();
             let toward = world_from_map * domain.toward;
             (flux_density != Vec3::ZERO).then(|| {
                 let view = DepthViewSpec::fitted(-toward, &scene.bounds, side, GUTTER);
