@@ -189,7 +189,12 @@ fn pages_that_gutters_overfill_are_told_apart_from_too_dense_texels() {
     }
     let folder = folder("bake-gutters");
     let output = folder.join("baked.glb");
-    let options = ["--include", "direct"];
+    let options = [
+        "--technique",
+        "obscurances",
+        "--set",
+        "obscurances.directions=1",
+    ];
     let one = confetti(&folder, 1, 300);
     let (refused, message) = bake(&one, &output, &options);
     assert_eq!(refused.status.code(), Some(2), "{message}");
@@ -204,7 +209,7 @@ fn pages_that_gutters_overfill_are_told_apart_from_too_dense_texels() {
         message.contains("fewer texels per metre, or larger pages"),
         "{message}"
     );
-    let many = confetti(&folder, 120, 1);
+    let many = confetti(&folder, 300, 1);
     let (baked, message) = bake(&many, &output, &options);
     assert!(baked.status.success(), "{message}");
     assert!(

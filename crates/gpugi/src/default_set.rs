@@ -343,13 +343,19 @@ impl Unwrapped {
 /// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. On a discrete GPU, finer
 /// texels and more iterates still take a second or two. In software, where rays take most of the time, coarser texels
 /// get more iterates, since noise shows before blur does: from 256 texels per side on, three texels per triangle will
-/// do.
+/// do. So many triangles are those of instances, whose gutters fill several pages however coarse texels are: larger
+/// pages have finer texels for the same gutters.
 fn radiosity_sizes(triangles: u64, speed: Speed) -> Vec<(&'static str, String)> {
     let side_for = |texels: u64| (texels * triangles).isqrt().next_power_of_two();
     let side = side_for(12);
     let (resolution, iterations) = match speed {
         Speed::Software => {
-            let side = side.clamp(128, side_for(3).clamp(256, 512));
+            let most = if triangles > MOST_UNWRAPPED {
+                1024
+            } else {
+                512
+            };
+            let side = side.clamp(128, side_for(3).clamp(256, most));
             (side, 128 * 128 / side)
         }
         Speed::Modest => (side.clamp(512, 1024), 256),
@@ -497,6 +503,7 @@ mod tests {
         assert_eq!(sizes(1_500, Speed::Software), [256, 64]);
         assert_eq!(sizes(20_000, Speed::Software), [256, 64]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Software), [512, 32]);
+        assert_eq!(sizes(MOST_IN_TEXELS, Speed::Software), [1024, 16]);
         assert_eq!(sizes(1, Speed::Modest), [512, 256]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
         assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
