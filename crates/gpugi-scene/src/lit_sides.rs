@@ -167,30 +167,33 @@ impl Mesh {
 mod tests {
     use super::*;
     use crate::Light;
-    use crate::builtin::builtin;
 
-    /// A box of `side` around the origin with a lamp at `place`, and whether its front is turned to the light.
+    /// Whether the front of a tetrahedron around the origin is turned to the light of a lamp at `place`.
     fn turns(is_inward: bool, scale: Vec3, place: Option<Vec3>, change: fn(&mut Scene)) -> bool {
-        let cornell = builtin("cornell", 1).unwrap();
-        let closed = cornell
-            .instances
-            .iter()
-            .map(|one| &cornell.meshes[one.mesh]);
-        let block = closed.clone().find(|mesh| mesh.is_closed()).unwrap();
-        let middle = Mat4::from_translation(-block.bounds().center());
-        let mut scene = Scene::new("box");
-        let mesh = if is_inward {
-            block.inside_out()
-        } else {
-            block.clone()
+        let corners = [
+            [1.0, 1.0, 1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, 1.0, -1.0],
+            [-1.0, -1.0, 1.0],
+        ];
+        let corners = corners.map(|[x, y, z]| Vec3::new(x, y, z));
+        let solid = Mesh {
+            positions: corners.to_vec(),
+            normals: corners.map(Vec3::normalize).to_vec(),
+            indices: vec![0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2],
+            ..Mesh::default()
         };
-        let mesh = scene.add_mesh(mesh);
-        let material = Material {
+        let mut scene = Scene::new("solid");
+        let mesh = scene.add_mesh(if is_inward {
+            solid.inside_out()
+        } else {
+            Arc::new(solid)
+        });
+        let material = scene.add_material(Material {
             double_sided: true,
             ..Material::matt("matt", Vec3::ONE)
-        };
-        let material = scene.add_material(material);
-        scene.add_instance("box", mesh, material, Mat4::from_scale(scale) * middle);
+        });
+        scene.add_instance("solid", mesh, material, Mat4::from_scale(scale));
         if let Some(place) = place {
             let light = Light::new("lamp", LightKind::Point, Vec3::ONE);
             scene.lights.push(light.aimed(place, place + Vec3::X));
@@ -221,7 +224,7 @@ mod tests {
                 };
                 assert!(!turns(inside, sun), "light on both sides");
                 assert_eq!(turns(outside, sun), is_inward);
-                for change in [
+                let changes: [fn(&mut Scene); 5] = [
                     |scene: &mut Scene| scene.materials[0].double_sided = false,
                     |scene| scene.materials[0].transmission = 0.5,
                     |scene| scene.materials[0].alpha_mode = AlphaMode::Blend,
@@ -231,7 +234,8 @@ mod tests {
                         open.indices.truncate(3);
                         scene.meshes[0] = Arc::new(open);
                     },
-                ] {
+                ];
+                for change in changes {
                     assert!(!turns(inside, change) && !turns(outside, change));
                 }
             }
