@@ -6,7 +6,7 @@ use gpugi::Renderer;
 use gpugi::default_set::DefaultSet;
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::light_paths::in_words;
-use gpugi::techniques::Map;
+use gpugi::techniques::{Map, final_gather};
 
 /// GPU milliseconds of a picture's passes. Empty if they were not timed.
 #[derive(Debug, Default)]
@@ -108,9 +108,15 @@ pub fn explain(
         "maps were final after {maps_seconds:.2} s, in which shaders are compiled and atlases unwrapped, too"
     );
     if left_out.is_empty() {
-        println!("no light of the scene is missing");
+        println!("no kind of light of the scene is left out");
     } else {
         println!("not in this picture: {}", left_out.join("; "));
+    }
+    if inspections.contains_key(final_gather::INFO.name) {
+        println!(
+            "{} interpolates between its reference points: among many small objects, indirect light may be missing",
+            final_gather::INFO.name
+        );
     }
     for note in set.iter().flat_map(|set| &set.notes) {
         println!("  {note}");

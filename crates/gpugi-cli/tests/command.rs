@@ -67,7 +67,7 @@ fn renders_a_picture_with_report_and_quantities() {
         "adds: light reflected between diffuse surfaces (area)",
         "per sample",
         "maps were final after ",
-        "no light of the scene is missing",
+        "no kind of light of the scene is left out",
     ] {
         assert!(explained.contains(part), "{part:?} is not in {explained}");
     }

@@ -15,6 +15,7 @@ pub mod export;
 pub mod image;
 pub mod import;
 pub mod light;
+mod lit_sides;
 pub mod material;
 pub mod medium;
 pub mod mesh;

@@ -23,9 +23,13 @@ const SKY: &str = image_based_lighting::INFO.name;
 const FINAL_GATHER: &str = final_gather::INFO.name;
 const MEDIA: &str = participating_media::INFO.name;
 
-/// A still picture of more triangles than this does not wait for an atlas by default. Unwrapping 94,722
-/// triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s (docs/atlas.md).
+/// A still picture of more distinct triangles than this does not wait for an atlas by default: instances share the
+/// unwrapping of their mesh. Unwrapping 94,722 triangles takes 2 to 3 s on two cores, unwrapping 145,917 takes 8 s
+/// (docs/atlas.md).
 const MOST_UNWRAPPED: u64 = 100_000;
+
+/// Nor does one of more triangles in all instances than this: each has texels of its own.
+const MOST_IN_TEXELS: u64 = 250_000;
 
 /// Meshes of more connected pieces than this, such as foliage, are not unwrapped by default: each piece takes a chart
 /// with its gutter, which fill the pages, and packing them takes a minute for 20,000.
@@ -206,19 +210,25 @@ fn indirect(scene: &Scene, adapter: &AdapterSummary, purpose: Purpose) -> Choice
             settings: vec![("blend", "drawn".to_owned())],
         };
     }
-    let pieces = pieces(scene);
-    if triangles <= MOST_UNWRAPPED && pieces <= MOST_PIECES {
+    let Unwrapped {
+        triangles: distinct,
+        pieces,
+    } = Unwrapped::of(scene);
+    if distinct <= MOST_UNWRAPPED && triangles <= MOST_IN_TEXELS && pieces <= MOST_PIECES {
         return Choice {
             technique: RADIOSITY,
-            reason: format!("nothing moves, and {triangles} triangles are soon unwrapped"),
+            reason: format!("nothing moves, and {distinct} triangles are soon unwrapped"),
             settings: radiosity_sizes(triangles, Speed::of(adapter)),
         };
     }
+    let why = if triangles > MOST_IN_TEXELS {
+        format!("texels for {triangles} triangles take long")
+    } else {
+        format!("unwrapping {distinct} triangles in {pieces} pieces takes long")
+    };
     Choice {
         technique: FINAL_GATHER,
-        reason: format!(
-            "it needs no atlas, and unwrapping {triangles} triangles in {pieces} pieces takes long"
-        ),
+        reason: format!("it needs no atlas, and {why}"),
         settings: Vec::new(),
     }
 }
@@ -311,26 +321,41 @@ fn depth_maps(scene: &Scene, has_emitters: bool) -> Option<[u32; 2]> {
         .find(|&[side, area_side]| texels(faces, side) + texels(area_faces, area_side) <= ROOM)
 }
 
-/// Number of connected pieces of all meshes in use.
-fn pieces(scene: &Scene) -> usize {
-    let used: BTreeSet<usize> = scene
-        .instances
-        .iter()
-        .map(|instance| instance.mesh)
-        .collect();
-    used.iter().map(|&mesh| scene.meshes[mesh].pieces()).sum()
+/// What an atlas has to unwrap: the meshes in use, each once.
+struct Unwrapped {
+    triangles: u64,
+    /// Connected pieces.
+    pieces: usize,
+}
+
+impl Unwrapped {
+    fn of(scene: &Scene) -> Self {
+        let used = scene.instances.iter().map(|instance| instance.mesh);
+        let used: BTreeSet<usize> = used.collect();
+        let meshes = || used.iter().map(|&mesh| &scene.meshes[mesh]);
+        Self {
+            triangles: meshes().map(|mesh| mesh.indices.len() as u64 / 3).sum(),
+            pieces: meshes().map(|mesh| mesh.pieces()).sum(),
+        }
+    }
 }
 
 /// Sizes of radiosity for a still picture: pages large enough for a dozen texels per triangle. On a discrete GPU, finer
 /// texels and more iterates still take a second or two. In software, where rays take most of the time, coarser texels
 /// get more iterates, since noise shows before blur does: from 256 texels per side on, three texels per triangle will
-/// do.
+/// do. So many triangles are those of instances, whose gutters fill several pages however coarse texels are: larger
+/// pages have finer texels for the same gutters.
 fn radiosity_sizes(triangles: u64, speed: Speed) -> Vec<(&'static str, String)> {
     let side_for = |texels: u64| (texels * triangles).isqrt().next_power_of_two();
     let side = side_for(12);
     let (resolution, iterations) = match speed {
         Speed::Software => {
-            let side = side.clamp(128, side_for(3).clamp(256, 512));
+            let most = if triangles > MOST_UNWRAPPED {
+                1024
+            } else {
+                512
+            };
+            let side = side.clamp(128, side_for(3).clamp(256, most));
             (side, 128 * 128 / side)
         }
         Speed::Modest => (side.clamp(512, 1024), 256),
@@ -478,6 +503,7 @@ mod tests {
         assert_eq!(sizes(1_500, Speed::Software), [256, 64]);
         assert_eq!(sizes(20_000, Speed::Software), [256, 64]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Software), [512, 32]);
+        assert_eq!(sizes(MOST_IN_TEXELS, Speed::Software), [1024, 16]);
         assert_eq!(sizes(1, Speed::Modest), [512, 256]);
         assert_eq!(sizes(MOST_UNWRAPPED, Speed::Modest), [1024, 256]);
         assert_eq!(sizes(1, Speed::Fast), [1024, 384]);
@@ -573,14 +599,48 @@ mod tests {
         let Some(gpu) = test_gpu() else { return };
         let registry = Registry::default();
         let mut scene = builtin("cornell", 1).unwrap();
-        let copies = MOST_UNWRAPPED / scene.statistics().triangles;
-        for _ in 0..copies {
-            scene.instances.extend_from_within(..8);
+        // Copies share an unwrapping, but not texels.
+        let triangles = scene.statistics().triangles;
+        for copies in 1.. {
+            let set = default_set(&scene, &gpu.adapter, Purpose::StillPicture, &registry);
+            let now = scene.statistics().triangles;
+            let expected = if now <= MOST_IN_TEXELS {
+                RADIOSITY
+            } else {
+                FINAL_GATHER
+            };
+            assert_eq!(set.names(), ["shadow-map", expected], "{now} triangles");
+            let told = if now <= MOST_IN_TEXELS {
+                triangles
+            } else {
+                now
+            };
+            assert!(set.choices[1].reason.contains(&told.to_string()), "{set:?}");
+            if now > MOST_IN_TEXELS {
+                break;
+            }
+            let more = if copies == 1 {
+                MOST_UNWRAPPED
+            } else {
+                MOST_IN_TEXELS
+            };
+            for _ in now / triangles..=more / triangles {
+                scene.instances.extend_from_within(..8);
+            }
         }
-        let set = default_set(&scene, &gpu.adapter, Purpose::StillPicture, &registry);
+        // Meshes of their own do not.
+        let mut apart = builtin("cornell", 1).unwrap();
+        let fine = (0..=MOST_UNWRAPPED as u32).flat_map(|at| [at, at + 1, at + 2]);
+        let mesh = apart.add_mesh(Mesh {
+            positions: vec![Vec3::ZERO; MOST_UNWRAPPED as usize + 3],
+            normals: vec![Vec3::Z; MOST_UNWRAPPED as usize + 3],
+            indices: fine.collect(),
+            ..Mesh::default()
+        });
+        apart.add_instance("fine", mesh, 0, Mat4::IDENTITY);
+        let set = default_set(&apart, &gpu.adapter, Purpose::StillPicture, &registry);
         assert_eq!(set.names(), ["shadow-map", FINAL_GATHER]);
-        let triangles = scene.statistics().triangles.to_string();
-        assert!(set.choices[1].reason.contains(&triangles), "{set:?}");
+        assert!(set.choices[1].reason.contains("unwrapping"), "{set:?}");
         let bake = default_set(&scene, &gpu.adapter, Purpose::Bake, &registry);
         assert_eq!(bake.names(), ["shadow-map", RADIOSITY]);
         // Few triangles, but each a piece of its own.

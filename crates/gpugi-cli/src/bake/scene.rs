@@ -176,6 +176,8 @@ pub fn run(
         .into());
     }
     let (scene, mut notes) = scene_argument::load(arguments)?;
+    let original = scene;
+    let (scene, turned) = original.with_lit_fronts();
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
     let mut work = begin(
@@ -190,6 +192,10 @@ pub fn run(
     let lights = Lights::new(&gpu, &scene, techniques, &options.include);
     if !lights.names.is_empty() {
         leave_out(&scene, &mut atlas, options.bake_mode, options.lobes);
+    }
+    if atlas.sides().next().is_none() {
+        atlas.pages = 0;
+        notes.push(nothing_to_bake(&scene, options).to_owned());
     }
     let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
         .iter()
@@ -263,8 +269,8 @@ pub fn run(
             dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
-    let warnings = write(arguments, output, |original| {
-        export_bake(original, &scene, &atlas, &pages)
+    let warnings = write(arguments, output, |file| {
+        export_bake(file, &original, &atlas.clone().turned(&turned), &pages)
     })?;
     notes.extend(warnings);
     work.timed("writing");
@@ -305,6 +311,27 @@ fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
         };
         if keeps {
             *place = None;
+        }
+    }
+}
+
+/// Why no surface is baked.
+fn nothing_to_bake(scene: &Scene, options: &SceneOptions) -> &'static str {
+    if scene.bounds().is_empty() {
+        return "there is nothing to bake: the scene has no surfaces";
+    }
+    match (options.bake_mode, options.lobes) {
+        (Mode::Emissive, Lobes::All) => {
+            "nothing is baked: all surfaces emit light, and such keep their materials"
+        }
+        (Mode::Emissive, Lobes::Diffuse) => {
+            "nothing is baked: all surfaces keep their materials, as metal, glass and what emits light do (--lobes all bakes metal and glass)"
+        }
+        (Mode::Unlit, Lobes::Diffuse) => {
+            "nothing is baked: all surfaces keep their materials, as metal and glass do (--lobes all bakes them)"
+        }
+        (Mode::Unlit, Lobes::All) | (Mode::Lightmap, _) => {
+            "there is nothing to bake: no surface has an area"
         }
     }
 }

@@ -145,6 +145,13 @@ pub fn begin<'a>(
             print_notes(common, &[note]);
         }
         work.done.atlas = unwrap(scene, options, &mut work.progress)?;
+        let Atlas { pages, size, .. } = work.done.atlas;
+        if pages > 1 && options.texel_density.is_none() {
+            let note = format!(
+                "one page of {size}x{size} texels does not hold all charts with their gutters, at any density: there are {pages}; a larger --atlas-size or a smaller --gutter saves pages"
+            );
+            print_notes(common, &[note]);
+        }
     }
     work.timed("unwrapping");
     Ok(work)
@@ -174,9 +181,15 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
     };
     progress.show(0.0, "unwrapping");
     Atlas::with_progress(scene, &layout, |_| !interrupt::asked()).map_err(|error| match error {
-        AtlasError::Option { .. } | AtlasError::TooManyPages { .. } => {
-            Usage(error.to_string()).into()
-        }
+        AtlasError::TooManyPages { .. } | AtlasError::PageTooSmall { .. } => Usage(format!(
+            "{error} (--atlas-size{})",
+            match options.texel_density {
+                Some(_) => ", --texel-density",
+                None => "",
+            }
+        ))
+        .into(),
+        AtlasError::Option { .. } => Usage(error.to_string()).into(),
         error => error.into(),
     })
 }

@@ -1,6 +1,6 @@
 //! Why a scene has no atlas.
 
-use super::AtlasOptions;
+use super::{AtlasOptions, TexelDensity};
 
 /// Why no atlas can be made of a scene with the given options.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -39,7 +39,8 @@ pub enum AtlasError {
     },
     /// The atlas would have too many pages.
     #[error(
-        "the atlas needs {needed} pages of {size} texels a side, {limit} are allowed; take fewer texels per metre, or larger pages"
+        "the atlas needs {needed} pages of {size} texels a side, {limit} are allowed; take {}larger pages",
+        unless_lowest(*.at_any_density)
     )]
     TooManyPages {
         /// Pages needed, possibly without gutters.
@@ -48,10 +49,13 @@ pub enum AtlasError {
         limit: u32,
         /// Side of a page (texels).
         size: u32,
+        /// Whether no density was asked for, and the lowest still needs as many: gutters alone take them.
+        at_any_density: bool,
     },
     /// An instance or chart does not fit a page.
     #[error(
-        "an instance takes {width}x{height} texels, a page has {size}x{size}; take fewer texels per metre, or larger pages"
+        "an instance takes {width}x{height} texels, a page has {size}x{size}; take {}larger pages",
+        unless_lowest(*.at_any_density)
     )]
     PageTooSmall {
         /// Width of the instance or chart (texels).
@@ -60,6 +64,8 @@ pub enum AtlasError {
         height: u32,
         /// Side of a page (texels).
         size: u32,
+        /// As in [`AtlasError::TooManyPages`].
+        at_any_density: bool,
     },
     /// All charts together exceed the limit of the unwrapper.
     #[error("the atlas would have {texels} texels, 2^30 is the limit; take fewer texels per metre")]
@@ -78,6 +84,15 @@ pub enum AtlasError {
     },
 }
 
+/// What else helps where density is not as low as it can be.
+fn unless_lowest(at_any_density: bool) -> &'static str {
+    if at_any_density {
+        ""
+    } else {
+        "fewer texels per metre, or "
+    }
+}
+
 impl AtlasError {
     pub(super) fn of_unwrapper(error: uvunwrap::Error, options: &AtlasOptions) -> Self {
         match error {
@@ -87,6 +102,7 @@ impl AtlasError {
                 width,
                 height,
                 size: options.size,
+                at_any_density: options.density == TexelDensity::OnePage,
             },
             other => Self::Unwrapper {
                 reason: other.to_string(),

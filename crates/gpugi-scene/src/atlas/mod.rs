@@ -192,6 +192,7 @@ impl Atlas {
                 needed: u64::from(unwrapped.page_count),
                 limit: options.most_pages,
                 size: options.size,
+                at_any_density: options.density == TexelDensity::OnePage,
             });
         }
         // If everything fits one page, the unwrapper crops that page to its used part.
@@ -215,6 +216,19 @@ impl Atlas {
         let backs = self.backs.iter().zip(std::iter::repeat(Side::Back));
         let numbered = fronts.enumerate().chain(backs.enumerate());
         numbered.filter_map(|(index, (uvs, side))| Some((index, side, uvs.as_ref()?)))
+    }
+
+    /// The same atlas for a scene in which the triangles of these instances have their second and third corners swapped,
+    /// as between a scene and its [`Scene::with_lit_fronts`].
+    pub fn turned(mut self, instances: &[usize]) -> Self {
+        for &index in instances {
+            if let Some(uvs) = &mut self.instances[index] {
+                for triangle in uvs.corners.as_chunks_mut::<3>().0 {
+                    triangle.swap(1, 2);
+                }
+            }
+        }
+        self
     }
 
     /// Triangles of the scene, in all instances, that are too thin for texels of their own: those without a chart, and
@@ -371,6 +385,7 @@ fn check_area(shapes: &[Shape], options: &AtlasOptions) -> Result<(), AtlasError
             needed: needed as u64,
             limit: options.most_pages,
             size: options.size,
+            at_any_density: false,
         });
     }
     Ok(())

@@ -384,6 +384,10 @@ impl Bake for LightBake<'_> {
     }
 
     fn step(&mut self) -> Result<Option<Progress>, LightingError> {
+        // Maps serve nobody then, in particular where the atlas is empty.
+        if self.is_complete() {
+            return Ok(None);
+        }
         if self.solver.is_refining {
             return Ok(Some(self.solver.refine()?));
         }

@@ -42,6 +42,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// and never frees it: 100 MB per second. It does not do this for storage buffers.
 const UNIFORM_INLINER: &str = "llvmpipe";
 
+/// Size of a buffer of nothing: an array of a shader has at least one element, which is no larger than this [bytes].
+const EMPTY_BYTES: u64 = 256;
+
 /// One device and its queue, within WebGPU's default limits except for buffer sizes.
 #[derive(Debug, Clone)]
 pub struct Gpu {
@@ -349,7 +352,7 @@ impl Gpu {
         &self.limits
     }
 
-    /// A zero-filled buffer of `size` bytes (at least 16). COPY_DST and COPY_SRC are added to `usage`.
+    /// A zero-filled buffer of `size` bytes; where that is 0, of enough for an element of any shader's array. COPY_DST and COPY_SRC are added to `usage`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] with the sizes when it exceeds the device's limits, [`GpuError::OutOfMemory`].
@@ -372,7 +375,10 @@ impl Gpu {
         } else {
             limits.max_buffer_size
         };
-        let size = size.max(16).next_multiple_of(16);
+        let size = match size {
+            0 => EMPTY_BYTES,
+            _ => size.next_multiple_of(16),
+        };
         if size > limit {
             return Err(GpuError::TooLarge {
                 what: label.to_owned(),

@@ -427,6 +427,33 @@ fn buffers_of_any_size_come_back_as_they_were() {
     assert_eq!(copied(&gpu, &words), grown);
 }
 
+/// Scenes without lights, texels without triangles: what counts nothing is bound all the same.
+#[test]
+fn a_buffer_of_nothing_has_room_for_an_element_of_any_array() {
+    let mut arrays = 0;
+    for shader in shaders() {
+        let module = shader.parse().unwrap();
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        for (_, variable) in module.global_variables.iter() {
+            let ty = &module.types[variable.ty].inner;
+            if !matches!(variable.space, naga::AddressSpace::Storage { .. })
+                || !ty.is_dynamically_sized(&module.types)
+            {
+                continue;
+            }
+            arrays += 1;
+            let size = u64::from(layouter[variable.ty].size);
+            assert!(size <= super::EMPTY_BYTES, "{}: {variable:?}", shader.name);
+        }
+    }
+    assert!(arrays > 100, "{arrays}");
+    let Some(gpu) = test_gpu() else { return };
+    let storage = wgpu::BufferUsages::STORAGE;
+    let sizes = [0, 1].map(|size| gpu.buffer("few bytes", size, storage).unwrap().size());
+    assert_eq!(sizes, [super::EMPTY_BYTES, 16]);
+}
+
 #[test]
 fn textures_of_any_size_come_back_as_they_were() {
     let Some(gpu) = test_gpu() else { return };
