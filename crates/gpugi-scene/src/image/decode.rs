@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, codecs};
 
 use super::{exr, ktx2};
 use crate::import::budget::ImageLimits;
@@ -45,6 +45,17 @@ pub(crate) fn decode_color_within(
         width: texels.width(),
         height: texels.height(),
         pixels: Pixels::Rgba8(texels.into_raw()),
+    })
+}
+
+/// Bytes of the texels that a PNG or JPEG claims to have, as material textures; 0 for others.
+pub(crate) fn claimed_bytes(bytes: &[u8]) -> u64 {
+    let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = image::guess_format(bytes) else {
+        return 0;
+    };
+    let size = ImageReader::with_format(Cursor::new(bytes), format).into_dimensions();
+    size.map_or(0, |(width, height)| {
+        u64::from(width) * u64::from(height) * COLOR_TEXEL
     })
 }
 
@@ -281,7 +292,7 @@ fn finish(
 }
 
 /// The sRGB transfer function (IEC 61966-2-1) from encoded to linear; 0..1 maps to 0..1.
-pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
+pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {
