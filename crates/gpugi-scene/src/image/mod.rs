@@ -3,11 +3,13 @@
 mod decode;
 mod encode;
 mod exr;
+mod hdr;
 mod ktx2;
 mod ktx2_array;
 mod ktx2_volume;
 pub mod metrics;
 mod nanovdb;
+mod primaries;
 
 use serde::{Deserialize, Serialize};
 
