@@ -24,6 +24,7 @@ pub mod render;
 
 pub use gpugi_arguments::{Usage, scene_argument};
 
+use std::io::IsTerminal;
 use std::path::Path;
 
 use clap::{Parser, Subcommand};
@@ -107,6 +108,7 @@ pub fn log_to_stderr(common: &Common) {
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .with_target(false)
         .init();

@@ -42,9 +42,9 @@ fn xyz_from(chromaticities: &Chromaticities) -> Option<DMat3> {
     let column = |[x, y]: [f64; 2]| DVec3::new(x, y, 1.0 - x - y);
     let [red, green, blue, _] = chromaticities.map(column);
     let directions = DMat3::from_cols(red, green, blue);
-    let is_degenerate = !(directions.determinant().abs() > 1e-6);
+    let spans_colors = directions.determinant().abs() > 1e-6;
     let scale = directions.inverse() * white(chromaticities);
-    (!is_degenerate && scale.is_finite()).then(|| directions * DMat3::from_diagonal(scale))
+    (spans_colors && scale.is_finite()).then(|| directions * DMat3::from_diagonal(scale))
 }
 
 /// XYZ of white, with Y = 1.

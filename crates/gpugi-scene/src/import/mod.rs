@@ -173,12 +173,14 @@ fn real(path: &Path) -> Result<PathBuf, String> {
     real.map_err(|error| error.to_string())
 }
 
-/// The material of surfaces that have none: grey, or what shows the colours of their vertices as they are.
+/// The material of surfaces that have none: grey, or a matt one that shows the colours of their vertices as they are.
 pub(crate) fn default_material(is_colored: bool) -> Material {
-    let albedo = if is_colored { 1.0 } else { 0.6 };
+    if is_colored {
+        return Material::matt("default", Vec3::ONE);
+    }
     Material {
         name: "default".to_owned(),
-        base_color: Vec3::splat(albedo).extend(1.0),
+        base_color: Vec3::splat(0.6).extend(1.0),
         roughness: 0.5,
         ..Material::default()
     }

@@ -18,11 +18,11 @@ pub enum Broken {
 impl Display for Broken {
     fn fmt(&self, formatter: &mut Formatter) -> fmt::Result {
         formatter.write_str(match self {
-            Self::Normal => "normals have no direction: those of the faces replace them",
-            Self::Tangent => "tangents have no direction: any along the surface replace them",
-            Self::NormalOffset => "offsets of normals or tangents are not finite: 0 replaces them",
-            Self::Uv => "texture coordinates are not finite: 0 replaces them",
-            Self::Color => "vertex colours are not finite: white replaces them",
+            Self::Normal => "normals without a direction become those of the faces",
+            Self::Tangent => "tangents without a direction become any along the surface",
+            Self::NormalOffset => "offsets of normals or tangents that are not finite become 0",
+            Self::Uv => "texture coordinates that are not finite become 0",
+            Self::Color => "vertex colours that are not finite become white",
         })
     }
 }
@@ -60,6 +60,6 @@ impl Replaced {
     /// One note for each kind.
     pub fn notes(&self) -> impl Iterator<Item = String> {
         let all = self.0.iter();
-        all.map(|(broken, (count, place))| format!("{place}: {count} {broken}"))
+        all.map(|(broken, (count, place))| format!("{place}: {broken} ({count} of them)"))
     }
 }

@@ -178,6 +178,15 @@ impl File {
         self.try_import().unwrap_or_else(|error| panic!("{error}"))
     }
 
+    /// Imports it, which must work, with one note that says how many values at `place` are replaced.
+    #[track_caller]
+    pub fn import_with_replaced(&self, place: &str, count: usize) -> Scene {
+        let scene = self.import_with_note(&format!("{place}: "));
+        let end = format!("({count} of them)");
+        assert!(scene.warnings[0].ends_with(&end), "{:?}", scene.warnings);
+        scene
+    }
+
     /// Imports it, which must work, with one note that begins with `note`.
     #[track_caller]
     pub fn import_with_note(&self, note: &str) -> Scene {
