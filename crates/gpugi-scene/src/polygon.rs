@@ -15,35 +15,33 @@ fn polygon_normal(corners: &[DVec3]) -> DVec3 {
         .sum()
 }
 
-/// Polygons with more corners than this become a fan even if they are concave: cutting a damaged one takes more than
-/// quadratic time.
-const MOST_CUT: usize = 1000;
+/// Polygons with more corners than this become a fan even if they are concave: cutting a damaged one may take cubic time.
+const MOST_CUT: usize = 300;
 
 /// Triangulates a polygon and keeps its winding. Returns corner numbers. A convex polygon becomes a fan; any other is
-/// cut into ears. Its edges may run along a bridge to a hole and back. A polygon without area becomes a fan, too; one
-/// that intersects itself yields triangles of arbitrary shape, at most as many as a fan. Fewer than three corners yield
-/// none.
+/// cut into ears, unless [`is_too_large`]. Its outline may run along a bridge to a hole and back. A polygon without area
+/// becomes a fan, too; one that intersects itself yields triangles of arbitrary shape, at most as many as a fan. Fewer
+/// than three corners yield none.
 pub fn triangulate(corners: &[Vec3]) -> Vec<[u32; 3]> {
-    let fan = || {
-        (2..corners.len() as u32)
-            .map(|i| [0, i - 1, i])
-            .collect::<Vec<_>>()
-    };
-    if corners.len() <= 3 || corners.len() > MOST_CUT {
-        return fan();
+    if corners.len() > 3 && corners.len() <= MOST_CUT {
+        let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
+        let normal = polygon_normal(&points);
+        if !is_convex(&points, normal) {
+            let cut = cut(&points, normal);
+            if !cut.is_empty() {
+                return cut;
+            }
+        }
     }
-    let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
-    let normal = polygon_normal(&points);
-    // Twice the signed area of the triangle projected along the normal, times the length of the normal.
-    let area = |[a, b, c]: [u32; 3]| {
-        let [a, b, c] = [a, b, c].map(|corner| points[corner as usize]);
-        (b - a).cross(c - a).dot(normal)
-    };
-    if fan().iter().all(|&triangle| area(triangle) > 0.0) && is_convex(&points, normal) {
-        return fan();
+    (2..corners.len() as u32).map(|i| [0, i - 1, i]).collect()
+}
+
+/// Whether a polygon becomes a fan though it is concave, because it has too many corners.
+pub(crate) fn is_too_large(corners: &[Vec3]) -> bool {
+    corners.len() > MOST_CUT && {
+        let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
+        !is_convex(&points, polygon_normal(&points))
     }
-    let cut = cut(&points, normal);
-    if cut.is_empty() { fan() } else { cut }
 }
 
 /// Cuts a polygon into ears: triangles that face along `normal`.
@@ -60,10 +58,14 @@ fn cut(points: &[DVec3], normal: DVec3) -> Vec<[u32; 3]> {
     triangles.as_chunks().0.to_vec()
 }
 
+/// Whether no corner turns inward, and each triangle of the fan has an area.
 fn is_convex(points: &[DVec3], normal: DVec3) -> bool {
-    let count = points.len();
-    (0..count).all(|i| {
+    let (first, count) = (points[0], points.len());
+    let mut fan = points[1..].windows(2);
+    let turns = |i: usize| {
         let [a, b, c] = [i, i + 1, i + 2].map(|corner| points[corner % count]);
-        (b - a).cross(c - b).dot(normal) >= 0.0
-    })
+        (b - a).cross(c - b).dot(normal)
+    };
+    fan.all(|edge| (edge[0] - first).cross(edge[1] - first).dot(normal) > 0.0)
+        && (0..count).all(|i| turns(i) >= 0.0)
 }

@@ -2,6 +2,8 @@
 
 mod random;
 
+use std::time::{Duration, Instant};
+
 use glam::{EulerRot, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::normals::{CREASE_ANGLE, smooth_normals};
@@ -305,15 +307,15 @@ fn a_convex_polygon_stays_a_fan() {
 #[test]
 fn polygons_that_intersect_themselves_take_no_time() {
     let mut random = Random(7);
-    for corners in [5, 40, 300, 1000, 30_000] {
+    for corners in [5, 40, 300, 30_000] {
         let tangle: Vec<Vec3> = (0..corners)
             .map(|_| {
                 let mut side = || random.below(1000) as f32;
                 vec3(side(), side(), side() * 1e-3)
             })
             .collect();
-        let begun = std::time::Instant::now();
+        let begun = Instant::now();
         assert!(triangulate(&tangle).len() <= corners - 2);
-        eprintln!("{corners} {:?}", begun.elapsed());
+        assert!(begun.elapsed() < Duration::from_millis(200), "{corners}");
     }
 }

@@ -376,6 +376,27 @@ fn holes_of_faces_stay_open() {
 }
 
 #[test]
+fn concave_faces_of_very_many_corners_are_noted() {
+    let star = |corners: usize, inner: f64| {
+        let vertices = (0..corners).map(|i| {
+            let angle = i as f64 / corners as f64 * std::f64::consts::TAU;
+            let radius = if i % 2 == 0 { 1.0 } else { inner };
+            format!("v {} {} 0\n", angle.cos() * radius, angle.sin() * radius)
+        });
+        let face: String = (1..=corners).map(|i| format!(" {i}")).collect();
+        let file = vertices.collect::<String>() + "f" + &face + "\n";
+        read(file, &Files::default()).unwrap().warnings
+    };
+    assert!(star(300, 0.5).is_empty());
+    assert!(star(302, 1.0).is_empty());
+    let notes = star(302, 0.5);
+    assert!(
+        notes[0].starts_with("f: concave faces with more than 300"),
+        "{notes:?}"
+    );
+}
+
+#[test]
 fn colours_of_vertices_are_srgb() {
     let face = "f 1 2 3\n";
     let colored = |colors: [&str; 3]| {

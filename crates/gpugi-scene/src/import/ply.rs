@@ -270,7 +270,7 @@ fn read_faces(
         }
         budget.charge(corners.len().saturating_sub(2) as u64, 3 * INDEX_BYTES)?;
         let first = mesh.indices.len();
-        add_polygon(mesh, &corners);
+        add_polygon(mesh, &corners, replaced);
         if has_colors {
             budget.charge(corners.len() as u64, COLORED_BYTES)?;
             let color = finite_color(color, replaced, "element face");
@@ -326,7 +326,7 @@ fn read_corners(
     Ok(())
 }
 
-fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
+fn add_polygon(mesh: &mut Mesh, corners: &[u32], replaced: &mut Replaced) {
     if let [a, b, c] = *corners {
         mesh.indices.extend([a, b, c]);
         return;
@@ -335,6 +335,8 @@ fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
         .iter()
         .map(|&corner| mesh.positions[corner as usize])
         .collect();
+    let too_large = usize::from(polygon::is_too_large(&positions));
+    replaced.add(Broken::Face, too_large, "element face");
     for triangle in polygon::triangulate(&positions) {
         let vertices = triangle.map(|corner| corners[corner as usize]);
         mesh.indices.extend(vertices);

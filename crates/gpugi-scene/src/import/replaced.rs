@@ -1,10 +1,10 @@
-//! What a file holds that no surface can have, and what it becomes instead. Exporters write such values for degenerate
-//! faces; they cost a note, never the scene.
+//! What a file holds that no surface can have, or that gpugi cannot show as it is, and what it becomes instead.
+//! Exporters write such values for degenerate faces; they cost a note, never the scene.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 
-/// A kind of broken value, and its replacement.
+/// What is replaced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Broken {
     Normal,
@@ -13,6 +13,7 @@ pub enum Broken {
     NormalOffset,
     Uv,
     Color,
+    Face,
 }
 
 impl Display for Broken {
@@ -23,6 +24,7 @@ impl Display for Broken {
             Self::NormalOffset => "offsets of normals or tangents that are not finite become 0",
             Self::Uv => "texture coordinates that are not finite become 0",
             Self::Color => "vertex colours that are not finite become white",
+            Self::Face => "concave faces with more than 300 corners are not cut exactly",
         })
     }
 }

@@ -257,6 +257,8 @@ impl<'a> Parser<'a> {
             .iter()
             .map(|&(position, ..)| self.vertices.positions[position as usize])
             .collect();
+        let too_large = usize::from(polygon::is_too_large(&positions));
+        self.replaced.add(Broken::Face, too_large, "f");
         let triangles = polygon::triangulate(&positions);
         let current = self.current_part()?;
         let part = &mut self.parts[current];
