@@ -114,8 +114,8 @@ pub fn log_to_stderr(common: &Common) {
         .init();
 }
 
-/// Keeps Mesa silent where no display can be: its layer that sorts adapters looks for one, and complains on the standard
-/// error. gpugi sorts adapters itself. To be called before anything else: the environment is no place for threads.
+/// Keeps Mesa silent where no display can be: its layer that sorts adapters looks for one, and complains on the
+/// standard error. gpugi sorts adapters itself. To be called before threads start: they may read the environment.
 pub fn silence_mesa() {
     let folder = std::env::var_os("XDG_RUNTIME_DIR");
     if folder.is_some_and(|folder| Path::new(&folder).is_absolute()) {

@@ -15,13 +15,14 @@ fn polygon_normal(corners: &[DVec3]) -> DVec3 {
         .sum()
 }
 
-/// Polygons with more corners than this become a fan even if they are concave: cutting a damaged one may take cubic time.
+/// Polygons with more corners than this become a fan even if they are concave: cutting a damaged one may take cubic
+/// time.
 const MOST_CUT: usize = 300;
 
 /// Triangulates a polygon and keeps its winding. Returns corner numbers. A convex polygon becomes a fan; any other is
-/// cut into ears, unless [`is_too_large`]. Its outline may run along a bridge to a hole and back. A polygon without area
-/// becomes a fan, too; one that intersects itself yields triangles of arbitrary shape, at most as many as a fan. Fewer
-/// than three corners yield none.
+/// cut into ears, if it has at most 300 corners. Its outline may run along a bridge to a hole and back. A polygon
+/// without area becomes a fan, too; one that intersects itself yields triangles of arbitrary shape, at most as many as a
+/// fan. Fewer than three corners yield none.
 pub fn triangulate(corners: &[Vec3]) -> Vec<[u32; 3]> {
     if corners.len() > 3 && corners.len() <= MOST_CUT {
         let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();

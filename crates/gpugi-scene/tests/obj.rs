@@ -356,8 +356,8 @@ fn damaged_files_never_panic() {
     println!("{read_well} damaged files still made a scene");
 }
 
-/// A square of 8 x 8 with a hole of 4 x 4, which a bridge joins to the edge: by vertex 1 and 5 twice, and by vertices at
-/// equal positions.
+/// A square of 8 x 8 with a hole of 4 x 4, which a bridge joins to the edge: by vertices 1 and 5 twice, and by vertices
+/// at equal positions.
 const WINDOWS: [&str; 2] = [
     "v -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nv -2 0 -2\nv 2 0 -2\nv 2 0 2\nv -2 0 2\n\
         f 1 2 3 4 1 5 6 7 8 5\n",

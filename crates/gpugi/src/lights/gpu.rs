@@ -34,7 +34,7 @@ impl LightSample {
 
 /// Scale and end of a spot's cone, as `cone` of light_falloff.wesl takes them. Equal angles are a hard edge.
 ///
-/// The floor of the sample code of KHR_lights_punctual, 0.001, would dim every cone with a half angle below 2.6 degrees.
+/// The floor in the sample code of KHR_lights_punctual, 0.001, would dim cones with half angles below 2.6 degrees.
 pub fn cone(inner_cone_angle: f32, outer_cone_angle: f32) -> [f32; 2] {
     // Steps between cosines close to 1 are as large as this.
     const STEP: f64 = 1.0 / (1 << 24) as f64;

@@ -230,8 +230,8 @@ struct Picture {
 }
 
 impl Picture {
-    /// Red, green and blue; without them, luminance; without it, those of the only layer that has colours, or of the one
-    /// called Combined. `channels`: each with the number of its part.
+    /// Red, green and blue; without them, luminance; without it, those of the only layer that has colours, or of the
+    /// one called Combined. `channels`: each with the number of its part.
     fn find(channels: &[(usize, &[u8])]) -> Result<Option<Self>, Fault> {
         let known: HashSet<&(usize, &[u8])> = channels.iter().collect();
         let has = |part: usize, name: &[u8]| known.contains(&(part, name));
