@@ -1,7 +1,10 @@
 //! Radiance HDR as its programs write it.
 
+mod random;
+
 use gpugi_scene::image::decode_radiance;
 use gpugi_scene::{Limits, Pixels};
+use random::Random;
 
 /// Width, height and colours of a file: `texels` after these lines.
 fn read(lines: &str, texels: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {
@@ -137,4 +140,18 @@ fn what_is_cut_short_is_an_error() {
         assert!(error.contains("the file ends inside its header"), "{error}");
     }
     read("#?RADIANCE\n\n-Y 2 +X 8\n", &HALF).unwrap_err();
+}
+
+#[test]
+fn damaged_files_never_panic() {
+    let lines = "#?RGBE\nEXPOSURE=2\nPRIMARIES=.7 .3 .2 .7 .1 .1 .3 .3\nFORMAT=32-bit_rle_xyze\n\n+X 8 -Y 1\n";
+    let file = [lines.as_bytes(), HALF.repeat(8).as_slice()].concat();
+    let limits = Limits {
+        image_bytes: 1 << 20,
+        ..Limits::default()
+    };
+    let mut random = Random(3);
+    for _ in 0..5000 {
+        let _ = decode_radiance("a.hdr", &random.damage(&file), &limits);
+    }
 }
