@@ -24,6 +24,9 @@ pub mod render;
 
 pub use gpugi_arguments::{Usage, scene_argument};
 
+use std::io::IsTerminal;
+use std::path::Path;
+
 use clap::{Parser, Subcommand};
 use gpugi::gpu::AdapterChoice;
 
@@ -105,9 +108,24 @@ pub fn log_to_stderr(common: &Common) {
     tracing_subscriber::fmt()
         .with_max_level(level)
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .with_target(false)
         .init();
+}
+
+/// Keeps Mesa silent where no display can be: its layer that sorts adapters looks for one, and complains on the
+/// standard error. gpugi sorts adapters itself. To be called before threads start: they may read the environment.
+pub fn silence_mesa() {
+    let folder = std::env::var_os("XDG_RUNTIME_DIR");
+    if folder.is_some_and(|folder| Path::new(&folder).is_absolute()) {
+        return;
+    }
+    // SAFETY: no other thread runs yet.
+    #[allow(unsafe_code)]
+    unsafe {
+        std::env::set_var("NODEVICE_SELECT", "1");
+    }
 }
 
 /// The exit code of a program: prints the error, if there is one.
@@ -124,6 +142,7 @@ pub fn exit_code(result: anyhow::Result<()>) -> std::process::ExitCode {
 
 /// The command, with the arguments of the process.
 pub fn main() -> std::process::ExitCode {
+    silence_mesa();
     let arguments = Arguments::parse();
     log_to_stderr(&arguments.common);
     let common = &arguments.common;

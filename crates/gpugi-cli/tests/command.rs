@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{folder, gpugi, skip_gpu};
+use common::{command, folder, gpugi, skip_gpu};
 
 #[test]
 fn files_of_another_folder_need_an_option() {
@@ -24,6 +24,23 @@ fn files_of_another_folder_need_an_option() {
     let allowed = notes(&["--files-from", &root]);
     assert!(!allowed.contains("library"), "{allowed}");
     assert!(notes(&["--files-from", "nowhere"]).contains("there is no such folder"));
+}
+
+#[test]
+fn drivers_say_nothing() {
+    if skip_gpu() {
+        return;
+    }
+    for folder in ["", "relative"] {
+        let mut list = command(&["list", "adapters", "--quiet"]);
+        list.env("XDG_RUNTIME_DIR", folder);
+        if folder.is_empty() {
+            list.env_remove("XDG_RUNTIME_DIR");
+        }
+        let output = list.output().expect("the binary runs");
+        assert!(output.status.success());
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+    }
 }
 
 #[test]

@@ -14,7 +14,8 @@ pub enum LightKind {
     Spot {
         /// Half-angle inside which the intensity is full (rad).
         inner_cone_angle: f32,
-        /// Half-angle outside which the intensity is zero (rad); larger than the inner angle and at most pi/2.
+        /// Half-angle outside which the intensity is zero (rad); at least the inner angle and at most pi/2. Equal angles
+        /// are a hard edge.
         outer_cone_angle: f32,
     },
     /// Parallel light along its local -Z. Intensity is the irradiance on a surface that faces it, in W/m^2 (lux).

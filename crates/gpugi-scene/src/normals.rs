@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::Mesh;
 
@@ -77,6 +77,30 @@ pub(crate) fn smooth_normals_within(mesh: &mut Mesh, crease_angle: f32, most: us
     *mesh = mesh.with_vertices(&vertices, indices);
     mesh.normals = normals;
     true
+}
+
+/// Gives each vertex whose normal is zero the mean normal of its triangles, weighted by area; +Y if they have none.
+/// Returns how many there were.
+pub(crate) fn replace_zero_normals(mesh: &mut Mesh) -> usize {
+    let is_zero = |normal: &&Vec3| **normal == Vec3::ZERO;
+    let count = mesh.normals.iter().filter(is_zero).count();
+    if count == 0 {
+        return 0;
+    }
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    for triangle in mesh.indices.as_chunks::<3>().0 {
+        let [a, b, c] = triangle.map(|vertex| mesh.positions[vertex as usize].as_dvec3());
+        let normal = (b - a).cross(c - a);
+        triangle
+            .iter()
+            .for_each(|&vertex| sums[vertex as usize] += normal);
+    }
+    for (normal, sum) in mesh.normals.iter_mut().zip(sums) {
+        if *normal == Vec3::ZERO {
+            *normal = sum.normalize_or(DVec3::Y).as_vec3();
+        }
+    }
+    count
 }
 
 struct Face {

@@ -1,5 +1,6 @@
 //! Triangulates polygons, for file formats whose faces have any number of corners.
 
+use earcut::Earcut;
 use glam::{DVec3, Vec3};
 
 /// The normal of a polygon by Newell's method. It is not a unit vector: its length is twice the area. Zero for a
@@ -14,64 +15,58 @@ fn polygon_normal(corners: &[DVec3]) -> DVec3 {
         .sum()
 }
 
-/// Polygons with more corners than this become a fan even if they are concave, because ear clipping takes quadratic
+/// Polygons with more corners than this become a fan even if they are concave: cutting a damaged one may take cubic
 /// time.
-const EAR_CORNERS: usize = 100;
+const MOST_CUT: usize = 300;
 
-/// Triangulates a polygon and keeps its winding. Returns corner numbers. A convex polygon becomes a fan; a concave one
-/// is cut by ear clipping. A polygon that intersects itself or has no area yields the same number of triangles, of
-/// arbitrary shape. Fewer than three corners yield none.
+/// Triangulates a polygon and keeps its winding. Returns corner numbers. A convex polygon becomes a fan; any other is
+/// cut into ears, if it has at most 300 corners. Its outline may run along a bridge to a hole and back. A polygon
+/// without area becomes a fan, too; one that intersects itself yields triangles of arbitrary shape, at most as many as a
+/// fan. Fewer than three corners yield none.
 pub fn triangulate(corners: &[Vec3]) -> Vec<[u32; 3]> {
-    let fan = || {
-        (2..corners.len() as u32)
-            .map(|i| [0, i - 1, i])
-            .collect::<Vec<_>>()
-    };
-    if corners.len() <= 3 || corners.len() > EAR_CORNERS {
-        return fan();
+    if corners.len() > 3 && corners.len() <= MOST_CUT {
+        let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
+        let normal = polygon_normal(&points);
+        if !is_convex(&points, normal) {
+            let cut = cut(&points, normal);
+            if !cut.is_empty() {
+                return cut;
+            }
+        }
     }
-    let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
-    let normal = polygon_normal(&points);
-    // Twice the signed area of the triangle projected along the normal, times the length of the normal.
-    let area = |a: u32, b: u32, c: u32| {
-        let [a, b, c] = [a, b, c].map(|corner| points[corner as usize]);
-        (b - a).cross(c - a).dot(normal)
-    };
-    if fan().iter().all(|&[a, b, c]| area(a, b, c) > 0.0) && is_convex(&points, normal) {
-        return fan();
-    }
-
-    let mut left: Vec<u32> = (0..points.len() as u32).collect();
-    let mut triangles = Vec::with_capacity(points.len() - 2);
-    while left.len() > 3 {
-        let neighbours = |i: usize| {
-            [
-                left[(i + left.len() - 1) % left.len()],
-                left[i],
-                left[(i + 1) % left.len()],
-            ]
-        };
-        let is_ear = |&i: &usize| {
-            let [a, b, c] = neighbours(i);
-            let inside =
-                |p: u32| area(a, b, p) >= 0.0 && area(b, c, p) >= 0.0 && area(c, a, p) >= 0.0;
-            area(a, b, c) > 0.0
-                && !left
-                    .iter()
-                    .any(|&p| p != a && p != b && p != c && inside(p))
-        };
-        let ear = (0..left.len()).find(is_ear).unwrap_or(1);
-        triangles.push(neighbours(ear));
-        left.remove(ear);
-    }
-    triangles.push([left[0], left[1], left[2]]);
-    triangles
+    (2..corners.len() as u32).map(|i| [0, i - 1, i]).collect()
 }
 
+/// Whether a polygon becomes a fan though it is concave, because it has too many corners.
+pub(crate) fn is_too_large(corners: &[Vec3]) -> bool {
+    corners.len() > MOST_CUT && {
+        let points: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
+        !is_convex(&points, polygon_normal(&points))
+    }
+}
+
+/// Cuts a polygon into ears: triangles that face along `normal`.
+fn cut(points: &[DVec3], normal: DVec3) -> Vec<[u32; 3]> {
+    // Leaving out the axis closest to the normal rounds nothing: equal points and straight lines stay what they are.
+    let [x, y, z] = normal.abs().to_array();
+    let flat = points.iter().map(|point| match () {
+        () if z >= x && z >= y => [point.x, point.y * normal.z.signum()],
+        () if y >= x => [point.z, point.x * normal.y.signum()],
+        () => [point.y, point.z * normal.x.signum()],
+    });
+    let mut triangles: Vec<u32> = Vec::new();
+    Earcut::new().earcut(flat, &[], &mut triangles);
+    triangles.as_chunks().0.to_vec()
+}
+
+/// Whether no corner turns inward, and each triangle of the fan has an area.
 fn is_convex(points: &[DVec3], normal: DVec3) -> bool {
-    let count = points.len();
-    (0..count).all(|i| {
+    let (first, count) = (points[0], points.len());
+    let mut fan = points[1..].windows(2);
+    let turns = |i: usize| {
         let [a, b, c] = [i, i + 1, i + 2].map(|corner| points[corner % count]);
-        (b - a).cross(c - b).dot(normal) >= 0.0
-    })
+        (b - a).cross(c - b).dot(normal)
+    };
+    fan.all(|edge| (edge[0] - first).cross(edge[1] - first).dot(normal) > 0.0)
+        && (0..count).all(|i| turns(i) >= 0.0)
 }

@@ -76,7 +76,7 @@ pub fn generate(mesh: &mut Mesh, uv_set: usize) -> Option<Vec<u32>> {
 }
 
 /// An arbitrary unit tangent for a triangle whose texture coordinates define none.
-fn any_tangent(normal: Vec3) -> Vec4 {
+pub(crate) fn any_tangent(normal: Vec3) -> Vec4 {
     normal
         .try_normalize()
         .map_or(Vec3::X, Vec3::any_orthonormal_vector)

@@ -2,6 +2,7 @@
 
 use std::io::Cursor;
 
+use exr::meta::attribute::{Chromaticities, EnvironmentMap};
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image as ExrImage,
     ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, SmallVec, Vec2,
@@ -183,4 +184,141 @@ fn files_of_several_parts() {
     other.encoding.compression = Compression::RLE;
     let bytes = written([depth, picture, other], display).unwrap();
     assert_same(&bytes, "three parts");
+}
+
+/// A file whose channels hold these values everywhere.
+fn constant(channels: &[(&str, f32)], attributes: ImageAttributes) -> Vec<u8> {
+    let texels = WIDTH * HEIGHT;
+    let channel =
+        |&(name, value): &(&str, f32)| AnyChannel::new(name, FlatSamples::F32(vec![value; texels]));
+    let layer = Layer::new(
+        (WIDTH, HEIGHT),
+        LayerAttributes::named(""),
+        encoding(Compression::ZIP16, Blocks::ScanLines),
+        AnyChannels::sort(channels.iter().map(channel).collect()),
+    );
+    let mut bytes = Cursor::new(Vec::new());
+    let image = ExrImage::new(attributes, layer);
+    let written = image.write().non_parallel().to_buffered(&mut bytes);
+    written.expect("a file");
+    bytes.into_inner()
+}
+
+fn shown() -> ImageAttributes {
+    ImageAttributes::new(IntegerBounds::from_dimensions((WIDTH, HEIGHT)))
+}
+
+/// The colour of a file that has the same one everywhere, or why it cannot be read.
+fn color(bytes: &[u8]) -> Result<[f32; 3], String> {
+    let image = decode_radiance("a.exr", bytes, &Limits::default());
+    let image = image.map_err(|error| error.to_string())?;
+    let Pixels::Rgba32Float(texels) = image.pixels else {
+        panic!("radiance is floats");
+    };
+    let texels = texels.as_chunks::<4>().0;
+    assert!(texels.iter().all(|texel| *texel == texels[0]));
+    let [r, g, b, alpha] = texels[0];
+    assert_eq!(alpha, 1.0);
+    Ok([r, g, b])
+}
+
+#[test]
+fn grey_is_read() {
+    for channels in [
+        &[("Y", 0.5)][..],
+        &[("A", 1.0), ("Y", 0.5)],
+        &[("Y", 0.5), ("Z", 3.0)],
+    ] {
+        assert_eq!(color(&constant(channels, shown())), Ok([0.5; 3]));
+    }
+}
+
+#[test]
+fn a_layer_of_colour_is_read() {
+    let layer = |name: &str, values: [f32; 3]| {
+        let channels = ["R", "G", "B"].into_iter().zip(values);
+        let channels = channels.map(|(channel, value)| (format!("{name}.{channel}"), value));
+        channels.collect::<Vec<(String, f32)>>()
+    };
+    let read = |layers: &[Vec<(String, f32)>]| {
+        let channels = layers.iter().flatten();
+        let channels: Vec<_> = channels.map(|(name, value)| (&name[..], *value)).collect();
+        color(&constant(&channels, shown()))
+    };
+    let combined = layer("ViewLayer.Combined", [1.0, 2.0, 3.0]);
+    let depth = vec![("ViewLayer.Depth.Z".to_owned(), 9.0)];
+    let albedo = layer("ViewLayer.Albedo", [0.5; 3]);
+    assert_eq!(
+        read(&[combined.clone(), depth.clone()]),
+        Ok([1.0, 2.0, 3.0])
+    );
+    assert_eq!(read(&[albedo.clone(), combined]), Ok([1.0, 2.0, 3.0]));
+    let other = layer("ViewLayer.Direct", [0.5; 3]);
+    let error = read(&[albedo, other]).unwrap_err();
+    let several = "several layers have colours (ViewLayer.Albedo, ViewLayer.Direct)";
+    assert!(error.contains(several), "{error}");
+    let error = read(&[depth]).unwrap_err();
+    assert!(error.contains("no channels R, G and B, nor Y"), "{error}");
+    assert!(error.contains("ViewLayer.Depth.Z"), "{error}");
+}
+
+#[test]
+fn chroma_is_named() {
+    let chroma = constant(&[("BY", 0.0), ("RY", 0.0), ("Y", 0.5)], shown());
+    let error = color(&chroma).unwrap_err();
+    assert!(
+        error.contains("luminance and chroma (Y, RY, BY)"),
+        "{error}"
+    );
+}
+
+#[test]
+fn other_primaries_become_those_of_rec_709() {
+    let read = |values: [f32; 3], chromaticities: [[f32; 2]; 4]| {
+        let [red, green, blue, white] = chromaticities.map(|[x, y]| Vec2(x, y));
+        let mut attributes = shown();
+        attributes.chromaticities = Some(Chromaticities {
+            red,
+            green,
+            blue,
+            white,
+        });
+        let [r, g, b] = values;
+        color(&constant(&[("R", r), ("G", g), ("B", b)], attributes)).unwrap()
+    };
+    let close = |found: [f32; 3], wanted: [f32; 3]| {
+        let differences = found.iter().zip(wanted).map(|(a, b)| (a - b).abs());
+        assert!(differences.fold(0.0, f32::max) < 1e-3, "{found:?}");
+    };
+    let xyz = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0 / 3.0; 2]];
+    close(read([0.4753, 0.5, 0.5445], xyz), [0.5; 3]);
+    let rec_2020 = [
+        [0.708, 0.292],
+        [0.17, 0.797],
+        [0.131, 0.046],
+        [0.3127, 0.329],
+    ];
+    close(read([0.6274, 0.0691, 0.0164], rec_2020), [1.0, 0.0, 0.0]);
+    let rec_709 = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
+    assert_eq!(read([0.1, 0.2, 0.3], rec_709), [0.1, 0.2, 0.3]);
+    // They make no colours.
+    assert_eq!(read([0.1, 0.2, 0.3], [[0.0; 2]; 4]), [0.1, 0.2, 0.3]);
+}
+
+#[test]
+fn a_cube_is_named() {
+    let mut layer = layer(
+        Kind::Half,
+        encoding(Compression::ZIP16, Blocks::ScanLines),
+        LayerAttributes::named(""),
+    );
+    let display = IntegerBounds::from_dimensions((WIDTH, HEIGHT));
+    layer.attributes.environment_map = Some(EnvironmentMap::LatitudeLongitude);
+    assert_same(&written([layer.clone()], display).unwrap(), "latlong");
+    layer.attributes.environment_map = Some(EnvironmentMap::Cube);
+    let error = color(&written([layer], display).unwrap()).unwrap_err();
+    assert!(
+        error.contains("attribute envmap: cube maps are not read"),
+        "{error}"
+    );
 }

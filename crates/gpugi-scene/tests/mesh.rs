@@ -2,7 +2,9 @@
 
 mod random;
 
-use glam::{Vec3, vec3};
+use std::time::{Duration, Instant};
+
+use glam::{EulerRot, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::normals::{CREASE_ANGLE, smooth_normals};
 use gpugi_scene::polygon::triangulate;
@@ -231,4 +233,90 @@ fn polygons_are_covered() {
         assert!(triangulate(&square[..few]).is_empty());
     }
     assert_eq!(triangulate(&[Vec3::ONE; 7]).len(), 5, "no area at all");
+}
+
+/// A square of 8 x 8 with a hole of 4 x 4 that a bridge joins to its edge, as exporters write it.
+const WINDOW: [Vec3; 10] = [
+    vec3(-4.0, -4.0, 0.0),
+    vec3(4.0, -4.0, 0.0),
+    vec3(4.0, 4.0, 0.0),
+    vec3(-4.0, 4.0, 0.0),
+    vec3(-4.0, -4.0, 0.0),
+    vec3(-2.0, -2.0, 0.0),
+    vec3(-2.0, 2.0, 0.0),
+    vec3(2.0, 2.0, 0.0),
+    vec3(2.0, -2.0, 0.0),
+    vec3(-2.0, -2.0, 0.0),
+];
+
+#[test]
+fn holes_stay_open() {
+    let mut window = WINDOW;
+    for _ in 0..window.len() {
+        check_polygon(&window, 64.0 - 16.0);
+        window.rotate_left(1);
+    }
+    let ring = (0_i32..33)
+        .map(|i| (3.0, i))
+        .chain((0..33).map(|i| (2.6, -i)));
+    let ring: Vec<Vec3> = ring
+        .map(|(radius, i)| {
+            let angle = i.rem_euclid(32) as f32 / 32.0 * std::f32::consts::TAU;
+            vec3(angle.cos(), angle.sin(), 0.0) * radius
+        })
+        .collect();
+    let sector = (std::f32::consts::TAU / 32.0).sin() / 2.0;
+    check_polygon(&ring, 32.0 * sector * (9.0 - 2.6 * 2.6));
+}
+
+#[test]
+fn concave_polygons_keep_their_winding_in_every_plane() {
+    for turn in [
+        Quat::IDENTITY,
+        Quat::from_rotation_x(1.5),
+        Quat::from_rotation_x(-1.5),
+        Quat::from_rotation_x(3.0),
+        Quat::from_rotation_y(1.5),
+        Quat::from_rotation_y(-1.5),
+        Quat::from_euler(EulerRot::XYZ, 0.6, 0.8, 2.0),
+    ] {
+        let corners = WINDOW.map(|corner| turn * corner);
+        let areas = triangulate(&corners).into_iter().map(|triangle| {
+            let [a, b, c] = triangle.map(|corner| corners[corner as usize]);
+            (b - a).cross(c - a).dot(turn * Vec3::Z) / 2.0
+        });
+        let areas: Vec<f32> = areas.collect();
+        assert!(areas.iter().all(|area| *area > 0.0), "{turn}: {areas:?}");
+        assert!((areas.iter().sum::<f32>() - 48.0).abs() < 1e-3, "{turn}");
+    }
+}
+
+#[test]
+fn a_convex_polygon_stays_a_fan() {
+    let rim = (0..2000).map(|i| {
+        let angle = i as f32 / 2000.0 * std::f32::consts::TAU;
+        vec3(angle.cos(), angle.sin(), 0.0)
+    });
+    for corners in [4, 5, 7, 40] {
+        let rim: Vec<Vec3> = rim.clone().step_by(2000 / corners).take(corners).collect();
+        let fan = (2..corners as u32).map(|i| [0, i - 1, i]);
+        assert_eq!(triangulate(&rim), fan.collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn polygons_that_intersect_themselves_take_no_time() {
+    let mut random = Random(7);
+    for corners in [5, 40, 90, 120, 200, 300, 300, 300, 30_000] {
+        let scale = [1e-45, 1e-3, 1.0, 3e35][random.below(4)];
+        let tangle: Vec<Vec3> = (0..corners)
+            .map(|_| {
+                let mut side = || random.below(1000) as f32 * scale;
+                vec3(side(), side(), side() * 1e-3)
+            })
+            .collect();
+        let begun = Instant::now();
+        assert!(triangulate(&tangle).len() <= corners - 2);
+        assert!(begun.elapsed() < Duration::from_millis(200), "{corners}");
+    }
 }

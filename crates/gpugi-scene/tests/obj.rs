@@ -355,3 +355,131 @@ fn damaged_files_never_panic() {
     }
     println!("{read_well} damaged files still made a scene");
 }
+
+/// A square of 8 x 8 with a hole of 4 x 4, which a bridge joins to the edge: by vertices 1 and 5 twice, and by vertices
+/// at equal positions.
+const WINDOWS: [&str; 2] = [
+    "v -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nv -2 0 -2\nv 2 0 -2\nv 2 0 2\nv -2 0 2\n\
+        f 1 2 3 4 1 5 6 7 8 5\n",
+    "v -4 0 -4\nv -4 0 4\nv 4 0 4\nv 4 0 -4\nv -4 0 -4\nv -2 0 -2\nv 2 0 -2\nv 2 0 2\nv -2 0 2\nv -2 0 -2\n\
+        f 1 2 3 4 5 6 7 8 9 10\n",
+];
+
+#[test]
+fn holes_of_faces_stay_open() {
+    for window in WINDOWS {
+        let scene = read(window, &Files::default()).unwrap();
+        let mesh = &scene.meshes[0];
+        assert!((mesh.area() - 48.0).abs() < 1e-6, "{}", mesh.area());
+        assert!(mesh.normals.iter().all(|normal| *normal == Vec3::Y));
+    }
+}
+
+#[test]
+fn concave_faces_of_very_many_corners_are_noted() {
+    let star = |corners: usize, inner: f64| {
+        let vertices = (0..corners).map(|i| {
+            let angle = i as f64 / corners as f64 * std::f64::consts::TAU;
+            let radius = if i % 2 == 0 { 1.0 } else { inner };
+            format!("v {} {} 0\n", angle.cos() * radius, angle.sin() * radius)
+        });
+        let face: String = (1..=corners).map(|i| format!(" {i}")).collect();
+        let file = vertices.collect::<String>() + "f" + &face + "\n";
+        read(file, &Files::default()).unwrap().warnings
+    };
+    assert!(star(300, 0.5).is_empty());
+    assert!(star(302, 1.0).is_empty());
+    let notes = star(302, 0.5);
+    assert!(
+        notes[0].starts_with("f: concave faces with more than 300"),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn colours_of_vertices_are_srgb() {
+    let face = "f 1 2 3\n";
+    let colored = |colors: [&str; 3]| {
+        let vertex = |(place, color): (&str, &str)| format!("v {place} {color}\n");
+        let places = ["0 0 0", "1 0 0", "0 1 0"].into_iter().zip(colors);
+        let file = places.map(vertex).collect::<String>() + face;
+        read(file, &Files::default()).unwrap()
+    };
+    let red = |scene: &Scene| {
+        let colors = scene.meshes[0].colors.iter();
+        colors.map(|color| color.x).collect::<Vec<f32>>()
+    };
+    let close = |found: Vec<f32>, wanted: [f32; 3]| {
+        let differences = found.iter().zip(wanted).map(|(a, b)| (a - b).abs());
+        assert!(
+            differences.fold(0.0, f32::max) < 1e-3 && found.len() == 3,
+            "{found:?}"
+        );
+    };
+    // 188 of 255 is half of the light.
+    let scene = colored(["0.73725 0 0", "0 1 0", "1 0 1"]);
+    close(red(&scene), [0.503, 0.0, 1.0]);
+    let material = &scene.materials[scene.instances[0].material];
+    assert_eq!(material.base_color, vec4(1.0, 1.0, 1.0, 1.0));
+    close(
+        red(&colored(["188 0 0", "0 255 0", "255 0 255"])),
+        [0.503, 0.0, 1.0],
+    );
+    // Without a colour, or with one that is no number, white.
+    let scene = colored(["", "0 0 0", ""]);
+    close(red(&scene), [1.0, 0.0, 1.0]);
+    let scene = colored(["nan 0 0", "0 0 0", "inf 0 0"]);
+    close(red(&scene), [1.0, 0.0, 1.0]);
+    assert_eq!(scene.warnings.len(), 1);
+    assert!(
+        scene.warnings[0].starts_with("v: vertex colours that"),
+        "{:?}",
+        scene.warnings
+    );
+    let scene = colored(["", "", ""]);
+    assert!(scene.meshes[0].colors.is_empty());
+    assert_eq!(scene.materials[0].base_color, vec4(0.6, 0.6, 0.6, 1.0));
+    // A fourth number is a weight.
+    assert!(colored(["1", "1", "1"]).meshes[0].colors.is_empty());
+}
+
+#[test]
+fn broken_normals_and_coordinates_are_replaced() {
+    let file = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt nan nan\nvt 0.5 inf\nvt 0.5 0.25\n\
+        vn nan 0 0\nvn 0 0 0\nvn 0 2 0\nf 1/1/1 2/2/2 3/3/3\n";
+    let scene = read(file, &Files::default()).unwrap();
+    let mesh = &scene.meshes[0];
+    assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::Y]);
+    assert_eq!(mesh.uvs[0], [Vec2::ZERO, Vec2::ZERO, Vec2::new(0.5, 0.75)]);
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    assert!(
+        scene.warnings[0]
+            .ends_with("normals without a direction become those of the faces (2 of them)")
+    );
+    assert!(
+        scene.warnings[1].ends_with("texture coordinates that are not finite become 0 (2 of them)")
+    );
+}
+
+#[test]
+fn byte_order_marks() {
+    let library = "\u{feff}newmtl a\nKd 0.25 0.5 0.75\n";
+    let file = "\u{feff}mtllib a.mtl\r\nv 0 0 0\r\nv 1 0 0\r\nv 0 1 0\r\nusemtl a\r\nf 1 2 3\r\n";
+    let scene = read(file, &Files::default().with("a.mtl", library)).unwrap();
+    assert_eq!(scene.materials[0].base_color, vec4(0.25, 0.5, 0.75, 1.0));
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let wide = |text: &str| -> Vec<u8> { text.encode_utf16().flat_map(u16::to_be_bytes).collect() };
+    for text in [wide(file), wide(&file[3..])] {
+        let error = read(text, &Files::default()).unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "test.obj: whole file: this is UTF-16 text; save it as UTF-8"
+        );
+    }
+    let scene = read(file, &Files::default().with("a.mtl", wide(library))).unwrap();
+    assert!(
+        scene.warnings[0].contains("a.mtl: this is UTF-16 text"),
+        "{:?}",
+        scene.warnings
+    );
+}

@@ -108,8 +108,12 @@ fn normals_and_texture_coordinates_are_kept() {
         property float red\nproperty float green\nproperty float blue\nproperty float alpha\n\
         element face 1\nproperty list uint uint vertex_index\nend_header\n\
         0 0 0 0 0 2 0 0 .5 .25 2 .5\n1 0 0 0 0 1 1 0 .5 .25 2 .5\n0 1 0 0 0 0 0 1 .5 .25 2 .5\n3 0 1 2\n";
-    let mesh = mesh(file.as_bytes());
-    assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::Y]);
+    let scene = read(file.as_bytes()).unwrap();
+    let mesh = &scene.meshes[0];
+    // The last one is zero.
+    assert_eq!(mesh.normals, [Vec3::Z; 3]);
+    assert_eq!(scene.warnings.len(), 1);
+    assert!(scene.warnings[0].starts_with("element vertex: normals without"));
     assert_eq!(mesh.uvs[0], [Vec2::Y, Vec2::ONE, Vec2::ZERO]);
     assert_eq!(mesh.colors[0].to_array(), [0.5, 0.25, 2.0, 0.5]);
 }
@@ -256,4 +260,77 @@ fn well_known_meshes() {
                 .all(|normal| (normal.length() - 1.0).abs() < 1e-5)
         );
     }
+}
+
+#[test]
+fn holes_of_faces_stay_open() {
+    let window = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        -4 0 -4\n-4 0 4\n4 0 4\n4 0 -4\n-2 0 -2\n2 0 -2\n2 0 2\n-2 0 2\n10 0 1 2 3 0 4 5 6 7 4\n";
+    let mesh = mesh(window.as_bytes());
+    assert!((mesh.area() - 48.0).abs() < 1e-6, "{}", mesh.area());
+    assert!(mesh.normals.iter().all(|normal| *normal == Vec3::Y));
+}
+
+/// Two triangles that share an edge, the first half as bright as the second.
+fn two_colors(list: &str, faces: [&str; 2]) -> String {
+    let [first, second] = faces;
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 2\n{list}end_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n{first}\n{second}\n"
+    )
+}
+
+#[test]
+fn faces_have_colours() {
+    let corners = "property list uchar int vertex_indices\n";
+    let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    let after = two_colors(
+        &format!("{corners}{colors}"),
+        ["3 0 1 2 188 0 0", "3 0 2 3 255 0 0"],
+    );
+    let before = two_colors(
+        &format!("{colors}{corners}"),
+        ["188 0 0 3 0 1 2", "255 0 0 3 0 2 3"],
+    );
+    let scene = read(after.as_bytes()).unwrap();
+    assert_eq!(scene.meshes, read(before.as_bytes()).unwrap().meshes);
+    let mesh = &scene.meshes[0];
+    assert_eq!((mesh.positions.len(), mesh.indices.len()), (6, 6));
+    for (triangle, red) in mesh.indices.as_chunks::<3>().0.iter().zip([0.5029, 1.0]) {
+        for vertex in triangle {
+            let color = mesh.colors[*vertex as usize];
+            assert!((color.x - red).abs() < 1e-3 && color.y == 0.0, "{color}");
+        }
+    }
+    let material = &scene.materials[scene.instances[0].material];
+    assert_eq!(material.base_color, glam::Vec4::ONE);
+    let grey = two_colors(corners, ["3 0 1 2", "3 0 2 3"]);
+    let scene = read(grey.as_bytes()).unwrap();
+    assert_eq!(
+        scene.materials[0].base_color.to_array(),
+        [0.6, 0.6, 0.6, 1.0]
+    );
+}
+
+#[test]
+fn broken_normals_coordinates_and_colours_are_replaced() {
+    let file = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float nx\nproperty float ny\nproperty float nz\nproperty float s\nproperty float t\n\
+        property float red\nproperty float green\nproperty float blue\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 nan nan nan nan 0 0.5 nan 0.5\n1 0 0 0 inf 0 0.5 inf 0.5 0 0.5\n0 1 0 0 1 0 0.5 0.25 0.5 0 0.5\n3 0 1 2\n";
+    let scene = read(file.as_bytes()).unwrap();
+    let mesh = &scene.meshes[0];
+    assert_eq!(mesh.normals, [Vec3::Z, Vec3::Z, Vec3::Y]);
+    assert_eq!(mesh.uvs[0], [Vec2::ZERO, Vec2::ZERO, Vec2::new(0.5, 0.75)]);
+    let red: Vec<f32> = mesh.colors.iter().map(|color| color.x).collect();
+    assert_eq!(red, [1.0, 0.5, 0.5]);
+    assert_eq!(scene.warnings.len(), 3, "{:?}", scene.warnings);
+}
+
+#[test]
+fn a_byte_order_mark_is_skipped() {
+    let marked = format!("\u{feff}{PYRAMID}");
+    assert_eq!(mesh(marked.as_bytes()), mesh(PYRAMID.as_bytes()));
 }

@@ -14,7 +14,7 @@ use eframe::egui_wgpu::{RenderState, WgpuConfiguration, WgpuSetup, WgpuSetupCrea
 use gpugi::gpu::{Gpu, instance_descriptor};
 use gpugi_arguments::parse_size;
 use gpugi_cli::output::{self, Format};
-use gpugi_cli::{Common, exit_code, log_to_stderr};
+use gpugi_cli::{Common, exit_code, log_to_stderr, silence_mesa};
 use gpugi_viewer::app::App;
 use gpugi_viewer::arguments::{ViewArguments, of_view_file};
 use gpugi_viewer::headless::{self, Frames, Recorder};
@@ -58,6 +58,7 @@ struct Headless {
 }
 
 fn main() -> ExitCode {
+    silence_mesa();
     let arguments = arguments();
     log_to_stderr(&arguments.common);
     exit_code(run(&arguments))

@@ -44,8 +44,8 @@ fn irradiance(light: &Light, position: Vec3, normal: Vec3) -> f32 {
     } = light.kind
     {
         let cosine = (-toward.normalize()).dot(light.direction());
-        let cone = (cosine - outer_cone_angle.cos())
-            / (inner_cone_angle.cos() - outer_cone_angle.cos()).max(1e-3);
+        let cone =
+            (cosine - outer_cone_angle.cos()) / (inner_cone_angle.cos() - outer_cone_angle.cos());
         value *= cone.clamp(0.0, 1.0).powi(2);
     }
     value
@@ -76,6 +76,53 @@ fn unshadowed_light_is_analytic() {
                 light.name
             );
         }
+    }
+}
+
+#[test]
+fn narrow_cones_keep_their_intensity() {
+    let Some(gpu) = gpu() else { return };
+    for (inner, outer) in [
+        (0.5, 1.0),
+        (0.0, 1.0),
+        (1.0, 1.0),
+        (0.05, 0.05),
+        (20.0, 20.0),
+    ] {
+        let light = spot(vec3(0.0, 5.0, 0.0), Vec3::ZERO, inner, outer, 50.0);
+        let scene = lit_by(floor(2.0), light);
+        let picture = render(&gpu, &scene, &from_above(0.001, 2.0), 8, &[]);
+        assert_eq!(picture.lit().count(), 8 * 8);
+        for lit in picture.lit() {
+            let irradiance = lit.radiance.x / GREY_BRDF;
+            assert!(
+                (irradiance - 2.0).abs() < 0.02,
+                "{irradiance} between {inner} and {outer} degrees"
+            );
+        }
+    }
+}
+
+#[test]
+fn equal_angles_are_a_hard_edge() {
+    let Some(gpu) = gpu() else { return };
+    let light = spot(vec3(0.0, 3.0, 0.0), Vec3::ZERO, 20.0, 20.0, 20.0);
+    let scene = lit_by(floor(2.0), light.clone());
+    let picture = render(&gpu, &scene, &from_above(3.8, 5.0), 64, &[]);
+    let bulb = Light {
+        kind: LightKind::Point,
+        ..light
+    };
+    for lit in picture.lit() {
+        let angle = (lit.position.length() / 3.0).atan().to_degrees();
+        let is_inside = angle < 20.0;
+        let full = GREY_BRDF * irradiance(&bulb, lit.position, Vec3::Y);
+        let expected = if is_inside { full } else { 0.0 };
+        let error = (lit.radiance.x - expected).abs();
+        assert!(
+            (angle - 20.0).abs() < 0.01 || error < 0.01 * full,
+            "{lit:?}"
+        );
     }
 }
 

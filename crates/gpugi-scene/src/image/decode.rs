@@ -3,9 +3,9 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, codecs};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, codecs};
 
-use super::{exr, ktx2};
+use super::{exr, hdr, ktx2};
 use crate::import::budget::ImageLimits;
 use crate::{Image, ImportError, Limits, Pixels};
 
@@ -30,7 +30,7 @@ pub(crate) fn decode_color_within(
     let format = recognise(name, bytes)?;
     let decoded = match format {
         Format::Ktx2 => return ktx2::decode_color(name, bytes, limits),
-        Format::OpenExr | Format::Other(ImageFormat::Hdr) => {
+        Format::OpenExr | Format::Hdr => {
             return Err(ImportError::new(
                 name,
                 "header",
@@ -45,6 +45,17 @@ pub(crate) fn decode_color_within(
         width: texels.width(),
         height: texels.height(),
         pixels: Pixels::Rgba8(texels.into_raw()),
+    })
+}
+
+/// Bytes of the texels that a PNG or JPEG claims to have, as material textures; 0 for others.
+pub(crate) fn claimed_bytes(bytes: &[u8]) -> u64 {
+    let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = image::guess_format(bytes) else {
+        return 0;
+    };
+    let size = ImageReader::with_format(Cursor::new(bytes), format).into_dimensions();
+    size.map_or(0, |(width, height)| {
+        u64::from(width) * u64::from(height) * COLOR_TEXEL
     })
 }
 
@@ -67,14 +78,12 @@ pub(super) fn decode_linear(
     let (image, encoded_as_srgb) = match recognise(name, bytes)? {
         Format::Ktx2 => (ktx2::decode_radiance(name, bytes, limits)?, false),
         Format::OpenExr => (exr::decode(name, bytes, limits)?, false),
+        Format::Hdr => (hdr::decode(name, bytes, limits)?, false),
         Format::Other(format) => {
             let decoded = decode(name, bytes, format, limits, RADIANCE_TEXEL)?;
-            let encoded_as_srgb = matches!(format, ImageFormat::Png | ImageFormat::Jpeg);
             let mut texels = decoded.into_rgba32f();
             for texel in texels.pixels_mut() {
-                if encoded_as_srgb {
-                    texel.0 = texel.0.map(linear_from_srgb);
-                }
+                texel.0 = texel.0.map(linear_from_srgb);
                 texel.0[3] = 1.0;
             }
             let image = Image {
@@ -83,7 +92,7 @@ pub(super) fn decode_linear(
                 height: texels.height(),
                 pixels: Pixels::Rgba32Float(texels.into_raw()),
             };
-            (image, encoded_as_srgb)
+            (image, true)
         }
     };
     check_finite(&image)?;
@@ -102,6 +111,7 @@ pub fn load_radiance(path: &Path, limits: &Limits) -> Result<Image, ImportError>
 enum Format {
     Ktx2,
     OpenExr,
+    Hdr,
     Other(ImageFormat),
 }
 
@@ -113,11 +123,12 @@ fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
     if bytes.starts_with(&::ktx2::MAGIC) {
         return Ok(Format::Ktx2);
     }
+    if bytes.starts_with(hdr::SIGNATURE) {
+        return Ok(Format::Hdr);
+    }
     match image::guess_format(bytes) {
         Ok(ImageFormat::OpenExr) => Ok(Format::OpenExr),
-        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Hdr)) => {
-            Ok(Format::Other(format))
-        }
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => Ok(Format::Other(format)),
         Ok(format) => Err(ImportError::new(
             name,
             "header",
@@ -242,20 +253,7 @@ fn decode(
             )?;
             finish(name, decoder, limits, texel)
         }
-        // HDR: no other is recognised.
-        _ => {
-            let decoder = codecs::hdr::HdrDecoder::new(reader);
-            let decoder = decoder.map_err(header)?;
-            check_expansion(
-                name,
-                decoder.dimensions(),
-                texel,
-                bytes.len(),
-                false,
-                limits,
-            )?;
-            finish(name, decoder, limits, texel)
-        }
+        _ => unreachable!("no other format is recognised"),
     }
 }
 
@@ -267,7 +265,7 @@ fn decoder_limits(limits: &ImageLimits) -> image::Limits {
 }
 
 /// Decodes, once the size is within the limits.
-fn finish(
+pub(super) fn finish(
     name: &str,
     mut decoder: impl ImageDecoder,
     limits: &ImageLimits,
@@ -281,7 +279,7 @@ fn finish(
 }
 
 /// The sRGB transfer function (IEC 61966-2-1) from encoded to linear; 0..1 maps to 0..1.
-pub(super) fn linear_from_srgb(encoded: f32) -> f32 {
+pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {

@@ -3,16 +3,18 @@
 mod decode;
 mod encode;
 mod exr;
+mod hdr;
 mod ktx2;
 mod ktx2_array;
 mod ktx2_volume;
 pub mod metrics;
 mod nanovdb;
+mod primaries;
 
 use serde::{Deserialize, Serialize};
 
+pub(crate) use decode::{claimed_bytes, decode_color_within, linear_from_srgb, srgb_from_linear};
 pub use decode::{decode_color, decode_radiance, load_radiance};
-pub(crate) use decode::{decode_color_within, srgb_from_linear};
 pub use encode::{replace_file, save_exr, save_hdr, save_png, write_exr, write_png};
 pub use ktx2::{HalfTexture, save_ktx2};
 pub(crate) use ktx2_array::{

@@ -138,6 +138,11 @@ impl Budget {
         self.images.set(self.images.get() + bytes as u64);
         Ok(())
     }
+
+    /// Charges an image that could not be decoded, whose texels would take `bytes`. It may use up what is left.
+    pub fn charge_broken_image(&self, bytes: u64) {
+        self.images.set(self.images.get().saturating_add(bytes));
+    }
 }
 
 impl Limits {

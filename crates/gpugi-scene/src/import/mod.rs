@@ -4,10 +4,14 @@ pub(crate) mod budget;
 pub(crate) mod gltf;
 mod obj;
 mod ply;
+pub(crate) mod replaced;
+pub(crate) mod text;
 
 use std::path::{Component, Path, PathBuf};
 
-use crate::{Environment, ImportError, Scene};
+use glam::Vec3;
+
+use crate::{Environment, ImportError, Material, Scene};
 
 /// Provides the other files that a file refers to.
 pub trait Resolver {
@@ -167,6 +171,19 @@ fn real(path: &Path) -> Result<PathBuf, String> {
     let path = if is_here { Path::new(".") } else { path };
     let real = path.canonicalize();
     real.map_err(|error| error.to_string())
+}
+
+/// The material of surfaces that have none: grey, or a matt one that shows the colours of their vertices as they are.
+pub(crate) fn default_material(is_colored: bool) -> Material {
+    if is_colored {
+        return Material::matt("default", Vec3::ONE);
+    }
+    Material {
+        name: "default".to_owned(),
+        base_color: Vec3::splat(0.6).extend(1.0),
+        roughness: 0.5,
+        ..Material::default()
+    }
 }
 
 /// The beginning of a text from a file, for messages.

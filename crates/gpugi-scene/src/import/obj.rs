@@ -9,13 +9,14 @@ mod texture;
 
 use std::collections::HashSet;
 
-use glam::{Mat4, vec4};
+use glam::Mat4;
 
 use self::geometry::Geometry;
 use self::material::Library;
 use super::budget::Budget;
-use super::quoted;
-use crate::{ImportError, Limits, Material, Resolver, Scene};
+use super::text::without_mark;
+use super::{default_material, quoted};
+use crate::{ImportError, Limits, Resolver, Scene};
 
 /// Reads an OBJ scene: one instance per group (or object) and material. Parts without normals get smooth ones. Missing
 /// files other than the OBJ itself (material libraries, images) cause warnings.
@@ -25,6 +26,8 @@ pub fn import(
     resolver: &dyn Resolver,
     limits: &Limits,
 ) -> Result<Scene, ImportError> {
+    let bytes =
+        without_mark(bytes).map_err(|reason| ImportError::new(name, "whole file", reason))?;
     let text = String::from_utf8_lossy(bytes);
     let budget = Budget::new(limits, bytes.len());
     let geometry = Geometry::parse(name, &text, &budget)?;
@@ -35,7 +38,7 @@ pub fn import(
         library.load(names, &mut scene)?;
     }
 
-    let mut default_material = None;
+    let mut default_materials = [None; 2];
     let mut missing = HashSet::new();
     for part in geometry.parts {
         let found = part.material.as_deref().and_then(|name| library.find(name));
@@ -47,7 +50,9 @@ pub fn import(
                 let warning = format!("material \"{name}\" is in no library: it becomes grey");
                 scene.warnings.push(warning);
             }
-            *default_material.get_or_insert_with(|| scene.add_material(grey()))
+            let is_colored = !part.mesh.colors.is_empty();
+            *default_materials[usize::from(is_colored)]
+                .get_or_insert_with(|| scene.add_material(default_material(is_colored)))
         });
 
         let mut mesh = part.mesh;
@@ -67,28 +72,29 @@ pub fn import(
     Ok(scene)
 }
 
-/// The material of surfaces that have none.
-fn grey() -> Material {
-    Material {
-        name: "default".into(),
-        base_color: vec4(0.6, 0.6, 0.6, 1.0),
-        roughness: 0.5,
-        ..Material::default()
+/// Parses `COUNT` finite numbers from `words`; the error says why that fails.
+fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
+    let numbers = any_numbers(words)?;
+    let broken = numbers.iter().position(|number: &f32| !number.is_finite());
+    match broken {
+        Some(at) => Err(no_number(words[at])),
+        None => Ok(numbers),
     }
 }
 
-/// Parses `COUNT` finite numbers from `words`; the error says why that fails.
-fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
+fn no_number(word: &str) -> String {
+    format!("\"{}\" is no finite number", quoted(word))
+}
+
+/// As [`numbers`], of any value.
+fn any_numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
     if words.len() < COUNT {
         return Err(format!("{} numbers where {COUNT} belong", words.len()));
     }
     let mut values = [0.0; COUNT];
     for (value, word) in values.iter_mut().zip(words) {
-        *value = word
-            .parse()
-            .ok()
-            .filter(|number: &f32| number.is_finite())
-            .ok_or_else(|| format!("\"{}\" is no finite number", quoted(word)))?;
+        let number = word.parse().map_err(|_| no_number(word))?;
+        *value = number;
     }
     Ok(values)
 }

@@ -6,37 +6,39 @@
 mod header;
 mod values;
 
-use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
+use std::collections::HashMap;
+
+use glam::{Mat4, Vec3, Vec4};
 
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
 use super::budget::Budget;
+use super::default_material;
+use super::replaced::{Broken, Replaced};
+use super::text::without_mark;
+use crate::image::linear_from_srgb;
+use crate::normals::replace_zero_normals;
 use crate::tangents::unit_or;
-use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
+use crate::{ImportError, Limits, Mesh, Scene, polygon};
 
 /// Reads a PLY mesh. Positions and faces are required; normals (smooth ones are generated if missing), texture
-/// coordinates and vertex colours are optional. Other elements and properties are skipped.
+/// coordinates and colours of vertices or faces are optional. Other elements and properties are skipped.
 pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, ImportError> {
+    let bytes = without_mark(bytes).map_err(|reason| ImportError::new(name, "line 1", reason))?;
     let header = Header::parse(bytes)
         .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
     let mut values = Values::new(&bytes[header.size..], header.format);
-    let mesh =
-        read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(
-            |error| match error {
-                Failure::Place(place, reason) => ImportError::new(name, place, reason),
-                Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
-            },
-        )?;
-
     let mut scene = Scene::new(name);
+    let budget = Budget::new(limits, bytes.len());
+    let mesh =
+        read(&header, &mut values, &budget, &mut scene.warnings).map_err(|error| match error {
+            Failure::Place(place, reason) => ImportError::new(name, place, reason),
+            Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
+        })?;
+
     let stem = std::path::Path::new(name).file_stem();
     let stem = stem.map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
-    let material = scene.add_material(Material {
-        name: "default".into(),
-        base_color: vec4(0.6, 0.6, 0.6, 1.0),
-        roughness: 0.5,
-        ..Material::default()
-    });
+    let material = scene.add_material(default_material(!mesh.colors.is_empty()));
     let mesh = scene.add_mesh(Mesh {
         name: stem.clone().into(),
         ..mesh
@@ -63,8 +65,19 @@ const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
 /// Memory of an index (bytes), likewise.
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 
-fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, Failure> {
+/// Memory of a vertex that has the colour of a face (bytes): with its place in the table in which equal ones are found,
+/// and in a list of their origins.
+const COLORED_BYTES: usize =
+    VERTEX_BYTES + 2 * (size_of::<((u32, [u32; 4]), u32)>() + size_of::<u32>());
+
+fn read(
+    header: &Header,
+    values: &mut Values,
+    budget: &Budget,
+    warnings: &mut Vec<String>,
+) -> Result<Mesh, Failure> {
     let mut mesh = Mesh::default();
+    let mut replaced = Replaced::default();
     let mut has_faces = false;
     for element in &header.elements {
         let place = format!("element {}", element.name);
@@ -75,11 +88,14 @@ fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, F
             "vertex" => {
                 let charged = budget.charge(element.count, VERTEX_BYTES);
                 charged.map_err(|reason| Failure::Place(place, reason))?;
-                read_vertices(element, values, &mut mesh)?;
+                read_vertices(element, values, &mut mesh, &mut replaced)?;
+            }
+            "face" if has_faces => {
+                return Err(Failure::Place(place, "there are two of them".into()));
             }
             "face" => {
                 has_faces = true;
-                read_faces(element, values, &mut mesh, budget)?;
+                read_faces(element, values, &mut mesh, &mut replaced, budget)?;
             }
             "tristrips" => {
                 let reason = "triangle strips are not supported: convert them to faces";
@@ -100,10 +116,13 @@ fn read(header: &Header, values: &mut Values, budget: &Budget) -> Result<Mesh, F
         let smoothed = budget.smooth_normals(&mut mesh);
         smoothed.map_err(|reason| Failure::Place("element face".into(), reason))?;
     }
+    let count = replace_zero_normals(&mut mesh);
+    replaced.add(Broken::Normal, count, "element vertex");
+    warnings.extend(replaced.notes());
     Ok(mesh)
 }
 
-/// The purpose of a vertex property.
+/// The purpose of a property of a vertex, or of a face, which only has a colour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Role {
     Position(usize),
@@ -133,7 +152,12 @@ impl Role {
     }
 }
 
-fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result<(), Failure> {
+fn read_vertices(
+    element: &Element,
+    values: &mut Values,
+    mesh: &mut Mesh,
+    replaced: &mut Replaced,
+) -> Result<(), Failure> {
     let roles: Vec<Role> = element.properties.iter().map(Role::of).collect();
     let has = |role: fn(usize) -> Role, count: usize| (0..count).all(|i| roles.contains(&role(i)));
     if !has(Role::Position, 3) {
@@ -145,8 +169,8 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
     let has_colors = has(Role::Color, 3);
 
     for _ in 0..element.count {
-        let (mut position, mut normal, mut uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
-        let mut color = Vec4::ONE;
+        let (mut position, mut normal, mut uv) = (Vec3::ZERO, Vec3::ZERO, [0.0; 2]);
+        let mut color = [1.0; 4];
         for (property, role) in element.properties.iter().zip(&roles) {
             if property.list_count.is_some() {
                 skip_property(property, values)?;
@@ -154,32 +178,42 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
             }
             let value = values.number(property.kind)?;
             match *role {
-                Role::Other => continue,
-                Role::Position(axis) => position[axis] = value as f32,
+                Role::Other => {}
+                Role::Position(axis) => {
+                    position[axis] = value as f32;
+                    if !position[axis].is_finite() {
+                        return Err(format!("property {} is not finite", property.name).into());
+                    }
+                }
                 Role::Normal(axis) => normal[axis] = value as f32,
                 Role::Uv(axis) => uv[axis] = value as f32,
                 Role::Color(channel) => {
                     color[channel] = linear_color(value, property.kind, channel == 3);
                 }
             }
-            if !(value as f32).is_finite() {
-                return Err(format!("property {} is not finite", property.name).into());
-            }
         }
         mesh.positions.push(position);
         if has_normals {
-            // A zero normal means that there is none; substitute an arbitrary direction.
-            mesh.normals.push(unit_or(Vec3::Y, normal));
+            mesh.normals.push(unit_or(Vec3::ZERO, normal));
         }
         if has_uvs {
             // In PLY, v points up.
-            mesh.uvs[0].push(Vec2::new(uv.x, 1.0 - uv.y));
+            let mut uv = [[uv[0], 1.0 - uv[1]]];
+            replaced.replace(&mut uv, Broken::Uv, [0.0; 2], "element vertex");
+            mesh.uvs[0].push(uv[0].into());
         }
         if has_colors {
-            mesh.colors.push(color);
+            mesh.colors
+                .push(finite_color(color, replaced, "element vertex"));
         }
     }
     Ok(())
+}
+
+fn finite_color(color: [f32; 4], replaced: &mut Replaced, place: &str) -> Vec4 {
+    let mut color = [color];
+    replaced.replace(&mut color, Broken::Color, [1.0; 4], place);
+    color[0].into()
 }
 
 /// Integers are sRGB over the range of their type, floats are linear; alpha is always linear.
@@ -187,13 +221,11 @@ fn linear_color(value: f64, kind: Kind, is_alpha: bool) -> f32 {
     let Some(largest) = kind.largest() else {
         return value as f32;
     };
-    let encoded = (value / largest).clamp(0.0, 1.0);
+    let encoded = (value / largest).clamp(0.0, 1.0) as f32;
     if is_alpha {
-        encoded as f32
-    } else if encoded <= 0.04045 {
-        (encoded / 12.92) as f32
+        encoded
     } else {
-        ((encoded + 0.055) / 1.055).powf(2.4) as f32
+        linear_from_srgb(encoded)
     }
 }
 
@@ -201,48 +233,100 @@ fn read_faces(
     element: &Element,
     values: &mut Values,
     mesh: &mut Mesh,
+    replaced: &mut Replaced,
     budget: &Budget,
 ) -> Result<(), Failure> {
     let is_corner_list = |property: &Property| {
         property.list_count.is_some()
             && matches!(property.name.as_str(), "vertex_indices" | "vertex_index")
     };
-    if !element.properties.iter().any(is_corner_list) {
+    let Some(corner_list) = element.properties.iter().position(is_corner_list) else {
         let reason = "a list property vertex_indices or vertex_index is required";
         return Err(Failure::Place("element face".into(), reason.into()));
-    }
+    };
     if mesh.positions.is_empty() && element.count > 0 {
         let reason = "faces come before the vertices, or there are none";
         return Err(Failure::Place("element face".into(), reason.into()));
     }
+    let roles: Vec<Role> = element.properties.iter().map(Role::of).collect();
+    let mut colored = Colored::default();
+    // Colours of vertices say more than those of faces.
+    let has_colors =
+        mesh.colors.is_empty() && (0..3).all(|channel| roles.contains(&Role::Color(channel)));
     let mut corners = Vec::new();
     for _ in 0..element.count {
-        for property in &element.properties {
-            if !is_corner_list(property) {
-                skip_property(property, values)?;
-                continue;
-            }
-            let count = values.list_count(property)?;
-            corners.clear();
-            for _ in 0..count {
-                let index = values.number(property.kind)?;
-                if !(index >= 0.0 && index < mesh.positions.len() as f64 && index.fract() == 0.0) {
-                    let reason = format!(
-                        "vertex index {index} is out of range: there are {} vertices",
-                        mesh.positions.len()
-                    );
-                    return Err(reason.into());
+        let mut color = [1.0; 4];
+        for (at, (property, role)) in element.properties.iter().zip(&roles).enumerate() {
+            match *role {
+                _ if at == corner_list => {
+                    read_corners(property, values, mesh.positions.len(), &mut corners)?;
                 }
-                corners.push(index as u32);
+                Role::Color(channel) if property.list_count.is_none() => {
+                    let value = values.number(property.kind)?;
+                    color[channel] = linear_color(value, property.kind, channel == 3);
+                }
+                _ => skip_property(property, values)?,
             }
-            budget.charge(corners.len().saturating_sub(2) as u64, 3 * INDEX_BYTES)?;
-            add_polygon(mesh, &corners);
         }
+        budget.charge(corners.len().saturating_sub(2) as u64, 3 * INDEX_BYTES)?;
+        let first = mesh.indices.len();
+        add_polygon(mesh, &corners, replaced);
+        if has_colors {
+            budget.charge(corners.len() as u64, COLORED_BYTES)?;
+            let color = finite_color(color, replaced, "element face");
+            (mesh.indices[first..].iter_mut())
+                .for_each(|vertex| *vertex = colored.vertex(*vertex, color));
+        }
+    }
+    if has_colors {
+        let indices = std::mem::take(&mut mesh.indices);
+        *mesh = mesh.with_vertices(&colored.sources, indices);
+        mesh.colors = colored.colors;
     }
     Ok(())
 }
 
-fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
+/// Vertices that have the colours of their faces: one for each colour around a vertex of the file.
+#[derive(Default)]
+struct Colored {
+    number_of: HashMap<(u32, [u32; 4]), u32>,
+    /// The vertex of the file.
+    sources: Vec<u32>,
+    colors: Vec<Vec4>,
+}
+
+impl Colored {
+    fn vertex(&mut self, source: u32, color: Vec4) -> u32 {
+        let key = (source, color.to_array().map(f32::to_bits));
+        *self.number_of.entry(key).or_insert_with(|| {
+            self.sources.push(source);
+            self.colors.push(color);
+            self.sources.len() as u32 - 1
+        })
+    }
+}
+
+/// Reads the corners of a face; each is below `vertices`.
+fn read_corners(
+    property: &Property,
+    values: &mut Values,
+    vertices: usize,
+    corners: &mut Vec<u32>,
+) -> Result<(), Failure> {
+    corners.clear();
+    for _ in 0..values.list_count(property)? {
+        let index = values.number(property.kind)?;
+        if !(index >= 0.0 && index < vertices as f64 && index.fract() == 0.0) {
+            let reason =
+                format!("vertex index {index} is out of range: there are {vertices} vertices");
+            return Err(reason.into());
+        }
+        corners.push(index as u32);
+    }
+    Ok(())
+}
+
+fn add_polygon(mesh: &mut Mesh, corners: &[u32], replaced: &mut Replaced) {
     if let [a, b, c] = *corners {
         mesh.indices.extend([a, b, c]);
         return;
@@ -251,6 +335,8 @@ fn add_polygon(mesh: &mut Mesh, corners: &[u32]) {
         .iter()
         .map(|&corner| mesh.positions[corner as usize])
         .collect();
+    let too_large = usize::from(polygon::is_too_large(&positions));
+    replaced.add(Broken::Face, too_large, "element face");
     for triangle in polygon::triangulate(&positions) {
         let vertices = triangle.map(|corner| corners[corner as usize]);
         mesh.indices.extend(vertices);

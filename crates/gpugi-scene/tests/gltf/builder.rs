@@ -178,6 +178,24 @@ impl File {
         self.try_import().unwrap_or_else(|error| panic!("{error}"))
     }
 
+    /// Imports it, which must work, with one note that says how many values at `place` are replaced.
+    #[track_caller]
+    pub fn import_with_replaced(&self, place: &str, count: usize) -> Scene {
+        let scene = self.import_with_note(&format!("{place}: "));
+        let end = format!("({count} of them)");
+        assert!(scene.warnings[0].ends_with(&end), "{:?}", scene.warnings);
+        scene
+    }
+
+    /// Imports it, which must work, with one note that begins with `note`.
+    #[track_caller]
+    pub fn import_with_note(&self, note: &str) -> Scene {
+        let scene = self.import();
+        assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+        assert!(scene.warnings[0].starts_with(note), "{:?}", scene.warnings);
+        scene
+    }
+
     /// Imports it, which must fail at `place` for a reason that contains `reason`.
     #[track_caller]
     pub fn assert_error(&self, place: &str, reason: &str) {

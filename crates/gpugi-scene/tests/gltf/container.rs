@@ -108,3 +108,17 @@ fn meshopt_needs_its_feature() {
     file.json["extensionsRequired"] = json!(["EXT_meshopt_compression"]);
     file.assert_error("extensionsRequired[0]", "cargo feature meshopt");
 }
+
+#[test]
+fn text_may_begin_with_a_byte_order_mark() {
+    let text = File::triangle().gltf_with_data();
+    let read = |bytes: &[u8]| import("a.gltf", bytes, &Files::default(), &Limits::default());
+    let scene = read(&[b"\xef\xbb\xbf", &text[..]].concat()).unwrap();
+    assert_eq!(scene, read(&text).unwrap());
+    let wide = String::from_utf8(text).unwrap();
+    let wide: Vec<u8> = wide.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for bytes in [&wide[..], &[b"\xff\xfe", &wide[..]].concat()] {
+        let error = read(bytes).unwrap_err().to_string();
+        assert_eq!(error, "a.gltf: JSON: this is UTF-16 text; save it as UTF-8");
+    }
+}

@@ -409,3 +409,58 @@ fn sparse_accessors_are_checked() {
     file.json["accessors"][0]["sparse"] = sparse(u64::MAX);
     file.assert_error("accessors[0].sparse", "of 3 elements");
 }
+
+#[test]
+fn values_that_no_surface_has_are_replaced() {
+    let place = "meshes[0].primitives[0]";
+    let mut file = File::triangle();
+    let (nan, inf) = (f32::NAN, f32::INFINITY);
+    let normals = file.floats("VEC3", &[nan, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    file.attribute("NORMAL", normals);
+    let scene = file.import_with_replaced(place, 2);
+    assert_eq!(scene.meshes[0].normals, [Vec3::Z, Vec3::Z, Vec3::Y]);
+
+    let mut file = File::triangle();
+    let normals = file.floats("VEC3", &[0.0, 0.0, 1.0].repeat(3));
+    let tangents = [0.0, 2.0, 0.0, -1.0, nan, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let tangents = file.floats("VEC4", &tangents);
+    file.attribute("NORMAL", normals);
+    file.attribute("TANGENT", tangents);
+    let scene = file.import_with_replaced(place, 2);
+    let tangents = &scene.meshes[0].tangents;
+    assert_eq!(tangents[0].to_array(), [0.0, 1.0, 0.0, -1.0]);
+    assert!(
+        tangents
+            .iter()
+            .all(|one| one.z == 0.0 && one.truncate().is_normalized())
+    );
+
+    let mut file = File::triangle();
+    let uvs = file.floats("VEC2", &[0.5, nan, 0.5, 0.25, inf, 0.0]);
+    file.attribute("TEXCOORD_0", uvs);
+    let scene = file.import_with_replaced(&format!("{place}.attributes.TEXCOORD_0"), 2);
+    let expected = [Vec2::ZERO, Vec2::new(0.5, 0.25), Vec2::ZERO];
+    assert_eq!(scene.meshes[0].uvs[0], expected);
+
+    let mut file = File::triangle();
+    let colors = file.floats("VEC3", &[0.5, 0.5, 0.5, nan, 0.0, 0.0, 0.25, 0.0, 0.0]);
+    file.attribute("COLOR_0", colors);
+    let scene = file.import_with_replaced(&format!("{place}.attributes.COLOR_0"), 1);
+    let red: Vec<f32> = scene.meshes[0].colors.iter().map(|color| color.x).collect();
+    assert_eq!(red, [0.5, 1.0, 0.25]);
+
+    let mut file = File::triangle();
+    let offsets = file.floats("VEC3", &[nan; 9]);
+    file.primitive()["targets"] = json!([{ "NORMAL": offsets }]);
+    file.import_with_replaced(&format!("{place}.targets[0].NORMAL"), 3);
+}
+
+#[test]
+fn a_kind_of_broken_values_costs_one_note() {
+    let mut file = File::triangle();
+    let uvs = file.floats("VEC2", &[f32::NAN; 6]);
+    file.attribute("TEXCOORD_0", uvs);
+    let primitive = file.primitive().clone();
+    file.json["meshes"][0]["primitives"] = json!(vec![primitive; 50]);
+    file.import_with_replaced("meshes[0].primitives[0].attributes.TEXCOORD_0", 150);
+}

@@ -1,5 +1,7 @@
 //! The hierarchy, instances, lights and cameras.
 
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+
 use glam::{Mat4, Quat, Vec3};
 use gpugi_scene::{LightKind, Projection};
 use serde_json::{Value, json};
@@ -176,18 +178,68 @@ fn spot_and_directional_lights() {
 }
 
 #[test]
-fn wrong_lights_are_named() {
-    let place = |rest: &str| format!("extensions.KHR_lights_punctual.lights[0]{rest}");
-    lit(json!({ "type": "laser" })).assert_error(&place(".type"), "laser");
-    lit(json!({ "type": "point", "intensity": -1.0 })).assert_error(&place(".intensity"), "-1");
-    let inverted =
-        json!({ "type": "spot", "spot": { "innerConeAngle": 0.5, "outerConeAngle": 0.25 } });
-    lit(inverted).assert_error(&place(".spot"), "0.5");
+fn wrong_lights_are_left_out_or_mended() {
+    let place = "extensions.KHR_lights_punctual.lights[0]";
+    for (light, reason) in [
+        (json!({ "type": "laser" }), "\"laser\" is no kind"),
+        (
+            json!({ "type": "point", "intensity": -1.0 }),
+            "[-1, -1, -1] is no intensity",
+        ),
+        (
+            json!({ "type": "point", "intensity": 1e39 }),
+            "[inf, inf, inf] is no",
+        ),
+        (
+            json!({ "type": "point", "intensity": null }),
+            "[NaN, NaN, NaN] is no",
+        ),
+    ] {
+        let scene = lit(light).import_with_note(&format!("{place}: {reason}"));
+        assert!(scene.lights.is_empty());
+    }
+    let mended = |light: serde_json::Value, note: &str| {
+        let scene = lit(light).import_with_note(&format!("{place}{note}"));
+        scene.lights[0].clone()
+    };
+    let light = mended(json!({ "type": "point", "range": 0.0 }), ": the range");
+    assert_eq!(light.range, None);
     let radius = json!({ "type": "point", "extras": { "gpugi": { "radius": -1.0 } } });
-    lit(radius).assert_error(&place(".extras.gpugi"), "radius");
+    assert_eq!(mended(radius, ".extras.gpugi: radius").radius, 0.0);
+    for (inner, outer, used) in [
+        (json!(0.5), json!(0.25), [0.25, 0.25]),
+        (json!(-0.5), json!(0.25), [0.0, 0.25]),
+        (json!(0.5), json!(3.0), [0.5, FRAC_PI_2]),
+        (json!(0.5), json!(-1.0), [0.5, FRAC_PI_4]),
+        (json!(null), json!(0.25), [0.0, 0.25]),
+    ] {
+        let spot = json!({ "innerConeAngle": inner, "outerConeAngle": outer });
+        let light = mended(
+            json!({ "type": "spot", "spot": spot }),
+            ".spot: cone angles",
+        );
+        let [inner_cone_angle, outer_cone_angle] = used;
+        let cone = LightKind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        };
+        assert_eq!(light.kind, cone);
+    }
     let mut file = lit(json!({ "type": "point" }));
     file.json["nodes"][0]["extensions"]["KHR_lights_punctual"]["light"] = json!(1);
     file.assert_error("nodes[0].extensions.KHR_lights_punctual", "light 1");
+}
+
+#[test]
+fn a_spot_may_have_a_hard_edge() {
+    let spot = json!({ "innerConeAngle": 0.25, "outerConeAngle": 0.25 });
+    let scene = lit(json!({ "type": "spot", "spot": spot })).import();
+    let cone = LightKind::Spot {
+        inner_cone_angle: 0.25,
+        outer_cone_angle: 0.25,
+    };
+    assert_eq!(scene.lights[0].kind, cone);
+    assert!(scene.warnings.is_empty());
 }
 
 #[test]

@@ -19,7 +19,7 @@ pub struct LightSample {
     pub tangent: [f32; 3],
     pub radius: f32,
     pub cone_scale: f32,
-    pub cone_offset: f32,
+    pub cone_end: f32,
     pub inverse_range_squared: f32,
     pub area: f32,
 }
@@ -32,6 +32,18 @@ impl LightSample {
     pub const AREA_TWO_SIDED: u32 = 4;
 }
 
+/// Scale and end of a spot's cone, as `cone` of light_falloff.wesl takes them. Equal angles are a hard edge.
+///
+/// The floor in the sample code of KHR_lights_punctual, 0.001, would dim cones with half angles below 2.6 degrees.
+pub fn cone(inner_cone_angle: f32, outer_cone_angle: f32) -> [f32; 2] {
+    // Steps between cosines close to 1 are as large as this.
+    const STEP: f64 = 1.0 / (1 << 24) as f64;
+    let [inner, outer] = [inner_cone_angle, outer_cone_angle].map(|angle| f64::from(angle).cos());
+    // Even the narrowest cone holds its axis.
+    let end = outer.min(1.0 - STEP);
+    [(1.0 / (inner - end).max(STEP)) as f32, end as f32]
+}
+
 impl LightSample {
     /// Luminous power (W) that the sample emits into a scene of this radius (m).
     pub fn power(&self, scene_radius: f32) -> f32 {
@@ -40,8 +52,7 @@ impl LightSample {
         intensity
             * match self.kind {
                 Self::POINT => 4.0 * PI,
-                // The cosine at which the cone ends, from cos x scale + offset = 0.
-                Self::SPOT => TAU * (1.0 + self.cone_offset / self.cone_scale),
+                Self::SPOT => TAU * (1.0 - self.cone_end),
                 Self::DIRECTIONAL => PI * scene_radius * scene_radius,
                 Self::AREA_TWO_SIDED => TAU,
                 _ => PI,

@@ -3,7 +3,7 @@
 use glam::{Mat4, Quat, Vec3};
 use gpugi_scene::{Light, LightKind};
 
-use super::gpu::LightSample;
+use super::gpu::{LightSample, cone};
 use crate::scene::Emitter;
 use crate::sequences::{GOLDEN_RATIO, R2, additive};
 
@@ -24,10 +24,8 @@ pub fn punctual(light: &Light) -> LightSample {
             inner_cone_angle,
             outer_cone_angle,
         } => {
-            let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
             sample.kind = LightSample::SPOT;
-            sample.cone_scale = 1.0 / (inner - outer).max(1e-3);
-            sample.cone_offset = -outer * sample.cone_scale;
+            [sample.cone_scale, sample.cone_end] = cone(inner_cone_angle, outer_cone_angle);
         }
         LightKind::Directional => {
             sample.kind = LightSample::DIRECTIONAL;

@@ -6,6 +6,7 @@ use gpugi_scene::{AlphaMode, LightKind, Scene};
 
 use super::alias;
 use crate::light_paths::LightClass;
+use crate::lights::gpu::cone;
 use crate::scene::{Emitter, GpuScene};
 
 /// `Light` of reference/light_table.wesl.
@@ -25,7 +26,7 @@ pub struct Light {
     pub flags: u32,
     pub radius: f32,
     pub cone_scale: f32,
-    pub cone_offset: f32,
+    pub cone_end: f32,
     pub inverse_range_squared: f32,
     pub padding: u32,
 }
@@ -147,16 +148,12 @@ pub fn luminance(color: Vec3) -> f64 {
 
 fn punctual_row(light: &gpugi_scene::Light) -> Light {
     let (kind, cone) = match light.kind {
-        LightKind::Point => (POINT, [0.0, 1.0]),
+        LightKind::Point => (POINT, [0.0; 2]),
         LightKind::Spot {
             inner_cone_angle,
             outer_cone_angle,
-        } => {
-            let (inner, outer) = (inner_cone_angle.cos(), outer_cone_angle.cos());
-            let scale = 1.0 / (inner - outer).max(1e-3);
-            (SPOT, [scale, -outer * scale])
-        }
-        LightKind::Directional => (DIRECTIONAL, [0.0, 1.0]),
+        } => (SPOT, cone(inner_cone_angle, outer_cone_angle)),
+        LightKind::Directional => (DIRECTIONAL, [0.0; 2]),
     };
     // Light of infinitely distant lights reaches everything.
     let range = light.range.filter(|_| kind != DIRECTIONAL);
@@ -167,7 +164,7 @@ fn punctual_row(light: &gpugi_scene::Light) -> Light {
         emission: light.intensity.to_array(),
         radius: light.radius,
         cone_scale: cone[0],
-        cone_offset: cone[1],
+        cone_end: cone[1],
         inverse_range_squared: range.map_or(0.0, |range| 1.0 / (range * range)),
         ..Zeroable::zeroed()
     }

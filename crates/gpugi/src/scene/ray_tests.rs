@@ -443,6 +443,33 @@ fn alpha_decides_what_rays_hit() {
 }
 
 #[test]
+fn a_cutoff_of_one_keeps_what_is_opaque() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::new("leaf");
+    let material = scene.add_material(Material {
+        alpha_mode: AlphaMode::Mask { cutoff: 1.0 },
+        ..Material::default()
+    });
+    let mesh = scene.add_mesh(square());
+    scene.add_instance("leaf", mesh, material, Mat4::IDENTITY);
+    let mut random = Random(5);
+    let mut place = || (0.01 + 0.98 * random.next()) as f32;
+    let rays: Vec<Ray> = (0..10_000)
+        .map(|_| Ray {
+            origin: Vec3::new(place(), place(), 1.0),
+            direction: Vec3::NEG_Z,
+            t_min: 0.0,
+            t_max: 10.0,
+        })
+        .collect();
+    let found = trace(&gpu, &GpuScene::with_rays(&gpu, &scene).unwrap(), &rays);
+    let passing = found
+        .iter()
+        .filter(|found| found.instance != 0 || found.any == 0);
+    assert_eq!(passing.count(), 0);
+}
+
+#[test]
 fn instances_move_come_and_go_under_the_same_meshes() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = Scene::new("moving");

@@ -180,6 +180,27 @@ fn punctual_light_falls_by_the_inverse_square_and_the_cosine() {
         .check("all", DVec3::splat(expected), 0.015 * expected);
 }
 
+#[test]
+fn narrow_cones_keep_their_intensity() {
+    let Some(gpu) = gpu() else { return };
+    for (inner, outer) in [(0.5_f32, 1.0_f32), (0.0, 1.0), (1.0, 1.0), (0.05, 0.05)] {
+        let kind = LightKind::Spot {
+            inner_cone_angle: inner.to_radians(),
+            outer_cone_angle: outer.to_radians(),
+        };
+        let light = Light::new("", kind, Vec3::splat(50.0)).aimed(vec3(0.0, 5.0, 0.0), Vec3::ZERO);
+        let scene = lit_by(floor(2.0), light);
+        let mut tracer = tracer(&gpu, &scene, [8; 2], &bounces(1));
+        for color in picture(&mut tracer, &from_above(0.001, 2.0), 4, 1).chunks(3) {
+            let irradiance = f64::from(color[0]) * PI / 0.5;
+            assert!(
+                (irradiance - 2.0).abs() < 0.02,
+                "{irradiance} between {inner} and {outer} degrees"
+            );
+        }
+    }
+}
+
 /// Irradiance is harmonic in the light's position: its mean over a sphere of positions is its value at the centre. Over
 /// a cap of directions, the mean cosine is (1 + cos r) / 2 of that at the centre.
 #[test]

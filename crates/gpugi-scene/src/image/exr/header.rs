@@ -1,7 +1,10 @@
 //! The header of an OpenEXR file, as far as it decides how texels are stored. Everything in it is checked here.
 
+use std::collections::HashSet;
+
 use exr::meta::attribute::{Compression, SampleType};
 
+use crate::image::primaries::Chromaticities;
 use crate::import::quoted;
 
 const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
@@ -60,6 +63,8 @@ struct Header<'a> {
     tiles: Option<[u32; 2]>,
     chunks: Option<u64>,
     kind: Option<&'a [u8]>,
+    chromaticities: Option<Chromaticities>,
+    is_cube: bool,
 }
 
 /// A channel of a part.
@@ -83,6 +88,11 @@ pub(super) struct Part<'a> {
     pub number: Option<u32>,
     /// Where its table of chunks starts.
     pub table: usize,
+    /// The channels that are red, green and blue; of a grey picture, all the same.
+    pub colors: [Vec<u8>; 3],
+    /// The layer of these channels, if they belong to one.
+    pub layer: Option<String>,
+    pub chromaticities: Option<Chromaticities>,
 }
 
 /// A sequence of bytes that is read from its start.
@@ -115,6 +125,14 @@ impl<'a> Bytes<'a> {
         Some(text)
     }
 
+    fn chromaticities(&mut self) -> Option<Chromaticities> {
+        let mut values = [[0.0; 2]; 4];
+        for value in values.as_flattened_mut() {
+            *value = f64::from(self.array().map(f32::from_le_bytes)?);
+        }
+        Some(values)
+    }
+
     fn window(&mut self) -> Option<Window> {
         let mut corner = || Some([self.i32()?, self.i32()?]);
         Some(Window {
@@ -124,7 +142,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// The first part that has RGB.
+/// The part that holds the picture ([`Picture::find`]).
 pub(super) fn read_part(bytes: &[u8]) -> Result<Part<'_>, Fault> {
     let cut = || ("header".to_owned(), "the file ends too early".to_owned());
     let mut rest = Bytes(bytes);
@@ -148,29 +166,132 @@ pub(super) fn read_part(bytes: &[u8]) -> Result<Part<'_>, Fault> {
             break;
         }
     }
-    let mut table = bytes.len() - rest.0.len();
-    let mut deep = version & FLAG_DEEP != 0 && !has_parts;
-    for (number, header) in headers.iter().enumerate() {
-        let is_tiled = match header.kind {
-            Some(kind) => kind.starts_with(b"tiled"),
-            None => version & FLAG_TILES != 0,
-        };
-        deep |= header.kind.is_some_and(|kind| kind.starts_with(b"deep"));
-        if !deep && header.channels.is_some_and(has_rgb) {
-            let number = has_parts.then_some(number as u32);
-            return header.part(is_tiled, number, table);
+    let is_deep = |header: &Header| match header.kind {
+        Some(kind) => kind.starts_with(b"deep"),
+        None => version & FLAG_DEEP != 0,
+    };
+    let shallow = headers
+        .iter()
+        .enumerate()
+        .filter(|(_, header)| !is_deep(header));
+    let channels: Vec<(usize, &[u8])> = shallow
+        .flat_map(|(number, header)| {
+            names(header.channels.unwrap_or_default()).map(move |name| (number, name))
+        })
+        .collect();
+    let Some(Picture {
+        part,
+        colors,
+        layer,
+    }) = Picture::find(&channels)?
+    else {
+        if headers.iter().any(is_deep) {
+            return fault("header", "deep parts are not read; flatten them");
         }
+        let found: Vec<_> = channels
+            .iter()
+            .map(|(_, name)| String::from_utf8_lossy(name))
+            .collect();
+        let found = quoted(&found.join(", "));
+        let reason = format!("there are no channels R, G and B, nor Y; the channels are {found}");
+        return fault("header", reason);
+    };
+    // The table of a part follows those of the parts before it.
+    let mut table = bytes.len() - rest.0.len();
+    for header in &headers[..part] {
         let skipped = header.chunks.and_then(|chunks| chunks.checked_mul(8));
         let skipped = skipped.and_then(|bytes| usize::try_from(bytes).ok());
         table = skipped
             .and_then(|bytes| table.checked_add(bytes))
             .ok_or_else(|| ("header".to_owned(), "chunkCount is missing".to_owned()))?;
-        deep = false;
     }
-    fault(
-        "header",
-        "no part has the channels R, G and B, or only a deep one",
-    )
+    let header = &headers[part];
+    if header.is_cube {
+        let reason = "cube maps are not read; exrenvmap -l makes an equirectangular map";
+        return fault("attribute envmap", reason);
+    }
+    let is_tiled = match header.kind {
+        Some(kind) => kind.starts_with(b"tiled"),
+        None => version & FLAG_TILES != 0,
+    };
+    let number = has_parts.then_some(part as u32);
+    Ok(Part {
+        colors,
+        layer,
+        ..header.part(is_tiled, number, table)?
+    })
+}
+
+/// The channels to read, and the part that has them.
+struct Picture {
+    part: usize,
+    colors: [Vec<u8>; 3],
+    layer: Option<String>,
+}
+
+impl Picture {
+    /// Red, green and blue; without them, luminance; without it, those of the only layer that has colours, or of the
+    /// one called Combined. `channels`: each with the number of its part.
+    fn find(channels: &[(usize, &[u8])]) -> Result<Option<Self>, Fault> {
+        let known: HashSet<&(usize, &[u8])> = channels.iter().collect();
+        let has = |part: usize, name: &[u8]| known.contains(&(part, name));
+        let of_layer = |part: usize, prefix: &[u8]| {
+            let colors = [b'R', b'G', b'B'].map(|color| [prefix, &[color]].concat());
+            let is_whole = colors.iter().all(|name| has(part, name));
+            is_whole.then_some(Self {
+                part,
+                colors,
+                layer: None,
+            })
+        };
+        let mut parts: Vec<usize> = channels.iter().map(|&(part, _)| part).collect();
+        parts.dedup();
+        if let Some(found) = parts.iter().find_map(|&part| of_layer(part, b"")) {
+            return Ok(Some(found));
+        }
+        if let Some(&part) = parts.iter().find(|&&part| has(part, b"Y")) {
+            if has(part, b"RY") || has(part, b"BY") {
+                let reason = "luminance and chroma (Y, RY, BY) are not read; save it as RGB";
+                return fault("attribute channels", reason);
+            }
+            return Ok(Some(Self {
+                part,
+                colors: [b"Y"; 3].map(|name| name.to_vec()),
+                layer: None,
+            }));
+        }
+        let mut layers: Vec<(String, Self)> = Vec::new();
+        for &(part, name) in channels {
+            if let Some(prefix) = name
+                .strip_suffix(b"R")
+                .filter(|prefix| prefix.ends_with(b"."))
+                && let Some(found) = of_layer(part, prefix)
+            {
+                let layer = String::from_utf8_lossy(&prefix[..prefix.len() - 1]).into_owned();
+                layers.push((layer, found));
+            }
+        }
+        let combined = layers
+            .iter()
+            .position(|(layer, _)| layer.ends_with("Combined"));
+        let chosen = if layers.len() == 1 { Some(0) } else { combined };
+        if let Some(chosen) = chosen {
+            let (layer, picture) = layers.swap_remove(chosen);
+            return Ok(Some(Self {
+                layer: Some(layer),
+                ..picture
+            }));
+        }
+        if layers.is_empty() {
+            return Ok(None);
+        }
+        let found: Vec<&str> = layers.iter().map(|(layer, _)| layer.as_str()).collect();
+        let found = quoted(&found.join(", "));
+        fault(
+            "header",
+            format!("several layers have colours ({found}); save one of them alone"),
+        )
+    }
 }
 
 fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
@@ -219,6 +340,14 @@ fn read_header<'a>(rest: &mut Bytes<'a>) -> Result<Header<'a>, Fault> {
                 header.kind = Some(value);
                 true
             }
+            (b"chromaticities", b"chromaticities") => {
+                header.chromaticities = content.chromaticities();
+                header.chromaticities.is_some()
+            }
+            (b"envmap", b"envmap") => {
+                header.is_cube = value == [1];
+                true
+            }
             _ => true,
         };
         if !is_whole {
@@ -260,16 +389,15 @@ fn channels(list: &[u8]) -> Option<Vec<Channel<'_>>> {
     }
 }
 
-fn has_rgb(list: &[u8]) -> bool {
-    let mut names = Bytes(list);
-    let mut found = 0;
-    while let Some(name) = names.text().filter(|name| !name.is_empty()) {
-        found += u32::from(matches!(name, b"R" | b"G" | b"B"));
-        if names.take(16).is_none() {
-            break;
-        }
-    }
-    found >= 3
+/// The names of the channels of a list, up to where it is damaged.
+fn names(list: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let mut rest = Bytes(list);
+    let names = std::iter::from_fn(move || {
+        let name = rest.text().filter(|name| !name.is_empty())?;
+        rest.take(16)?;
+        Some(name)
+    });
+    names.take(MOST_CHANNELS)
 }
 
 impl<'a> Header<'a> {
@@ -318,6 +446,9 @@ impl<'a> Header<'a> {
             tiles,
             number,
             table,
+            colors: Default::default(),
+            layer: None,
+            chromaticities: self.chromaticities,
         })
     }
 }

@@ -15,29 +15,54 @@ use ::exr::meta::attribute::{
 use ::exr::meta::header::Header;
 use ::exr::prelude::{Vec2, f16};
 
+use glam::{DMat3, DVec3};
+
 use super::decode::{RADIANCE_TEXEL, check_expansion, check_size};
+use super::primaries::{Chromaticities, rec709_from};
 use crate::import::budget::ImageLimits;
+use crate::import::quoted;
 use crate::{Image, ImportError, Pixels};
 use header::{Bytes, Fault, Part, fault, read_part};
 
 /// Copies of a block that its decompression makes: sections, planes and sums of several channels.
 const COPIES: u64 = 6;
 
-/// Decodes the first part that has the channels R, G and B, to [`Pixels::Rgba32Float`] with alpha 1. Texels outside the
-/// data window are 0.
+/// Decodes the first part that has the channels R, G and B, or else Y, or else those of a layer, to
+/// [`Pixels::Rgba32Float`] with alpha 1. Texels outside the data window are 0.
 pub(super) fn decode(name: &str, bytes: &[u8], limits: &ImageLimits) -> Result<Image, ImportError> {
     let error = |(place, reason): Fault| ImportError::new(name, place, reason);
     let part = read_part(bytes).map_err(error)?;
     part.check_limits(name, bytes.len(), limits)?;
     part.check_blocks(bytes).map_err(error)?;
     let (width, height) = part.display.size();
-    let texels = part.texels(bytes).map_err(error)?;
+    let mut texels = part.texels(bytes).map_err(error)?;
+    if let Some(layer) = &part.layer {
+        tracing::warn!("{name}: its layer {} is read", quoted(layer));
+    }
+    if let Some(chromaticities) = &part.chromaticities {
+        convert(name, chromaticities, &mut texels);
+    }
     Ok(Image {
         name: name.to_owned(),
         width,
         height,
         pixels: Pixels::Rgba32Float(texels),
     })
+}
+
+/// Converts texels of these chromaticities to Rec. 709.
+fn convert(name: &str, chromaticities: &Chromaticities, texels: &mut [f32]) {
+    let Some(rec709_from_file) = rec709_from(chromaticities) else {
+        tracing::warn!("{name}: its chromaticities make no colours: those of Rec. 709 are used");
+        return;
+    };
+    if rec709_from_file == DMat3::IDENTITY {
+        return;
+    }
+    for [r, g, b, _] in texels.as_chunks_mut::<4>().0 {
+        let color = rec709_from_file * DVec3::from([*r, *g, *b].map(f64::from));
+        [*r, *g, *b] = color.as_vec3().to_array();
+    }
 }
 
 /// A block of texels, as it is stored.
@@ -271,15 +296,16 @@ impl Part<'_> {
                 let size = channel.samples.bytes_per_sample();
                 let (own, others) = rest.split_at(size * block.size[0] as usize);
                 rest = others;
-                let colors: [&[u8]; 3] = [b"R", b"G", b"B"];
-                let Some(color) = colors.iter().position(|name| *name == channel.name) else {
-                    continue;
-                };
                 let own = &own[columns.start * size..columns.end * size];
                 let x = (first(0) + columns.start as i64) as usize;
-                let target = texels[(y * width as usize + x) * 4..].chunks_exact_mut(4);
-                for (texel, sample) in target.zip(own.chunks_exact(size)) {
-                    texel[color] = float(channel.samples, sample);
+                for (color, name) in self.colors.iter().enumerate() {
+                    if name != channel.name {
+                        continue;
+                    }
+                    let target = texels[(y * width as usize + x) * 4..].chunks_exact_mut(4);
+                    for (texel, sample) in target.zip(own.chunks_exact(size)) {
+                        texel[color] = float(channel.samples, sample);
+                    }
                 }
             }
         }

@@ -138,9 +138,7 @@ impl Document<'_> {
         index: usize,
         place: &str,
     ) -> Result<Vec<[f32; N]>, ImportError> {
-        let (accessor, layout) = self.layout(index, place)?;
-        let read = layout.component.reader(accessor.normalized);
-        let elements = self.elements(index, place, read)?;
+        let elements = self.any_floats(index, place)?;
         let is_finite = |element: &[f32; N]| element.iter().all(|value| value.is_finite());
         if let Some(at) = elements.iter().position(|element| !is_finite(element)) {
             return Err(self.error(
@@ -152,6 +150,17 @@ impl Document<'_> {
             ));
         }
         Ok(elements)
+    }
+
+    /// As [`Document::floats`], finite or not.
+    pub fn any_floats<const N: usize>(
+        &self,
+        index: usize,
+        place: &str,
+    ) -> Result<Vec<[f32; N]>, ImportError> {
+        let (accessor, layout) = self.layout(index, place)?;
+        let read = layout.component.reader(accessor.normalized);
+        self.elements(index, place, read)
     }
 
     /// All elements of accessor `index` as unsigned integers.

@@ -6,6 +6,8 @@ use std::cell::RefCell;
 use super::{schema, uri};
 use crate::import::budget::Budget;
 use crate::import::quoted;
+use crate::import::replaced::Replaced;
+use crate::import::text::without_mark;
 use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
@@ -39,6 +41,8 @@ pub struct Document<'a> {
     /// Content of the compressed buffer views, decoded.
     decoded_views: Vec<Option<Vec<u8>>>,
     warnings: RefCell<Vec<String>>,
+    /// Values that no surface can have.
+    pub replaced: RefCell<Replaced>,
 }
 
 impl<'a> Document<'a> {
@@ -68,6 +72,7 @@ impl<'a> Document<'a> {
             buffers: Vec::new(),
             decoded_views: Vec::new(),
             warnings: RefCell::default(),
+            replaced: RefCell::default(),
         };
         document.check_version()?;
         document.check_extensions()?;
@@ -88,7 +93,9 @@ impl<'a> Document<'a> {
 
     /// The warnings so far.
     pub fn into_warnings(self) -> Vec<String> {
-        self.warnings.into_inner()
+        let mut warnings = self.warnings.into_inner();
+        warnings.extend(self.replaced.into_inner().notes());
+        warnings
     }
 
     /// The element of `list` at `index`; the error names `place`, which contains the index.
@@ -368,7 +375,7 @@ fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<Parts<'a>, ImportError> {
     }
     let Some(rest) = bytes.strip_prefix(b"glTF") else {
         return Ok(Parts {
-            json: bytes,
+            json: without_mark(bytes).map_err(|reason| error("JSON", reason))?,
             ..Parts::default()
         });
     };

@@ -7,7 +7,9 @@ use glam::{Vec2, Vec3, Vec4};
 use super::document::Document;
 use super::schema::Primitive;
 use crate::animation::{Influences, JOINT_BYTES, MorphTarget};
-use crate::tangents::{self, unit_or};
+use crate::import::replaced::Broken;
+use crate::normals::replace_zero_normals;
+use crate::tangents::{self, any_tangent, unit_or};
 use crate::{ImportError, Mesh, Name};
 
 /// Memory of an index (bytes).
@@ -229,23 +231,24 @@ impl Reader<'_> {
     ) -> Result<Geometry, ImportError> {
         let attributes = &primitive.attributes;
         let positions = self.floats::<3>(attributes, "POSITION")?;
-        let normals = self.floats::<3>(attributes, "NORMAL")?;
-        let tangents = self.floats::<4>(attributes, "TANGENT")?;
+        let normals = self.any_floats::<3>(attributes, "NORMAL")?;
+        let tangents = self.any_floats::<4>(attributes, "TANGENT")?;
         let uvs = |set: u32| -> Result<Vec<Vec2>, ImportError> {
-            let uvs = self.floats::<2>(attributes, &format!("TEXCOORD_{set}"))?;
+            let name = format!("TEXCOORD_{set}");
+            let uvs = self.finite_floats(attributes, &name, Broken::Uv, [0.0; 2])?;
             Ok(uvs.into_iter().map(Vec2::from).collect())
         };
-        let mesh = Mesh {
+        let mut mesh = Mesh {
             name,
             positions: positions.into_iter().map(Vec3::from).collect(),
             normals: normals
                 .into_iter()
-                .map(|normal| unit_or(Vec3::Y, normal.into()))
+                .map(|normal| unit_or(Vec3::ZERO, normal.into()))
                 .collect(),
             tangents: tangents
                 .into_iter()
                 .map(|[x, y, z, w]| {
-                    unit_or(Vec3::X, Vec3::new(x, y, z)).extend(1.0_f32.copysign(w))
+                    unit_or(Vec3::ZERO, Vec3::new(x, y, z)).extend(1.0_f32.copysign(w))
                 })
                 .collect(),
             uvs: [uvs(uv_sets[0])?, uvs(uv_sets[1])?],
@@ -253,6 +256,7 @@ impl Reader<'_> {
             indices,
             tree: None,
         };
+        self.replace_directions(&mut mesh);
         let targets = primitive.targets.iter().enumerate();
         Ok(Geometry {
             mesh,
@@ -264,19 +268,31 @@ impl Reader<'_> {
         })
     }
 
+    /// Replaces normals and tangents that are zero.
+    fn replace_directions(&self, mesh: &mut Mesh) {
+        let mut replaced = self.document.replaced.borrow_mut();
+        replaced.add(Broken::Normal, replace_zero_normals(mesh), self.place);
+        let directions = mesh.tangents.iter_mut().zip(&mesh.normals);
+        let broken = directions.filter(|(tangent, _)| tangent.truncate() == Vec3::ZERO);
+        let count = broken
+            .map(|(tangent, normal)| *tangent = any_tangent(*normal))
+            .count();
+        replaced.add(Broken::Tangent, count, self.place);
+    }
+
     fn colors(&self, attributes: &BTreeMap<String, usize>) -> Result<Vec<Vec4>, ImportError> {
         let Some(&accessor) = attributes.get("COLOR_0") else {
             return Ok(Vec::new());
         };
         let place = format!("{}.COLOR_0", self.attributes_place);
         if self.document.width(accessor, &place)? == 3 {
-            let colors = self.floats::<3>(attributes, "COLOR_0")?;
+            let colors = self.finite_floats(attributes, "COLOR_0", Broken::Color, [1.0; 3])?;
             let opaque = colors
                 .into_iter()
                 .map(|color| Vec3::from(color).extend(1.0));
             return Ok(opaque.collect());
         }
-        let colors = self.floats::<4>(attributes, "COLOR_0")?;
+        let colors = self.finite_floats(attributes, "COLOR_0", Broken::Color, [1.0; 4])?;
         Ok(colors.into_iter().map(Vec4::from).collect())
     }
 
@@ -351,14 +367,15 @@ impl Reader<'_> {
             self.document
                 .warn(reader.place, format!("{other} does not morph"));
         }
-        let offsets = |name: &str| -> Result<Vec<Vec3>, ImportError> {
-            let offsets = reader.floats::<3>(attributes, name)?;
+        let positions = reader.floats::<3>(attributes, "POSITION")?;
+        let offsets = |name, broken| -> Result<Vec<Vec3>, ImportError> {
+            let offsets = reader.finite_floats(attributes, name, broken, [0.0; 3])?;
             Ok(offsets.into_iter().map(Vec3::from).collect())
         };
         Ok(MorphTarget {
-            positions: offsets("POSITION")?,
-            normals: offsets("NORMAL")?,
-            tangents: offsets("TANGENT")?,
+            positions: positions.into_iter().map(Vec3::from).collect(),
+            normals: offsets("NORMAL", Broken::NormalOffset)?,
+            tangents: offsets("TANGENT", Broken::NormalOffset)?,
         })
     }
 
@@ -368,14 +385,53 @@ impl Reader<'_> {
         attributes: &BTreeMap<String, usize>,
         name: &str,
     ) -> Result<Vec<[f32; N]>, ImportError> {
+        match self.attribute::<N>(attributes, name)? {
+            Some((accessor, place)) => self.document.floats(accessor, &place),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// As [`Reader::floats`], finite or not.
+    fn any_floats<const N: usize>(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+        name: &str,
+    ) -> Result<Vec<[f32; N]>, ImportError> {
+        match self.attribute::<N>(attributes, name)? {
+            Some((accessor, place)) => self.document.any_floats(accessor, &place),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// As [`Reader::floats`]; those that are not finite are replaced.
+    fn finite_floats<const N: usize>(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+        name: &str,
+        broken: Broken,
+        with: [f32; N],
+    ) -> Result<Vec<[f32; N]>, ImportError> {
+        let mut values = self.any_floats(attributes, name)?;
+        let place = format!("{}.{name}", self.attributes_place);
+        let mut replaced = self.document.replaced.borrow_mut();
+        replaced.replace(&mut values, broken, with, &place);
+        Ok(values)
+    }
+
+    /// The accessor of a per-vertex attribute of `N` floats, which is charged here, and its place.
+    fn attribute<const N: usize>(
+        &self,
+        attributes: &BTreeMap<String, usize>,
+        name: &str,
+    ) -> Result<Option<(usize, String)>, ImportError> {
         let Some(&accessor) = attributes.get(name) else {
-            return Ok(Vec::new());
+            return Ok(None);
         };
         let place = format!("{}.{name}", self.attributes_place);
         self.check_count(accessor, &place)?;
         self.document
             .charge(self.count, size_of::<[f32; N]>(), &place)?;
-        self.document.floats(accessor, &place)
+        Ok(Some((accessor, place)))
     }
 
     fn check_count(&self, accessor: usize, place: &str) -> Result<(), ImportError> {

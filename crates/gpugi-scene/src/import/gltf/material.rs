@@ -113,7 +113,7 @@ impl Reader<'_> {
         }
         if let Some(info) = &source.normal_texture {
             material.normal_texture =
-                textures.read(Some(info), &format!("{place}.normalTexture"), scene)?;
+                textures.read(Some(info), &format!("{place}.normalTexture"), scene);
             material.normal_scale = info.scale;
         }
         let strength = source
@@ -132,7 +132,11 @@ impl Reader<'_> {
             source.emissive_texture.as_ref(),
             &format!("{place}.emissiveTexture"),
             scene,
-        )?;
+        );
+        if source.emissive_texture.is_some() && material.emissive_texture.is_none() {
+            // The texture says where it glows; without it, all of it would.
+            material.emissive = Vec3::ZERO;
+        }
         Ok(material)
     }
 
@@ -199,14 +203,20 @@ impl Reader<'_> {
             source.base_color_texture.as_ref(),
             &format!("{place}.baseColorTexture"),
             scene,
-        )?;
+        );
         material.metallic = self.fraction("metallicFactor", source.metallic_factor);
         material.roughness = self.fraction("roughnessFactor", source.roughness_factor);
         material.metallic_roughness_texture = textures.read(
             source.metallic_roughness_texture.as_ref(),
             &format!("{place}.metallicRoughnessTexture"),
             scene,
-        )?;
+        );
+        if source.metallic_roughness_texture.is_some()
+            && material.metallic_roughness_texture.is_none()
+        {
+            // The texture says what is metal; the factor is 1 then, also where nothing is.
+            material.metallic = 0.0;
+        }
         Ok(())
     }
 
@@ -235,14 +245,14 @@ impl Reader<'_> {
                 extension.specular_texture.as_ref(),
                 &format!("{place}.specularTexture"),
                 scene,
-            )?;
+            );
             // May exceed 1: the reflectance is clamped, not the tint.
             material.specular_color = Vec3::from(extension.specular_color_factor).max(Vec3::ZERO);
             material.specular_color_texture = textures.read(
                 extension.specular_color_texture.as_ref(),
                 &format!("{place}.specularColorTexture"),
                 scene,
-            )?;
+            );
         }
         if let Some(extension) = &extensions.transmission {
             let place = place("KHR_materials_transmission");
@@ -252,7 +262,7 @@ impl Reader<'_> {
                 extension.transmission_texture.as_ref(),
                 &format!("{place}.transmissionTexture"),
                 scene,
-            )?;
+            );
         }
         if let Some(extension) = &extensions.diffuse_transmission {
             let place = place("KHR_materials_diffuse_transmission");
@@ -264,7 +274,7 @@ impl Reader<'_> {
                 extension.diffuse_transmission_texture.as_ref(),
                 &format!("{place}.diffuseTransmissionTexture"),
                 scene,
-            )?;
+            );
             material.diffuse_transmission_color = extension
                 .diffuse_transmission_color_factor
                 .map(|channel| self.fraction("diffuseTransmissionColorFactor", channel))
@@ -273,7 +283,7 @@ impl Reader<'_> {
                 extension.diffuse_transmission_color_texture.as_ref(),
                 &format!("{place}.diffuseTransmissionColorTexture"),
                 scene,
-            )?;
+            );
         }
         // Thickness 0 is a thin wall. Ray tracing determines the actual thickness of a solid.
         if let Some(extension) = &extensions.volume
@@ -316,7 +326,7 @@ impl Reader<'_> {
             model.diffuse_texture.as_ref(),
             &format!("{place}.diffuseTexture"),
             scene,
-        )?;
+        );
         material.metallic = 0.0;
         material.roughness = 1.0 - glossiness;
         material.ior = 0.0;
@@ -329,7 +339,7 @@ impl Reader<'_> {
                 Some(info),
                 &format!("{place}.specularGlossinessTexture"),
                 scene,
-            )?
+            )
         {
             material.specular_color_texture = Some(texture);
             material.metallic_roughness_texture =

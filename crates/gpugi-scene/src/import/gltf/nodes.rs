@@ -292,14 +292,15 @@ impl Placer<'_> {
             let place = format!("{place}.extensions.KHR_lights_punctual");
             let lights = &root.extensions.lights.lights;
             let source = document.get(lights, "light", reference.light, &place)?;
-            let light = light(document, source, reference.light)?;
             let name = node.name.clone().or_else(|| source.name.clone());
-            scene.lights.push(Light {
-                name: name.unwrap_or_else(|| format!("light {}", scene.lights.len()).into()),
-                world_from_light: rigid(world_from_node),
-                node: Some(index),
-                ..light
-            });
+            scene
+                .lights
+                .extend(light(document, source, reference.light).map(|light| Light {
+                    name: name.unwrap_or_else(|| format!("light {}", scene.lights.len()).into()),
+                    world_from_light: rigid(world_from_node),
+                    node: Some(index),
+                    ..light
+                }));
         }
         Ok(())
     }
@@ -484,45 +485,65 @@ fn projection(
     }
 }
 
-fn light(document: &Document, light: &schema::Light, index: usize) -> Result<Light, ImportError> {
+/// A light of the file; `None`, with a warning, if it cannot shine. Wrong angles and ranges are mended, with a warning.
+fn light(document: &Document, light: &schema::Light, index: usize) -> Option<Light> {
     let place = format!("extensions.KHR_lights_punctual.lights[{index}]");
+    let left_out = |what: String| {
+        document.warn(&place, format!("{what}: the light is left out"));
+        None
+    };
     let kind = match light.kind.as_str() {
         "point" => LightKind::Point,
         "directional" => LightKind::Directional,
-        "spot" => {
-            let outer = light.spot.outer_cone_angle;
-            let inner = light.spot.inner_cone_angle;
-            if inner < 0.0 || inner >= outer || outer > std::f32::consts::FRAC_PI_2 + 1e-4 {
-                return Err(document.error(
-                    format!("{place}.spot"),
-                    format!("cone angles {inner} and {outer} break 0 <= inner < outer <= pi/2"),
-                ));
-            }
-            LightKind::Spot {
-                inner_cone_angle: inner,
-                outer_cone_angle: outer.min(std::f32::consts::FRAC_PI_2),
-            }
-        }
-        other => {
-            return Err(document.error(
-                format!("{place}.type"),
-                format!("\"{}\" is no kind of light", quoted(other)),
-            ));
-        }
+        "spot" => spot(document, &light.spot, &place),
+        other => return left_out(format!("\"{}\" is no kind of light", quoted(other))),
     };
     let intensity = Vec3::from(light.color) * light.intensity;
     if !intensity.is_finite() || intensity.cmplt(Vec3::ZERO).any() {
-        return Err(document.error(
-            format!("{place}.intensity"),
-            format!("{intensity} is no intensity"),
-        ));
+        return left_out(format!("{intensity} is no intensity"));
     }
-    if light.range.is_some_and(|range| range <= 0.0) {
-        return Err(document.error(format!("{place}.range"), "the range is not positive"));
+    let range = light.range.filter(|range| *range > 0.0);
+    if range != light.range {
+        document.warn(&place, "the range is not positive: the light has none");
     }
-    Ok(Light {
-        range: light.range,
-        radius: extras::light_radius(document, &light.extras, &place)?,
+    let radius = extras::light_radius(document, &light.extras, &place);
+    let radius = radius.unwrap_or_else(|error| {
+        document.warn(&error.place, format!("{}: 0 is used", error.reason));
+        0.0
+    });
+    Some(Light {
+        range: range.filter(|range| range.is_finite()),
+        radius,
         ..Light::new("", kind, intensity)
     })
+}
+
+/// A spot with cone angles that obey 0 <= inner <= outer <= pi/2.
+fn spot(document: &Document, spot: &schema::Spot, place: &str) -> LightKind {
+    const WIDEST: f32 = std::f32::consts::FRAC_PI_2;
+    let (inner, outer) = (spot.inner_cone_angle, spot.outer_cone_angle);
+    // The largest angle of 32 bits may lie above pi/2. A cone without an angle would be dark.
+    let outer_cone_angle = if outer > 0.0 {
+        outer.min(WIDEST)
+    } else {
+        schema::Spot::default().outer_cone_angle
+    };
+    let inner_cone_angle = if inner >= 0.0 {
+        inner.min(outer_cone_angle)
+    } else {
+        0.0
+    };
+    let is_kept = |given: f32, used: f32| (given - used).abs() < 1e-4;
+    if !is_kept(inner, inner_cone_angle) || !is_kept(outer, outer_cone_angle) {
+        document.warn(
+            &format!("{place}.spot"),
+            format!(
+                "cone angles {inner} and {outer} break 0 <= inner <= outer <= pi/2: {inner_cone_angle} and {outer_cone_angle} are used"
+            ),
+        );
+    }
+    LightKind::Spot {
+        inner_cone_angle,
+        outer_cone_angle,
+    }
 }

@@ -66,11 +66,10 @@ pub struct Light {
     pub name: Option<Name>,
     #[serde(rename = "type")]
     pub kind: String,
-    #[serde(default = "ones", deserialize_with = "finite")]
+    #[serde(default = "ones")]
     pub color: [f32; 3],
-    #[serde(default = "one", deserialize_with = "finite")]
+    #[serde(default = "one", deserialize_with = "any_number")]
     pub intensity: f32,
-    #[serde(default, deserialize_with = "finite")]
     pub range: Option<f32>,
     #[serde(default)]
     pub spot: Spot,
@@ -81,9 +80,9 @@ pub struct Light {
 #[derive(Debug, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Spot {
-    #[serde(deserialize_with = "finite")]
+    #[serde(deserialize_with = "any_number")]
     pub inner_cone_angle: f32,
-    #[serde(deserialize_with = "finite")]
+    #[serde(deserialize_with = "any_number")]
     pub outer_cone_angle: f32,
 }
 
@@ -368,6 +367,12 @@ fn finite<'de, D: Deserializer<'de>, T: Deserialize<'de> + Finite>(
     } else {
         Err(de::Error::custom("a number exceeds 32-bit floats"))
     }
+}
+
+/// Reads a float, finite or not: null, which exporters write for what is no number, is NaN.
+fn any_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
+    let number: Option<f64> = Option::deserialize(deserializer)?;
+    Ok(number.map_or(f32::NAN, |number| number as f32))
 }
 
 trait Finite {

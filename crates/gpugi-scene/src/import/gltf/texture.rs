@@ -7,7 +7,7 @@ use glam::{Affine2, Vec2};
 use super::document::Document;
 use super::schema::TextureInfo;
 use super::uri;
-use crate::image::decode_color_within;
+use crate::image::{claimed_bytes, decode_color_within};
 use crate::import::quoted;
 use crate::{Image, ImportError, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
@@ -15,8 +15,9 @@ use crate::{Image, ImportError, Pixels, Resolver, Scene, Texture, TextureRef, Wr
 pub struct Textures<'a> {
     document: &'a Document<'a>,
     resolver: &'a dyn Resolver,
-    textures: HashMap<usize, usize>,
-    images: HashMap<usize, usize>,
+    /// `None` for those that are left out, with one warning each.
+    textures: HashMap<usize, Option<usize>>,
+    images: HashMap<usize, Option<usize>>,
     /// Roughness textures derived from glossiness, by glTF texture and the bits of the glossiness factor.
     roughness: HashMap<(usize, u32), usize>,
     /// The UV sets of the file that fill the slots of [`crate::Mesh::uvs`] for the material being read.
@@ -35,16 +36,15 @@ impl<'a> Textures<'a> {
         }
     }
 
-    /// The texture to which a material's `info` at `place` refers. `None`, with a warning, if no slot holds its UV set.
+    /// The texture to which a material's `info` at `place` refers. `None`, with a warning, if no slot holds its UV
+    /// set, or if it cannot be read.
     pub fn read(
         &mut self,
         info: Option<&TextureInfo>,
         place: &str,
         scene: &mut Scene,
-    ) -> Result<Option<TextureRef>, ImportError> {
-        let Some(info) = info else {
-            return Ok(None);
-        };
+    ) -> Option<TextureRef> {
+        let info = info?;
         let transform = info.extensions.transform.as_ref();
         let set = info.uv_set();
         let Some(slot) = self.uv_sets.iter().position(|&other| other == set) else {
@@ -55,7 +55,7 @@ impl<'a> Textures<'a> {
                     "a material reads two UV sets, here TEXCOORD_{first} and TEXCOORD_{second}: the texture, with TEXCOORD_{set}, is left out"
                 ),
             );
-            return Ok(None);
+            return None;
         };
         let uv_from_mesh = transform.map_or(Affine2::IDENTITY, |transform| {
             // glTF rotates counter-clockwise with v pointing down, which is clockwise for glam.
@@ -65,11 +65,11 @@ impl<'a> Textures<'a> {
                 Vec2::from(transform.offset),
             )
         });
-        Ok(Some(TextureRef {
+        Some(TextureRef {
             texture: self.texture(info.index, place, scene)?,
             uv_set: slot as u32,
             uv_from_mesh,
-        }))
+        })
     }
 
     /// A texture whose G is roughness: 1 - `glossiness` times the alpha of a specular-glossiness texture.
@@ -116,15 +116,33 @@ impl<'a> Textures<'a> {
         Ok(TextureRef { texture, ..like })
     }
 
-    fn texture(
+    fn texture(&mut self, index: usize, place: &str, scene: &mut Scene) -> Option<usize> {
+        if let Some(&known) = self.textures.get(&index) {
+            return known;
+        }
+        let texture = self.read_texture(index, place, scene);
+        let texture = texture.unwrap_or_else(|error| self.leave_out(&error));
+        let added = texture.map(|texture| {
+            scene.textures.push(texture);
+            scene.textures.len() - 1
+        });
+        self.textures.insert(index, added);
+        added
+    }
+
+    fn leave_out<T>(&self, error: &ImportError) -> Option<T> {
+        let what = format!("{}: the texture is left out", error.reason);
+        self.document.warn(&error.place, what);
+        None
+    }
+
+    /// `None` if its image is left out.
+    fn read_texture(
         &mut self,
         index: usize,
         place: &str,
         scene: &mut Scene,
-    ) -> Result<usize, ImportError> {
-        if let Some(&known) = self.textures.get(&index) {
-            return Ok(known);
-        }
+    ) -> Result<Option<Texture>, ImportError> {
         let document = self.document;
         let root = &document.root;
         let texture = document.get(&root.textures, "texture", index, place)?;
@@ -156,7 +174,10 @@ impl<'a> Textures<'a> {
                 format!("{other} is no wrapping mode"),
             )),
         };
-        let texture = Texture {
+        let Some(image) = self.image(source, &place, scene) else {
+            return Ok(None);
+        };
+        Ok(Some(Texture {
             wrap: [
                 wrap(sampler.and_then(|sampler| sampler.wrap_s))?,
                 wrap(sampler.and_then(|sampler| sampler.wrap_t))?,
@@ -165,22 +186,25 @@ impl<'a> Textures<'a> {
             // NEAREST and LINEAR do not use mip levels.
             has_levels: !sampler
                 .is_some_and(|sampler| matches!(sampler.min_filter, Some(9728 | 9729))),
-            image: self.image(source, &place, scene)?,
-        };
-        scene.textures.push(texture);
-        self.textures.insert(index, scene.textures.len() - 1);
-        Ok(scene.textures.len() - 1)
+            image,
+        }))
     }
 
-    fn image(
-        &mut self,
-        index: usize,
-        place: &str,
-        scene: &mut Scene,
-    ) -> Result<usize, ImportError> {
+    fn image(&mut self, index: usize, place: &str, scene: &mut Scene) -> Option<usize> {
         if let Some(&known) = self.images.get(&index) {
-            return Ok(known);
+            return known;
         }
+        let image = self.read_image(index, place).map(Some);
+        let image = image.unwrap_or_else(|error| self.leave_out(&error));
+        let added = image.map(|image| {
+            scene.images.push(image.into());
+            scene.images.len() - 1
+        });
+        self.images.insert(index, added);
+        added
+    }
+
+    fn read_image(&self, index: usize, place: &str) -> Result<Image, ImportError> {
         let document = self.document;
         let image = document.get(&document.root.images, "image", index, place)?;
         let place = format!("images[{index}]");
@@ -206,7 +230,12 @@ impl<'a> Textures<'a> {
         }
         let label = quoted(&label);
         let limits = document.budget.image_limits();
+        let left = limits.check_bytes(1);
+        left.map_err(|reason| document.error(&place, reason))?;
         let decoded = decode_color_within(&label, bytes, &limits).map_err(|error| {
+            // It took as long as one that is whole; a file may name many.
+            let claimed = claimed_bytes(bytes).max(bytes.len() as u64);
+            document.budget.charge_broken_image(claimed);
             document.error(
                 &place,
                 format!("\"{label}\": {}: {}", error.place, error.reason),
@@ -214,8 +243,6 @@ impl<'a> Textures<'a> {
         })?;
         let charged = document.budget.charge_image(decoded.byte_size());
         charged.map_err(|reason| document.error(&place, reason))?;
-        scene.images.push(decoded.into());
-        self.images.insert(index, scene.images.len() - 1);
-        Ok(scene.images.len() - 1)
+        Ok(decoded)
     }
 }

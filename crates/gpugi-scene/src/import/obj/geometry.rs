@@ -3,11 +3,14 @@
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
-use super::numbers;
+use super::{any_numbers, numbers};
+use crate::image::linear_from_srgb;
 use crate::import::budget::Budget;
 use crate::import::quoted;
+use crate::import::replaced::{Broken, Replaced};
+use crate::normals::replace_zero_normals;
 use crate::tangents::unit_or;
 use crate::{ImportError, Instance, Mesh, Name, polygon};
 
@@ -21,6 +24,7 @@ pub struct Part {
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
     has_uvs: bool,
+    has_colors: bool,
 }
 
 /// Memory of an index (bytes).
@@ -29,7 +33,7 @@ const INDEX_BYTES: usize = 2 * size_of::<u32>();
 const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
-const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
+const VERTEX_BYTES: usize = 2 * (32 + size_of::<Vec4>() + size_of::<(Corner, u32)>());
 /// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
 const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
 /// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
@@ -58,6 +62,8 @@ impl Geometry {
                 .line(&line)
                 .map_err(|reason| ImportError::new(file, format!("line {number}"), reason))?;
         }
+        let color_scale = parser.color_scale();
+        let mut replaced = parser.replaced;
         let mut parts = parser.parts;
         parts.retain(|part| !part.mesh.indices.is_empty());
         if parts.is_empty() {
@@ -67,6 +73,15 @@ impl Geometry {
         for part in &mut parts {
             if part.lacks_normals {
                 part.mesh.normals.clear();
+            }
+            let count = replace_zero_normals(&mut part.mesh);
+            replaced.add(Broken::Normal, count, &part.mesh.name);
+            if !part.has_colors {
+                part.mesh.colors.clear();
+            }
+            for color in &mut part.mesh.colors {
+                let encoded = (color.truncate() * color_scale).to_array();
+                *color = Vec3::from(encoded.map(linear_from_srgb)).extend(1.0);
             }
             if !part.has_uvs {
                 part.mesh.uvs[0].clear();
@@ -78,6 +93,7 @@ impl Geometry {
             libraries: parser.libraries,
             warnings: ignored
                 .map(|keyword| format!("OBJ statement \"{keyword}\" is not supported"))
+                .chain(replaced.notes())
                 .collect(),
         })
     }
@@ -102,11 +118,21 @@ fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     })
 }
 
-struct Parser<'a> {
-    budget: &'a Budget,
+/// What corners refer to by number.
+#[derive(Default)]
+struct Vertices {
     positions: Vec<Vec3>,
+    /// Of the first positions; empty without any. White where there is none.
+    colors: Vec<Vec3>,
+    /// Unit vectors, or zero.
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
+}
+
+struct Parser<'a> {
+    budget: &'a Budget,
+    vertices: Vertices,
+    replaced: Replaced,
     parts: Vec<Part>,
     /// Names of groups and materials, each once.
     names: Vec<Name>,
@@ -126,9 +152,8 @@ impl<'a> Parser<'a> {
     fn new(budget: &'a Budget) -> Self {
         Self {
             budget,
-            positions: Vec::new(),
-            normals: Vec::new(),
-            uvs: Vec::new(),
+            vertices: Vertices::default(),
+            replaced: Replaced::default(),
             parts: Vec::new(),
             names: vec![Name::default()],
             number_of_name: HashMap::from([(Name::default(), 0)]),
@@ -148,7 +173,7 @@ impl<'a> Parser<'a> {
         let rest = rest.trim();
         // Names may contain a #; after numbers, it starts a comment.
         let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
-        let words = || values.split_whitespace().take(4).collect::<Vec<&str>>();
+        let words = || values.split_whitespace().take(6).collect::<Vec<&str>>();
         if let "v" | "vn" | "vt" = keyword {
             self.budget.charge(1, VALUE_BYTES)?;
         }
@@ -156,15 +181,26 @@ impl<'a> Parser<'a> {
             "" | "s" => {}
             _ if keyword.starts_with('#') => {}
             "v" => {
-                self.positions.push(numbers(&words())?.into());
+                let words = words();
+                self.vertices.positions.push(numbers(&words)?.into());
+                if let [_, _, _, color @ ..] = &words[..]
+                    && color.len() == 3
+                {
+                    self.color(any_numbers(color)?)?;
+                }
             }
-            "vn" => self.normals.push(numbers(&words())?.into()),
+            "vn" => {
+                let normal = any_numbers(&words())?.into();
+                self.vertices.normals.push(unit_or(Vec3::ZERO, normal));
+            }
             "vt" => {
                 // v is optional and points up.
                 let words = words();
-                let [u] = numbers(&words)?;
-                let [v] = words.get(1..2).map_or(Ok([0.0]), numbers)?;
-                self.uvs.push(Vec2::new(u, 1.0 - v));
+                let [u] = any_numbers(&words)?;
+                let [v] = words.get(1..2).map_or(Ok([0.0]), any_numbers)?;
+                let mut uv = [[u, 1.0 - v]];
+                (self.replaced).replace(&mut uv, Broken::Uv, [0.0; 2], "vt");
+                self.vertices.uvs.push(uv[0].into());
             }
             "f" => self.face(values)?,
             "o" | "g" => {
@@ -185,6 +221,27 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
+    /// Gives the last vertex a colour.
+    fn color(&mut self, color: [f32; 3]) -> Result<(), String> {
+        let Vertices {
+            positions, colors, ..
+        } = &mut self.vertices;
+        let new = positions.len() - colors.len();
+        self.budget.charge(new as u64, VALUE_BYTES)?;
+        colors.resize(positions.len() - 1, Vec3::ONE);
+        let mut color = [color];
+        (self.replaced).replace(&mut color, Broken::Color, [1.0; 3], "v");
+        colors.push(color[0].into());
+        Ok(())
+    }
+
+    /// Colours reach from 0 to 1, or to 255 in files of some scanners.
+    fn color_scale(&self) -> f32 {
+        let colors = self.vertices.colors.iter();
+        let largest = colors.fold(0.0, |largest: f32, color| largest.max(color.max_element()));
+        if largest > 1.0 { 1.0 / 255.0 } else { 1.0 }
+    }
+
     fn face(&mut self, values: &str) -> Result<(), String> {
         let mut corners = std::mem::take(&mut self.corners);
         corners.clear();
@@ -198,15 +255,17 @@ impl<'a> Parser<'a> {
             .charge(corners.len() as u64 - 2, 3 * INDEX_BYTES)?;
         let positions: Vec<Vec3> = corners
             .iter()
-            .map(|&(position, ..)| self.positions[position as usize])
+            .map(|&(position, ..)| self.vertices.positions[position as usize])
             .collect();
+        let too_large = usize::from(polygon::is_too_large(&positions));
+        self.replaced.add(Broken::Face, too_large, "f");
         let triangles = polygon::triangulate(&positions);
         let current = self.current_part()?;
         let part = &mut self.parts[current];
         let before = part.mesh.positions.len();
         let vertices: Vec<u32> = corners
             .iter()
-            .map(|&corner| part.vertex(corner, &self.positions, &self.uvs, &self.normals))
+            .map(|&corner| part.vertex(corner, &self.vertices))
             .collect();
         let new = part.mesh.positions.len() - before;
         self.budget.charge(new as u64, VERTEX_BYTES)?;
@@ -241,9 +300,9 @@ impl<'a> Parser<'a> {
             }
             Ok(Some(index as u32))
         };
-        let position = next("vertex", self.positions.len())?;
-        let uv = next("texture coordinate", self.uvs.len())?;
-        let normal = next("normal", self.normals.len())?;
+        let position = next("vertex", self.vertices.positions.len())?;
+        let uv = next("texture coordinate", self.vertices.uvs.len())?;
+        let normal = next("normal", self.vertices.normals.len())?;
         let position = position.ok_or_else(|| format!("\"{}\" names no vertex", quoted(word)))?;
         Ok((position, uv, normal))
     }
@@ -287,6 +346,7 @@ impl<'a> Parser<'a> {
                 vertices: HashMap::new(),
                 lacks_normals: false,
                 has_uvs: false,
+                has_colors: false,
             });
             self.parts.len() - 1
         };
@@ -296,25 +356,20 @@ impl<'a> Parser<'a> {
 }
 
 impl Part {
-    fn vertex(
-        &mut self,
-        corner: Corner,
-        positions: &[Vec3],
-        uvs: &[Vec2],
-        normals: &[Vec3],
-    ) -> u32 {
+    fn vertex(&mut self, corner: Corner, vertices: &Vertices) -> u32 {
         let (position, uv, normal) = corner;
         let mesh = &mut self.mesh;
         *self.vertices.entry(corner).or_insert_with(|| {
-            mesh.positions.push(positions[position as usize]);
-            let uv = uv.map(|uv| uvs[uv as usize]);
+            mesh.positions.push(vertices.positions[position as usize]);
+            let color = vertices.colors.get(position as usize);
+            self.has_colors |= color.is_some();
+            mesh.colors.push(color.unwrap_or(&Vec3::ONE).extend(1.0));
+            let uv = uv.map(|uv| vertices.uvs[uv as usize]);
             self.has_uvs |= uv.is_some();
             mesh.uvs[0].push(uv.unwrap_or_default());
-            let normal = normal.map(|normal| normals[normal as usize]);
-            // A zero normal counts as missing.
-            let normal = normal.map_or(Vec3::ZERO, |normal| unit_or(Vec3::ZERO, normal));
-            self.lacks_normals |= normal == Vec3::ZERO;
-            mesh.normals.push(normal);
+            let normal = normal.map(|normal| vertices.normals[normal as usize]);
+            self.lacks_normals |= normal.is_none();
+            mesh.normals.push(normal.unwrap_or_default());
             mesh.positions.len() as u32 - 1
         })
     }

@@ -8,6 +8,7 @@ use super::numbers;
 use super::texture::{Map, Textures};
 use crate::import::budget::Budget;
 use crate::import::quoted;
+use crate::import::text::without_mark;
 use crate::{AlphaMode, ImportError, Material, MaterialModel, Resolver, Scene};
 
 /// The materials of all libraries that an OBJ file refers to.
@@ -88,6 +89,14 @@ impl<'a> Library<'a> {
 
     fn read(&mut self, file: &str, bytes: &[u8], scene: &mut Scene) -> Result<(), ImportError> {
         self.budget.give(file, bytes.len());
+        let bytes = match without_mark(bytes) {
+            Ok(bytes) => bytes,
+            Err(reason) => {
+                let warning = format!("material library {}: {reason}", quoted(file));
+                scene.warnings.push(warning);
+                return Ok(());
+            }
+        };
         let text = String::from_utf8_lossy(bytes);
         let mut entries: Vec<Entry> = Vec::new();
         let mut ignored = BTreeSet::new();

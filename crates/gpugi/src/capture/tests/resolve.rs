@@ -256,6 +256,19 @@ fn an_alpha_mask_cuts_what_its_texture_says() {
     }
 }
 
+#[test]
+fn a_cutoff_of_one_keeps_what_is_opaque() {
+    let Some(gpu) = test_gpu() else { return };
+    let material = Material {
+        alpha_mode: AlphaMode::Mask { cutoff: 1.0 },
+        ..Material::matt("leaf", Vec3::ONE)
+    };
+    for (point, origin, _) in square(&gpu, material, None, 2.0) {
+        let from_centre = origin.truncate().abs().max_element();
+        assert!(from_centre > 0.49 || point.instance == 0, "at {origin}");
+    }
+}
+
 /// Texture gradients: sharp texels where a texel covers many pixels; their mean where a pixel covers many texels,
 /// unless the texture has no mip levels.
 #[test]

@@ -125,10 +125,7 @@ fn shines_on(light: &LightSample, bounds: &Bounds) -> bool {
     match light.kind {
         LightSample::AREA => along > -radius,
         LightSample::SPOT => {
-            // The cosine at which the cone ends: cos x scale + offset = 0.
-            let end = (-light.cone_offset / light.cone_scale)
-                .clamp(-1.0, 1.0)
-                .acos();
+            let end = light.cone_end.acos();
             let distance = away.length();
             let own = (radius / distance.max(1e-12)).min(1.0).asin();
             distance <= radius || (along / distance).clamp(-1.0, 1.0).acos() < end + own
