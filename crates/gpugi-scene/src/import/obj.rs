@@ -8,6 +8,7 @@ mod material;
 mod texture;
 
 use std::collections::HashSet;
+use std::str::FromStr;
 
 use glam::{Mat4, vec4};
 
@@ -29,6 +30,7 @@ pub fn import(
     let budget = Budget::new(limits, bytes.len());
     let geometry = Geometry::parse(name, &text, &budget)?;
     let mut scene = Scene::new(name);
+    scene.origin = geometry.origin;
     scene.warnings = geometry.warnings;
     let mut library = Library::new(resolver, &budget);
     for names in &geometry.libraries {
@@ -77,17 +79,20 @@ fn grey() -> Material {
     }
 }
 
-/// Parses `COUNT` finite numbers from `words`; the error says why that fails.
-fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
+/// Parses `COUNT` numbers from `words` that are finite in 32 bits; the error says why that fails.
+fn numbers<T, const COUNT: usize>(words: &[&str]) -> Result<[T; COUNT], String>
+where
+    T: FromStr + Into<f64> + Default + Copy,
+{
     if words.len() < COUNT {
         return Err(format!("{} numbers where {COUNT} belong", words.len()));
     }
-    let mut values = [0.0; COUNT];
+    let mut values = [T::default(); COUNT];
     for (value, word) in values.iter_mut().zip(words) {
         *value = word
             .parse()
             .ok()
-            .filter(|number: &f32| number.is_finite())
+            .filter(|&number: &T| (number.into() as f32).is_finite())
             .ok_or_else(|| format!("\"{}\" is no finite number", quoted(word)))?;
     }
     Ok(values)

@@ -6,13 +6,13 @@
 mod header;
 mod values;
 
-use glam::{Mat4, Vec2, Vec3, Vec4, vec4};
+use glam::{DVec3, Mat4, Vec2, Vec3, Vec4, vec4};
 
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
 use super::budget::Budget;
 use crate::tangents::unit_or;
-use crate::{ImportError, Limits, Material, Mesh, Scene, polygon};
+use crate::{ImportError, Limits, Material, Mesh, Scene, origin, polygon};
 
 /// Reads a PLY mesh. Positions and faces are required; normals (smooth ones are generated if missing), texture
 /// coordinates and vertex colours are optional. Other elements and properties are skipped.
@@ -20,15 +20,15 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     let header = Header::parse(bytes)
         .map_err(|(line, reason)| ImportError::new(name, format!("line {line}"), reason))?;
     let mut values = Values::new(&bytes[header.size..], header.format);
-    let mesh =
-        read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(
-            |error| match error {
-                Failure::Place(place, reason) => ImportError::new(name, place, reason),
-                Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
-            },
-        )?;
+    let mut mesh = read(&header, &mut values, &Budget::new(limits, bytes.len())).map_err(
+        |error| match error {
+            Failure::Place(place, reason) => ImportError::new(name, place, reason),
+            Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
+        },
+    )?;
 
     let mut scene = Scene::new(name);
+    scene.origin = std::mem::take(&mut mesh.origin);
     let stem = std::path::Path::new(name).file_stem();
     let stem = stem.map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
     let material = scene.add_material(Material {
@@ -57,9 +57,9 @@ impl From<String> for Failure {
     }
 }
 
-/// Memory of a vertex (bytes): position, normal, texture coordinate and colour, in vectors that may be twice as large
-/// as their contents.
-const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
+/// Memory of a vertex (bytes): position as read and as kept, normal, texture coordinate and colour, in vectors that may
+/// be twice as large as their contents.
+const VERTEX_BYTES: usize = 2 * (24 + 12 + 12 + 8 + 16);
 /// Memory of an index (bytes), likewise.
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 
@@ -144,8 +144,9 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
     let has_uvs = has(Role::Uv, 2);
     let has_colors = has(Role::Color, 3);
 
+    let mut positions = Vec::new();
     for _ in 0..element.count {
-        let (mut position, mut normal, mut uv) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO);
+        let (mut position, mut normal, mut uv) = (DVec3::ZERO, Vec3::ZERO, Vec2::ZERO);
         let mut color = Vec4::ONE;
         for (property, role) in element.properties.iter().zip(&roles) {
             if property.list_count.is_some() {
@@ -155,7 +156,7 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
             let value = values.number(property.kind)?;
             match *role {
                 Role::Other => continue,
-                Role::Position(axis) => position[axis] = value as f32,
+                Role::Position(axis) => position[axis] = value,
                 Role::Normal(axis) => normal[axis] = value as f32,
                 Role::Uv(axis) => uv[axis] = value as f32,
                 Role::Color(channel) => {
@@ -166,7 +167,7 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
                 return Err(format!("property {} is not finite", property.name).into());
             }
         }
-        mesh.positions.push(position);
+        positions.push(position);
         if has_normals {
             // A zero normal means that there is none; substitute an arbitrary direction.
             mesh.normals.push(unit_or(Vec3::Y, normal));
@@ -179,6 +180,11 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
             mesh.colors.push(color);
         }
     }
+    mesh.origin = origin::origin_of(origin::corners_of(positions.iter().copied()));
+    let positions = positions.into_iter();
+    mesh.positions = positions
+        .map(|position| (position - mesh.origin).as_vec3())
+        .collect();
     Ok(())
 }
 

@@ -3,13 +3,13 @@
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use super::numbers;
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::tangents::unit_or;
-use crate::{ImportError, Instance, Mesh, Name, polygon};
+use crate::{ImportError, Instance, Mesh, Name, origin, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
@@ -17,6 +17,8 @@ pub struct Part {
     pub mesh: Mesh,
     /// The material's name, if any.
     pub material: Option<Name>,
+    /// Positions of the mesh in the file's coordinates (m).
+    positions: Vec<DVec3>,
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
@@ -26,10 +28,10 @@ pub struct Part {
 /// Memory of an index (bytes).
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 /// Memory of a position, normal or texture coordinate (bytes), in a vector that may be twice as large as its contents.
-const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
+const VALUE_BYTES: usize = 2 * size_of::<DVec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
-const VERTEX_BYTES: usize = 2 * (32 + size_of::<(Corner, u32)>());
+const VERTEX_BYTES: usize = 2 * (56 + size_of::<(Corner, u32)>());
 /// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
 const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
 /// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
@@ -41,6 +43,8 @@ type Corner = (u32, Option<u32>, Option<u32>);
 
 /// The contents of an OBJ file.
 pub struct Geometry {
+    /// Where the origin of the parts lies in the file's coordinates (m).
+    pub origin: DVec3,
     /// Parts in file order.
     pub parts: Vec<Part>,
     /// The arguments of each `mtllib` line.
@@ -64,7 +68,15 @@ impl Geometry {
             let reason = "there are no faces";
             return Err(ImportError::new(file, "whole file", reason));
         }
+        let boxes = parts
+            .iter()
+            .filter_map(|part| origin::corners_of(part.positions.iter().copied()));
+        let origin = origin::origin_of(boxes);
         for part in &mut parts {
+            let positions = std::mem::take(&mut part.positions).into_iter();
+            part.mesh.positions = positions
+                .map(|position| (position - origin).as_vec3())
+                .collect();
             if part.lacks_normals {
                 part.mesh.normals.clear();
             }
@@ -74,6 +86,7 @@ impl Geometry {
         }
         let ignored = parser.ignored.iter();
         Ok(Self {
+            origin,
             parts,
             libraries: parser.libraries,
             warnings: ignored
@@ -104,7 +117,7 @@ fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
 
 struct Parser<'a> {
     budget: &'a Budget,
-    positions: Vec<Vec3>,
+    positions: Vec<DVec3>,
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     parts: Vec<Part>,
@@ -156,9 +169,9 @@ impl<'a> Parser<'a> {
             "" | "s" => {}
             _ if keyword.starts_with('#') => {}
             "v" => {
-                self.positions.push(numbers(&words())?.into());
+                self.positions.push(numbers::<f64, 3>(&words())?.into());
             }
-            "vn" => self.normals.push(numbers(&words())?.into()),
+            "vn" => self.normals.push(numbers::<f32, 3>(&words())?.into()),
             "vt" => {
                 // v is optional and points up.
                 let words = words();
@@ -196,19 +209,17 @@ impl<'a> Parser<'a> {
         }
         self.budget
             .charge(corners.len() as u64 - 2, 3 * INDEX_BYTES)?;
-        let positions: Vec<Vec3> = corners
-            .iter()
-            .map(|&(position, ..)| self.positions[position as usize])
-            .collect();
-        let triangles = polygon::triangulate(&positions);
+        let corner = |&(position, ..): &Corner| self.positions[position as usize];
+        let positions: Vec<DVec3> = corners.iter().map(corner).collect();
+        let triangles = polygon::triangulate(&origin::near(&positions));
         let current = self.current_part()?;
         let part = &mut self.parts[current];
-        let before = part.mesh.positions.len();
+        let before = part.positions.len();
         let vertices: Vec<u32> = corners
             .iter()
             .map(|&corner| part.vertex(corner, &self.positions, &self.uvs, &self.normals))
             .collect();
-        let new = part.mesh.positions.len() - before;
+        let new = part.positions.len() - before;
         self.budget.charge(new as u64, VERTEX_BYTES)?;
         for triangle in triangles {
             let triangle = triangle.map(|corner| vertices[corner as usize]);
@@ -284,6 +295,7 @@ impl<'a> Parser<'a> {
                     ..Mesh::default()
                 },
                 material,
+                positions: Vec::new(),
                 vertices: HashMap::new(),
                 lacks_normals: false,
                 has_uvs: false,
@@ -299,14 +311,14 @@ impl Part {
     fn vertex(
         &mut self,
         corner: Corner,
-        positions: &[Vec3],
+        positions: &[DVec3],
         uvs: &[Vec2],
         normals: &[Vec3],
     ) -> u32 {
         let (position, uv, normal) = corner;
         let mesh = &mut self.mesh;
         *self.vertices.entry(corner).or_insert_with(|| {
-            mesh.positions.push(positions[position as usize]);
+            self.positions.push(positions[position as usize]);
             let uv = uv.map(|uv| uvs[uv as usize]);
             self.has_uvs |= uv.is_some();
             mesh.uvs[0].push(uv.unwrap_or_default());
@@ -315,7 +327,7 @@ impl Part {
             let normal = normal.map_or(Vec3::ZERO, |normal| unit_or(Vec3::ZERO, normal));
             self.lacks_normals |= normal == Vec3::ZERO;
             mesh.normals.push(normal);
-            mesh.positions.len() as u32 - 1
+            self.positions.len() as u32 - 1
         })
     }
 }
