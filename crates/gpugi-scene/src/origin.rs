@@ -60,7 +60,8 @@ pub(crate) fn corners_of(points: impl IntoIterator<Item = DVec3>) -> Option<Corn
 
 /// `points` in 32 bits, from an origin near them if they lie far away.
 pub(crate) fn near(points: &[DVec3]) -> Vec<Vec3> {
-    let origin = origin_of(corners_of(points.iter().copied()));
+    let first = points.first().filter(|point| point.length() > NEAR);
+    let origin = first.map_or(DVec3::ZERO, |point| point.round());
     points
         .iter()
         .map(|&point| (point - origin).as_vec3())
@@ -68,7 +69,7 @@ pub(crate) fn near(points: &[DVec3]) -> Vec<Vec3> {
 }
 
 /// The step of 32-bit coordinates in a box (m), if it is coarse for what the box holds.
-fn coarse_step([min, max]: Corners) -> Option<f64> {
+pub(crate) fn coarse_step([min, max]: Corners) -> Option<f64> {
     let largest = min.abs().max(max.abs()).max_element() as f32;
     let step = f64::from(largest.next_up() - largest);
     (step > COARSE * (max - min).length() && f64::from(largest) > NEAR).then_some(step)
@@ -178,5 +179,46 @@ fn in_words(metres: f64) -> String {
         _ if metres < 0.01 => format!("{:.1} mm", metres * 1e3),
         _ if metres < 1.0 => format!("{:.0} cm", metres * 1e2),
         _ => format!("{metres:.0} m"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box of two metres.
+    fn around(x: f64, y: f64, z: f64) -> Corners {
+        let middle = DVec3::new(x, y, z);
+        [middle - DVec3::ONE, middle + DVec3::ONE]
+    }
+
+    #[test]
+    fn only_what_lies_far_for_its_size_moves() {
+        let map = DVec3::new(500_000.0, 120.0, -4_200_000.0);
+        assert_eq!(origin_of([around(500_000.2, 119.9, -4_200_000.4)]), map);
+        assert_eq!(origin_of([]), DVec3::ZERO);
+        assert_eq!(origin_of([around(900.0, 0.0, 0.0)]), DVec3::ZERO);
+        // The corner of a large terrain is at the origin.
+        assert_eq!(origin_of([[DVec3::ZERO, DVec3::splat(1e5)]]), DVec3::ZERO);
+        let endless = [DVec3::NEG_INFINITY, DVec3::INFINITY];
+        assert_eq!(origin_of([endless]), DVec3::ZERO);
+        assert_eq!(origin_of([[DVec3::splat(1e308); 2]]), DVec3::ZERO);
+    }
+
+    /// One object far from the others neither moves them away from the origin nor keeps them away from it.
+    #[test]
+    fn a_stray_object_does_not_decide() {
+        let stray = around(1e5, 0.0, 0.0);
+        let room = [around(0.0, 0.0, 0.0), around(3.0, 0.0, 0.0), stray];
+        assert_eq!(origin_of(room), DVec3::ZERO);
+        let far = [
+            around(5e5, 0.0, 0.0),
+            around(5e5, 0.0, 0.0),
+            around(0.0, 0.0, 0.0),
+        ];
+        let moved = origin_of(far);
+        assert!(moved.distance(DVec3::new(5e5, 0.0, 0.0)) <= 1.0, "{moved}");
+        // Of two, none is the stray one.
+        assert_eq!(origin_of([around(0.0, 0.0, 0.0), stray]), DVec3::ZERO);
     }
 }

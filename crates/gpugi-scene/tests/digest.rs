@@ -104,6 +104,7 @@ fn texels(scene: &mut Scene) -> &mut Image {
 }
 
 const MATTERS: &[Change] = &[
+    ("origin", |s| s.origin.x = 1000.0),
     ("position", |s| mesh(s).positions[2].y = 1.5),
     ("normal", |s| mesh(s).normals[0].x = 0.1),
     ("tangent", |s| mesh(s).tangents[0].w = -1.0),

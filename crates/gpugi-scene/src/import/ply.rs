@@ -28,7 +28,14 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     )?;
 
     let mut scene = Scene::new(name);
+    // The only mesh has the place of the scene.
     scene.origin = std::mem::take(&mut mesh.origin);
+    let bounds = mesh.bounds();
+    let corners = [bounds.min, bounds.max].map(|corner| corner.as_dvec3() + scene.origin);
+    if let Some(step) = origin::coarse_step(corners).filter(|_| stores_32_bits(&header)) {
+        let warning = format!("element vertex: {}", origin::coarse_positions(step));
+        scene.warnings.push(warning);
+    }
     let stem = std::path::Path::new(name).file_stem();
     let stem = stem.map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
     let material = scene.add_material(Material {
@@ -43,6 +50,18 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     });
     scene.add_instance(&stem, mesh, material, Mat4::IDENTITY);
     Ok(scene)
+}
+
+/// Whether positions are 32-bit floats.
+fn stores_32_bits(header: &Header) -> bool {
+    let vertices = header
+        .elements
+        .iter()
+        .filter(|element| element.name == "vertex");
+    let mut properties = vertices.flat_map(|element| &element.properties);
+    properties.any(|property| {
+        matches!(Role::of(property), Role::Position(_)) && matches!(property.kind, Kind::F32)
+    })
 }
 
 /// Why a file is rejected: at a named place, or at the current position of the reader.
