@@ -2,9 +2,11 @@
 
 mod common;
 
-use common::{folder, gpugi, skip_gpu};
-use gpugi_scene::{Limits, builtin, export, image};
 use std::path::Path;
+
+use common::{folder, gpugi, skip_gpu};
+use gpugi::bake::HarmonicVolume;
+use gpugi_scene::{Limits, builtin, export, image};
 
 const ROOTS: [[f64; 3]; 4] = [
     [0.0; 3],
@@ -95,5 +97,38 @@ fn a_far_room_looks_as_it_does_at_the_origin() {
                 "{root:?}: {far:?}, not {near:?}"
             );
         }
+    }
+}
+
+#[test]
+fn a_volume_is_in_the_coordinates_of_the_file() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("far-volume");
+    let mut scene = builtin::builtin("cornell", 1).expect("a scene");
+    let near = scene.statistics();
+    scene.origin = ROOTS[2].into();
+    let [file, output] = ["far.glb", "far.json"].map(|name| folder.join(name));
+    let glb = export::export_scene(&scene).expect("a file").glb;
+    std::fs::write(&file, glb).expect("a file");
+    let [from, to] = [&file, &output].map(|path| path.display().to_string());
+    let run = gpugi(&[
+        "bake",
+        &from,
+        "-o",
+        &to,
+        "--technique",
+        "final-gather",
+        "--irradiance-volume",
+        "0.5",
+    ]);
+    let said = String::from_utf8_lossy(&run.stderr).into_owned();
+    assert!(run.status.success(), "{said}");
+    let volume = std::fs::read(&output).expect("a volume");
+    let volume: HarmonicVolume = serde_json::from_slice(&volume).expect("a volume");
+    for (found, near) in volume.bounds.iter().zip([near.bounds_min, near.bounds_max]) {
+        let expected = glam::DVec3::from(near) + scene.origin;
+        assert!(found.abs_diff_eq(expected, 1e-5), "{found}, not {expected}");
     }
 }
