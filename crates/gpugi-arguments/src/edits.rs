@@ -1,7 +1,9 @@
 //! Edits of a scene in words, as `--edit` takes them: `light.0.position=0,2,0`.
 
+use std::fmt::Display;
+
 use anyhow::Context;
-use glam::{Mat4, Vec3, Vec4};
+use glam::{DVec3, Mat4, Vec3};
 use gpugi::scene::Edit;
 use gpugi_scene::Scene;
 
@@ -53,7 +55,7 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
             let mut light = scene.lights[index].clone();
             let (position, direction) = (light.position(), light.direction());
             match key {
-                "position" => light.world_from_light.w_axis = vector(value)?.extend(1.0),
+                "position" => light.world_from_light.w_axis = point(value, scene)?.extend(1.0),
                 "direction" => {
                     let direction = vector(value)?.try_normalize().unwrap_or(direction);
                     light = light.aimed(position, position + direction);
@@ -67,8 +69,8 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
             let index = index(name, scene.instances.iter().map(|one| one.name.as_str()))?;
             let mut place = scene.instances[index].world_from_mesh;
             match key {
-                "position" => place.w_axis = vector(value)?.extend(1.0),
-                "place" => place = place_of(value)?,
+                "position" => place.w_axis = point(value, scene)?.extend(1.0),
+                "place" => place = place_of(value, scene)?,
                 _ => anyhow::bail!(HELP),
             }
             Ok(Edit::Instance {
@@ -118,8 +120,10 @@ pub fn in_words(edit: &Edit, scene: &Scene) -> Vec<String> {
             if before.direction().distance(after.direction()) > ROUNDING {
                 word(path("direction"), written(after.direction()));
             }
-            if before.position() != after.position() {
-                word(path("position"), written(after.position()));
+            let [before_at, after_at] =
+                [before, after].map(|light| scene.in_file(light.position()));
+            if before_at != after_at {
+                word(path("position"), written(after_at));
             }
             if before.intensity != after.intensity {
                 word(path("intensity"), written(after.intensity));
@@ -132,12 +136,16 @@ pub fn in_words(edit: &Edit, scene: &Scene) -> Vec<String> {
             let before = &scene.instances[*index].world_from_mesh;
             let path = |key: &str| format!("object.{index}.{key}");
             let axes = |place: &Mat4| [place.x_axis, place.y_axis, place.z_axis];
+            let position = |place: &Mat4| scene.in_file(place.w_axis.truncate());
             if axes(before) != axes(after) {
-                let columns = axes(after).into_iter().chain([after.w_axis]);
-                let columns: Vec<String> = columns.map(|axis| written(axis.truncate())).collect();
-                word(path("place"), columns.join(","));
-            } else if before != after {
-                word(path("position"), written(after.w_axis.truncate()));
+                let columns = axes(after).map(|axis| written(axis.truncate()));
+                let columns = columns.join(",");
+                word(
+                    path("place"),
+                    format!("{columns},{}", written(position(after))),
+                );
+            } else if position(before) != position(after) {
+                word(path("position"), written(position(after)));
             }
         }
         Edit::Material {
@@ -184,8 +192,9 @@ pub fn followed_by(first: &[String], then: Vec<String>) -> Vec<String> {
     kept.map(|index| all[index].clone()).collect()
 }
 
-fn written(vector: Vec3) -> String {
-    format!("{},{},{}", vector.x, vector.y, vector.z)
+fn written<T: Display>(vector: impl Into<[T; 3]>) -> String {
+    let [x, y, z] = vector.into();
+    format!("{x},{y},{z}")
 }
 
 /// Index of the thing with this name, or with this index.
@@ -207,6 +216,11 @@ fn index<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> anyhow::Result
 
 fn vector(text: &str) -> anyhow::Result<Vec3> {
     Ok(Vec3::from_array(numbers(text)?))
+}
+
+/// A point in world space (m), from the file's coordinates.
+fn point(text: &str, scene: &Scene) -> anyhow::Result<Vec3> {
+    Ok(scene.in_world(DVec3::from_array(numbers(text)?)))
 }
 
 /// Colours and intensities.
@@ -236,16 +250,15 @@ fn part(text: &str) -> anyhow::Result<f32> {
 }
 
 /// World space from mesh space: its three axes, then its origin (m).
-fn place_of(text: &str) -> anyhow::Result<Mat4> {
-    let numbers: [f32; 12] = numbers(text)?;
-    let column = |index: usize, w: f32| -> Vec4 {
-        Vec3::from_slice(&numbers[3 * index..3 * index + 3]).extend(w)
-    };
+fn place_of(text: &str, scene: &Scene) -> anyhow::Result<Mat4> {
+    let numbers: [f64; 12] = numbers(text)?;
+    let column = |index: usize| DVec3::from_slice(&numbers[3 * index..3 * index + 3]);
+    let axis = |index: usize| column(index).as_vec3().extend(0.0);
     let place = Mat4::from_cols(
-        column(0, 0.0),
-        column(1, 0.0),
-        column(2, 0.0),
-        column(3, 1.0),
+        axis(0),
+        axis(1),
+        axis(2),
+        scene.in_world(column(3)).extend(1.0),
     );
     anyhow::ensure!(
         place.inverse().is_finite(),

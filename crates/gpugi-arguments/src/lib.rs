@@ -4,6 +4,8 @@ pub mod edits;
 pub mod files;
 pub mod scene_argument;
 
+use std::str::FromStr;
+
 use gpugi::display::{DisplaySettings, Exposure, ToneMap};
 
 /// Invalid arguments: exit code 2.
@@ -30,9 +32,13 @@ pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
 ///
 /// # Errors
 /// A sentence.
-pub fn numbers<const COUNT: usize>(text: &str) -> anyhow::Result<[f32; COUNT]> {
-    let number = |text: &str| text.trim().parse().ok().filter(|one: &f32| one.is_finite());
-    let numbers: Option<Vec<f32>> = text.split(',').map(number).collect();
+pub fn numbers<T, const COUNT: usize>(text: &str) -> anyhow::Result<[T; COUNT]>
+where
+    T: FromStr + Into<f64> + Copy,
+{
+    let is_finite = |number: &T| ((*number).into() as f32).is_finite();
+    let number = |text: &str| text.trim().parse().ok().filter(is_finite);
+    let numbers: Option<Vec<T>> = text.split(',').map(number).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.ok_or_else(|| match COUNT {
         1 => anyhow::anyhow!("{text:?} is no number"),

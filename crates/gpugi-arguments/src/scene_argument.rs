@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use gpugi_scene::{
     Camera, Environment, FileResolver, Limits, Scene, builtin, import, import_environment,
     import_file, import_file_within,
@@ -241,19 +241,20 @@ fn camera_of_scene(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::
     })
 }
 
-/// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES`, and returns the target, too. A missing eye or target is chosen
-/// to frame the scene; a missing up is +Y, a missing fov 35 degrees.
+/// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES`, with eye and target in the file's coordinates, and returns the
+/// target, too. A missing eye or target is chosen to frame the scene; a missing up is +Y, a missing fov 35 degrees.
 fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Vec3)> {
     let framing = Camera::framing(&scene.bounds(), 1.0);
     let mut eye = framing.world_from_view.w_axis.truncate();
     let mut target = scene.bounds().center();
+    let point = |text: &str| anyhow::Ok(scene.in_world(DVec3::from_array(numbers(text)?)));
     let mut up = None;
     let mut degrees = 35.0;
     for part in text.split(';').filter(|part| !part.trim().is_empty()) {
         let (key, value) = part.split_once('=').context("expected key=value")?;
         match key.trim() {
-            "eye" => eye = numbers(value)?.into(),
-            "target" => target = numbers(value)?.into(),
+            "eye" => eye = point(value)?,
+            "target" => target = point(value)?,
             "up" => up = Some(Vec3::from(numbers(value)?)),
             "fov" => {
                 degrees = value
@@ -284,6 +285,18 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Vec3)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Far from the origin, too, an eye stands where it was told to, to the millimetre.
+    #[test]
+    fn eye_and_target_are_in_the_coordinates_of_the_file() {
+        let mut scene = builtin::builtin("cornell", 1).unwrap();
+        scene.origin = DVec3::new(500_000.0, 0.0, -4_200_000.0);
+        let words = "eye=500000.001,1,-4199997;target=500000.001,1,-4200000";
+        let (camera, target) = view(&scene, Some(words), 1.0).unwrap();
+        let eye = camera.world_from_view.w_axis.truncate();
+        assert!(eye.distance(Vec3::new(0.001, 1.0, 3.0)) < 1e-6, "{eye}");
+        assert!(target.unwrap().distance(Vec3::new(0.001, 1.0, 0.0)) < 1e-6);
+    }
 
     #[test]
     fn up_turns_a_camera_around_its_view() {

@@ -117,7 +117,7 @@ pub enum Aov {
     Normal,
     /// Distance along the view direction (m).
     Depth,
-    /// Position in world space (m).
+    /// Position in the file's coordinates (m).
     Position,
 }
 
@@ -128,6 +128,7 @@ pub fn write_aovs(
     [width, height]: [u32; 2],
     aovs: &[Aov],
     camera: &gpugi_scene::Camera,
+    scene: &gpugi_scene::Scene,
 ) -> anyhow::Result<()> {
     if aovs.is_empty() {
         return Ok(());
@@ -140,7 +141,7 @@ pub fn write_aovs(
             Aov::Albedo => point.albedo,
             Aov::Normal => point.normal,
             Aov::Depth => glam::Vec3::splat((point.position - eye).dot(forward)),
-            Aov::Position => point.position,
+            Aov::Position => (point.position.as_dvec3() + scene.origin).as_vec3(),
         };
         let texels: Vec<f32> = points
             .iter()

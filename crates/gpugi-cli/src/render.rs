@@ -411,6 +411,7 @@ fn render_techniques(
         arguments.size,
         &arguments.aov,
         camera,
+        scene,
     )?;
     if let Some(folder) = &arguments.dump_maps {
         output::dump_maps(gpu, &renderer.maps(), folder)?;

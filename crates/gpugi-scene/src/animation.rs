@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use glam::{Mat3, Mat4, Quat, Vec3, Vec4};
+use glam::{DMat4, DQuat, DVec3, DVec4, Mat3, Mat4, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 use crate::{Mesh, Scene};
@@ -37,32 +37,32 @@ pub struct Node {
     pub weights: Vec<f32>,
 }
 
-/// Placement of a node relative to its parent.
+/// Placement of a node relative to its parent. In 64 bits, because a node may stand far from the file's origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Transform {
     /// Any affine matrix.
-    Matrix(Mat4),
+    Matrix(DMat4),
     /// Scale first, then rotation, then translation.
     Parts {
         /// Translation (m).
-        translation: Vec3,
+        translation: DVec3,
         /// Unit rotation.
-        rotation: Quat,
+        rotation: DQuat,
         /// Scale along each axis.
-        scale: Vec3,
+        scale: DVec3,
     },
 }
 
 impl Transform {
     /// Parent space from node space.
-    pub fn matrix(&self) -> Mat4 {
+    pub fn matrix(&self) -> DMat4 {
         match *self {
             Self::Matrix(matrix) => matrix,
             Self::Parts {
                 translation,
                 rotation,
                 scale,
-            } => Mat4::from_scale_rotation_translation(scale, rotation, translation),
+            } => DMat4::from_scale_rotation_translation(scale, rotation, translation),
         }
     }
 
@@ -76,10 +76,13 @@ impl Transform {
                 scale,
             } => (scale, rotation, translation),
         };
+        let vector = |value: [f32; 3]| Vec3::from(value).as_dvec3();
         match (property, value) {
-            (Property::Translation, &[x, y, z]) => translation = Vec3::new(x, y, z),
-            (Property::Scale, &[x, y, z]) => scale = Vec3::new(x, y, z),
-            (Property::Rotation, &[x, y, z, w]) => rotation = unit_rotation([x, y, z, w]),
+            (Property::Translation, &[x, y, z]) => translation = vector([x, y, z]),
+            (Property::Scale, &[x, y, z]) => scale = vector([x, y, z]),
+            (Property::Rotation, &[x, y, z, w]) => {
+                rotation = unit_rotation([x, y, z, w].map(f64::from))
+            }
             _ => {}
         }
         *self = Self::Parts {
@@ -91,12 +94,12 @@ impl Transform {
 }
 
 /// The rotation of the quaternion `xyzw`, normalized; the identity if its length is zero or not finite.
-pub fn unit_rotation(xyzw: [f32; 4]) -> Quat {
-    let length_squared = Vec4::from(xyzw).length_squared();
+pub fn unit_rotation(xyzw: [f64; 4]) -> DQuat {
+    let length_squared = DVec4::from(xyzw).length_squared();
     if length_squared > 0.0 && length_squared.is_finite() {
-        Quat::from_array(xyzw).normalize()
+        DQuat::from_array(xyzw).normalize()
     } else {
-        Quat::IDENTITY
+        DQuat::IDENTITY
     }
 }
 
@@ -110,12 +113,12 @@ pub struct Skin {
 }
 
 impl Skin {
-    /// World space from mesh space, one matrix per joint.
-    fn matrices(&self, pose: &Pose) -> Vec<Mat4> {
+    /// The file's coordinates from mesh space, one matrix per joint.
+    fn matrices(&self, pose: &Pose) -> impl Iterator<Item = DMat4> {
         let joints = self.joints.iter().zip(&self.joint_from_mesh);
-        joints
-            .map(|(&joint, joint_from_mesh)| pose.world_from_node[joint] * *joint_from_mesh)
-            .collect()
+        joints.map(|(&joint, joint_from_mesh)| {
+            pose.file_from_node[joint] * joint_from_mesh.as_dmat4()
+        })
     }
 }
 
@@ -252,10 +255,11 @@ impl Channel {
             Interpolation::Step => value(last).to_vec(),
             Interpolation::Linear if self.property == Property::Rotation => {
                 match (value(last), value(next)) {
-                    (&[ax, ay, az, aw], &[bx, by, bz, bw]) => unit_rotation([ax, ay, az, aw])
-                        .slerp(unit_rotation([bx, by, bz, bw]), s)
-                        .to_array()
-                        .to_vec(),
+                    (&[ax, ay, az, aw], &[bx, by, bz, bw]) => {
+                        let [a, b] = [[ax, ay, az, aw], [bx, by, bz, bw]]
+                            .map(|xyzw| unit_rotation(xyzw.map(f64::from)));
+                        a.slerp(b, s.into()).as_quat().to_array().to_vec()
+                    }
                     _ => Vec::new(),
                 }
             }
@@ -284,8 +288,8 @@ impl Channel {
 /// The hierarchy evaluated at one moment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
-    /// World space from each node's space.
-    pub world_from_node: Vec<Mat4>,
+    /// The file's coordinates from each node's space.
+    pub file_from_node: Vec<DMat4>,
     /// Weights of each node's morph targets.
     pub weights: Vec<Vec<f32>>,
 }
@@ -325,16 +329,16 @@ impl Rig {
                 }
             }
         }
-        let mut world_from_node = vec![Mat4::IDENTITY; self.nodes.len()];
+        let mut file_from_node = vec![DMat4::IDENTITY; self.nodes.len()];
         for &node in &self.order {
             let parent_from_node = transforms[node].matrix();
-            world_from_node[node] = match self.nodes[node].parent {
-                Some(parent) => world_from_node[parent] * parent_from_node,
+            file_from_node[node] = match self.nodes[node].parent {
+                Some(parent) => file_from_node[parent] * parent_from_node,
                 None => parent_from_node,
             };
         }
         Pose {
-            world_from_node,
+            file_from_node,
             weights,
         }
     }
@@ -344,37 +348,61 @@ impl Scene {
     /// Moves everything to `time_seconds`: instances, lights, cameras, media and meshes that deform. Animations loop.
     /// Does nothing without a rig. Values that would not be finite are not written, nor boxes of media without volume.
     pub fn pose(&mut self, time_seconds: f32) {
-        let Some(rig) = &self.rig else {
+        let Some(rig) = self.rig.take() else {
             return;
         };
+        self.pose_by(&rig, time_seconds);
+        self.rig = Some(rig);
+    }
+
+    /// As [`Scene::pose`], with a rig beside the scene.
+    pub(crate) fn pose_by(&mut self, rig: &Rig, time_seconds: f32) {
         let pose = rig.pose(time_seconds);
-        let place = |target: &mut Mat4, node: Option<usize>, convert: fn(Mat4) -> Mat4| {
-            if let Some(world) = node.and_then(|node| pose.world_from_node.get(node))
-                && world.is_finite()
-            {
-                *target = convert(*world);
+        let world_from_file = DMat4::from_translation(-self.origin);
+        let file_from_node = |node: Option<usize>| pose.file_from_node.get(node?).copied();
+        let place = |target: &mut Mat4,
+                     file_from_space: Option<DMat4>,
+                     convert: fn(Mat4) -> Mat4| {
+            let world_from_space = file_from_space.map(|space| (world_from_file * space).as_mat4());
+            if let Some(world_from_space) = world_from_space.filter(Mat4::is_finite) {
+                *target = convert(world_from_space);
             }
         };
         for instance in &mut self.instances {
-            place(&mut instance.world_from_mesh, instance.node, |world| world);
+            let node_from_mesh = DMat4::from_translation(self.meshes[instance.mesh].origin);
+            let file_from_mesh = file_from_node(instance.node).map(|node| node * node_from_mesh);
+            place(&mut instance.world_from_mesh, file_from_mesh, |world| world);
         }
         for light in &mut self.lights {
-            place(&mut light.world_from_light, light.node, rigid);
+            place(
+                &mut light.world_from_light,
+                file_from_node(light.node),
+                rigid,
+            );
         }
         for camera in &mut self.cameras {
-            place(&mut camera.world_from_view, camera.node, rigid);
+            place(
+                &mut camera.world_from_view,
+                file_from_node(camera.node),
+                rigid,
+            );
         }
         for medium in &mut self.media {
             if let Some(world_from_box) = &mut medium.world_from_box {
                 let before = *world_from_box;
-                place(world_from_box, medium.node, |world| world);
+                place(world_from_box, file_from_node(medium.node), |world| world);
                 // A box without volume holds nothing, and has no inverse.
                 if !world_from_box.inverse().is_finite() {
                     *world_from_box = before;
                 }
             }
         }
-        let skins: Vec<Vec<Mat4>> = rig.skins.iter().map(|skin| skin.matrices(&pose)).collect();
+        let skins: Vec<Vec<Mat4>> = (rig.skins.iter())
+            .map(|skin| {
+                let world_from_mesh = skin.matrices(&pose).map(|mesh| world_from_file * mesh);
+                world_from_mesh.map(|matrix| matrix.as_mat4()).collect()
+            })
+            .collect();
         for deformer in &rig.deformers {
             let instance = &mut self.instances[deformer.instance];
             let mesh = Arc::make_mut(&mut self.meshes[instance.mesh]);

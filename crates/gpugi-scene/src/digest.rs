@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use blake3::Hasher;
 use bytemuck::NoUninit;
-use glam::{Affine2, Mat4};
+use glam::{Affine2, DVec3, Mat4};
 
 use crate::{
     AlphaMode, Camera, DensityGrid, Environment, Image, Instance, Light, LightKind, Material,
@@ -18,11 +18,12 @@ use crate::{
 };
 
 impl Scene {
-    /// BLAKE3 of meshes, instances, materials, textures, images, lights, environment and media. Scenes that hold the same
+    /// BLAKE3 of the origin, meshes, instances, materials, textures, images, lights, environment and media. Scenes that hold the same
     /// values, and hence look the same from everywhere, have equal digests on all machines with the same byte order.
     pub fn digest(&self) -> [u8; 32] {
         let Self {
             name: _,
+            origin,
             meshes,
             instances,
             materials,
@@ -38,6 +39,7 @@ impl Scene {
             warnings: _,
         } = self;
         let mut hasher = Hasher::new();
+        origin.feed(&mut hasher);
         meshes.feed(&mut hasher);
         instances.feed(&mut hasher);
         materials.feed(&mut hasher);
@@ -122,6 +124,12 @@ impl Feed for Mat4 {
     }
 }
 
+impl Feed for DVec3 {
+    fn feed(&self, hasher: &mut Hasher) {
+        plain(hasher, &self.to_array());
+    }
+}
+
 impl Feed for Affine2 {
     fn feed(&self, hasher: &mut Hasher) {
         plain(hasher, &self.to_cols_array());
@@ -156,6 +164,7 @@ impl Feed for Mesh {
     fn feed(&self, hasher: &mut Hasher) {
         let Self {
             name: _,
+            origin: _,
             positions,
             normals,
             tangents,

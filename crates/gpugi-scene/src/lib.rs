@@ -21,6 +21,7 @@ pub mod medium;
 pub mod mesh;
 pub mod names;
 pub mod normals;
+mod origin;
 pub mod panes;
 pub mod plain;
 pub mod polygon;

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 use crate::bvh::TriangleTree;
@@ -20,6 +20,9 @@ use crate::scene::Bounds;
 pub struct Mesh {
     /// Name for reports.
     pub name: Name,
+    /// What the importer subtracted from the file's positions (m), because they lie far from the origin of their node.
+    /// Only [`Scene::pose`](crate::Scene::pose) needs it: [`Instance::world_from_mesh`](crate::Instance) includes it.
+    pub origin: DVec3,
     /// Positions in mesh space (m).
     #[serde(with = "crate::plain")]
     pub positions: Vec<Vec3>,
@@ -150,6 +153,7 @@ impl Mesh {
         }
         Self {
             name: self.name.clone(),
+            origin: self.origin,
             positions: pick(&self.positions, vertices),
             normals: pick(&self.normals, vertices),
             tangents: pick(&self.tangents, vertices),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{Mat4, Vec3};
+use glam::{DMat4, DVec3, Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::animation::Rig;
@@ -200,11 +200,14 @@ impl Bounds {
     }
 }
 
-/// All scene contents, in world space.
+/// All scene contents, in world space. A file's coordinates are those of world space plus [`Scene::origin`].
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scene {
     /// File or built-in name.
     pub name: String,
+    /// Where the origin of world space lies in the file's coordinates (m), in whole metres. Zero, unless the scene lies
+    /// far from the file's own origin (ARCHITECTURE.md, "Far from the origin").
+    pub origin: DVec3,
     /// Triangle meshes, each in its own mesh space. Copies of the scene share them; to edit a mesh, replace it.
     pub meshes: Vec<Arc<Mesh>>,
     /// Placed meshes.
@@ -268,10 +271,12 @@ pub struct Statistics {
     pub mesh_bytes: u64,
     /// Bytes of images in memory.
     pub image_bytes: u64,
-    /// Smallest corner of the scene (m).
-    pub bounds_min: [f32; 3],
-    /// Largest corner of the scene (m).
-    pub bounds_max: [f32; 3],
+    /// Smallest corner of the scene in the file's coordinates (m).
+    pub bounds_min: [f64; 3],
+    /// Largest corner of the scene in the file's coordinates (m).
+    pub bounds_max: [f64; 3],
+    /// [`Scene::origin`].
+    pub origin: [f64; 3],
 }
 
 impl Scene {
@@ -281,6 +286,23 @@ impl Scene {
             name: name.to_owned(),
             ..Self::default()
         }
+    }
+
+    /// The place in the file's coordinates (m) of a point in world space. It has no more decimals than the point, so
+    /// that texts show the number that was meant.
+    pub fn in_file(&self, point: Vec3) -> DVec3 {
+        let shortest = |value: f32| value.to_string().parse().unwrap_or(f64::from(value));
+        DVec3::from_array(point.to_array().map(shortest)) + self.origin
+    }
+
+    /// The place in world space of a point in the file's coordinates (m).
+    pub fn in_world(&self, point: DVec3) -> Vec3 {
+        (point - self.origin).as_vec3()
+    }
+
+    /// The file's coordinates from a space that `world_from_space` places in world space.
+    pub fn file_from(&self, world_from_space: Mat4) -> DMat4 {
+        DMat4::from_translation(self.origin) * world_from_space.as_dmat4()
     }
 
     /// Adds a mesh; returns its index.
@@ -395,7 +417,9 @@ impl Scene {
         let (bounds_min, bounds_max) = if bounds.is_empty() {
             ([0.0; 3], [0.0; 3])
         } else {
-            (bounds.min.into(), bounds.max.into())
+            [bounds.min, bounds.max]
+                .map(|corner| self.in_file(corner).to_array())
+                .into()
         };
         Statistics {
             meshes: self.meshes.len(),
@@ -429,6 +453,7 @@ impl Scene {
                 .sum(),
             bounds_min,
             bounds_max,
+            origin: self.origin.to_array(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{Affine2, Mat4, Vec2, Vec3, Vec4};
+use glam::{Affine2, DVec3, Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::{
     AlphaMode, Camera, Environment, Image, Light, LightKind, Material, MaterialModel, Mesh, Pixels,
     Projection, Scene, Texture, TextureRef, Volume, Wrap,
@@ -19,6 +19,7 @@ fn scene() -> Scene {
         uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::Y], vec![Vec2::ONE; 3]],
         colors: vec![Vec4::ONE; 3],
         indices: vec![0, 1, 2],
+        origin: DVec3::ZERO,
         tree: None,
     });
     let texture = Some(TextureRef::new(0));
@@ -103,6 +104,7 @@ fn texels(scene: &mut Scene) -> &mut Image {
 }
 
 const MATTERS: &[Change] = &[
+    ("origin", |s| s.origin.x = 1000.0),
     ("position", |s| mesh(s).positions[2].y = 1.5),
     ("normal", |s| mesh(s).normals[0].x = 0.1),
     ("tangent", |s| mesh(s).tangents[0].w = -1.0),

@@ -4,7 +4,7 @@ mod random;
 
 use std::collections::HashMap;
 
-use glam::{Vec2, Vec3, vec3, vec4};
+use glam::{DVec3, Vec2, Vec3, vec3, vec4};
 use gpugi_scene::{
     AlphaMode, ImportError, Limits, Material, MaterialModel, Pixels, Resolver, Scene, import,
 };
@@ -482,4 +482,29 @@ fn byte_order_marks() {
         "{:?}",
         scene.warnings
     );
+}
+
+#[test]
+fn coordinates_of_a_map_are_exact() {
+    let at = DVec3::new(500_000.0, 100.0, -4_200_000.0);
+    let square = |at: DVec3| {
+        let corners = [[0.001, 0.0], [1.0, 0.0], [1.0, 1.003], [0.0, 1.0]];
+        let line = |[x, z]: [f64; 2]| format!("v {} {} {}\n", at.x + x, at.y, at.z + z);
+        let text = corners.map(line).concat() + "f 4 3 2 1\n";
+        read(text, &Files::default()).unwrap()
+    };
+    let (near, far) = (square(DVec3::ZERO), square(at));
+    assert_eq!(near.origin, DVec3::ZERO);
+    assert_eq!(far.warnings, [""; 0]);
+    assert_eq!(far.meshes[0].indices, near.meshes[0].indices);
+    for (a, b) in far.meshes[0]
+        .positions
+        .iter()
+        .zip(&near.meshes[0].positions)
+    {
+        assert!(
+            far.in_file(*a).abs_diff_eq(near.in_file(*b) + at, 1e-7),
+            "{a} {b}"
+        );
+    }
 }

@@ -2,7 +2,7 @@
 
 mod random;
 
-use glam::{Vec2, Vec3, vec3};
+use glam::{DVec3, Vec2, Vec3, vec3};
 use gpugi_scene::{ImportError, Limits, Mesh, Resolver, Scene, import};
 use random::Random;
 
@@ -333,4 +333,43 @@ fn broken_normals_coordinates_and_colours_are_replaced() {
 fn a_byte_order_mark_is_skipped() {
     let marked = format!("\u{feff}{PYRAMID}");
     assert_eq!(mesh(marked.as_bytes()), mesh(PYRAMID.as_bytes()));
+}
+
+/// 64-bit coordinates of a map lose nothing; 32-bit ones already have, and that is said.
+#[test]
+fn coordinates_of_a_map_are_exact_in_64_bits() {
+    let near = read(PYRAMID.as_bytes()).unwrap();
+    assert_eq!(near.origin, DVec3::ZERO);
+    let at = DVec3::new(500_000.0, 0.0, -4_200_000.0);
+    let far_pyramid = |kind: &str| {
+        let (header, body) = PYRAMID.split_once("end_header\n").unwrap();
+        let mut text = header.replace("float", kind) + "end_header\n";
+        for (index, line) in body.lines().enumerate() {
+            let mut words = line.split(' ');
+            let mut moved = |by: f64| words.next().unwrap().parse::<f64>().unwrap() + by;
+            if index < 5 {
+                let [x, y, z] = at.to_array().map(&mut moved);
+                text += &format!("{x} {y} {z} ");
+            }
+            text += &words.collect::<Vec<_>>().join(" ");
+            text += "\n";
+        }
+        read(text.as_bytes()).unwrap()
+    };
+    let far = far_pyramid("double");
+    assert_eq!(far.warnings, [""; 0]);
+    for (a, b) in far.meshes[0]
+        .positions
+        .iter()
+        .zip(&near.meshes[0].positions)
+    {
+        assert_eq!(far.in_file(*a), near.in_file(*b) + at);
+    }
+    let far = far_pyramid("float");
+    assert_eq!(far.warnings.len(), 1);
+    assert!(
+        far.warnings[0].contains("steps of 50 cm"),
+        "{:?}",
+        far.warnings
+    );
 }

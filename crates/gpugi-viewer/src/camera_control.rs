@@ -2,9 +2,11 @@
 //! smoothly.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use std::fmt::Display;
+use std::ops::Add;
 
 use glam::{Mat3, Mat4, Vec2, Vec3, Vec3Swizzles};
-use gpugi_scene::{Bounds, Camera, Projection};
+use gpugi_scene::{Bounds, Camera, Projection, Scene};
 
 /// Steepest angle against the horizon (rad): beyond straight up or down, the picture would stand on its head.
 const STEEPEST: f32 = FRAC_PI_2;
@@ -162,10 +164,10 @@ impl CameraControl {
         }
     }
 
-    /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's `cameras`. None for
+    /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's cameras. None for
     /// what that cannot say.
-    pub fn argument(&self, cameras: &[Camera]) -> Option<String> {
-        let of_scene = |camera: &&Camera| cameras.iter().any(|one| one.name == camera.name);
+    pub fn argument(&self, scene: &Scene) -> Option<String> {
+        let of_scene = |camera: &&Camera| scene.cameras.iter().any(|one| one.name == camera.name);
         if let Some(camera) = self.untouched.as_ref().filter(of_scene) {
             return Some(camera.name.to_string());
         }
@@ -177,7 +179,11 @@ impl CameraControl {
             None => self.goal.eye(),
         };
         let target = self.goal.target;
-        let mut words = format!("eye={};target={}", in_words(eye), in_words(target));
+        let mut words = format!(
+            "eye={};target={}",
+            in_words(scene.in_file(eye)),
+            in_words(scene.in_file(target))
+        );
         let axes = self.goal.axes();
         // Near the vertical, eye and target do not say what is up.
         if axes.z_axis.y.abs() > 0.99 {
@@ -290,10 +296,10 @@ fn angles_of(backward: Vec3, right: Vec3) -> [f32; 2] {
 }
 
 /// A point in the shortest words that are read as the same numbers.
-fn in_words(point: Vec3) -> String {
+fn in_words<T: Add<Output = T> + Default + Display>(point: impl Into<[T; 3]>) -> String {
     // No -0.
-    let point = point + Vec3::ZERO;
-    format!("{},{},{}", point.x, point.y, point.z)
+    let [x, y, z] = point.into().map(|value| value + T::default());
+    format!("{x},{y},{z}")
 }
 
 /// An angle (rad) in degrees, in the shortest words that are read as the same angle.
@@ -370,9 +376,10 @@ mod tests {
         let mut control = control();
         assert!(!control.advance(1.0));
         assert_eq!(control.camera().name.as_str(), "first");
-        let of_scene = [control.camera()];
-        assert_eq!(control.argument(&of_scene).as_deref(), Some("first"));
-        let elsewhere = control.argument(&[]).unwrap();
+        let mut scene = Scene::default();
+        scene.cameras.push(control.camera());
+        assert_eq!(control.argument(&scene).as_deref(), Some("first"));
+        let elsewhere = control.argument(&Scene::default()).unwrap();
         assert!(elsewhere.starts_with("eye=1,2,5;"), "{elsewhere}");
         // What it becomes when somebody steers stands at the same place.
         let before = control.camera();
@@ -424,7 +431,7 @@ mod tests {
             assert!(turned.angle_between(right) < 0.0015);
             // Its words stand for it.
             let scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
-            let words = control.argument(&[]).unwrap();
+            let words = control.argument(&scene).unwrap();
             let read = scene_argument::camera(&scene, Some(&words), 1.0).unwrap();
             let difference = read.world_from_view - control.camera().world_from_view;
             let largest = difference.to_cols_array().map(f32::abs);
@@ -484,10 +491,10 @@ mod tests {
             let from = size * Vec3::new(1.234_567, 2.1, 4.9);
             let camera = Camera::look_at("", from, size * Vec3::new(0.1, 0.2, 0.3), 0.7);
             let control = CameraControl::new(&camera, &bounds);
-            let words = control.argument(&[]).unwrap();
+            let words = control.argument(&scene).unwrap();
             let (read, target) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
             let again = CameraControl::new(&read, &bounds).around(target.unwrap());
-            assert_eq!(again.argument(&[]).unwrap(), words);
+            assert_eq!(again.argument(&scene).unwrap(), words);
             assert_eq!(eye(&read), from, "{words}");
             assert_eq!(again.goal.target, control.goal.target, "{words}");
             assert_eq!(again.goal.opening, 0.7, "{words}");

@@ -91,7 +91,7 @@ fn options(session: &Session) -> Vec<(&'static str, String)> {
     if session.clock.seconds != 0.0 {
         options.push(("time", session.clock.seconds.to_string()));
     }
-    if let Some(camera) = session.camera.argument(&loaded.scene.cameras) {
+    if let Some(camera) = session.camera.argument(&loaded.scene) {
         let is_default = |scene: &Scene| {
             let first = scene.cameras.first();
             first.is_none_or(|first| first.name.as_str() == camera)

@@ -437,7 +437,10 @@ fn a_camera_orbits_around_what_it_shows_in_the_middle() {
     let points = session.loaded().renderer.surface_points().unwrap();
     let middle = (SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) as usize;
     let seen = points[middle].as_ref().unwrap().position;
-    let words = session.camera.argument(&[]).unwrap();
+    let words = session
+        .camera
+        .argument(&gpugi_scene::Scene::default())
+        .unwrap();
     let scene = &session.loaded().scene;
     let (_, target) = scene_argument::view(scene, Some(&words), 1.0).unwrap();
     let eye = session.camera.camera().world_from_view.w_axis.truncate();

@@ -71,12 +71,11 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
         settings: &split_settings(set)?,
         adds: ADDS,
     };
-    let (counts, [low, high], what) = match volume_as {
+    let (counts, bounds, what) = match volume_as {
         Representation::Cubes => {
             let volume = IrradianceVolume::bake(&gpu, &scene, &light, density)?;
             save_ktx2(output, &volume.texture()).context("cannot be written")?;
-            let bounds = [volume.bounds.min, volume.bounds.max];
-            (volume.counts, bounds, "ambient cubes")
+            (volume.counts, volume.bounds, "ambient cubes")
         }
         Representation::Harmonics => {
             let volume = HarmonicVolume::bake(&gpu, &scene, &light, density)?;
@@ -84,12 +83,13 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
             (volume.counts, volume.bounds, "times nine harmonics")
         }
     };
+    let [low, high] = bounds.map(|corner| scene.in_world(corner));
     let what = format!(
         "{} x {} x {} {what} around {} m, in {} m",
         counts.x,
         counts.y,
         counts.z,
-        (low + high) * 0.5,
+        scene.in_file((low + high) * 0.5),
         high - low
     );
     say(common, output, &what);

@@ -3,7 +3,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::{Mat4, Quat, Vec3, vec3};
+use glam::{DVec3, Mat4, Quat, Vec3, vec3};
 
 use super::room::{matt_box, mirror_ball, walls};
 use super::shapes::{quad, sphere};
@@ -99,9 +99,9 @@ fn swing(scene: &mut Scene, mut light: Light) {
         times: parts.iter().map(|part| part * PERIOD).collect(),
     };
     let rest = Transform::Parts {
-        translation,
-        rotation,
-        scale: Vec3::ONE,
+        translation: translation.as_dvec3(),
+        rotation: rotation.as_dquat(),
+        scale: DVec3::ONE,
     };
     light.node = Some(0);
     scene.lights.push(light);

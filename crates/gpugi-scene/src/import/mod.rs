@@ -235,6 +235,7 @@ pub fn import(
             "gpugi reads scenes from .gltf, .glb, .obj and .ply files",
         )),
     }?;
+    scene.warn_of_far_objects();
     let more = scene.warnings.len().saturating_sub(MOST_WARNINGS);
     if more > 0 {
         scene.warnings.truncate(MOST_WARNINGS);

@@ -8,6 +8,7 @@ mod material;
 mod texture;
 
 use std::collections::HashSet;
+use std::str::FromStr;
 
 use glam::Mat4;
 
@@ -32,6 +33,7 @@ pub fn import(
     let budget = Budget::new(limits, bytes.len());
     let geometry = Geometry::parse(name, &text, &budget)?;
     let mut scene = Scene::new(name);
+    scene.origin = geometry.origin;
     scene.warnings = geometry.warnings;
     let mut library = Library::new(resolver, &budget);
     for names in &geometry.libraries {
@@ -72,10 +74,14 @@ pub fn import(
     Ok(scene)
 }
 
-/// Parses `COUNT` finite numbers from `words`; the error says why that fails.
-fn numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
-    let numbers = any_numbers(words)?;
-    let broken = numbers.iter().position(|number: &f32| !number.is_finite());
+/// Parses `COUNT` numbers from `words` that are finite in 32 bits; the error says why that fails.
+fn numbers<T, const COUNT: usize>(words: &[&str]) -> Result<[T; COUNT], String>
+where
+    T: FromStr + Into<f64> + Default + Copy,
+{
+    let numbers: [T; COUNT] = any_numbers(words)?;
+    let is_finite = |number: &T| ((*number).into() as f32).is_finite();
+    let broken = numbers.iter().position(|number| !is_finite(number));
     match broken {
         Some(at) => Err(no_number(words[at])),
         None => Ok(numbers),
@@ -87,11 +93,13 @@ fn no_number(word: &str) -> String {
 }
 
 /// As [`numbers`], of any value.
-fn any_numbers<const COUNT: usize>(words: &[&str]) -> Result<[f32; COUNT], String> {
+fn any_numbers<T: FromStr + Default + Copy, const COUNT: usize>(
+    words: &[&str],
+) -> Result<[T; COUNT], String> {
     if words.len() < COUNT {
         return Err(format!("{} numbers where {COUNT} belong", words.len()));
     }
-    let mut values = [0.0; COUNT];
+    let mut values = [T::default(); COUNT];
     for (value, word) in values.iter_mut().zip(words) {
         let number = word.parse().map_err(|_| no_number(word))?;
         *value = number;

@@ -8,7 +8,7 @@ mod values;
 
 use std::collections::HashMap;
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{DVec3, Mat4, Vec3, Vec4};
 
 use self::header::{Element, Header, Kind, Property};
 use self::values::Values;
@@ -19,7 +19,7 @@ use super::text::without_mark;
 use crate::image::linear_from_srgb;
 use crate::normals::replace_zero_normals;
 use crate::tangents::unit_or;
-use crate::{ImportError, Limits, Mesh, Scene, polygon};
+use crate::{ImportError, Limits, Mesh, Scene, origin, polygon};
 
 /// Reads a PLY mesh. Positions and faces are required; normals (smooth ones are generated if missing), texture
 /// coordinates and colours of vertices or faces are optional. Other elements and properties are skipped.
@@ -30,12 +30,20 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     let mut values = Values::new(&bytes[header.size..], header.format);
     let mut scene = Scene::new(name);
     let budget = Budget::new(limits, bytes.len());
-    let mesh =
+    let mut mesh =
         read(&header, &mut values, &budget, &mut scene.warnings).map_err(|error| match error {
             Failure::Place(place, reason) => ImportError::new(name, place, reason),
             Failure::Here(reason) => ImportError::new(name, values.place(bytes), reason),
         })?;
 
+    // The only mesh has the place of the scene.
+    scene.origin = std::mem::take(&mut mesh.origin);
+    let bounds = mesh.bounds();
+    let corners = [bounds.min, bounds.max].map(|corner| corner.as_dvec3() + scene.origin);
+    if let Some(step) = origin::coarse_step(corners).filter(|_| stores_32_bits(&header)) {
+        let warning = format!("element vertex: {}", origin::coarse_positions(step));
+        scene.warnings.push(warning);
+    }
     let stem = std::path::Path::new(name).file_stem();
     let stem = stem.map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
     let material = scene.add_material(default_material(!mesh.colors.is_empty()));
@@ -45,6 +53,18 @@ pub fn import(name: &str, bytes: &[u8], limits: &Limits) -> Result<Scene, Import
     });
     scene.add_instance(&stem, mesh, material, Mat4::IDENTITY);
     Ok(scene)
+}
+
+/// Whether positions are 32-bit floats.
+fn stores_32_bits(header: &Header) -> bool {
+    let vertices = header
+        .elements
+        .iter()
+        .filter(|element| element.name == "vertex");
+    let mut properties = vertices.flat_map(|element| &element.properties);
+    properties.any(|property| {
+        matches!(Role::of(property), Role::Position(_)) && matches!(property.kind, Kind::F32)
+    })
 }
 
 /// Why a file is rejected: at a named place, or at the current position of the reader.
@@ -59,9 +79,9 @@ impl From<String> for Failure {
     }
 }
 
-/// Memory of a vertex (bytes): position, normal, texture coordinate and colour, in vectors that may be twice as large
-/// as their contents.
-const VERTEX_BYTES: usize = 2 * (12 + 12 + 8 + 16);
+/// Memory of a vertex (bytes): position as read and as kept, normal, texture coordinate and colour, in vectors that may
+/// be twice as large as their contents.
+const VERTEX_BYTES: usize = 2 * (24 + 12 + 12 + 8 + 16);
 /// Memory of an index (bytes), likewise.
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 
@@ -168,8 +188,9 @@ fn read_vertices(
     let has_uvs = has(Role::Uv, 2);
     let has_colors = has(Role::Color, 3);
 
+    let mut positions = Vec::new();
     for _ in 0..element.count {
-        let (mut position, mut normal, mut uv) = (Vec3::ZERO, Vec3::ZERO, [0.0; 2]);
+        let (mut position, mut normal, mut uv) = (DVec3::ZERO, Vec3::ZERO, [0.0; 2]);
         let mut color = [1.0; 4];
         for (property, role) in element.properties.iter().zip(&roles) {
             if property.list_count.is_some() {
@@ -180,8 +201,8 @@ fn read_vertices(
             match *role {
                 Role::Other => {}
                 Role::Position(axis) => {
-                    position[axis] = value as f32;
-                    if !position[axis].is_finite() {
+                    position[axis] = value;
+                    if !(value as f32).is_finite() {
                         return Err(format!("property {} is not finite", property.name).into());
                     }
                 }
@@ -192,7 +213,7 @@ fn read_vertices(
                 }
             }
         }
-        mesh.positions.push(position);
+        positions.push(position);
         if has_normals {
             mesh.normals.push(unit_or(Vec3::ZERO, normal));
         }
@@ -207,6 +228,11 @@ fn read_vertices(
                 .push(finite_color(color, replaced, "element vertex"));
         }
     }
+    mesh.origin = origin::origin_of(origin::corners_of(positions.iter().copied()));
+    let positions = positions.into_iter();
+    mesh.positions = positions
+        .map(|position| (position - mesh.origin).as_vec3())
+        .collect();
     Ok(())
 }
 

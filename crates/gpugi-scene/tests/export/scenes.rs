@@ -150,6 +150,7 @@ fn everything() -> Scene {
         uvs: [vec![Vec2::ZERO; 3], vec![Vec2::ONE; 3]],
         colors: vec![Vec4::splat(0.5); 3],
         indices: vec![2, 0, 1],
+        origin: glam::DVec3::ZERO,
         tree: None,
     };
     let mesh = scene.add_mesh(mesh);

@@ -37,6 +37,17 @@ fn assert_x(scene: &mut Scene, time: f32, x: f32) {
     );
 }
 
+/// 32-bit keys hold a short way in map coordinates in steps.
+#[test]
+fn keys_far_from_the_origin_are_said_to_be_coarse() {
+    let scene = moving("LINEAR", &[0.0, 1.0], &[5e5, 5e5 + 2.0]);
+    let [warning] = &scene.warnings[..] else {
+        panic!("{:?}", scene.warnings);
+    };
+    assert!(warning.contains("animations[0]") && warning.contains("steps of 3 cm"));
+    assert_eq!(moving("LINEAR", &[0.0, 1.0], &[0.0, 5e5]).warnings, [""; 0]);
+}
+
 #[test]
 fn steps_hold() {
     let mut scene = moving("STEP", &[0.0, 1.0, 2.0], &[5.0, 7.0, 9.0]);

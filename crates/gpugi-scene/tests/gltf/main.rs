@@ -3,6 +3,7 @@
 mod animation;
 mod builder;
 mod container;
+mod far;
 mod geometry;
 mod hostile;
 mod images;

@@ -33,7 +33,7 @@ pub fn edits(ui: &mut Ui, scene: &Scene, selected: Option<usize>, actions: &mut 
         for (index, light) in scene.lights.iter().enumerate() {
             ui.push_id(index, |ui| {
                 ui.strong(title(&light.name, "light", index));
-                if let Some(light) = light_controls(ui, light, scene.bounds().diagonal()) {
+                if let Some(light) = light_controls(ui, light, scene) {
                     actions.push(Action::Edit(Edit::Light { index, light }));
                 }
             });
@@ -116,24 +116,29 @@ fn colored(ui: &mut Ui, value: &mut Vec3, text: &str) -> bool {
     changed
 }
 
-/// Three numbers to drag.
-fn vector(ui: &mut Ui, value: &mut Vec3, speed: f32, suffix: &str, text: &str) -> bool {
-    ui.horizontal(|ui| {
+/// A position to drag, in the file's coordinates.
+fn position(ui: &mut Ui, position_in_world: &mut Vec3, scene: &Scene) -> bool {
+    let speed = scene.bounds().diagonal() * 1e-3;
+    let mut in_file = scene.in_file(*position_in_world);
+    let changed = ui.horizontal(|ui| {
         let mut changed = false;
         for axis in 0..3 {
-            let drag = DragValue::new(&mut value[axis])
+            let drag = DragValue::new(&mut in_file[axis])
                 .speed(speed)
-                .suffix(suffix)
+                .suffix(" m")
                 .max_decimals(3);
             changed |= ui.add(drag).changed();
         }
-        ui.label(text);
+        ui.label("position");
         changed
-    })
-    .inner
+    });
+    if changed.inner {
+        *position_in_world = scene.in_world(in_file);
+    }
+    changed.inner
 }
 
-fn light_controls(ui: &mut Ui, light: &Light, diagonal: f32) -> Option<Light> {
+fn light_controls(ui: &mut Ui, light: &Light, scene: &Scene) -> Option<Light> {
     let mut light = light.clone();
     let unit = match light.kind {
         LightKind::Directional => "lx",
@@ -142,10 +147,10 @@ fn light_controls(ui: &mut Ui, light: &Light, diagonal: f32) -> Option<Light> {
     let mut changed = ui
         .horizontal(|ui| colored(ui, &mut light.intensity, unit))
         .inner;
-    let (mut position, mut direction) = (light.position(), light.direction());
+    let (mut place, mut direction) = (light.position(), light.direction());
     let mut moved = false;
     if light.kind != LightKind::Directional {
-        moved |= vector(ui, &mut position, diagonal * 1e-3, " m", "position");
+        moved |= position(ui, &mut place, scene);
     }
     if light.kind != LightKind::Point {
         // Where the light comes from, as a sun in the sky.
@@ -169,7 +174,7 @@ fn light_controls(ui: &mut Ui, light: &Light, diagonal: f32) -> Option<Light> {
         }
     }
     if moved {
-        light = light.aimed(position, position + direction);
+        light = light.aimed(place, place + direction);
         changed = true;
     }
     changed.then_some(light)
@@ -177,9 +182,8 @@ fn light_controls(ui: &mut Ui, light: &Light, diagonal: f32) -> Option<Light> {
 
 /// Controls for the place of an object: the new one, if people changed it.
 fn place(ui: &mut Ui, world_from_mesh: &Mat4, scene: &Scene) -> Option<Mat4> {
-    let diagonal = scene.bounds().diagonal();
     let mut translation = world_from_mesh.w_axis.truncate();
-    let moved = vector(ui, &mut translation, diagonal * 1e-3, " m", "position");
+    let moved = position(ui, &mut translation, scene);
     let mut degrees = 0.0_f32;
     let mut factor = 1.0_f32;
     let (turned, scaled) = ui

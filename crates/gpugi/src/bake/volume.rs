@@ -4,7 +4,7 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::marker::PhantomData;
 
-use glam::{UVec3, Vec3};
+use glam::{DVec3, UVec3, Vec3};
 use gpugi_scene::image::HalfTexture;
 use gpugi_scene::{Bounds, Camera, Scene};
 use half::f16;
@@ -52,9 +52,10 @@ pub trait Volume: Sized {
     /// The normals of surfaces whose irradiance each voxel needs (unit vectors).
     fn normals() -> Vec<Vec3>;
 
-    /// The volume of `counts` voxels along each axis, which fill `bounds` (m) together. `irradiance` (W/m^2): per
+    /// The volume of `counts` voxels along each axis, which fill the box between two corners together (m, in the file's
+    /// coordinates). `irradiance` (W/m^2): per
     /// voxel, x first, then y, then z, that of surfaces in its middle with those normals.
-    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self;
+    fn new(counts: UVec3, bounds: [DVec3; 2], irradiance: &[Vec3]) -> Self;
 
     /// The light at the middles of voxels that fill the scene's bounds, `density` per metre.
     ///
@@ -77,8 +78,8 @@ pub trait Volume: Sized {
 pub struct IrradianceVolume {
     /// Voxels along each axis.
     pub counts: UVec3,
-    /// What the voxels fill together (m).
-    pub bounds: Bounds,
+    /// Corners of what the voxels fill together, in the file's coordinates (m).
+    pub bounds: [DVec3; 2],
     /// Per voxel, x first, then y, then z: irradiance over pi in its middle, of surfaces that face +X, -X, +Y, -Y, +Z
     /// and -Z. That is the radiance of a white Lambert surface there (W/sr/m^2).
     pub cubes: Vec<[Vec3; 6]>,
@@ -89,7 +90,7 @@ impl Volume for IrradianceVolume {
         SIDES.to_vec()
     }
 
-    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self {
+    fn new(counts: UVec3, bounds: [DVec3; 2], irradiance: &[Vec3]) -> Self {
         let cubes = irradiance.chunks_exact(6);
         Self {
             counts,
@@ -117,8 +118,8 @@ impl IrradianceVolume {
 pub struct HarmonicVolume {
     /// Voxels along each axis.
     pub counts: UVec3,
-    /// Corners of what the voxels fill together (m).
-    pub bounds: [Vec3; 2],
+    /// Corners of what the voxels fill together, in the file's coordinates (m).
+    pub bounds: [DVec3; 2],
     /// The functions Y_i of the unit direction (x, y, z) in the scene's axes.
     pub basis: [String; 9],
     /// Factors by which the clamped cosine multiplies the coefficients.
@@ -136,12 +137,12 @@ impl Volume for HarmonicVolume {
         lebedev().map(|(direction, _)| direction).to_vec()
     }
 
-    fn new(counts: UVec3, bounds: Bounds, irradiance: &[Vec3]) -> Self {
+    fn new(counts: UVec3, bounds: [DVec3; 2], irradiance: &[Vec3]) -> Self {
         let nodes = lebedev();
         let voxels = irradiance.chunks_exact(nodes.len());
         Self {
             counts,
-            bounds: [bounds.min, bounds.max],
+            bounds,
             basis: BASIS.map(str::to_owned),
             cosine_factors: COSINE_FACTORS,
             irradiance: IRRADIANCE.to_owned(),
@@ -238,6 +239,8 @@ pub struct VolumeBake<V> {
     key: BakeKey,
     counts: UVec3,
     bounds: Bounds,
+    /// Corners of the bounds in the file's coordinates (m).
+    bounds_in_file: [DVec3; 2],
     normals: Vec<Vec3>,
     voxels_per_task: usize,
     /// Irradiance in the finished tiles.
@@ -300,6 +303,7 @@ impl<V: Volume> VolumeBake<V> {
             adds: light.adds.to_owned(),
             counts,
             bounds,
+            bounds_in_file: [bounds.min, bounds.max].map(|corner| scene.in_file(corner)),
             normals,
             voxels_per_task,
             done: vec![None; tiles],
@@ -363,7 +367,7 @@ impl<V: Volume> VolumeBake<V> {
             irradiance.extend(tile.unwrap_or_else(|| vec![Vec3::ZERO; per_tile]));
         }
         irradiance.truncate(self.counts.element_product() as usize * self.normals.len());
-        V::new(self.counts, self.bounds, &irradiance)
+        V::new(self.counts, self.bounds_in_file, &irradiance)
     }
 }
 

@@ -19,7 +19,7 @@ mod transfer;
 
 use std::collections::{BTreeMap, HashMap};
 
-use glam::{Quat, Vec3};
+use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 
 use super::{BakedPage, ExportError, Exported, Original};
@@ -343,13 +343,13 @@ impl<'a> Baker<'a> {
                     scale,
                 } = place
                 {
-                    if translation != Vec3::ZERO {
+                    if translation != DVec3::ZERO {
                         json["translation"] = json!(translation.to_array());
                     }
-                    if rotation != Quat::IDENTITY {
+                    if rotation != DQuat::IDENTITY {
                         json["rotation"] = json!(rotation.to_array());
                     }
-                    if scale != Vec3::ONE {
+                    if scale != DVec3::ONE {
                         json["scale"] = json!(scale.to_array());
                     }
                 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use base64::Engine;
-use glam::{Affine2, Mat4, Vec2, Vec3};
+use glam::{Affine2, DMat4, Mat4, Vec2, Vec3};
 use image::ExtendedColorType;
 use serde_json::{Value, json};
 
@@ -128,8 +128,9 @@ impl Writer<'_> {
         index: Value,
     ) -> Result<usize, ExportError> {
         let mut node = json!({ "name": name.beginning() });
-        if world_from_node != Mat4::IDENTITY {
-            node["matrix"] = json!(world_from_node.to_cols_array());
+        let file_from_node = self.scene.file_from(world_from_node);
+        if file_from_node != DMat4::IDENTITY {
+            node["matrix"] = json!(file_from_node.to_cols_array());
         }
         node[kind] = index;
         let node = self.output.json.push("nodes", node)?;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::document::Document;
 use super::schema::Primitive;
@@ -10,7 +10,7 @@ use crate::animation::{Influences, JOINT_BYTES, MorphTarget};
 use crate::import::replaced::Broken;
 use crate::normals::replace_zero_normals;
 use crate::tangents::{self, any_tangent, unit_or};
-use crate::{ImportError, Mesh, Name};
+use crate::{ImportError, Mesh, Name, origin};
 
 /// Memory of an index (bytes).
 const INDEX_BYTES: usize = size_of::<u32>();
@@ -53,6 +53,14 @@ pub fn read(
         return Ok(None);
     }
     let mut geometry = reader.vertices(primitive, name, indices, uv_sets)?;
+    if let Some(step) = geometry.mesh.step_of_positions() {
+        let place = format!("{place}.attributes.POSITION");
+        document.warn(&place, origin::coarse_positions(step));
+    }
+    // Skins and targets refer to where the vertices are.
+    if geometry.influences.is_none() && geometry.targets.is_empty() {
+        geometry.mesh.recentre();
+    }
     if geometry.mesh.normals.is_empty() {
         // glTF 2.0, 3.7.2.1: use flat normals and ignore the file's tangents.
         document.charge(
@@ -240,6 +248,7 @@ impl Reader<'_> {
         };
         let mut mesh = Mesh {
             name,
+            origin: DVec3::ZERO,
             positions: positions.into_iter().map(Vec3::from).collect(),
             normals: normals
                 .into_iter()

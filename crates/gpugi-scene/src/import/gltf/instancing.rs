@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use glam::{Quat, Vec3};
+use glam::{DQuat, DVec3};
 
 use super::document::Document;
 use super::nodes::INSTANCE_BYTES;
@@ -82,9 +82,12 @@ pub fn places(document: &Document, node: usize) -> Result<Option<Vec<Transform>>
         .map(|accessor| document.floats::<4>(accessor, &format!("{place}.attributes.ROTATION")))
         .transpose()?;
     let transform = |number: usize| Transform::Parts {
-        translation: (translations.as_ref()).map_or(Vec3::ZERO, |all| all[number].into()),
-        rotation: (rotations.as_ref()).map_or(Quat::IDENTITY, |all| unit_rotation(all[number])),
-        scale: (scales.as_ref()).map_or(Vec3::ONE, |all| all[number].into()),
+        translation: (translations.as_ref())
+            .map_or(DVec3::ZERO, |all| all[number].map(f64::from).into()),
+        rotation: (rotations.as_ref()).map_or(DQuat::IDENTITY, |all| {
+            unit_rotation(all[number].map(f64::from))
+        }),
+        scale: (scales.as_ref()).map_or(DVec3::ONE, |all| all[number].map(f64::from).into()),
     };
     Ok(Some((0..count as usize).map(transform).collect()))
 }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{Mat4, Quat, Vec3};
+use glam::{DMat4, DQuat, DVec3, Mat4, Vec3};
 
 use super::document::Document;
 use super::geometry::{self, Geometry};
@@ -46,7 +46,8 @@ pub fn read_all(
     placer.instancing = instancing::expand(document, &mut placer.rig)?;
     let pose = placer.rig.pose(0.0);
     for carrier in nodes_of_scene(document, &placer.rig)? {
-        let world_from_node = pose.world_from_node[carrier];
+        // World space is that of the file until all is known ([`Scene::settle`]).
+        let world_from_node = pose.file_from_node[carrier].as_mat4();
         let place = format!("nodes[{}]", placer.stands(carrier).0);
         if !world_from_node.is_finite() {
             return Err(document.error(place, "the node's world matrix is not finite"));
@@ -64,9 +65,9 @@ pub fn read_all(
             .map_or(0, |origin| origin.node);
         return Err(document.error(format!("nodes[{node}].extras.gpugi.sphere"), error));
     }
+    scene.settle(&placer.rig);
     if placer.rig.moves() {
         scene.rig = Some(placer.rig);
-        scene.pose(0.0);
     } else {
         let (instances, lights) = (scene.instances.iter_mut(), scene.lights.iter_mut());
         instances.for_each(|instance| instance.node = None);
@@ -139,12 +140,12 @@ fn hierarchy(document: &Document) -> Result<Rig, ImportError> {
 
 fn transform(node: &schema::Node) -> Transform {
     if let Some(matrix) = &node.matrix {
-        return Transform::Matrix(Mat4::from_cols_array(matrix));
+        return Transform::Matrix(DMat4::from_cols_array(matrix));
     }
     Transform::Parts {
-        translation: node.translation.map_or(Vec3::ZERO, Vec3::from),
-        rotation: node.rotation.map_or(Quat::IDENTITY, unit_rotation),
-        scale: node.scale.map_or(Vec3::ONE, Vec3::from),
+        translation: node.translation.map_or(DVec3::ZERO, DVec3::from),
+        rotation: node.rotation.map_or(DQuat::IDENTITY, unit_rotation),
+        scale: node.scale.map_or(DVec3::ONE, DVec3::from),
     }
 }
 

@@ -1,12 +1,12 @@
 //! Skins and animations.
 
-use glam::Mat4;
+use glam::{Mat4, Vec3};
 
 use super::document::Document;
 use super::schema::{self, AnimationSampler};
-use crate::ImportError;
 use crate::animation::{Animation, Channel, Interpolation, Property, Rig, Skin};
 use crate::import::quoted;
+use crate::{ImportError, origin};
 
 /// Memory of a joint of a skin (bytes): its node, its matrix at rest and its matrix in a pose.
 const SKIN_JOINT_BYTES: u64 = 8 + 2 * 64;
@@ -126,6 +126,14 @@ fn read_channel(
                 times.len()
             ),
         ));
+    }
+    if property == Property::Translation {
+        let places = values.as_chunks::<3>().0.iter();
+        let places = places.map(|&place| Vec3::from(place).as_dvec3());
+        if let Some(step) = origin::corners_of(places).and_then(origin::coarse_step) {
+            let place = format!("{place}.sampler.output");
+            document.warn(&place, origin::coarse_positions(step));
+        }
     }
     Ok(Some(Channel {
         node,

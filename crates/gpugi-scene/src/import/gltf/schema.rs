@@ -111,13 +111,13 @@ pub struct Node {
     pub camera: Option<usize>,
     pub skin: Option<usize>,
     #[serde(deserialize_with = "finite")]
-    pub matrix: Option<[f32; 16]>,
+    pub matrix: Option<[f64; 16]>,
     #[serde(deserialize_with = "finite")]
-    pub translation: Option<[f32; 3]>,
+    pub translation: Option<[f64; 3]>,
     #[serde(deserialize_with = "finite")]
-    pub rotation: Option<[f32; 4]>,
+    pub rotation: Option<[f64; 4]>,
     #[serde(deserialize_with = "finite")]
-    pub scale: Option<[f32; 3]>,
+    pub scale: Option<[f64; 3]>,
     #[serde(deserialize_with = "finite")]
     pub weights: Option<Vec<f32>>,
     pub extensions: NodeExtensions,
@@ -385,7 +385,13 @@ impl Finite for f32 {
     }
 }
 
-impl<const N: usize> Finite for [f32; N] {
+impl Finite for f64 {
+    fn is_finite(&self) -> bool {
+        (*self as f32).is_finite()
+    }
+}
+
+impl<T: Finite, const N: usize> Finite for [T; N] {
     fn is_finite(&self) -> bool {
         self.iter().all(Finite::is_finite)
     }

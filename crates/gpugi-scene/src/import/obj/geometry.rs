@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::{any_numbers, numbers};
 use crate::image::linear_from_srgb;
@@ -12,7 +12,7 @@ use crate::import::quoted;
 use crate::import::replaced::{Broken, Replaced};
 use crate::normals::replace_zero_normals;
 use crate::tangents::unit_or;
-use crate::{ImportError, Instance, Mesh, Name, polygon};
+use crate::{ImportError, Instance, Mesh, Name, origin, polygon};
 
 /// The faces of one group (or object) that share a material.
 pub struct Part {
@@ -20,6 +20,8 @@ pub struct Part {
     pub mesh: Mesh,
     /// The material's name, if any.
     pub material: Option<Name>,
+    /// Positions of the mesh in the file's coordinates (m).
+    positions: Vec<DVec3>,
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
@@ -30,10 +32,10 @@ pub struct Part {
 /// Memory of an index (bytes).
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 /// Memory of a position, normal or texture coordinate (bytes), in a vector that may be twice as large as its contents.
-const VALUE_BYTES: usize = 2 * size_of::<Vec3>();
+const VALUE_BYTES: usize = 2 * size_of::<DVec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
-const VERTEX_BYTES: usize = 2 * (32 + size_of::<Vec4>() + size_of::<(Corner, u32)>());
+const VERTEX_BYTES: usize = 2 * (56 + size_of::<Vec4>() + size_of::<(Corner, u32)>());
 /// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
 const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
 /// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
@@ -45,6 +47,8 @@ type Corner = (u32, Option<u32>, Option<u32>);
 
 /// The contents of an OBJ file.
 pub struct Geometry {
+    /// Where the origin of the parts lies in the file's coordinates (m).
+    pub origin: DVec3,
     /// Parts in file order.
     pub parts: Vec<Part>,
     /// The arguments of each `mtllib` line.
@@ -70,7 +74,15 @@ impl Geometry {
             let reason = "there are no faces";
             return Err(ImportError::new(file, "whole file", reason));
         }
+        let boxes = parts
+            .iter()
+            .filter_map(|part| origin::corners_of(part.positions.iter().copied()));
+        let origin = origin::origin_of(boxes);
         for part in &mut parts {
+            let positions = std::mem::take(&mut part.positions).into_iter();
+            part.mesh.positions = positions
+                .map(|position| (position - origin).as_vec3())
+                .collect();
             if part.lacks_normals {
                 part.mesh.normals.clear();
             }
@@ -89,6 +101,7 @@ impl Geometry {
         }
         let ignored = parser.ignored.iter();
         Ok(Self {
+            origin,
             parts,
             libraries: parser.libraries,
             warnings: ignored
@@ -121,7 +134,7 @@ fn joined_lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
 /// What corners refer to by number.
 #[derive(Default)]
 struct Vertices {
-    positions: Vec<Vec3>,
+    positions: Vec<DVec3>,
     /// Of the first positions; empty without any. White where there is none.
     colors: Vec<Vec3>,
     /// Unit vectors, or zero.
@@ -182,7 +195,9 @@ impl<'a> Parser<'a> {
             _ if keyword.starts_with('#') => {}
             "v" => {
                 let words = words();
-                self.vertices.positions.push(numbers(&words)?.into());
+                self.vertices
+                    .positions
+                    .push(numbers::<f64, 3>(&words)?.into());
                 if let [_, _, _, color @ ..] = &words[..]
                     && color.len() == 3
                 {
@@ -190,7 +205,7 @@ impl<'a> Parser<'a> {
                 }
             }
             "vn" => {
-                let normal = any_numbers(&words())?.into();
+                let normal = any_numbers::<f32, 3>(&words())?.into();
                 self.vertices.normals.push(unit_or(Vec3::ZERO, normal));
             }
             "vt" => {
@@ -253,21 +268,20 @@ impl<'a> Parser<'a> {
         }
         self.budget
             .charge(corners.len() as u64 - 2, 3 * INDEX_BYTES)?;
-        let positions: Vec<Vec3> = corners
-            .iter()
-            .map(|&(position, ..)| self.vertices.positions[position as usize])
-            .collect();
+        let corner = |&(position, ..): &Corner| self.vertices.positions[position as usize];
+        let positions: Vec<DVec3> = corners.iter().map(corner).collect();
+        let positions = origin::near(&positions);
         let too_large = usize::from(polygon::is_too_large(&positions));
         self.replaced.add(Broken::Face, too_large, "f");
         let triangles = polygon::triangulate(&positions);
         let current = self.current_part()?;
         let part = &mut self.parts[current];
-        let before = part.mesh.positions.len();
+        let before = part.positions.len();
         let vertices: Vec<u32> = corners
             .iter()
             .map(|&corner| part.vertex(corner, &self.vertices))
             .collect();
-        let new = part.mesh.positions.len() - before;
+        let new = part.positions.len() - before;
         self.budget.charge(new as u64, VERTEX_BYTES)?;
         for triangle in triangles {
             let triangle = triangle.map(|corner| vertices[corner as usize]);
@@ -343,6 +357,7 @@ impl<'a> Parser<'a> {
                     ..Mesh::default()
                 },
                 material,
+                positions: Vec::new(),
                 vertices: HashMap::new(),
                 lacks_normals: false,
                 has_uvs: false,
@@ -360,7 +375,7 @@ impl Part {
         let (position, uv, normal) = corner;
         let mesh = &mut self.mesh;
         *self.vertices.entry(corner).or_insert_with(|| {
-            mesh.positions.push(vertices.positions[position as usize]);
+            self.positions.push(vertices.positions[position as usize]);
             let color = vertices.colors.get(position as usize);
             self.has_colors |= color.is_some();
             mesh.colors.push(color.unwrap_or(&Vec3::ONE).extend(1.0));
@@ -370,7 +385,7 @@ impl Part {
             let normal = normal.map(|normal| vertices.normals[normal as usize]);
             self.lacks_normals |= normal.is_none();
             mesh.normals.push(normal.unwrap_or_default());
-            mesh.positions.len() as u32 - 1
+            self.positions.len() as u32 - 1
         })
     }
 }

@@ -142,7 +142,7 @@ impl Entry {
         // Names may contain a #; after numbers, it starts a comment.
         let (values, _) = rest.split_once('#').unwrap_or((rest, ""));
         let words: Vec<&str> = values.split_whitespace().take(4).collect();
-        let one = || numbers::<1>(&words).map(|[value]| Some(value));
+        let one = || numbers::<f32, 1>(&words).map(|[value]| Some(value));
         match keyword {
             // The ambient colour is ignored: there are no ambient lights.
             "" | "Ka" => {}
@@ -241,7 +241,7 @@ impl Entry {
 fn color(words: &[&str]) -> Result<Vec3, String> {
     match *words {
         ["spectral" | "xyz", ..] => Err("only RGB colours are supported".into()),
-        [one] => numbers::<1>(&[one]).map(|[value]| Vec3::splat(value)),
+        [one] => numbers::<f32, 1>(&[one]).map(|[value]| Vec3::splat(value)),
         _ => numbers(words).map(Vec3::from_array),
     }
 }
