@@ -100,7 +100,7 @@ impl Lights {
         let corner = |&index: &u32| {
             world_from_mesh.transform_point3(mesh.positions[index as usize].as_dvec3())
         };
-        // A mirroring transform turns triangles.
+        // A mirroring transform reverses the winding, and keeps fronts in front.
         let sign = world_from_mesh.determinant().signum();
         let triangles: Vec<[DVec3; 3]> = mesh
             .indices
@@ -211,10 +211,10 @@ mod tests {
         let keep: fn(&mut Scene) = |_| ();
         let (inside, outside) = (Some(Vec3::ZERO), Some(Vec3::splat(9.0)));
         let mirror = Vec3::new(-1.0, 1.0, 1.0);
-        for (scale, is_mirrored) in [(Vec3::ONE, false), (mirror, true)] {
-            // Whether triangles face inward in the world.
+        // A mirroring transform keeps fronts in front.
+        for scale in [Vec3::ONE, mirror] {
             for is_inward in [false, true] {
-                let turns = |place, change| turns(is_inward != is_mirrored, scale, place, change);
+                let turns = |place, change| turns(is_inward, scale, place, change);
                 assert_eq!(turns(inside, keep), !is_inward, "{scale}");
                 assert_eq!(turns(outside, keep), is_inward, "{scale}");
                 assert_eq!(turns(None, keep), is_inward, "ambient light");
