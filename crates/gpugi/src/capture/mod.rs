@@ -26,8 +26,8 @@ pub use images::HitImages;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
 pub use receiver::{Output, Probe, Receiver, ReceiverKernel, Slots};
+pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
-pub(crate) use view::{NEAR, ViewUniform};
 pub use visible::VisiblePoint;
 
 use std::ops::Range;

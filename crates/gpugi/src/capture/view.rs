@@ -31,10 +31,10 @@ pub struct ViewUniform {
     pub padding: [f32; 2],
 }
 
-/// Distance of near planes, in diagonals of the scene: as small as clipping allows. Depth is reversed, so its precision does
-/// not depend on it, and what is clipped stays small where a landscape or a stray object makes the scene large. A triangle
-/// as large as the scene is clipped with an error of about this much.
-pub(crate) const NEAR: f32 = 1e-7;
+/// Distance of a camera's near plane, in diagonals of the scene: as small as clipping allows. Depth is reversed, so its
+/// precision does not depend on it, and what is clipped stays small where a landscape or a stray object makes the scene
+/// large. A triangle as large as the scene is clipped with an error of about this much.
+const NEAR: f32 = 1e-7;
 
 /// A camera for an image of a given size: the rays of its pixels, and the matrix that rasterizes the same view.
 #[derive(Debug, Clone, Copy, PartialEq)]

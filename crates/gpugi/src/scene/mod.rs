@@ -427,8 +427,9 @@ impl GpuScene {
         self.header_values.environment_intensity
     }
 
-    /// Distance of near planes (m).
+    /// Distance of the near planes of lights, cubes and texels (m). These may lie on a surface. Nearer than this, rounding
+    /// would show that surface in front of them.
     pub fn near(&self) -> f32 {
-        self.diagonal() * crate::capture::NEAR
+        self.core.diagonal().max(1e-6) * 1e-4
     }
 }
