@@ -52,7 +52,7 @@ impl Changed {
 /// Makes the changed scene; `None` if the change makes no sense there.
 pub type Relation = fn(&Scene) -> Option<Changed>;
 
-pub const RELATIONS: [(&str, Relation); 23] = [
+pub const RELATIONS: [(&str, Relation); 24] = [
     ("itself", |scene| Some(Changed::of(scene))),
     ("1000 times smaller", |scene| scaled(scene, 1e-3)),
     ("1000 times larger", |scene| scaled(scene, 1e3)),
@@ -74,6 +74,10 @@ pub const RELATIONS: [(&str, Relation); 23] = [
     }),
     ("meshes in centimetres", |scene| {
         Some(remade(scene, |_| Mat4::from_scale(Vec3::splat(100.0))))
+    }),
+    ("tilted meshes", |scene| {
+        let tilt = Mat4::from_rotation_x(0.3) * Mat4::from_rotation_z(0.2);
+        Some(remade(scene, |_| tilt))
     }),
     ("sheared meshes", |scene| {
         let mut shear = Mat4::from_scale(vec3(2.0, 0.5, 1.0));
