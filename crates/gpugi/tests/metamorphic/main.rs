@@ -23,7 +23,7 @@ use ways::{Light, WAYS};
 
 /// How much the light of a whole picture, and of a part of it, may differ, relative to the mean of the picture, or of the
 /// part where that is brighter. The same scene with another seed differs by less than half of that (relation "itself").
-const MOST: [f32; 2] = [0.03, 0.1];
+const MOST: [f32; 2] = [0.04, 0.15];
 
 /// The largest differences of the whole and of its parts, as multiples of what is allowed, in words.
 fn differences(expected: &Light, found: &Light) -> (f32, String) {
@@ -77,7 +77,9 @@ fn holds_for(scene: &Scene, scene_name: &str) {
         let mut lit = make(&gpu, scene);
         let expected = lit.light(&relations::Changed::of(scene), 0);
         for (relation, change) in RELATIONS {
-            if !is_asked_for("METAMORPHIC_ONLY", relation) {
+            // The path tracer is quick; the others take one scale of each direction.
+            let is_more = ["1000 times larger", "10000 times smaller"].contains(&relation);
+            if !is_asked_for("METAMORPHIC_ONLY", relation) || (is_more && way != "traced") {
                 continue;
             }
             let Some(changed) = change(scene) else {

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use glam::{Mat3, Mat4, Vec3, Vec4, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, join, quad};
 use gpugi_scene::{
-    Environment, Image, Instance, LightKind, Material, Mesh, Pixels, Projection, Scene,
+    Environment, Image, Instance, Light, LightKind, Material, Mesh, Pixels, Projection, Scene,
 };
 
 use crate::common::{inside_out, place};
+use crate::scenes::OUTSIDE;
 
 /// A changed scene, and how its light compares with that of the scene before.
 pub struct Changed {
@@ -52,7 +53,7 @@ impl Changed {
 /// Makes the changed scene; `None` if the change makes no sense there.
 pub type Relation = fn(&Scene) -> Option<Changed>;
 
-pub const RELATIONS: [(&str, Relation); 24] = [
+pub const RELATIONS: [(&str, Relation); 25] = [
     ("itself", |scene| Some(Changed::of(scene))),
     ("1000 times smaller", |scene| scaled(scene, 1e-3)),
     ("1000 times larger", |scene| scaled(scene, 1e3)),
@@ -99,6 +100,15 @@ pub const RELATIONS: [(&str, Relation); 24] = [
     ("something far away", far_away),
     ("on black ground", on_ground),
     ("two lights for one", two_lights),
+    ("no light outside", |scene| {
+        let is_outside = |light: &Light| light.name.as_str() == OUTSIDE;
+        if !scene.lights.iter().any(is_outside) {
+            return None;
+        }
+        let mut changed = Changed::of(scene);
+        changed.scene.lights.retain(|light| !is_outside(light));
+        Some(changed)
+    }),
     ("colours in vertices", |scene| Some(colored(scene))),
 ];
 

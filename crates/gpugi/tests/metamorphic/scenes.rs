@@ -9,6 +9,9 @@ use gpugi_scene::{Camera, Environment, Light, LightKind, Material, Mesh, Scene};
 
 use crate::common::{floor, inside_out};
 
+/// Name of a light that no wall lets in.
+pub const OUTSIDE: &str = "outside";
+
 /// Adds an instance of a mesh, placed by a matrix.
 fn put(scene: &mut Scene, name: &str, mesh: Mesh, material: Material, at: Mat4) {
     let mesh = scene.add_mesh(mesh);
@@ -79,7 +82,7 @@ fn room() -> Scene {
     let grey = Material::matt("walls", vec3(0.6, 0.5, 0.4));
     put(&mut scene, "walls", walls, grey, Mat4::IDENTITY);
     let point = Light::new("point", LightKind::Point, Vec3::splat(2.0));
-    scene.lights = vec![point.aimed(vec3(-0.4, 1.75, 0.3), Vec3::ZERO)];
+    scene.lights = vec![point.aimed(vec3(-0.4, 1.3, 0.3), Vec3::ZERO)];
     scene.cameras = vec![Camera::look_at(
         "",
         vec3(1.2, 1.4, 1.35),
@@ -116,7 +119,7 @@ pub fn glazed() -> Scene {
         ..glass
     };
     let sheet = quad(vec3(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z, 1);
-    let at = placed(vec3(-0.2, 1.0, 0.1), 0.2, vec3(1.3, 1.0, 1.1));
+    let at = placed(vec3(-0.2, 0.7, 0.1), 0.2, vec3(1.3, 1.0, 1.1));
     put(&mut scene, "pane", sheet, glass, at);
     scene
 }
@@ -130,7 +133,7 @@ pub fn closed() -> Scene {
     let outer = cuboid(min - thick, max + thick, 1);
     scene.meshes[0] = join("walls", [inner, outer]).into();
     put_box(&mut scene);
-    let outside = Light::new("outside", LightKind::Point, vec3(90.0, 30.0, 30.0));
+    let outside = Light::new(OUTSIDE, LightKind::Point, vec3(90.0, 30.0, 30.0));
     let outside = outside.aimed(vec3(2.5, 1.0, 0.5), Vec3::ZERO);
     scene.lights.push(outside);
     scene
