@@ -45,22 +45,6 @@ const QUICK: [[&str; 3]; 19] = [
     ["distance-impostor", "shape-resolution", "32"],
     ["distance-impostor", "cubes", "4"],
 ];
-14] = [
-    ["shadow-map", "resolution", "256"],
-    ["shadow-map", "area-samples", "16"],
-    ["shadow-map", "area-resolution", "64"],
-    ["image-based-lighting", "samples", "64"],
-    ["image-based-lighting", "resolution", "128"],
-    ["radiosity", "resolution", "64"],
-    ["radiosity", "iterations", "64"],
-    ["radiosity", "steps", "16"],
-    ["final-gather", "resolution", "16"],
-    ["caustics", "resolution", "128"],
-    ["caustics", "cube-resolution", "64"],
-    ["caustics", "shape-resolution", "64"],
-    ["distance-impostor", "resolution", "64"],
-    ["distance-impostor", "shape-resolution", "64"],
-];
 
 /// Mean radiance, of all and of parts; `None` for parts that are too small.
 pub struct Light {
