@@ -133,7 +133,7 @@ pub fn closed() -> Scene {
     let outer = cuboid(min - thick, max + thick, 1);
     scene.meshes[0] = join("walls", [inner, outer]).into();
     put_box(&mut scene);
-    let outside = Light::new(OUTSIDE, LightKind::Point, vec3(90.0, 30.0, 30.0));
+    let outside = Light::new(OUTSIDE, LightKind::Point, vec3(9.0, 3.0, 3.0));
     let outside = outside.aimed(vec3(2.5, 1.0, 0.5), Vec3::ZERO);
     scene.lights.push(outside);
     scene

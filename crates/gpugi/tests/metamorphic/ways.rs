@@ -17,14 +17,14 @@ const SIZE: u32 = 16;
 const PART: u32 = SIZE / 4;
 /// Samples per pixel of the techniques and of the path tracer, and per texel.
 const SAMPLES: u32 = 8;
-const PATHS: u32 = 192;
+const PATHS: u32 = 256;
 const TEXEL_SAMPLES: u32 = 2;
 /// Side of the bake's atlas (texels).
 const ATLAS: u32 = 64;
 
 /// Settings that make pictures in a fraction of a second, where the technique is in use: its name, the setting, the
 /// value.
-const QUICK: [[&str; 3]; 19] = [
+const QUICK: [[&str; 3]; 18] = [
     ["shadow-map", "resolution", "256"],
     ["shadow-map", "area-samples", "16"],
     ["shadow-map", "area-resolution", "64"],
@@ -36,7 +36,6 @@ const QUICK: [[&str; 3]; 19] = [
     ["radiosity", "steps", "16"],
     ["final-gather", "resolution", "16"],
     ["final-gather", "faces-per-frame", "512"],
-    ["final-gather", "bounces", "4"],
     ["caustics", "resolution", "64"],
     ["caustics", "cube-resolution", "32"],
     ["caustics", "shape-resolution", "32"],
