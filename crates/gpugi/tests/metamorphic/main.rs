@@ -22,16 +22,26 @@ use relations::RELATIONS;
 use ways::{Light, WAYS};
 
 /// How much the light of a whole picture, and of a part of it, may differ, relative to the mean of the picture, or of the
-/// part where that is brighter. The same scene with another seed differs by less than half of that (relation "itself").
+/// part where that is brighter. The path tracer's noise (relation "itself", another seed) reaches 2 % of a whole and 12 %
+/// of a part; where texels, reference points and depth maps lie elsewhere, whole and parts differ by as much.
 const MOST: [f32; 2] = [0.04, 0.15];
 
-/// Relations of which others are stricter, for the path tracer alone: it takes a tenth of the others' time.
-const ONLY_TRACED: [&str; 5] = [
+/// An exception that differs by less than this share of what is allowed has been mended. Between, noise decides.
+const STILL_WRONG: f32 = 0.8;
+
+/// Relations of which others are stricter, or that never failed, for the path tracer alone: it takes a tenth of the others'
+/// time.
+const ONLY_TRACED: [&str; 10] = [
     "1000 times larger",
     "10000 times smaller",
     "turned by 90 degrees",
+    "transforms in vertices",
     "meshes in centimetres",
+    "tilted meshes",
+    "reversed",
     "own vertices",
+    "two lights for one",
+    "colours in vertices",
 ];
 
 /// The largest differences of the whole and of its parts, as multiples of what is allowed, in words.
@@ -86,7 +96,9 @@ fn holds_for(scene: &Scene, scene_name: &str) {
         let mut lit = make(&gpu, scene);
         let expected = lit.light(&relations::Changed::of(scene), 0);
         for (relation, change) in RELATIONS {
-            let is_left_out = way != "traced" && ONLY_TRACED.contains(&relation);
+            // The outer faces of the walls have texels, which that light lights.
+            let is_left_out = (way != "traced" && ONLY_TRACED.contains(&relation))
+                || (way == "baked" && relation == "no light outside");
             if is_left_out || !is_asked_for("METAMORPHIC_ONLY", relation) {
                 continue;
             }
@@ -105,7 +117,7 @@ fn holds_for(scene: &Scene, scene_name: &str) {
             let case = format!("{scene_name}, {way}, {relation}: {text}");
             match (excess > 1.0, is_known(relation, scene_name, way)) {
                 (true, false) => faults.push(case),
-                (false, true) if is_software => {
+                (false, true) if is_software && excess < STILL_WRONG => {
                     faults.push(format!("{case}: no longer an exception (known.rs)"));
                 }
                 _ => {}
