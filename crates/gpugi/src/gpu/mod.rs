@@ -43,7 +43,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const UNIFORM_INLINER: &str = "llvmpipe";
 
 /// Size of a buffer of nothing: an array of a shader has at least one element, which is no larger than this [bytes].
-const EMPTY_BYTES: u64 = 256;
+const EMPTY_BYTES: u64 = 1024;
 
 /// One device and its queue, within WebGPU's default limits except for buffer sizes.
 #[derive(Debug, Clone)]

@@ -19,6 +19,7 @@ pub struct Shadows {
     /// Compiled on first use.
     clear: RasterKernel,
     comparison: wgpu::Sampler,
+    texels: wgpu::Sampler,
     maps: Option<DepthMaps>,
     /// Maps of other sizes, until each of them is drawn.
     next: Option<DepthMaps>,
@@ -72,6 +73,10 @@ impl Shadows {
                 min_filter: wgpu::FilterMode::Linear,
                 // A point is lit if it is at least as near as the map's depth.
                 compare: Some(wgpu::CompareFunction::GreaterEqual),
+                ..Default::default()
+            }),
+            texels: (gpu.device).create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("shadow texels"),
                 ..Default::default()
             }),
             maps: None,
@@ -224,6 +229,10 @@ impl Shadows {
             (
                 "shadow_transmittance",
                 wgpu::BindingResource::TextureView(made.atlas.transmittance()),
+            ),
+            (
+                "shadow_texels_unfilterable",
+                wgpu::BindingResource::Sampler(&self.texels),
             ),
         ];
         kernel.bind(gpu, 2, &resources).map(Some)

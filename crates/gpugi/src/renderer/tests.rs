@@ -143,7 +143,8 @@ fn frames_that_never_wait_wait_for_no_shaders() {
         loop {
             let began = Instant::now();
             while renderer.samples() < 4 {
-                assert!(began.elapsed().as_secs() < 60, "{names:?}");
+                // A busy machine must not fail.
+                assert!(began.elapsed().as_secs() < 600, "{names:?}");
                 let camera = &scene.cameras[0];
                 renderer.try_render_sample(camera, 4, None, false).unwrap();
                 gpu.wait().unwrap();

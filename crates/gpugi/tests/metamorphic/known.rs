@@ -3,14 +3,6 @@
 /// Relation, scene, and ways to light it in which the picture differs.
 type Known = (&'static str, &'static str, &'static [&'static str]);
 
-/// Views of depth maps begin at 1e-7 of the scene's diagonal, which is as little as vertices are rounded by: where rounding
-/// puts a lamp's triangle in front of a sample point on it, the lamp hides what the sides of its hemicube see.
-const LAMPS_IN_THEIR_OWN_SHADOW: &[Known] = &[
-    ("1000 times smaller", "cornell", &["still", "live", "baked"]),
-    ("10000 times larger", "cornell", &["baked"]),
-    ("moved", "cornell", &["still", "live", "baked"]),
-];
-
 /// radiosity adds light where surfaces coincide: perhaps light-sampled rays count the texels of both.
 const COINCIDENT: &[Known] = &[
     ("doubled", "cornell", &["still", "baked"]),
@@ -31,13 +23,6 @@ const LARGE_BOUNDS: &[Known] = &[
     ("something far away", "open", &["still", "live"]),
 ];
 
-/// Rays start closer to a surface than the rounding of vertices that a stretching and shearing transform moves, and meet
-/// the surface itself.
-const ACNE: &[Known] = &[
-    ("sheared meshes", "furnished", &["traced"]),
-    ("sheared meshes", "open", &["traced"]),
-];
-
 /// Not understood.
 const UNEXPLAINED: &[Known] = &[
     ("mirrored", "closed", &["live"]),
@@ -49,13 +34,7 @@ const UNEXPLAINED: &[Known] = &[
 ];
 
 pub fn is_known(relation: &str, scene: &str, way: &str) -> bool {
-    let all = [
-        LAMPS_IN_THEIR_OWN_SHADOW,
-        COINCIDENT,
-        LARGE_BOUNDS,
-        ACNE,
-        UNEXPLAINED,
-    ];
+    let all = [COINCIDENT, LARGE_BOUNDS, UNEXPLAINED];
     let is_it = |known: &&Known| known.0 == relation && known.1 == scene && known.2.contains(&way);
     all.into_iter().flatten().any(|known| is_it(&known))
 }
