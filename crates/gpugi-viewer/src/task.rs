@@ -58,8 +58,8 @@ pub async fn gpu_done(gpu: &Gpu) -> Result<(), GpuError> {
     #[cfg(not(target_arch = "wasm32"))]
     {
         let (done, is_done) = channel();
-        // Nobody may wait any more.
-        let tell = move || drop(done.send(()));
+        // Perhaps nobody waits any more.
+        let tell = move || done.send(()).unwrap_or_default();
         gpu.queue.on_submitted_work_done(tell);
         while is_done.try_recv() == Err(TryRecvError::Empty) {
             gpu.check()?;

@@ -93,6 +93,10 @@ impl Shooting {
             compare: Some(wgpu::CompareFunction::GreaterEqual),
             ..Default::default()
         });
+        let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("hemicube texels"),
+            ..Default::default()
+        });
         let resources = [
             (
                 "depth_atlas",
@@ -107,6 +111,10 @@ impl Shooting {
             (
                 "hemicube_transmittance",
                 wgpu::BindingResource::TextureView(atlas.transmittance()),
+            ),
+            (
+                "texels_unfilterable",
+                wgpu::BindingResource::Sampler(&texels),
             ),
         ];
         let seen = receive.bind(gpu, 2, &resources)?;
