@@ -488,7 +488,7 @@ fn shadow_edges_stand_still_when_the_camera_moves() {
         cuboid(vec3(1.0, 0.0, -90.0), vec3(1.5, 3.0, 90.0), 1),
         Material::matt("wall", Vec3::splat(0.5)),
     );
-    let mut renderer = renderer(&gpu, &scene, 96, &[]);
+    let mut renderer = renderer(&gpu, &scene, 160, &[]);
     // Where along x the light falls to half, near z = 84: the mean over half-lit points.
     let edges: Vec<f32> = (0..8)
         .map(|step| {

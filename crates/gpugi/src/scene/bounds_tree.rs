@@ -1,38 +1,28 @@
 //! The box around many boxes, and the largest of them, of which a few change: a binary tree of unions.
 
-use glam::Mat4;
 use gpugi_scene::Bounds;
 
-/// A box in the world, and how far its corners may lie from it by rounding.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Placed {
-    pub bounds: Bounds,
-    /// Its diagonal or, if the transform cancels larger numbers, the largest of these (m).
-    pub longest: f32,
+/// Boxes by number, and their unions.
+#[derive(Debug, Clone)]
+pub(super) struct BoundsTree {
+    /// The root is at 1, the children of n at 2 n and 2 n + 1; the second half are the boxes.
+    nodes: Vec<Node>,
 }
 
-impl Placed {
-    /// The box of a mesh under a transform.
-    pub fn new(of_mesh: &Bounds, world_from_mesh: &Mat4) -> Self {
-        let bounds = of_mesh.transformed(world_from_mesh);
-        if bounds.is_empty() {
-            return Self::EMPTY;
-        }
-        let largest = |bounds: &Bounds| bounds.min.abs().max(bounds.max.abs());
-        let [x, y, z, w] = [0, 1, 2, 3].map(|axis| world_from_mesh.col(axis).truncate().abs());
-        let of_mesh = largest(of_mesh);
-        let terms = (x * of_mesh.x + y * of_mesh.y + z * of_mesh.z + w).max_element();
-        let cancels = terms > 2.0 * largest(&bounds).max_element();
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Node {
+    bounds: Bounds,
+    /// The longest diagonal of the boxes in it (m).
+    longest: f32,
+}
+
+impl Node {
+    fn of(bounds: Bounds) -> Self {
         Self {
             bounds,
-            longest: bounds.diagonal().max(if cancels { terms } else { 0.0 }),
+            longest: bounds.diagonal(),
         }
     }
-
-    const EMPTY: Self = Self {
-        bounds: Bounds::EMPTY,
-        longest: 0.0,
-    };
 
     fn union(self, other: Self) -> Self {
         Self {
@@ -42,19 +32,12 @@ impl Placed {
     }
 }
 
-/// Boxes by number, and their unions.
-#[derive(Debug, Clone)]
-pub(super) struct BoundsTree {
-    /// The root is at 1, the children of n at 2 n and 2 n + 1; the second half are the boxes.
-    nodes: Vec<Placed>,
-}
-
 impl BoundsTree {
-    pub fn new(boxes: impl ExactSizeIterator<Item = Placed>) -> Self {
+    pub fn new(boxes: impl ExactSizeIterator<Item = Bounds>) -> Self {
         let leaves = boxes.len().next_power_of_two();
-        let mut nodes = vec![Placed::EMPTY; 2 * leaves];
+        let mut nodes = vec![Node::of(Bounds::EMPTY); 2 * leaves];
         for (leaf, one) in nodes[leaves..].iter_mut().zip(boxes) {
-            *leaf = one;
+            *leaf = Node::of(one);
         }
         for index in (1..leaves).rev() {
             nodes[index] = nodes[2 * index].union(nodes[2 * index + 1]);
@@ -63,9 +46,9 @@ impl BoundsTree {
     }
 
     /// Replaces a box.
-    pub fn set(&mut self, number: usize, placed: Placed) {
+    pub fn set(&mut self, number: usize, bounds: Bounds) {
         let mut index = self.nodes.len() / 2 + number;
-        self.nodes[index] = placed;
+        self.nodes[index] = Node::of(bounds);
         while index > 1 {
             index /= 2;
             let union = self.nodes[2 * index].union(self.nodes[2 * index + 1]);
@@ -81,7 +64,7 @@ impl BoundsTree {
         self.nodes[1].bounds
     }
 
-    /// The largest [`Placed::longest`] (m).
+    /// The longest diagonal of a box (m).
     pub fn longest(&self) -> f32 {
         self.nodes[1].longest
     }

@@ -7,7 +7,6 @@ use gpugi_scene::{
     AlphaMode, Environment, Instance, Light, Material, Medium, Mesh, Scene, TextureRef,
 };
 
-use super::bounds_tree::Placed;
 use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texels};
 use super::extent::{MOST_BOXES, core_of};
@@ -313,12 +312,12 @@ impl GpuScene {
             let instance = &self.host.instances[index];
             let mesh = &self.geometry.meshes[instance.mesh];
             let mesh_bounds = mesh_bounds(&self.tables.instances[index], mesh);
+            let bounds = mesh_bounds.transformed(&instance.world_from_mesh);
             set_place(&mut self.tables.instances[index], &instance.world_from_mesh);
-            let placed = Placed::new(&mesh_bounds, &instance.world_from_mesh);
-            self.bounds_tree.set(index, placed);
+            self.bounds_tree.set(index, bounds);
             if self.has_captures() {
                 let draw = &mut self.draws[self.draw_of[index] as usize];
-                (draw.mesh_bounds, draw.bounds) = (mesh_bounds, placed.bounds);
+                (draw.mesh_bounds, draw.bounds) = (mesh_bounds, bounds);
             }
             let placement = &mut self.placements[index];
             placement.world_from_mesh = instance.world_from_mesh;

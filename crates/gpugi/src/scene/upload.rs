@@ -7,7 +7,7 @@ use gpugi_scene::bvh::NODE_ROWS;
 use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene};
 
 use super::atlases::Atlases;
-use super::bounds_tree::{BoundsTree, Placed};
+use super::bounds_tree::BoundsTree;
 use super::emitters::emitters;
 use super::environment::{check_environment, environment_texels};
 use super::extent::{MOST_BOXES, core_of};
@@ -129,7 +129,7 @@ impl GpuScene {
             .zip(&instances)
             .map(|(instance, row)| {
                 let bounds = mesh_bounds(row, &meshes[instance.mesh]);
-                Placed::new(&bounds, &instance.world_from_mesh)
+                bounds.transformed(&instance.world_from_mesh)
             });
         let bounds_tree = BoundsTree::new(world_bounds);
         let bounds = bounds_tree.all();
