@@ -313,7 +313,7 @@ fn traverse(
                     t += crossing.slack;
                 }
                 let primitive = rows[row as usize][3];
-                if t > ray.t_min
+                if crossing.t > ray.t_min
                     && t < t_max
                     && (flags & FLAG_ALPHA == 0 || exists(instance, primitive, barycentrics))
                 {

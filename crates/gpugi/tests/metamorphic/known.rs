@@ -23,13 +23,6 @@ const LARGE_BOUNDS: &[Known] = &[
     ("something far away", "open", &["still", "live"]),
 ];
 
-/// Rays start closer to a surface than the rounding of vertices that a stretching and shearing transform moves, and meet
-/// the surface itself.
-const ACNE: &[Known] = &[
-    ("sheared meshes", "furnished", &["traced"]),
-    ("sheared meshes", "open", &["traced"]),
-];
-
 /// Not understood.
 const UNEXPLAINED: &[Known] = &[
     ("mirrored", "closed", &["live"]),
@@ -41,7 +34,7 @@ const UNEXPLAINED: &[Known] = &[
 ];
 
 pub fn is_known(relation: &str, scene: &str, way: &str) -> bool {
-    let all = [COINCIDENT, LARGE_BOUNDS, ACNE, UNEXPLAINED];
+    let all = [COINCIDENT, LARGE_BOUNDS, UNEXPLAINED];
     let is_it = |known: &&Known| known.0 == relation && known.1 == scene && known.2.contains(&way);
     all.into_iter().flatten().any(|known| is_it(&known))
 }
