@@ -53,8 +53,8 @@ pub trait Volume: Sized {
     fn normals() -> Vec<Vec3>;
 
     /// The volume of `counts` voxels along each axis, which fill the box between two corners together (m, in the file's
-    /// coordinates). `irradiance` (W/m^2): per
-    /// voxel, x first, then y, then z, that of surfaces in its middle with those normals.
+    /// coordinates). `irradiance` (W/m^2): per voxel, x first, then y, then z, that of surfaces in its middle with those
+    /// normals.
     fn new(counts: UVec3, bounds: [DVec3; 2], irradiance: &[Vec3]) -> Self;
 
     /// The light at the middles of voxels that fill the scene's bounds, `density` per metre.

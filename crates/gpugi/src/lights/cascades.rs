@@ -75,7 +75,8 @@ fn slice_sphere(view: &View, eye: Vec3, forward: Vec3, from: f32, to: f32) -> (V
     (eye + forward * middle, corner)
 }
 
-/// Distances along a view's axis between which it may see something (m): the smallest is positive.
+/// Distances along a view's axis between which it may see something (m): powers of two, so that cascades keep their sizes
+/// while the camera moves a little.
 fn seen_distances(scene: &GpuScene, view: &View) -> [f32; 2] {
     /// An object around the eye is seen from about this share of its size on.
     const INSIDE: f32 = 0.02;
@@ -96,7 +97,8 @@ fn seen_distances(scene: &GpuScene, view: &View) -> [f32; 2] {
         range[1] = distances().fold(range[1], f32::max);
     });
     let near = range[0].min(scene.diagonal()).max(scene.near());
-    [near, range[1].max(near * 1.01)]
+    let near = near.log2().floor().exp2();
+    [near, range[1].max(near * 1.01).log2().ceil().exp2()]
 }
 
 /// The range of depth along a light's direction (m, relative to `origin`) of what lies within a cascade, with a margin.

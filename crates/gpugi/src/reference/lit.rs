@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use gpugi_scene::{Material, Scene};
+use gpugi_scene::Scene;
 
 use super::Settings;
 use super::lights::{Light, LightTable};
@@ -74,19 +74,16 @@ impl Lit {
     }
 }
 
-/// Whether light may pass a surface of the scene without being bent: a thin pane, or a solid with the refractive index of
-/// what is around it. Edits that make others of this kind leave their light to the light tracer.
-pub(super) fn may_pass_straight(scene: &Scene) -> bool {
+/// Whether the scene has surfaces that pass light without bending it: thin panes, or solids with the refractive index of
+/// air. Without them, shadow rays need not look for any, and the light tracer finds what passes a solid in another of the
+/// same index.
+pub(super) fn has_straight(scene: &Scene) -> bool {
     let materials = scene.instances.iter().map(|one| one.material);
     let used: BTreeSet<usize> = materials.collect();
-    let transmissive: Vec<&Material> = (used.iter().map(|&index| &scene.materials[index]))
-        .filter(|one| one.transmission > 0.0)
-        .collect();
-    let mut indices: Vec<f32> = transmissive.iter().map(|one| one.ior).collect();
-    indices.push(1.0);
-    indices.sort_by(f32::total_cmp);
-    let have_equal_indices = indices.windows(2).any(|pair| pair[0] == pair[1]);
-    have_equal_indices || transmissive.iter().any(|one| one.volume.is_none())
+    used.iter().any(|&index| {
+        let material = &scene.materials[index];
+        material.transmission > 0.0 && (material.volume.is_none() || material.ior == 1.0)
+    })
 }
 
 /// Versions of what the light table is made of.

@@ -44,7 +44,7 @@ use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
 use crate::techniques::{Info, OwnPoints};
-use lit::{LightBuffers, Lit, may_pass_straight};
+use lit::{LightBuffers, Lit, has_straight};
 use photons::Photons;
 use picture::Sums;
 use sky::Sky;
@@ -239,7 +239,7 @@ impl PathTracer {
         });
         let mut constants = vec![
             ("HAS_TRANSMISSION", flag(has_transmission)),
-            ("HAS_STRAIGHT", flag(may_pass_straight(scene))),
+            ("HAS_STRAIGHT", flag(has_straight(scene))),
             (
                 "HAS_PATH_FILTER",
                 flag(settings.paths != Settings::default().paths),

@@ -40,8 +40,10 @@ fn core_around(boxes: &[Bounds], rank: usize) -> Option<(Bounds, usize)> {
     let middle = Vec3::from_array([0, 1, 2].map(|axis| {
         let centers = boxes.iter().map(|one| one.center()[axis]);
         let mut centers: Vec<f32> = centers.collect();
-        centers.sort_by(f32::total_cmp);
-        centers.get(rank).copied().unwrap_or(0.0)
+        match rank < centers.len() {
+            true => *centers.select_nth_unstable_by(rank, f32::total_cmp).1,
+            false => 0.0,
+        }
     }));
     let reach = |one: &Bounds| {
         let farthest = (one.max - middle).abs().max((one.min - middle).abs());

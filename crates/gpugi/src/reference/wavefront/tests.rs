@@ -6,7 +6,7 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, Scene, builtin::builtin};
 
 use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
-use crate::reference::lit::may_pass_straight;
+use crate::reference::lit::has_straight;
 use crate::reference::{Parameters, PathTracer, Progress, Settings, TILE_SIDE};
 use crate::shader;
 use crate::testing::test_gpu;
@@ -121,10 +121,7 @@ fn it_renders_what_one_kernel_renders() {
         tracer.render(&scene.cameras[0], SAMPLES, &mut on).unwrap();
         let mut constants = vec![
             ("HAS_TRANSMISSION", transmission),
-            (
-                "HAS_STRAIGHT",
-                f64::from(u8::from(may_pass_straight(&scene))),
-            ),
+            ("HAS_STRAIGHT", f64::from(u8::from(has_straight(&scene)))),
             ("HAS_PATH_FILTER", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
         ];
