@@ -12,6 +12,7 @@ pub mod camera;
 mod digest;
 pub mod error;
 pub mod export;
+mod extent;
 pub mod image;
 pub mod import;
 pub mod light;
@@ -35,6 +36,7 @@ pub mod transfer;
 pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, Side, TexelDensity};
 pub use camera::{Camera, Projection};
 pub use error::ImportError;
+pub use extent::core_of;
 pub use image::{Image, Pixels};
 pub use import::{
     FileResolver, Limits, Resolver, import, import_environment, import_file, import_file_within,

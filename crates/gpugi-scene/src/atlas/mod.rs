@@ -74,7 +74,8 @@ pub struct InstanceUvs {
 /// Texel density.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum TexelDensity {
-    /// The highest density at which everything fits one page. If gutters alone overfill a page, several pages at the
+    /// The highest density at which everything fits one page. Where an instance is larger than the scene's core
+    /// ([`Scene::core`]), it gets fewer texels per metre than the rest. If gutters alone overfill a page, several pages at the
     /// lowest density.
     OnePage,
     /// Texels per metre (1/m), in as many pages as needed.
@@ -136,7 +137,7 @@ impl Atlas {
         goes_on: impl Fn(f32) -> bool + Sync,
     ) -> Result<Self, AtlasError> {
         check_options(options)?;
-        let (shapes, [fronts, backs]) = shapes(scene, options.backs)?;
+        let (shapes, [fronts, backs]) = shapes(scene, options)?;
         check_area(&shapes, options)?;
         if shapes.is_empty() {
             return Ok(Self {
@@ -324,7 +325,13 @@ fn check_options(options: &AtlasOptions) -> Result<(), AtlasError> {
 /// all that have that shape.
 type Shapes = (Vec<Shape>, [Vec<Option<(usize, usize)>>; 2]);
 
-fn shapes(scene: &Scene, with_backs: bool) -> Result<Shapes, AtlasError> {
+fn shapes(scene: &Scene, options: &AtlasOptions) -> Result<Shapes, AtlasError> {
+    // The ground of a landscape must not take the texels of what stands on it: what is larger than the core gets as many
+    // as if it were as large.
+    let largest = match options.density {
+        TexelDensity::OnePage => scene.core().diagonal(),
+        TexelDensity::PerMetre(_) => f32::INFINITY,
+    };
     let mut shapes: Vec<Shape> = Vec::new();
     let mut numbers = HashMap::new();
     let mut checked = vec![false; scene.meshes.len()];
@@ -345,13 +352,15 @@ fn shapes(scene: &Scene, with_backs: bool) -> Result<Shapes, AtlasError> {
             name: instance.name.to_string(),
             reason,
         };
-        let Some((key, shape)) = Shape::new(instance, mesh).map_err(refused)? else {
+        let bounds = mesh.bounds().transformed(&instance.world_from_mesh);
+        let density = (largest / bounds.diagonal()).min(1.0);
+        let Some((key, shape)) = Shape::new(instance, mesh, density).map_err(refused)? else {
             fronts.push(None);
             backs.push(None);
             continue;
         };
         let material = &scene.materials[instance.material];
-        let has_back = with_backs
+        let has_back = options.backs
             && material.has_two_sides()
             && (material.is_translucent()
                 || *is_open[instance.mesh].get_or_insert_with(|| !mesh.is_closed()));

@@ -10,7 +10,7 @@ pub(super) struct Shape {
     pub mesh: usize,
     /// Positions with the stretch applied.
     pub positions: Vec<[f32; 3]>,
-    /// Per instance, the world length of a unit length in `positions`.
+    /// Per instance, the world length of a unit length in `positions`, times its density of texels.
     pub scales: Vec<f32>,
     /// Total area of all instances (m^2).
     pub area: f64,
@@ -23,8 +23,13 @@ pub(super) struct Shape {
 pub(super) type Key = (usize, [i64; 6], i32);
 
 impl Shape {
-    /// The shape of one instance, without its positions; `None` if it has no area, or nothing but slivers.
-    pub fn new(instance: &Instance, mesh: &Mesh) -> Result<Option<(Key, Self)>, String> {
+    /// The shape of one instance, without its positions; `None` if it has no area, or nothing but slivers. `density`: of
+    /// its texels, relative to the atlas.
+    pub fn new(
+        instance: &Instance,
+        mesh: &Mesh,
+        density: f32,
+    ) -> Result<Option<(Key, Self)>, String> {
         let matrix = instance.world_from_mesh;
         if !matrix.is_finite() {
             return Err("its transform is not finite".into());
@@ -45,15 +50,16 @@ impl Shape {
         }
         let [x, y, z] = [stretch.x_axis, stretch.y_axis, stretch.z_axis];
         let products = [x.dot(x), y.dot(y), z.dot(z), x.dot(y), y.dot(z), z.dot(x)];
+        let texels = scale * f64::from(density);
         let key = (
             instance.mesh,
             products.map(|product| (product * 1000.0).round() as i64),
-            scale.log2().floor() as i32,
+            texels.log2().floor() as i32,
         );
         let shape = Self {
             mesh: instance.mesh,
             positions: Vec::new(),
-            scales: vec![scale as f32],
+            scales: vec![texels as f32],
             area: of_world,
             stretch,
         };

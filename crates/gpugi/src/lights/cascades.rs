@@ -53,7 +53,12 @@ pub fn cascades(
             let texel = 2.0 * half / side as f32;
             let snapped = |axis: Vec3| (cascade_center.dot(axis) / texel).round() * texel;
             let origin = right * snapped(right) + up * snapped(up);
-            let [low, high] = depths(scene, origin, [direction, up, right], half);
+            let sides = [right, -right, up, -up].map(|axis| axis.extend(half - axis.dot(origin)));
+            // `origin` lies at 0 along the direction.
+            let depths = scene.depths_within(&sides, direction, half);
+            let [low, high] = depths.unwrap_or_default();
+            let margin = 0.05 * (high - low) + 1e-3 * half;
+            let [low, high] = [low - margin, high + margin];
             DepthViewSpec::orthographic(origin, direction, up, half, low, high, side)
         })
         .collect()
@@ -99,23 +104,4 @@ fn seen_distances(scene: &GpuScene, view: &View) -> [f32; 2] {
     let near = range[0].min(scene.diagonal()).max(scene.near());
     let near = near.log2().floor().exp2();
     [near, range[1].max(near * 1.01).log2().ceil().exp2()]
-}
-
-/// The range of depth along a light's direction (m, relative to `origin`) of what lies within a cascade, with a margin.
-/// `axes`: along the light, and two across it.
-fn depths(scene: &GpuScene, origin: Vec3, axes: [Vec3; 3], half: f32) -> [f32; 2] {
-    let [direction, up, right] = axes;
-    let sides = [right, -right, up, -up].map(|axis| axis.extend(half - axis.dot(origin)));
-    let mut range = [f32::INFINITY, f32::NEG_INFINITY];
-    scene.visit_within(&sides, half, |corners, _| {
-        for corner in corners {
-            let depth = (*corner - origin).dot(direction);
-            range = [range[0].min(depth), range[1].max(depth)];
-        }
-    });
-    if range[0] > range[1] {
-        range = [0.0; 2];
-    }
-    let margin = 0.05 * (range[1] - range[0]) + 1e-3 * half;
-    [range[0] - margin, range[1] + margin]
 }

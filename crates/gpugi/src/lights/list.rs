@@ -208,7 +208,7 @@ impl Source<'_> {
             LightKind::Directional => {
                 let mut views = cascades(direction, settings.cascades, side, scene, view);
                 if settings.beyond_camera {
-                    views.push(DepthViewSpec::fitted(direction, &scene.core, side, gutter));
+                    views.push(DepthViewSpec::around_core(direction, scene, side, gutter));
                 }
                 views
             }

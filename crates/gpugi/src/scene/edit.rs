@@ -9,7 +9,7 @@ use gpugi_scene::{
 
 use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texels};
-use super::extent::{MOST_BOXES, core_of};
+use super::extent::MOST_BOXES;
 use super::media::{check_media, have_same_grids};
 use super::motion::{moved, same_meshes};
 use super::rays::Rays;
@@ -18,6 +18,7 @@ use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
 use super::{GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
+use gpugi_scene::core_of;
 
 /// One edit of a scene: replaces a value that the scene already has. Indices are those of the scene on the GPU.
 #[derive(Debug, Clone, PartialEq)]

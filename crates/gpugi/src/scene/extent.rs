@@ -1,62 +1,14 @@
 //! What of a scene lies within a convex region, however large the scene is: for ranges of depth and cascades.
 
-use std::cmp::Ordering;
-
 use glam::{Vec3, Vec4};
 use gpugi_scene::Bounds;
 
 use super::GpuScene;
 
-/// An instance whose box is larger than this share of a region is cut by the region's planes; smaller ones count whole.
-const LARGE: f32 = 0.25;
-
 /// Most boxes that a core is sought among: few enough for every frame in which something moves.
 pub(super) const MOST_BOXES: usize = 1024;
-/// A box that reaches this many times farther from the middle than all before it is no part of the core.
-const GAP: f32 = 30.0;
-
-/// The box around a scene's core: all but what is far larger than the rest or far away, such as the ground of a landscape,
-/// the dome of a sky and what was left lying about. The box around all if no half of the boxes tells what the core is.
-pub(super) fn core_of(boxes: &[Bounds], all: Bounds) -> Bounds {
-    // Of an even number, each of the two in the middle may be outside of the core.
-    let cores =
-        [(boxes.len().max(1) - 1) / 2, boxes.len() / 2].map(|rank| core_around(boxes, rank));
-    match cores {
-        [Some(a), Some(b)] if a == b => a.0,
-        [a, b] => {
-            let count = |core: &Option<(Bounds, usize)>| core.map_or(0, |(_, count)| count);
-            match count(&a).cmp(&count(&b)) {
-                Ordering::Equal => all,
-                Ordering::Greater => a.map_or(all, |core| core.0),
-                Ordering::Less => b.map_or(all, |core| core.0),
-            }
-        }
-    }
-}
-
-/// The core around the middle of the boxes, which has `rank` of their centres below it along each axis, and the number of
-/// its boxes.
-fn core_around(boxes: &[Bounds], rank: usize) -> Option<(Bounds, usize)> {
-    let middle = Vec3::from_array([0, 1, 2].map(|axis| {
-        let centers = boxes.iter().map(|one| one.center()[axis]);
-        let mut centers: Vec<f32> = centers.collect();
-        match rank < centers.len() {
-            true => *centers.select_nth_unstable_by(rank, f32::total_cmp).1,
-            false => 0.0,
-        }
-    }));
-    let reach = |one: &Bounds| {
-        let farthest = (one.max - middle).abs().max((one.min - middle).abs());
-        farthest.length()
-    };
-    let mut by_reach: Vec<(f32, &Bounds)> = boxes.iter().map(|one| (reach(one), one)).collect();
-    by_reach.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let is_gap = |pair: &[(f32, &Bounds)]| pair[1].0 > GAP * pair[0].0 && pair[0].0 > 0.0;
-    let count = by_reach.windows(2).position(is_gap);
-    let count = count.map_or(by_reach.len(), |last| last + 1);
-    let core = by_reach[..count].iter().map(|(_, one)| **one);
-    (2 * count >= boxes.len()).then(|| (core.fold(Bounds::EMPTY, Bounds::union), count))
-}
+/// An instance whose box is larger than this share of a region is cut by the region's planes; smaller ones count whole.
+const LARGE: f32 = 0.25;
 
 impl GpuScene {
     /// Calls `visit` with corners of polyhedra that together contain all instances within the region on the positive
@@ -92,6 +44,18 @@ impl GpuScene {
             }
             false
         });
+    }
+
+    /// Where the instances within a region begin and end along an axis (m); `None` if there are none. `planes` and `size`
+    /// as in [`GpuScene::visit_within`].
+    pub(crate) fn depths_within(&self, planes: &[Vec4], axis: Vec3, size: f32) -> Option<[f32; 2]> {
+        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
+        self.visit_within(planes, size, |corners, _| {
+            for depth in corners.iter().map(|corner| corner.dot(axis)) {
+                range = [range[0].min(depth), range[1].max(depth)];
+            }
+        });
+        (range[0] <= range[1]).then_some(range)
     }
 }
 
@@ -147,42 +111,4 @@ pub(crate) fn clip(faces: Vec<Vec<Vec3>>, plane: Vec4) -> Vec<Vec<Vec3>> {
         kept.push(cut);
     }
     kept
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn cube(center: Vec3, side: f32) -> Bounds {
-        Bounds {
-            min: center - side / 2.0,
-            max: center + side / 2.0,
-        }
-    }
-
-    fn core(boxes: &[Bounds]) -> Bounds {
-        let all = boxes.iter().copied().fold(Bounds::EMPTY, Bounds::union);
-        core_of(boxes, all)
-    }
-
-    #[test]
-    fn what_is_far_larger_or_far_away_is_no_part_of_the_core() {
-        let house = [-2.0, 0.0, 3.0].map(|x| cube(Vec3::new(x, 1.0, 0.0), 2.0));
-        let alone = core(&house);
-        assert_eq!(alone.max.x, 4.0);
-        let ground = cube(Vec3::ZERO, 1e5);
-        let stray = cube(Vec3::splat(1e5), 1.0);
-        let with = |others: &[Bounds]| core(&[&house, others].concat());
-        assert_eq!(with(&[ground]), alone);
-        assert_eq!(with(&[stray]), alone);
-        assert_eq!(with(&[ground, stray]), alone);
-        // A ground ten times as large belongs to it.
-        let garden = cube(Vec3::ZERO, 50.0);
-        assert_eq!(with(&[garden]), garden);
-        // A box on a ground; two boxes far apart, of which none is more than the other; nothing.
-        let box_on_ground = cube(Vec3::new(0.0, 0.5, 0.0), 1.0);
-        assert_eq!(core(&[ground, box_on_ground]), box_on_ground);
-        assert_eq!(core(&[box_on_ground, stray]).max, stray.max);
-        assert!(core(&[]).is_empty());
-    }
 }

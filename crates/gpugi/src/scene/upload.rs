@@ -10,7 +10,7 @@ use super::atlases::Atlases;
 use super::bounds_tree::BoundsTree;
 use super::emitters::emitters;
 use super::environment::{check_environment, environment_texels};
-use super::extent::{MOST_BOXES, core_of};
+use super::extent::MOST_BOXES;
 use super::geometry::{Geometry, PlacedMesh};
 use super::images::{ImageArrays, images_used};
 use super::media::check_media;
@@ -20,6 +20,7 @@ use super::tables::Tables;
 use super::{Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
 use crate::gpu::{Gpu, GpuError, Kernel};
 use crate::shader;
+use gpugi_scene::core_of;
 
 /// Surface points store a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;

@@ -317,6 +317,18 @@ impl DepthAtlas {
         texels_from_clip * spec.clip_from_world
     }
 
+    /// First and last positions in a tile without a border: left, upper, right, lower (texels).
+    pub fn texels_within(&self, index: usize, border: u32) -> [f32; 4] {
+        let ([x, y], [width, height]) = (self.corners[index], self.specs[index].size);
+        [
+            x + border,
+            y + border,
+            x + width - border,
+            y + height - border,
+        ]
+        .map(|texels| texels as f32)
+    }
+
     /// Draws every view.
     pub fn record(
         &self,

@@ -4,6 +4,7 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::Bounds;
 
 use crate::capture::{orthographic_reverse, perspective_reverse_infinite};
+use crate::scene::GpuScene;
 
 /// What one tile of a depth atlas sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,40 +113,44 @@ impl DepthViewSpec {
     /// The tightest parallel view of `side` x `side` texels along `forward` that contains a box, with `gutter` texels
     /// to spare at each border. Its texels need not be square.
     pub fn fitted(forward: Vec3, bounds: &Bounds, side: u32, gutter: u32) -> Self {
-        let corners = if bounds.is_empty() {
-            [Vec3::ZERO; 8]
-        } else {
-            bounds.corners()
-        };
-        let diagonal = bounds.diagonal().max(1e-6);
-        let span = |axis: Vec3| {
-            let along = corners.map(|corner| corner.dot(axis));
-            let low = along.into_iter().fold(f32::INFINITY, f32::min);
-            let high = along.into_iter().fold(f32::NEG_INFINITY, f32::max);
-            // Give a flat box some thickness.
-            let (middle, half) = ((low + high) / 2.0, (high - low) / 2.0);
-            (middle, half.max(diagonal * 1e-3))
-        };
-        // The smallest rectangle around a convex polygon has a side along one of the polygon's: here, along an edge of
-        // the box.
-        let (up, right) = [Vec3::X, Vec3::Y, Vec3::Z]
-            .into_iter()
-            .filter_map(|edge| edge.reject_from_normalized(forward).try_normalize())
-            .map(|up| (up, forward.cross(up)))
-            .min_by(|a, b| {
-                let area = |(up, right): &(Vec3, Vec3)| span(*up).1 * span(*right).1;
-                area(a).total_cmp(&area(b))
-            })
-            .unwrap_or((Vec3::Y, Vec3::X));
-        let ((x, half_x), (y, half_y), (z, half_z)) = (span(right), span(up), span(forward));
-        // Margin, so that rounding cuts nothing off at the ends.
-        let half_z = half_z * 1.01;
-        let widened = Vec2::new(half_x, half_y) * (side as f32 / (side - 2 * gutter) as f32);
+        let rectangle = Rectangle::around(forward, bounds);
+        let depths = span(&corners(bounds), forward);
+        Self::parallel(&rectangle, depths, side, gutter)
+    }
+
+    /// Like [`Self::fitted`], around the core of a scene and with the depths of everything that lies in front of the core
+    /// or behind it.
+    pub fn around_core(forward: Vec3, scene: &GpuScene, side: u32, gutter: u32) -> Self {
+        if scene.core == scene.bounds {
+            return Self::fitted(forward, &scene.bounds, side, gutter);
+        }
+        let rectangle = Rectangle::around(forward, &scene.core);
+        let outer = rectangle.widened(side, gutter);
+        let depths = scene.depths_within(&outer.sides(), forward, scene.core.diagonal());
+        let depths = depths.unwrap_or_else(|| span(&corners(&scene.core), forward));
+        Self::parallel(&rectangle, depths, side, gutter)
+    }
+
+    fn parallel(inner: &Rectangle, [low, high]: [f32; 2], side: u32, gutter: u32) -> Self {
+        let Rectangle {
+            right,
+            up,
+            center,
+            half,
+        } = inner.widened(side, gutter);
+        let forward = up.cross(right);
+        // Give what is flat some thickness, and a margin, so that rounding cuts nothing off at the ends.
+        let half_z = ((high - low) / 2.0).max(half.max_element() * 1e-3) * 1.01;
+        let near = (low + high) / 2.0 - half_z;
         Self {
-            clip_from_world: orthographic_reverse(widened, 0.0, 2.0 * half_z)
-                * view_from_world(right * x + up * y + forward * (z - half_z), forward, up),
+            clip_from_world: orthographic_reverse(half, 0.0, 2.0 * half_z)
+                * view_from_world(
+                    right * center.x + up * center.y + forward * near,
+                    forward,
+                    up,
+                ),
             size: [side, side],
-            texel: 2.0 * widened.max_element() / side as f32,
+            texel: 2.0 * half.max_element() / side as f32,
             near: 0.0,
             range: 2.0 * half_z,
             second_depth: false,
@@ -209,4 +214,79 @@ impl DepthViewSpec {
             }
         })
     }
+}
+
+/// A rectangle across parallel rays.
+struct Rectangle {
+    right: Vec3,
+    up: Vec3,
+    /// Along `right` and `up` (m).
+    center: Vec2,
+    half: Vec2,
+}
+
+impl Rectangle {
+    /// The smallest rectangle across `forward` that a box fits in.
+    fn around(forward: Vec3, bounds: &Bounds) -> Self {
+        let corners = corners(bounds);
+        // Give a flat box some thickness.
+        let least = bounds.diagonal().max(1e-6) * 1e-3;
+        // The smallest rectangle around a convex polygon has a side along one of the polygon's: here, along an edge of
+        // the box.
+        let rectangles = [Vec3::X, Vec3::Y, Vec3::Z].into_iter().filter_map(|edge| {
+            let up = edge.reject_from_normalized(forward).try_normalize()?;
+            let right = forward.cross(up);
+            let [x, y] = [right, up].map(|axis| Vec2::from(span(&corners, axis)));
+            Some(Self {
+                right,
+                up,
+                center: Vec2::new(x.element_sum(), y.element_sum()) / 2.0,
+                half: (Vec2::new(x.y - x.x, y.y - y.x) / 2.0).max(Vec2::splat(least)),
+            })
+        });
+        let area = |one: &Self| one.half.element_product();
+        let smallest = rectangles.min_by(|a, b| area(a).total_cmp(&area(b)));
+        smallest.unwrap_or(Self {
+            right: Vec3::X,
+            up: Vec3::Y,
+            center: Vec2::ZERO,
+            half: Vec2::splat(least),
+        })
+    }
+
+    /// With a border of `gutter` of `side` texels.
+    fn widened(&self, side: u32, gutter: u32) -> Self {
+        Self {
+            half: self.half * (side as f32 / (side - 2 * gutter) as f32),
+            ..*self
+        }
+    }
+
+    /// Planes of its sides, which have it on their positive sides.
+    fn sides(&self) -> [Vec4; 4] {
+        [
+            (self.right, self.center.x, self.half.x),
+            (self.up, self.center.y, self.half.y),
+        ]
+        .map(|(axis, center, half)| [axis.extend(half - center), (-axis).extend(half + center)])
+        .as_flattened()
+        .try_into()
+        .expect("two sides for each of two axes")
+    }
+}
+
+/// Corners of a box; of an empty one, the origin.
+fn corners(bounds: &Bounds) -> [Vec3; 8] {
+    if bounds.is_empty() {
+        return [Vec3::ZERO; 8];
+    }
+    bounds.corners()
+}
+
+/// Where points begin and end along an axis.
+fn span(points: &[Vec3], axis: Vec3) -> [f32; 2] {
+    let along = points.iter().map(|point| point.dot(axis));
+    along.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], at| {
+        [low.min(at), high.max(at)]
+    })
 }

@@ -352,6 +352,7 @@ impl Batch {
                 v: rows[1].to_array(),
                 depth: rows[2].to_array(),
                 scale: [depth / u, depth / v, depth.sqrt(), 1.0 / side],
+                tile: self.atlas.texels_within(index, GUTTER / 2),
             }
         })
     }

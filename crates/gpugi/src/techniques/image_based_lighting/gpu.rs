@@ -64,6 +64,7 @@ pub struct DirectionMap {
     pub v: [f32; 4],
     pub depth: [f32; 4],
     pub scale: [f32; 4],
+    pub tile: [f32; 4],
 }
 
 /// `Range` of domain_light.wesl.

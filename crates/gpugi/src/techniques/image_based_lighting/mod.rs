@@ -245,7 +245,7 @@ impl ImageBasedLighting {
             let flux_density = domain.flux_density * scene.environment_factor();
             let toward = world_from_map * domain.toward;
             (flux_density != Vec3::ZERO).then(|| {
-                let view = DepthViewSpec::fitted(-toward, &scene.bounds, side, GUTTER);
+                let view = DepthViewSpec::around_core(-toward, scene, side, GUTTER);
                 let direction = gpu::Direction {
                     toward: toward.to_array(),
                     solid_angle: domain.lit_solid_angle,

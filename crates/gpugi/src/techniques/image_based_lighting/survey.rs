@@ -174,7 +174,7 @@ impl Survey {
         let (directions, views): (Vec<_>, Vec<_>) = directions
             .map(|(toward, flux_density)| {
                 let toward = world_from_map * *toward;
-                let view = DepthViewSpec::fitted(-toward, &scene.bounds, SIDE, GUTTER);
+                let view = DepthViewSpec::around_core(-toward, scene, SIDE, GUTTER);
                 let direction = gpu::Direction {
                     toward: toward.to_array(),
                     solid_angle: 0.0,

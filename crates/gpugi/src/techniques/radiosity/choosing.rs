@@ -2,7 +2,9 @@
 
 use super::gpu::{CHILDREN, Chosen, Level, MOST_CHOSEN};
 use super::solution::ForStep;
+use crate::capture::atlas::AtlasLookup;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::scene::GpuScene;
 use crate::shader;
 
 /// Chooses texels.
@@ -13,6 +15,8 @@ pub(super) struct Choosing {
     power: Kernel,
     sum: Kernel,
     choose: Kernel,
+    /// Bind group of the atlas lookup in `choose`.
+    corners: wgpu::BindGroup,
     levels: Vec<(u32, wgpu::BindGroup)>,
     pieces: Vec<PieceGroups>,
 }
@@ -39,12 +43,14 @@ pub(super) fn room(gpu: &Gpu) -> Result<wgpu::Buffer, GpuError> {
 }
 
 impl Choosing {
-    /// Prepares to choose among `texels` texels and write them to `chosen`; `steps`: the inputs of each piece's passes.
+    /// Prepares to choose among `texels` texels, which `lookup` finds, and write them to `chosen`; `steps`: the inputs of each piece's passes.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn new(
         gpu: &Gpu,
+        scene: &GpuScene,
+        lookup: &AtlasLookup,
         texels: u32,
         iterates: &[wgpu::Buffer; 2],
         steps: &[ForStep<'_>],
@@ -53,7 +59,8 @@ impl Choosing {
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         let power = kernel(shader!("techniques.radiosity.power"))?;
         let sum = kernel(shader!("techniques.radiosity.sum"))?;
-        let choose = kernel(shader!("techniques.radiosity.choose"))?;
+        let choose = scene.ray_kernel(gpu, &shader!("techniques.radiosity.choose"), &[])?;
+        let corners = choose.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?;
         let mut nodes = vec![texels];
         while nodes.last().is_some_and(|count| *count > 1) {
             nodes.extend(nodes.last().map(|count| count.div_ceil(CHILDREN)));
@@ -112,12 +119,13 @@ impl Choosing {
             power,
             sum,
             choose,
+            corners,
             levels,
         })
     }
 
     /// Chooses `count` texels: pass `radiosity.choose`. `last`: index of the buffer that holds the last iterate.
-    pub fn record(&self, frame: &mut Frame<'_>, last: usize, count: u32) {
+    pub fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, last: usize, count: u32) {
         frame.compute("radiosity.choose", |pass| {
             for piece in &self.pieces {
                 let groups = [(1, &piece.power), (3, &piece.power_texels[last])];
@@ -127,7 +135,12 @@ impl Choosing {
                 self.sum.dispatch(pass, &[(0, level)], [*count, 1, 1]);
             }
             for piece in &self.pieces {
-                let groups = [(1, &piece.choose), (3, &piece.choose_texels[last])];
+                let groups = [
+                    (0, &scene.ray_bind_group),
+                    (1, &piece.choose),
+                    (2, &self.corners),
+                    (3, &piece.choose_texels[last]),
+                ];
                 self.choose.dispatch(pass, &groups, [count, 1, 1]);
             }
         });

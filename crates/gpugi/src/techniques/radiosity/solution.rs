@@ -146,7 +146,7 @@ impl Solution {
             .collect::<Result<Vec<_>, _>>()?;
         let steps = for_steps(&texels, &pieces);
         Ok(Self {
-            choosing: Choosing::new(gpu, count, &iterates, &steps, &chosen)?,
+            choosing: Choosing::new(gpu, scene, &lookup, count, &iterates, &steps, &chosen)?,
             chosen,
             chosen_count: 0,
             work_per_texel: 0,
@@ -340,7 +340,8 @@ impl Solution {
         part: Range<u32>,
     ) -> u64 {
         if self.chosen_count > 0 && self.traced == 0 {
-            self.choosing.record(frame, self.last, self.chosen_count);
+            self.choosing
+                .record(frame, scene, self.last, self.chosen_count);
         }
         if let Some(shooting) = &self.shooting {
             shooting.iterate(frame, scene, self.last);
