@@ -32,7 +32,9 @@ const STILL_WRONG: f32 = 0.8;
 
 /// Relations of which others are stricter, or that never failed, for the path tracer alone: it takes a tenth of the others'
 /// time.
-const ONLY_TRACED: [&str; 10] = [
+const ONLY_TRACED: [&str; 12] = [
+    "itself",
+    "merged",
     "1000 times larger",
     "10000 times smaller",
     "turned by 90 degrees",

@@ -16,7 +16,7 @@ use crate::relations::Changed;
 const SIZE: u32 = 16;
 const PART: u32 = SIZE / 4;
 /// Samples per pixel of the techniques and of the path tracer, and per texel.
-const SAMPLES: u32 = 8;
+const SAMPLES: u32 = 64;
 const PATHS: u32 = 256;
 const TEXEL_SAMPLES: u32 = 2;
 /// Side of the bake's atlas (texels).
@@ -24,25 +24,26 @@ const ATLAS: u32 = 64;
 
 /// Settings that make pictures in a fraction of a second, where the technique is in use: its name, the setting, the
 /// value.
-const QUICK: [[&str; 3]; 18] = [
+const QUICK: [[&str; 3]; 19] = [
     ["shadow-map", "resolution", "256"],
-    ["shadow-map", "area-samples", "16"],
+    ["shadow-map", "area-samples", "48"],
     ["shadow-map", "area-resolution", "64"],
     ["shadow-map", "area-taps", "1"],
     ["image-based-lighting", "samples", "48"],
     ["image-based-lighting", "resolution", "128"],
-    ["radiosity", "resolution", "128"],
-    ["radiosity", "iterations", "32"],
+    ["radiosity", "resolution", "96"],
+    ["radiosity", "iterations", "16"],
     ["radiosity", "steps", "16"],
     ["final-gather", "resolution", "16"],
+    ["final-gather", "bounces", "6"],
     ["final-gather", "faces-per-frame", "512"],
     ["caustics", "resolution", "64"],
     ["caustics", "cube-resolution", "32"],
     ["caustics", "shape-resolution", "32"],
-    ["caustics", "frames", "8"],
+    ["caustics", "frames", "4"],
     ["distance-impostor", "resolution", "32"],
     ["distance-impostor", "shape-resolution", "32"],
-    ["distance-impostor", "cubes", "4"],
+    ["distance-impostor", "cubes", "3"],
 ];
 
 /// Mean radiance, of all and of parts; `None` for parts that are too small.

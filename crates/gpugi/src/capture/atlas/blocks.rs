@@ -16,8 +16,6 @@ const MOST_PAGES: u32 = 1 << 12;
 const MOST_BLOCKS: usize = 1 << 26;
 /// Steps per texel to which corners are snapped: their differences to texel centres are then exact, up to 8,192 texels.
 const STEPS: f32 = 1024.0;
-/// Units of area in the mean surface area per texel.
-const AREA_UNITS: f64 = (1 << 24) as f64;
 
 /// Bit of a triangle's number that marks its back: `BACK` of capture/atlas/coverage.wesl.
 const BACK: u32 = 1 << 31;
@@ -38,8 +36,6 @@ pub(super) struct Layout {
     pub triangles: Vec<AtlasTriangle>,
     /// Page of each triangle.
     pages: Vec<u32>,
-    /// Unit of texel areas (m^2).
-    pub area_unit: f32,
     /// Side of a square whose area is the mean surface area per texel (m).
     pub texel_side: f32,
 }
@@ -79,7 +75,6 @@ impl Layout {
         Ok(Self {
             triangles,
             pages,
-            area_unit: ((mean / AREA_UNITS) as f32).max(f32::MIN_POSITIVE),
             texel_side: mean.sqrt() as f32,
         })
     }

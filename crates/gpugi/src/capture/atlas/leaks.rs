@@ -9,8 +9,6 @@ use crate::shader;
 
 /// A point counts as inside if at least this share (0 to 1) of its hemisphere's rays hits surfaces from behind.
 const SHARE: f32 = 0.5;
-/// Height above the surface at which rays start, in sides of a texel.
-const OFFSET: f32 = 0.01;
 /// Texels per part: the least that a dispatch tests.
 const PART: u32 = if cfg!(test) { 1 << 10 } else { 1 << 14 };
 /// Most parts per dispatch. Each texel traces up to 40 rays, and no driver may take the dispatch for a hang.
@@ -23,8 +21,7 @@ const RAYS: u64 = 16;
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub(crate) struct LeakSettings {
     pub share: f32,
-    pub reach: f32,
-    pub offset: f32,
+    pub size: u32,
     pub first: u32,
     pub end: u32,
 }
@@ -91,7 +88,6 @@ impl LeakTest {
     /// [`GpuError`].
     pub fn new(gpu: &Gpu, rays: &GpuScene, capture: &AtlasCapture) -> Result<Self, GpuError> {
         let kernel = rays.ray_kernel(gpu, &shader!("capture.atlas.leaks"), &[])?;
-        let side = capture.texel_side;
         let piece = |piece: &AtlasPiece| {
             let count = piece.points.count;
             let storage = wgpu::BufferUsages::STORAGE;
@@ -99,9 +95,7 @@ impl LeakTest {
             let part = |first: u32| {
                 let settings = LeakSettings {
                     share: SHARE,
-                    reach: side,
-                    // Below that, positions are rounded.
-                    offset: (side * OFFSET).max(rays.diagonal() * 1e-6),
+                    size: capture.size,
                     first,
                     end: count,
                 };

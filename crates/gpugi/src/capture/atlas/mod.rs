@@ -79,8 +79,6 @@ pub(crate) struct PieceUniform {
     pub phase: u32,
     pub block_count: u32,
     pub lobes: u32,
-    pub area_unit: f32,
-    pub padding: u32,
 }
 
 /// Points that a part of a piece has at least, and parts that a piece has at most.
@@ -248,8 +246,6 @@ impl AtlasCapture {
                             phase,
                             block_count: blocks.len() as u32,
                             lobes: options.lobes as u32,
-                            area_unit: layout.area_unit,
-                            padding: 0,
                         },
                     )
                 };
