@@ -250,6 +250,53 @@ fn changes_of_the_scene_are_followed() {
     }
 }
 
+/// Rays that are aimed at texels take light from only one of two surfaces in the same place.
+#[test]
+fn surfaces_in_the_same_place_light_once() {
+    let Some(gpu) = gpu() else { return };
+    let albedo = vec3(0.8, 0.5, 0.2);
+    let mut scene = shining_room(2.0, albedo);
+    scene.instances.extend(scene.instances.clone());
+    let camera = Camera::look_at("", vec3(0.8, 0.2, 1.2), vec3(-0.5, 0.7, -1.0), 1.2);
+    let settings = [
+        "burn-in=40",
+        "resolution=64",
+        "light-sampled-rays=4",
+        "iterations=128",
+        "steps=128",
+    ];
+    let mut renderer = renderer_of(&gpu, &scene, &["radiosity"], 16, "radiosity", &settings);
+    let off = mean(&picture(&mut renderer, &camera, 2)) * (1.0 - albedo) / 2.0 - 1.0;
+    println!("{off} more");
+    // Of red, an error in one bounce becomes fourfold: light twice from a fifth of the rays would double it.
+    assert!(off.abs().max_element() < 0.03, "{off} more");
+}
+
+/// Texels of a scene that shrinks to a thousandth, as objects do that appear or vanish.
+#[test]
+fn texels_follow_a_scene_that_shrinks() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin("cornell", 1).expect("a scene");
+    let settings = ["resolution=96", "iterations=16", "steps=16"];
+    let mut renderer = renderer_of(&gpu, &scene, &["radiosity"], 16, "radiosity", &settings);
+    let camera = scene.cameras[0].clone();
+    let before = mean(&picture(&mut renderer, &camera, 2));
+    let mut small = scene.clone();
+    let scale = 1e-3;
+    for instance in &mut small.instances {
+        instance.world_from_mesh = Mat4::from_scale(Vec3::splat(scale)) * instance.world_from_mesh;
+    }
+    let mut near = camera;
+    near.world_from_view.w_axis *= Vec3::splat(scale).extend(1.0);
+    renderer.update(&small).expect("an update");
+    let after = mean(&picture(&mut renderer, &near, 2));
+    println!("{before}, {after}");
+    assert!(
+        (after / before - 1.0).abs().max_element() < 0.03,
+        "{before}, {after}"
+    );
+}
+
 /// Indirect light in a mirror, with maps of one layer and of two.
 #[test]
 fn mirrors_show_indirect_light() {
