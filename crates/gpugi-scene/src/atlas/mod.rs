@@ -74,9 +74,8 @@ pub struct InstanceUvs {
 /// Texel density.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum TexelDensity {
-    /// The highest density at which everything fits one page. Where an instance is larger than the scene's core
-    /// ([`Scene::core`]), it gets fewer texels per metre than the rest. If gutters alone overfill a page, several pages at the
-    /// lowest density.
+    /// The highest density at which everything fits one page. What is far larger than the scene's core ([`Scene::core`])
+    /// gets fewer texels per metre than the rest. If gutters alone overfill a page, several pages at the lowest density.
     OnePage,
     /// Texels per metre (1/m), in as many pages as needed.
     PerMetre(f32),
@@ -326,10 +325,9 @@ fn check_options(options: &AtlasOptions) -> Result<(), AtlasError> {
 type Shapes = (Vec<Shape>, [Vec<Option<(usize, usize)>>; 2]);
 
 fn shapes(scene: &Scene, options: &AtlasOptions) -> Result<Shapes, AtlasError> {
-    // The ground of a landscape must not take the texels of what stands on it: what is larger than the core gets as many
-    // as if it were as large.
+    // The ground of a landscape must not take the texels of what stands on it: it gets some more than that.
     let largest = match options.density {
-        TexelDensity::OnePage => scene.core().diagonal(),
+        TexelDensity::OnePage => 2.0 * scene.core().diagonal(),
         TexelDensity::PerMetre(_) => f32::INFINITY,
     };
     let mut shapes: Vec<Shape> = Vec::new();
