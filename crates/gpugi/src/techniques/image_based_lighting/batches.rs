@@ -201,7 +201,9 @@ impl Batches {
             return Ok(());
         };
         made.drawing = drawing;
-        let maps: Vec<DirectionMap> = made.batches.iter().flat_map(Batch::maps).collect();
+        let is_all_covered = scene.core == scene.bounds;
+        let maps = made.batches.iter().flat_map(|one| one.maps(is_all_covered));
+        let maps: Vec<DirectionMap> = maps.collect();
         gpu.write(&made.directions, 0, directions);
         gpu.write(&made.maps, 0, &maps);
         if plan.is_kept {
@@ -340,9 +342,10 @@ impl Batch {
         rasterizer.record(frame, name, scene, &mut self.atlas, drawing)
     }
 
-    /// The batch's depth maps as the shader reads them.
-    fn maps(&self) -> impl Iterator<Item = DirectionMap> {
-        (0..self.directions.len()).map(|index| {
+    /// The batch's depth maps as the shader reads them; `is_all_covered`: no point lies beside them.
+    fn maps(&self, is_all_covered: bool) -> impl Iterator<Item = DirectionMap> {
+        let sign = if is_all_covered { 1.0 } else { -1.0 };
+        (0..self.directions.len()).map(move |index| {
             let texels_from_world = self.atlas.texels_from_world(index);
             let rows = [0, 1, 2].map(|row| texels_from_world.row(row));
             let [u, v, depth] = rows.map(|row| row.truncate().length_squared());
@@ -351,7 +354,7 @@ impl Batch {
                 u: rows[0].to_array(),
                 v: rows[1].to_array(),
                 depth: rows[2].to_array(),
-                scale: [depth / u, depth / v, depth.sqrt(), 1.0 / side],
+                scale: [depth / u, depth / v, depth.sqrt(), sign / side],
                 tile: self.atlas.texels_within(index, GUTTER / 2),
             }
         })
