@@ -20,7 +20,7 @@ use gpugi_scene::{Camera, Scene};
 
 #[path = "../tests/common/mod.rs"]
 mod common;
-#[path = "../tests/final_gather/thin_walls.rs"]
+#[path = "../tests/techniques/final_gather/thin_walls.rs"]
 mod thin_walls;
 
 const OF: &str = "final-gather";

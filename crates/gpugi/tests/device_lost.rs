@@ -4,7 +4,7 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{floor, gpu};
+use common::{floor, own_gpu};
 use glam::Vec3;
 use gpugi::Renderer;
 use gpugi::bake::{Bake, LightBake, LightOptions};
@@ -30,7 +30,7 @@ fn assert_lost<T>(result: Result<T, impl Into<LightingError>>) {
 
 #[test]
 fn a_picture_whose_gpu_is_lost() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let mut scene = floor(1.0);
     scene.environment = Some(Environment::default_sky());
     let mut renderer = Renderer::new(&gpu, &scene, [16, 16], &[]).expect("a renderer");
@@ -52,7 +52,7 @@ fn a_picture_whose_gpu_is_lost() {
 
 #[test]
 fn a_reference_whose_gpu_is_lost() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let scene = builtin("cornell", 1).expect("a scene");
     let mut tracer =
         PathTracer::new(&gpu, &scene, [16, 16], &Settings::default()).expect("a path tracer");
@@ -62,7 +62,7 @@ fn a_reference_whose_gpu_is_lost() {
 
 #[test]
 fn a_bake_whose_gpu_is_lost() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let scene = builtin("cornell", 1).expect("a scene");
     let options = AtlasOptions {
         size: 32,

@@ -4,7 +4,7 @@ mod common;
 
 use std::ops::ControlFlow;
 
-use common::{direct, floor, gpu};
+use common::{direct, floor, own_gpu};
 use glam::Vec3;
 use gpugi::Renderer;
 use gpugi::bake::{Bake, LightBake, LightOptions};
@@ -48,7 +48,7 @@ fn looking_down() -> Camera {
 
 #[test]
 fn a_picture_without_memory() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let mut scene = floor(1.0);
     scene.environment = Some(Environment::default_sky());
     let names = direct(&gpu, &scene);
@@ -62,7 +62,7 @@ fn a_picture_without_memory() {
 
 #[test]
 fn a_reference_without_memory() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let scene = builtin("cornell", 1).expect("a scene");
     assert_runs_out(&gpu, || {
         let mut tracer = PathTracer::new(&gpu, &scene, [16, 16], &Settings::default())?;
@@ -73,7 +73,7 @@ fn a_reference_without_memory() {
 
 #[test]
 fn a_bake_without_memory() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = own_gpu() else { return };
     let scene = builtin("cornell", 1).expect("a scene");
     let options = AtlasOptions {
         size: 32,

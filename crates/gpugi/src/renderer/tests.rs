@@ -96,6 +96,15 @@ fn frames_that_never_wait_come_to_the_same_picture() {
 #[test]
 fn frames_that_never_wait_wait_for_no_shaders() {
     let Some(gpu) = test_gpu() else { return };
+    // A frame that may wait tells for what.
+    let waiting = gpu.as_in_a_browser();
+    let scene = builtin("cornell", 1).unwrap();
+    let names = [shadow_map::INFO.name.to_owned()];
+    let mut blocking = Renderer::new(&waiting, &scene, [8, 8], &names).unwrap();
+    blocking
+        .render_sample(&scene.cameras[0], 1, None, false)
+        .unwrap();
+    assert_ne!(waiting.waited_for(), [""; 0]);
     let sets = [
         (
             "glass-room",

@@ -3,6 +3,7 @@
 #![allow(dead_code)] // Each test program uses only a part.
 
 use std::ops::ControlFlow;
+use std::sync::OnceLock;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::{AdapterChoice, Gpu};
@@ -13,8 +14,15 @@ use gpugi_scene::builtin::shapes::{cuboid, quad};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
 
-/// The best adapter. Returns `None`, so that the test passes without testing, only if `GPUGI_SKIP_GPU=1`.
+/// The best adapter, on a device that all tests of the program share. Returns `None`, so that the test passes without
+/// testing, only if `GPUGI_SKIP_GPU=1`.
 pub fn gpu() -> Option<Gpu> {
+    static SHARED: OnceLock<Option<Gpu>> = OnceLock::new();
+    SHARED.get_or_init(own_gpu).clone()
+}
+
+/// As [`gpu`], on a device of its own.
+pub fn own_gpu() -> Option<Gpu> {
     if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") {
         eprintln!("skipped: GPUGI_SKIP_GPU=1");
         return None;

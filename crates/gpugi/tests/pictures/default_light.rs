@@ -1,0 +1,96 @@
+//! Pictures that nobody tuned: the default set of a still picture against the path tracer with all light paths.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use crate::common::{direct, gpu};
+use gpugi::gpu::Gpu;
+use gpugi::measure::{Cache, Options, Quality, measure};
+use gpugi::techniques::Registry;
+use gpugi::{Purpose, Renderer, default_set};
+use gpugi_scene::Scene;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::image::metrics::Metric;
+
+const SIZE: [u32; 2] = [48, 36];
+
+/// A renderer with the default set for a purpose.
+fn default(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Renderer {
+    let registry = Registry::default();
+    let set = default_set(scene, &gpu.adapter, purpose, &registry);
+    Renderer::with_set(gpu, scene, SIZE, &set, &registry).expect("a renderer")
+}
+
+/// HDR-FLIP against all light.
+fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer, cache: &Cache) -> f64 {
+    let options = Options {
+        samples: 16,
+        reference: Quality {
+            samples: 512,
+            noise: 0.0,
+        },
+        cache: Some(cache.clone()),
+        all_light: true,
+        ..Options::default()
+    };
+    let mut go_on = |_: &_| ControlFlow::Continue(());
+    let camera = &scene.cameras[0];
+    let measured = measure(gpu, scene, camera, &mut renderer, &options, &mut go_on);
+    let flip = measured.expect("a measurement").value(Metric::Flip);
+    flip.expect("FLIP")
+}
+
+/// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
+/// the live view by less than `live_most`. Direct light alone differs by more.
+fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin(name, 1).expect("a built-in scene");
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("default-light-{name}"));
+    let cache = Cache::new(&folder);
+    let [still, live] = [Purpose::StillPicture, Purpose::LiveView]
+        .map(|purpose| flip(&gpu, &scene, default(&gpu, &scene, purpose), &cache));
+    let direct = Renderer::new(&gpu, &scene, SIZE, &direct(&gpu, &scene)).expect("a renderer");
+    let direct = flip(&gpu, &scene, direct, &cache);
+    println!("{name}: FLIP {still:.4}, live {live:.4}, without indirect light {direct:.4}");
+    assert!(still < most, "{name}: FLIP {still}");
+    assert!(live < live_most, "{name}: FLIP {live} of a live view");
+    assert!(
+        direct > live_most,
+        "{name}: FLIP {direct} without indirect light"
+    );
+}
+
+#[test]
+fn cornell() {
+    pictures_are_near_the_truth("cornell", 0.1, 0.13);
+}
+
+#[test]
+fn room() {
+    pictures_are_near_the_truth("room", 0.08, 0.14);
+}
+
+#[test]
+fn chamber() {
+    pictures_are_near_the_truth("chamber", 0.2, 0.23);
+}
+
+#[test]
+fn teapot() {
+    pictures_are_near_the_truth("teapot", 0.035, 0.08);
+}
+
+#[test]
+fn spheres() {
+    pictures_are_near_the_truth("spheres", 0.04, 0.055);
+}
+
+#[test]
+fn shapes() {
+    pictures_are_near_the_truth("shapes", 0.06, 0.1);
+}
+
+#[test]
+fn window_room() {
+    pictures_are_near_the_truth("window-room", 0.15, 0.28);
+}
