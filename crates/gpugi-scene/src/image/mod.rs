@@ -11,6 +11,7 @@ pub mod metrics;
 mod nanovdb;
 mod primaries;
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use decode::{claimed_bytes, decode_color_within, linear_from_srgb, srgb_from_linear};
@@ -22,6 +23,14 @@ pub(crate) use ktx2_array::{
 };
 pub(crate) use ktx2_volume::{decode_volume, encode_volume};
 pub(crate) use nanovdb::{decode_nanovdb, is_nanovdb};
+
+/// Weights of red, green and blue in the relative luminance of linear Rec. 709 (ITU-R BT.709-6, item 3.2).
+pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// Relative luminance of a linear Rec. 709 colour, in its unit.
+pub fn luminance(color: Vec3) -> f32 {
+    color.dot(LUMINANCE)
+}
 
 /// Texels, row by row from the top, four channels per texel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

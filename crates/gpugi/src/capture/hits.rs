@@ -24,6 +24,15 @@ pub(super) fn hit_texture(
     )
 }
 
+/// A texture for the hit records of points that a compute pass finds: written there, read by gathers.
+///
+/// # Errors
+/// As [`hit_texture`].
+pub(crate) fn hits_of_points(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureView, GpuError> {
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING;
+    Ok(hit_texture(gpu, size, usage)?.create_view(&Default::default()))
+}
+
 /// The depth that goes with hit records.
 ///
 /// # Errors

@@ -21,6 +21,7 @@ mod tests;
 pub(crate) use attenuation::Attenuation;
 pub use emission::Emission;
 pub use gather::Gather;
+pub(crate) use hits::hits_of_points;
 use hits::{HitKernels, Image, Matrices, depth_texture, hit_texture};
 pub use images::HitImages;
 pub use peeled_layer::PeeledLayer;

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::{SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
+use super::{SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::scene::GpuScene;
 use crate::scene::gpu::octahedral;
@@ -336,16 +336,7 @@ impl Receiver {
         };
         output.write(&mut view);
         // Gathers that look up atlases bind a visibility buffer; these points have none.
-        let hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("no visibility buffer"),
-            size: wgpu::Extent3d::default(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        })?;
+        let hits = hits_of_points(gpu, [1, 1])?;
         let bytes = u64::from(count) * SURFACE_POINT_BYTES;
         let buffer = gpu.buffer("probes [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
         gpu.write(&buffer, 0, &packed);
@@ -355,7 +346,7 @@ impl Receiver {
                 view: gpu.uniform("view of probes", &view)?,
                 first: 0,
                 count,
-                hits: hits.create_view(&Default::default()),
+                hits,
                 output,
                 slots,
             },

@@ -3,6 +3,7 @@
 use std::f32::consts::{PI, TAU};
 
 use bytemuck::{Pod, Zeroable};
+use gpugi_scene::image::luminance;
 
 use crate::capture::depth::DepthViewUniform;
 
@@ -47,9 +48,7 @@ pub fn cone(inner_cone_angle: f32, outer_cone_angle: f32) -> [f32; 2] {
 impl LightSample {
     /// Luminous power (W) that the sample emits into a scene of this radius (m).
     pub fn power(&self, scene_radius: f32) -> f32 {
-        let [r, g, b] = self.intensity;
-        let intensity = 0.2126 * r + 0.7152 * g + 0.0722 * b;
-        intensity
+        luminance(self.intensity.into())
             * match self.kind {
                 Self::POINT => 4.0 * PI,
                 Self::SPOT => TAU * (1.0 - self.cone_end),

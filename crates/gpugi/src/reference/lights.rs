@@ -143,7 +143,7 @@ impl LightTable {
 
 /// Luminance, at least 0.
 pub fn luminance(color: Vec3) -> f64 {
-    f64::from(color.dot(Vec3::new(0.2126, 0.7152, 0.0722))).max(0.0)
+    f64::from(gpugi_scene::image::luminance(color)).max(0.0)
 }
 
 fn punctual_row(light: &gpugi_scene::Light) -> Light {

@@ -1,12 +1,11 @@
 //! The grid from which environment directions are sampled.
 
+use gpugi_scene::image::LUMINANCE;
 use gpugi_scene::{Image, Pixels};
 
 use super::alias;
 use crate::scene::{shown, texel_scale};
 
-/// Rec. 709.
-const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 /// Maximum number of cells along each axis. A grid of this size takes 96 MiB and is finer than most maps.
 const MOST_CELLS: [usize; 2] = [4096, 2048];
 
@@ -102,7 +101,7 @@ fn texel_luminance(pixels: &Pixels, texel: usize, scale: f32) -> f64 {
         Pixels::Rgba8(values) => std::array::from_fn(|c| f64::from(values[texel * 4 + c]) / 255.0),
     };
     rgb.iter()
-        .zip(LUMINANCE)
-        .map(|(c, weight)| c * weight)
+        .zip(LUMINANCE.to_array())
+        .map(|(c, weight)| c * f64::from(weight))
         .sum()
 }

@@ -1,6 +1,7 @@
 //! Emissive triangles: area lights.
 
 use glam::Vec3;
+use gpugi_scene::image::luminance;
 use gpugi_scene::{Material, Pixels, Scene};
 
 use super::rows::is_mirrored;
@@ -31,7 +32,7 @@ impl Emitter {
 
     /// Luminance of the mean radiance.
     pub fn luminance(&self) -> f32 {
-        self.radiance.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+        luminance(self.radiance)
     }
 }
 

@@ -4,8 +4,9 @@
 
 use glam::Vec3;
 
+use super::super::luminance;
 use super::flip::{Evaluator, PIXELS_PER_DEGREE};
-use super::{Comparison, Picture, luminance, mean};
+use super::{Comparison, Picture, mean};
 
 /// Narkowicz's fit of the ACES tone curve, (a x^2 + b x) / (c x^2 + d x + e), with the paper's pre-exposure of 0.6.
 const ACES: [f32; 5] = [0.36 * 2.51, 0.6 * 0.03, 0.36 * 2.43, 0.6 * 0.59, 0.14];
@@ -40,7 +41,11 @@ pub fn compare(test: &Picture, reference: &Picture) -> Comparison {
 /// to [`SHOWN`]. Their number is the length of that range rounded up, but at least 2. If the median is black, the
 /// median of the other pixels counts. If all pixels are black, the only exposure is 0.
 fn exposures(reference: &Picture) -> Vec<f32> {
-    let mut sorted: Vec<f32> = reference.pixels().iter().copied().map(luminance).collect();
+    let mut sorted: Vec<f32> = reference
+        .pixels()
+        .iter()
+        .map(|&color| luminance(color.into()))
+        .collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let median = match middle(&sorted) {
         median if median > 0.0 => median,

@@ -2,8 +2,9 @@
 //! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, equation 13 and section III-C.
 
 use super::super::decode::srgb_from_linear;
+use super::super::luminance;
 use super::filter::{Plane, kernel, normalized};
-use super::{Comparison, MetricError, Picture, both_display_referred, luminance, mean};
+use super::{Comparison, MetricError, Picture, both_display_referred, mean};
 
 /// Side of the Gaussian window (pixels).
 pub const WINDOW: usize = 11;
@@ -33,7 +34,10 @@ pub fn similarity(test: &Picture, reference: &Picture) -> Result<Comparison, Met
     }
     let luma = |picture| {
         Plane::of(picture, |rgb| {
-            luminance(rgb.map(|value| srgb_from_linear((value * scale).clamp(0.0, 1.0))))
+            luminance(
+                rgb.map(|value| srgb_from_linear((value * scale).clamp(0.0, 1.0)))
+                    .into(),
+            )
         })
     };
     let radius = WINDOW / 2;
@@ -70,7 +74,7 @@ fn middle_grey_exposure(picture: &Picture) -> f32 {
     let logarithms = picture
         .pixels()
         .iter()
-        .map(|&rgb| luminance(rgb))
+        .map(|&rgb| luminance(rgb.into()))
         .filter(|&luminance| luminance > (-20.0_f32).exp2())
         .map(|luminance| f64::from(luminance).log2());
     let exposure = 0.18_f64.log2() - mean(logarithms);

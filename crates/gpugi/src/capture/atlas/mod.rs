@@ -21,7 +21,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use gpugi_scene::{Atlas, Scene};
 
-use super::{Output, SURFACE_POINT_BYTES, SurfacePoints, ViewUniform};
+use super::{Output, SURFACE_POINT_BYTES, SurfacePoints, ViewUniform, hits_of_points};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
@@ -188,22 +188,7 @@ impl AtlasCapture {
                     u64::from(count) * TEXEL_BYTES,
                     storage,
                 )?;
-                let hits = gpu.texture(&wgpu::TextureDescriptor {
-                    label: Some("hits of an atlas"),
-                    size: wgpu::Extent3d {
-                        width: atlas.size,
-                        height: rows.end - rows.start,
-                        depth_or_array_layers: 1,
-                    },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format: wgpu::TextureFormat::R32Uint,
-                    usage: wgpu::TextureUsages::TEXTURE_BINDING
-                        | wgpu::TextureUsages::STORAGE_BINDING,
-                    view_formats: &[],
-                })?;
-                let hits = hits.create_view(&Default::default());
+                let hits = hits_of_points(gpu, [atlas.size, rows.end - rows.start])?;
                 let view = || {
                     let bytes = size_of::<ViewUniform>() as u64;
                     gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)

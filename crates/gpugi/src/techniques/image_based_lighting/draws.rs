@@ -4,6 +4,7 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::Vec3;
+use gpugi_scene::image::luminance;
 
 use super::domains::Domain;
 use super::gpu::Grid;
@@ -148,7 +149,7 @@ impl Draws {
 
 /// Luminance of a flux density (W/m^2).
 fn power(flux_density: Vec3) -> f64 {
-    f64::from(flux_density.dot(Vec3::new(0.2126, 0.7152, 0.0722)))
+    f64::from(luminance(flux_density))
 }
 
 /// `along_curve` of domains.wesl.

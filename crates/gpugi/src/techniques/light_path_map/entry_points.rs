@@ -6,7 +6,9 @@ use gpugi_scene::LightPathPanes;
 
 use super::entries::{COLUMN, Entries};
 use super::{Settings, stored};
-use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
+use crate::capture::{
+    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
+};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -34,21 +36,7 @@ impl EntryPoints {
         let storage = wgpu::BufferUsages::STORAGE;
         let rows = (settings.entries * settings.light_samples).div_ceil(WIDTH);
         let count = WIDTH * rows;
-        let hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("hits of entry points"),
-            size: wgpu::Extent3d {
-                width: WIDTH,
-                height: rows,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        })?;
-        let hits = hits.create_view(&Default::default());
+        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let mut view = ViewUniform {
             width: WIDTH,
             height: rows,

@@ -3,7 +3,9 @@
 use bytemuck::Zeroable;
 
 use super::network::{Kernels, Network, of};
-use crate::capture::{Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform};
+use crate::capture::{
+    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
+};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::techniques::Earlier;
@@ -32,21 +34,7 @@ impl Reflecting {
         let links = network.entries();
         let rows = links.min(MOST_LINKS).div_ceil(WIDTH);
         let count = WIDTH * rows;
-        let hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("hits of links"),
-            size: wgpu::Extent3d {
-                width: WIDTH,
-                height: rows,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        })?;
-        let hits = hits.create_view(&Default::default());
+        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let view = ViewUniform {
             width: WIDTH,
             height: rows,

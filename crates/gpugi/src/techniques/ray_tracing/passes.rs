@@ -6,6 +6,7 @@ use bytemuck::Zeroable;
 use super::{SeenEnvironment, Settings, Tracer, gpu};
 use crate::capture::{
     Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
+    hits_of_points,
 };
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
@@ -463,21 +464,7 @@ impl InFlight {
         )?;
         let points = u64::from(capacity) * SURFACE_POINT_BYTES;
         let points = gpu.buffer("ray-tracing.points [bytes]", points, storage)?;
-        let hit_records = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("ray-tracing.hits"),
-            size: wgpu::Extent3d {
-                width: ROW_OF_POINTS,
-                height: capacity / ROW_OF_POINTS,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        })?;
-        let hit_records = hit_records.create_view(&Default::default());
+        let hit_records = hits_of_points(gpu, [ROW_OF_POINTS, capacity / ROW_OF_POINTS])?;
         let hits = SurfacePoints {
             points,
             view,
