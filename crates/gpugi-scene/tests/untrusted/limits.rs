@@ -34,11 +34,11 @@ fn grid(height: impl Fn(usize, usize) -> f32) -> [String; 2] {
     [obj, ply]
 }
 
-/// In as much memory for each triangle as 28 million have at the default limits.
+/// In as much memory for each triangle as 26 million have at the default limits.
 #[test]
 fn large_meshes_without_normals() {
     let limits = Limits {
-        scene_bytes: GRID_TRIANGLES as u64 * Limits::default().scene_bytes / 28_000_000,
+        scene_bytes: GRID_TRIANGLES as u64 * Limits::default().scene_bytes / 26_000_000,
         ..Limits::default()
     };
     let smooth = grid(|x, y| (x as f32 * 0.1).sin() + (y as f32 * 0.1).cos());
@@ -92,9 +92,9 @@ fn limits_are_set_by_text() {
 
 #[test]
 fn short_files_that_multiply_are_refused() {
-    // Ten million places without bytes of their own.
+    // Nine million places without bytes of their own.
     let instancing = triangle(|document| {
-        let places = json!({ "componentType": 5126, "count": 10_000_000, "type": "VEC3" });
+        let places = json!({ "componentType": 5126, "count": 9_000_000, "type": "VEC3" });
         document["accessors"].as_array_mut().unwrap().push(places);
         document["nodes"][0]["extensions"] =
             json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 1 } } });

@@ -26,7 +26,6 @@ pub struct Part {
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
     has_uvs: bool,
-    has_colors: bool,
 }
 
 /// Memory of an index (bytes).
@@ -35,7 +34,9 @@ const INDEX_BYTES: usize = 2 * size_of::<u32>();
 const VALUE_BYTES: usize = 2 * size_of::<DVec3>();
 /// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
 /// and the table may be twice as large as their contents.
-const VERTEX_BYTES: usize = 2 * (56 + size_of::<Vec4>() + size_of::<(Corner, u32)>());
+const VERTEX_BYTES: usize = 2 * (56 + size_of::<(Corner, u32)>());
+/// Memory of its colour (bytes), where any vertex has one.
+const COLOR_BYTES: usize = 2 * size_of::<Vec4>();
 /// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
 const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
 /// Memory of a part (bytes): its name, and itself as parsed, as a mesh, and as an instance.
@@ -88,9 +89,6 @@ impl Geometry {
             }
             let count = replace_zero_normals(&mut part.mesh);
             replaced.add(Broken::Normal, count, &part.mesh.name);
-            if !part.has_colors {
-                part.mesh.colors.clear();
-            }
             for color in &mut part.mesh.colors {
                 let encoded = (color.truncate() * color_scale).to_array();
                 *color = Vec3::from(encoded.map(linear_from_srgb)).extend(1.0);
@@ -276,13 +274,16 @@ impl<'a> Parser<'a> {
         let triangles = polygon::triangulate(&positions);
         let current = self.current_part()?;
         let part = &mut self.parts[current];
-        let before = part.positions.len();
+        let before = [part.positions.len(), part.mesh.colors.len()];
         let vertices: Vec<u32> = corners
             .iter()
             .map(|&corner| part.vertex(corner, &self.vertices))
             .collect();
-        let new = part.positions.len() - before;
+        let [vertices_before, colors_before] = before;
+        let new = part.positions.len() - vertices_before;
         self.budget.charge(new as u64, VERTEX_BYTES)?;
+        let new = part.mesh.colors.len() - colors_before;
+        self.budget.charge(new as u64, COLOR_BYTES)?;
         for triangle in triangles {
             let triangle = triangle.map(|corner| vertices[corner as usize]);
             part.mesh.indices.extend(triangle);
@@ -361,7 +362,6 @@ impl<'a> Parser<'a> {
                 vertices: HashMap::new(),
                 lacks_normals: false,
                 has_uvs: false,
-                has_colors: false,
             });
             self.parts.len() - 1
         };
@@ -375,10 +375,12 @@ impl Part {
         let (position, uv, normal) = corner;
         let mesh = &mut self.mesh;
         *self.vertices.entry(corner).or_insert_with(|| {
-            self.positions.push(vertices.positions[position as usize]);
             let color = vertices.colors.get(position as usize);
-            self.has_colors |= color.is_some();
-            mesh.colors.push(color.unwrap_or(&Vec3::ONE).extend(1.0));
+            if color.is_some() || !mesh.colors.is_empty() {
+                mesh.colors.resize(self.positions.len(), Vec4::ONE);
+                mesh.colors.push(color.unwrap_or(&Vec3::ONE).extend(1.0));
+            }
+            self.positions.push(vertices.positions[position as usize]);
             let uv = uv.map(|uv| vertices.uvs[uv as usize]);
             self.has_uvs |= uv.is_some();
             mesh.uvs[0].push(uv.unwrap_or_default());
