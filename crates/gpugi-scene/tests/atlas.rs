@@ -231,6 +231,42 @@ fn density_is_texels_per_metre_on_any_instance() {
 }
 
 /// A square of two triangles, with a second set.
+/// A ground of 100 km does not take the texels of the room that stands on it.
+#[test]
+fn a_large_ground_leaves_texels_to_what_stands_on_it() {
+    let scene = builtin("cornell", 1).unwrap();
+    let mut on_ground = scene.clone();
+    let half = 5e4;
+    let ground = shapes::quad(
+        Vec3::new(-half, -1.0, half),
+        Vec3::X * 2.0 * half,
+        Vec3::NEG_Z * 2.0 * half,
+        1,
+    );
+    let mesh = on_ground.add_mesh(ground);
+    on_ground.add_instance("ground", mesh, 0, Mat4::IDENTITY);
+    let texels = |scene: &Scene| -> f64 {
+        let atlas = Atlas::new(scene, &small()).unwrap();
+        let room = atlas.instances.iter().take(7).flatten();
+        room.map(|uvs| texel_area(uvs, atlas.size)).sum()
+    };
+    let (alone, with_ground) = (texels(&scene), texels(&on_ground));
+    println!("{alone} texels, with a ground {with_ground}");
+    assert!(with_ground > 0.1 * alone, "{alone}, {with_ground}");
+    // Where a density is asked for, everything has it.
+    let mut dense = small();
+    dense.density = TexelDensity::PerMetre(1e-3);
+    let atlas = Atlas::new(&on_ground, &dense).unwrap();
+    let ground = texel_area(
+        atlas.instances.last().unwrap().as_ref().unwrap(),
+        atlas.size,
+    );
+    assert!(
+        (ground / 1e4 - 1.0).abs() < 0.01,
+        "{ground} texels for 10^10 m^2"
+    );
+}
+
 fn square(second: [Vec2; 4]) -> Mesh {
     let corners = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
     Mesh {

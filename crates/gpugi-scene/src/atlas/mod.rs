@@ -325,7 +325,8 @@ fn check_options(options: &AtlasOptions) -> Result<(), AtlasError> {
 type Shapes = (Vec<Shape>, [Vec<Option<(usize, usize)>>; 2]);
 
 fn shapes(scene: &Scene, options: &AtlasOptions) -> Result<Shapes, AtlasError> {
-    // The ground of a landscape must not take the texels of what stands on it: it gets some more than that.
+    // The ground of a landscape must not take the texels of what stands on it: it gets as many as a ground twice as
+    // large as the core.
     let largest = match options.density {
         TexelDensity::OnePage => 2.0 * scene.core().diagonal(),
         TexelDensity::PerMetre(_) => f32::INFINITY,

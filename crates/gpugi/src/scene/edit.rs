@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::{
-    AlphaMode, Environment, Instance, Light, Material, Medium, Mesh, Scene, TextureRef,
+    AlphaMode, Environment, Instance, Light, Material, Medium, Mesh, Scene, TextureRef, core_of,
 };
 
 use super::emitters::{emitters, emitters_of};
@@ -18,7 +18,6 @@ use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
 use super::{GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
-use gpugi_scene::core_of;
 
 /// One edit of a scene: replaces a value that the scene already has. Indices are those of the scene on the GPU.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use gpugi_scene::bvh::NODE_ROWS;
-use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene};
+use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene, core_of};
 
 use super::atlases::Atlases;
 use super::bounds_tree::BoundsTree;
@@ -20,7 +20,6 @@ use super::tables::Tables;
 use super::{Draw, DrawClass, GpuScene, Object, Use, Versions, gpu, motion};
 use crate::gpu::{Gpu, GpuError, Kernel};
 use crate::shader;
-use gpugi_scene::core_of;
 
 /// Surface points store a material in 16 bits (capture/surface_point.wesl).
 const MAX_MATERIALS: usize = 1 << 16;

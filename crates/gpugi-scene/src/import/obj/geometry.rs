@@ -25,17 +25,18 @@ pub struct Part {
     /// New vertices, by position, texture coordinate and normal.
     vertices: HashMap<Corner, u32>,
     lacks_normals: bool,
-    has_uvs: bool,
 }
 
 /// Memory of an index (bytes).
 const INDEX_BYTES: usize = 2 * size_of::<u32>();
 /// Memory of a position, normal or texture coordinate (bytes), in a vector that may be twice as large as its contents.
 const VALUE_BYTES: usize = 2 * size_of::<DVec3>();
-/// Memory of a new vertex (bytes): its place in the mesh and in the table in which equal ones are found. The vectors
-/// and the table may be twice as large as their contents.
-const VERTEX_BYTES: usize = 2 * (56 + size_of::<(Corner, u32)>());
-/// Memory of its colour (bytes), where any vertex has one.
+/// Memory of a new vertex (bytes): its position in 64 bits and the table in which equal ones are found, which may be twice
+/// as large as their contents; then its position in 32 bits, and a normal that it may be given.
+const VERTEX_BYTES: usize = 2 * (size_of::<DVec3>() + size_of::<(Corner, u32)>()) + 24;
+/// Memory of a vertex's normal, of its texture coordinate with a tangent, and of its colour (bytes), in files with any.
+const NORMAL_BYTES: usize = 2 * size_of::<Vec3>();
+const UV_BYTES: usize = 2 * size_of::<Vec2>() + size_of::<Vec4>();
 const COLOR_BYTES: usize = 2 * size_of::<Vec4>();
 /// Memory of a name (bytes), without its text: in a list and in a table that may be twice as large as their contents.
 const NAME_BYTES: usize = 6 * size_of::<(Name, usize)>();
@@ -92,9 +93,6 @@ impl Geometry {
             for color in &mut part.mesh.colors {
                 let encoded = (color.truncate() * color_scale).to_array();
                 *color = Vec3::from(encoded.map(linear_from_srgb)).extend(1.0);
-            }
-            if !part.has_uvs {
-                part.mesh.uvs[0].clear();
             }
         }
         let ignored = parser.ignored.iter();
@@ -274,16 +272,16 @@ impl<'a> Parser<'a> {
         let triangles = polygon::triangulate(&positions);
         let current = self.current_part()?;
         let part = &mut self.parts[current];
-        let before = [part.positions.len(), part.mesh.colors.len()];
+        let before = part.counts();
         let vertices: Vec<u32> = corners
             .iter()
             .map(|&corner| part.vertex(corner, &self.vertices))
             .collect();
-        let [vertices_before, colors_before] = before;
-        let new = part.positions.len() - vertices_before;
-        self.budget.charge(new as u64, VERTEX_BYTES)?;
-        let new = part.mesh.colors.len() - colors_before;
-        self.budget.charge(new as u64, COLOR_BYTES)?;
+        let counts = part.counts().into_iter().zip(before);
+        let bytes = [VERTEX_BYTES, NORMAL_BYTES, UV_BYTES, COLOR_BYTES];
+        for ((count, before), bytes) in counts.zip(bytes) {
+            self.budget.charge((count - before) as u64, bytes)?;
+        }
         for triangle in triangles {
             let triangle = triangle.map(|corner| vertices[corner as usize]);
             part.mesh.indices.extend(triangle);
@@ -361,7 +359,6 @@ impl<'a> Parser<'a> {
                 positions: Vec::new(),
                 vertices: HashMap::new(),
                 lacks_normals: false,
-                has_uvs: false,
             });
             self.parts.len() - 1
         };
@@ -370,24 +367,42 @@ impl<'a> Parser<'a> {
     }
 }
 
+/// Adds what vertex `number` has to a list that stays empty until a vertex has any; those without have `none`.
+fn push_if_any<T: Copy>(list: &mut Vec<T>, number: usize, value: Option<T>, none: T) {
+    if value.is_some() || !list.is_empty() {
+        list.resize(number, none);
+        list.push(value.unwrap_or(none));
+    }
+}
+
 impl Part {
+    /// Numbers of vertices, and of their normals, texture coordinates and colours.
+    fn counts(&self) -> [usize; 4] {
+        let Mesh {
+            normals,
+            uvs,
+            colors,
+            ..
+        } = &self.mesh;
+        let positions = self.positions.len();
+        [positions, normals.len(), uvs[0].len(), colors.len()]
+    }
+
     fn vertex(&mut self, corner: Corner, vertices: &Vertices) -> u32 {
         let (position, uv, normal) = corner;
         let mesh = &mut self.mesh;
         *self.vertices.entry(corner).or_insert_with(|| {
-            let color = vertices.colors.get(position as usize);
-            if color.is_some() || !mesh.colors.is_empty() {
-                mesh.colors.resize(self.positions.len(), Vec4::ONE);
-                mesh.colors.push(color.unwrap_or(&Vec3::ONE).extend(1.0));
-            }
+            let number = self.positions.len();
             self.positions.push(vertices.positions[position as usize]);
+            let color = vertices.colors.get(position as usize);
+            let color = color.map(|color| color.extend(1.0));
+            push_if_any(&mut mesh.colors, number, color, Vec4::ONE);
             let uv = uv.map(|uv| vertices.uvs[uv as usize]);
-            self.has_uvs |= uv.is_some();
-            mesh.uvs[0].push(uv.unwrap_or_default());
+            push_if_any(&mut mesh.uvs[0], number, uv, Vec2::ZERO);
             let normal = normal.map(|normal| vertices.normals[normal as usize]);
             self.lacks_normals |= normal.is_none();
-            mesh.normals.push(normal.unwrap_or_default());
-            self.positions.len() as u32 - 1
+            push_if_any(&mut mesh.normals, number, normal, Vec3::ZERO);
+            number as u32
         })
     }
 }

@@ -128,10 +128,7 @@ fn changes_of_the_scene_are_followed() {
         };
         let (off, moved) = (error(&found, &fresh), error(&before, &fresh));
         println!("{more:?}: off {off:.1e}, from before {moved:.1e}");
-        // Hardware rounds otherwise where a kernel is compiled for other settings (H100: 1.9e-5).
-        let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
-        let most = if is_software { 1e-5 } else { 1e-4 };
-        assert!(off < most && moved > 0.01, "{more:?}: {off}, {moved}");
+        assert!(off < 1e-5 && moved > 0.01, "{more:?}: {off}, {moved}");
     }
 }
 
