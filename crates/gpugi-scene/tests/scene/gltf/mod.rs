@@ -1,0 +1,13 @@
+//! glTF import, one test a feature. The files are built here, byte by byte.
+
+mod animation;
+mod container;
+mod far;
+mod geometry;
+mod hostile;
+mod images;
+mod materials;
+mod media;
+#[cfg(feature = "meshopt")]
+mod meshopt;
+mod nodes;
