@@ -167,7 +167,7 @@ fn panes_that_are_interrupted_and_killed_are_the_same_bits() {
 }
 
 #[test]
-#[ignore = "minutes: cargo test --test bake_stops -- --ignored"]
+#[ignore = "minutes: cargo test --test command -- --ignored bake_stops"]
 fn a_bake_that_is_stopped_a_hundred_times_gives_the_same_bits() {
     stop_at_random_times("bake-killed-often", &LIGHT, 100);
 }

@@ -1,8 +1,9 @@
 //! Radiance HDR as its programs write it.
 
-use crate::random::Random;
 use gpugi_scene::image::decode_radiance;
 use gpugi_scene::{Limits, Pixels};
+
+use crate::random::Random;
 
 /// Width, height and colours of a file: `texels` after these lines.
 fn read(lines: &str, texels: &[u8]) -> Result<(u32, u32, Vec<[f32; 3]>), String> {

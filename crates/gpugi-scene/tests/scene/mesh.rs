@@ -2,12 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use crate::random::Random;
 use glam::{EulerRot, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes;
 use gpugi_scene::normals::{CREASE_ANGLE, smooth_normals};
 use gpugi_scene::polygon::triangulate;
 use gpugi_scene::{Mesh, provoking_order};
+
+use crate::random::Random;
 
 /// Checks every property of a provoking order; returns the number of new vertices.
 fn check_order(indices: &[u32], vertex_count: usize) -> usize {

@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
-use crate::random::Random;
 use glam::{DVec3, Vec2, Vec3, vec3, vec4};
 use gpugi_scene::{
     AlphaMode, ImportError, Limits, Material, MaterialModel, Pixels, Resolver, Scene, import,
 };
+
+use crate::random::Random;
 
 #[derive(Default)]
 struct Files(HashMap<&'static str, Vec<u8>>);

@@ -1,8 +1,9 @@
 //! PLY import.
 
-use crate::random::Random;
 use glam::{DVec3, Vec2, Vec3, vec3};
 use gpugi_scene::{ImportError, Limits, Mesh, Resolver, Scene, import};
+
+use crate::random::Random;
 
 struct NoFiles;
 
