@@ -227,6 +227,30 @@ fn closed_rooms_stay_dark() {
     }
 }
 
+/// Slats as wide as two texels of a lamp's maps, with nothing behind, are in the shadow of other slats alone.
+#[test]
+fn slats_before_nothing_keep_their_light() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("slats");
+    let matt = || Material::matt("slat", Vec3::splat(0.7));
+    for i in 0..20 {
+        let at = -1.0 + 0.1 * i as f32;
+        let upper = cuboid(vec3(at, 0.3, -1.0), vec3(at + 0.03, 0.33, 1.0), 1);
+        let lower = cuboid(vec3(-1.0, 0.0, at), vec3(1.0, 0.03, at + 0.03), 1);
+        place(&mut scene, upper, matt());
+        place(&mut scene, lower, matt());
+    }
+    let panel = quad(vec3(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, 1);
+    let shine = Material {
+        emissive: Vec3::splat(10.0),
+        ..Material::matt("panel", Vec3::ZERO)
+    };
+    place(&mut scene, panel, shine);
+    let camera = Camera::look_at("", vec3(1.6, 1.5, 1.9), vec3(0.0, 0.1, 0.0), 0.25);
+    let ratio = drawn(&gpu, &scene, &camera) / traced(&gpu, &scene, &camera, 64);
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+}
+
 /// A sun in one texel of an environment, brighter than half floats go.
 #[test]
 fn bright_suns_keep_their_light() {
