@@ -6,7 +6,9 @@ pub mod scene_argument;
 
 use std::str::FromStr;
 
-use gpugi::display::{DisplaySettings, Exposure, ToneMap};
+use gpugi::picture::Effects;
+use gpugi::settings::SettingSet;
+use serde::{Deserialize, Serialize};
 
 /// Invalid arguments: exit code 2.
 #[derive(Debug)]
@@ -65,25 +67,52 @@ pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
         .collect()
 }
 
-/// Display settings from `--exposure` and `--tone-map`.
-pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Result<DisplaySettings> {
-    let exposure = match exposure {
-        "auto" => Exposure::Auto,
-        text => Exposure::Manual(
-            text.parse()
-                .ok()
-                .filter(|ev: &f32| ev.is_finite())
-                .ok_or_else(|| Usage(format!("--exposure {text}: a number of EV or auto")))?,
-        ),
-    };
-    let mut settings = DisplaySettings {
-        exposure,
-        ..Default::default()
-    };
-    if let Some(name) = tone_map {
-        settings.tone_map = name
-            .parse::<ToneMap>()
-            .map_err(|error| Usage(format!("--tone-map: {error}")))?;
+/// Options that say how a picture is displayed. Each is short for a setting of an effect.
+#[derive(Debug, Clone, PartialEq, clap::Args, Serialize, Deserialize)]
+pub struct DisplayArguments {
+    /// Exposure in EV (0 shows radiance 1 as 1), or auto
+    #[arg(
+        long,
+        value_name = "EV|auto",
+        default_value = "auto",
+        allow_hyphen_values = true
+    )]
+    pub exposure: String,
+    /// Tone mapping: none, reinhard, aces, agx, neutral
+    #[arg(long, value_name = "NAME", default_value = "neutral")]
+    pub tone_map: String,
+}
+
+impl Default for DisplayArguments {
+    fn default() -> Self {
+        Self {
+            exposure: "auto".into(),
+            tone_map: "neutral".into(),
+        }
     }
-    Ok(settings)
+}
+
+impl DisplayArguments {
+    /// The effects `of` a purpose, changed by these options and by those of `--set` that name an effect; and the rest of
+    /// the latter.
+    ///
+    /// # Errors
+    /// [`Usage`], which names the option.
+    pub fn effects(&self, of: Effects, set: &[String]) -> anyhow::Result<(Effects, Vec<String>)> {
+        let mut effects = of;
+        effects.exposure.value = (self.exposure.parse())
+            .map_err(|error| Usage(format!("--exposure {}: {error}", self.exposure)))?;
+        (effects.tone_map.set("operator", &self.tone_map))
+            .map_err(|error| Usage(format!("--tone-map {}: {error}", self.tone_map)))?;
+        let mut rest = Vec::new();
+        for ([name, key, value], setting) in split_settings(set)?.into_iter().zip(set) {
+            match effects.set(name, key, value) {
+                Some(done) => {
+                    done.map_err(|error| Usage(format!("--set {setting}: {error}")))?;
+                }
+                None => rest.push(setting.clone()),
+            }
+        }
+        Ok((effects, rest))
+    }
 }

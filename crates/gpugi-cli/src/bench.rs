@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use gpugi::Renderer;
-use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{Gpu, Timing};
+use gpugi::picture::Effects;
 use gpugi::scene::Edit;
 use gpugi::techniques::Figure;
 use gpugi_scene::Camera;
@@ -216,10 +216,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     }
     let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
     apply_settings(&mut renderer, &arguments.set)?;
-    let display = DisplaySettings {
-        exposure: Exposure::Manual(0.0),
-        ..Default::default()
-    };
+    let effects = Effects::of_live_view().exposed(0.0);
     if arguments.moving_light && scene.lights.is_empty() {
         let message = format!("--moving-light: {} has no punctual light", arguments.scene);
         return Err(Usage(message).into());
@@ -238,7 +235,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         } else if dynamic {
             renderer.invalidate();
         }
-        renderer.render_sample(&camera, 1, Some(&display), timed)
+        renderer.render_sample(&camera, 1, Some(&effects), timed)
     };
     for _ in 0..3 {
         frame(&mut renderer, true, true)?.wait()?;

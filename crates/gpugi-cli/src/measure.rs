@@ -4,11 +4,11 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use gpugi::Renderer;
-use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
 use gpugi::measure::{
     Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
 };
+use gpugi::picture::{self, Effects};
 use gpugi_arguments::parse_size;
 use gpugi_scene::image::metrics::{Metric, heat_map};
 use serde_json::{Map, Value};
@@ -325,12 +325,9 @@ fn side_by_side(
     let [width, height] = measured.size;
     // Display both as one image, so that they share one exposure.
     let both: Vec<f32> = [&measured.radiance[..], &measured.truth.radiance].concat();
-    let display = DisplaySettings {
-        // Dither noise would distract from the error and would take up most of the file's bytes.
-        dither: false,
-        ..Default::default()
-    };
-    let shown = Display::picture(gpu, &both, &display)?;
+    // Dither noise would distract from the error and would take up most of the file's bytes.
+    let effects = Effects::default().without_dither();
+    let shown = picture::developed(gpu, [width, 2 * height], &both, &effects)?;
     let (test, truth) = shown.split_at(shown.len() / 2);
     let row = width as usize * 4;
     let gap = [255; GAP * 4];

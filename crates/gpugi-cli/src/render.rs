@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use gpugi::default_set::DefaultSet;
-use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::{Gpu, Timing};
+use gpugi::picture::{self, Effects, Shown};
 use gpugi::reference::{self, PathTracer};
 use gpugi::techniques::Registry;
 use gpugi::{LightingError, Purpose, Readiness, Renderer, default_set};
-use gpugi_arguments::{display_settings, parse_size, split_settings};
+use gpugi_arguments::{DisplayArguments, parse_size, split_settings};
 use gpugi_scene::{Camera, Scene};
 
 use crate::explain::{Costs, explain};
@@ -20,7 +20,7 @@ use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
 /// Options of `gpugi render`.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -33,17 +33,8 @@ pub struct Arguments {
     /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
-    /// Exposure in EV (0 shows radiance 1 as 1), or auto
-    #[arg(
-        long,
-        value_name = "EV|auto",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
-    exposure: String,
-    /// Tone mapping: none, reinhard, aces, agx, neutral
-    #[arg(long, value_name = "NAME")]
-    tone_map: Option<String>,
+    #[command(flatten)]
+    display: DisplayArguments,
     /// Techniques, separated by commas, or path-tracer (default: what suits a still picture of the scene; see
     /// --explain)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
@@ -234,7 +225,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             .flatten()
             .map(PathBuf::as_path),
     )?;
-    let display = display_settings(&arguments.exposure, arguments.tone_map.as_deref())?;
+    let (effects, set) = (arguments.display).effects(Effects::default(), &arguments.set)?;
+    let arguments = &Arguments {
+        set,
+        ..arguments.clone()
+    };
     let with_path_tracer = is_path_tracer(&arguments.technique)?;
     let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
     let size = arguments.size;
@@ -246,7 +241,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
-    let shown = (format == Format::Png).then_some(&display);
+    let shown = (format == Format::Png).then_some(&effects);
     let rendered = if with_path_tracer {
         render_reference(common, arguments, &gpu, &scene, &camera, shown, &notes)?
     } else {
@@ -332,7 +327,7 @@ fn render_techniques(
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
-    shown: Option<&DisplaySettings>,
+    shown: Option<&Effects>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
     let (size, settings) = (arguments.size, &arguments.set);
@@ -418,8 +413,8 @@ fn render_techniques(
     }
     Ok(Rendered {
         image: match shown {
-            Some(display) => {
-                renderer.display(display)?;
+            Some(effects) => {
+                renderer.display(Shown::Picture, effects)?;
                 Image::Pixels(renderer.pixels()?)
             }
             None => Image::Radiance(renderer.radiance()?),
@@ -450,7 +445,7 @@ fn render_reference(
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
-    shown: Option<&DisplaySettings>,
+    shown: Option<&Effects>,
     notes: &[String],
 ) -> anyhow::Result<Rendered> {
     let settings = path_tracer_settings(&arguments.set)?;
@@ -495,7 +490,10 @@ fn render_reference(
     );
     Ok(Rendered {
         image: match shown {
-            Some(display) => Image::Pixels(Display::picture(gpu, &tracer.radiance()?, display)?),
+            Some(effects) => {
+                let radiance = tracer.radiance()?;
+                Image::Pixels(picture::developed(gpu, arguments.size, &radiance, effects)?)
+            }
             None => Image::Radiance(tracer.radiance()?),
         },
         samples: done.samples,

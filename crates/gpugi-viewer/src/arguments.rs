@@ -5,9 +5,10 @@ use std::path::Path;
 
 use clap::Parser;
 use clap::error::ErrorKind;
+use gpugi::picture::Effects;
 use gpugi::techniques::Registry;
 use gpugi_arguments::scene_argument::SceneArguments;
-use gpugi_arguments::{Usage, display_settings, split_settings};
+use gpugi_arguments::{DisplayArguments, Usage, split_settings};
 use percent_encoding::percent_decode_str;
 use serde_json::Value;
 
@@ -28,17 +29,8 @@ pub struct ViewArguments {
     /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG"
     #[arg(long)]
     camera: Option<String>,
-    /// Exposure in EV (0 shows radiance 1 as 1), or auto
-    #[arg(
-        long,
-        value_name = "EV|auto",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
-    exposure: String,
-    /// Tone mapping: none, reinhard, aces, agx, neutral
-    #[arg(long, value_name = "NAME")]
-    tone_map: Option<String>,
+    #[command(flatten)]
+    display: DisplayArguments,
     /// Techniques, separated by commas, or path-tracer (default: what suits the scene in motion)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
@@ -66,8 +58,7 @@ impl ViewArguments {
         let alone = Self {
             scene: SceneArguments::of(name),
             camera: None,
-            exposure: "auto".into(),
-            tone_map: None,
+            display: DisplayArguments::default(),
             technique: Vec::new(),
             set: Vec::new(),
             samples: None,
@@ -97,8 +88,9 @@ impl ViewArguments {
             names: (!self.technique.is_empty()).then(|| names.cloned().collect()),
             ..TechniqueSet::default()
         };
+        let (effects, settings) = (self.display).effects(Effects::of_live_view(), &self.set)?;
         let registry = Registry::default();
-        for [technique, name, value] in split_settings(&self.set)? {
+        for [technique, name, value] in split_settings(&settings)? {
             if technique != PATH_TRACER && registry.find(technique).is_none() {
                 let message =
                     format!("--set {technique}.{name}: there is no technique {technique:?}");
@@ -111,7 +103,7 @@ impl ViewArguments {
             set,
             look: Look {
                 camera: self.camera.clone(),
-                display: display_settings(&self.exposure, self.tone_map.as_deref())?,
+                effects,
                 samples: self.samples,
                 frame_rate: self.frame_rate.unwrap_or(Look::default().frame_rate),
             },
@@ -214,7 +206,7 @@ mod tests {
             start.look.camera.as_deref(),
             Some("eye=1,2,-3;target=0,0,0;fov=35")
         );
-        assert_eq!(start.look.display.exposure.to_string(), "-1.5");
+        assert_eq!(start.look.effects.exposure.value.to_string(), "-1.5");
         assert_eq!((start.look.samples, start.look.frame_rate), (Some(3), 30));
         assert_eq!(
             start.set.names.as_deref().unwrap(),

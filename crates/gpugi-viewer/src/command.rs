@@ -100,8 +100,8 @@ fn options(session: &Session) -> Vec<(&'static str, String)> {
             options.push(("camera", camera));
         }
     }
-    options.push(("exposure", session.display.exposure.to_string()));
-    options.push(("tone-map", session.display.tone_map.to_string()));
+    options.push(("exposure", session.effects.exposure.value.to_string()));
+    options.push(("tone-map", session.effects.tone_map.operator.to_string()));
     options.push(("technique", session.technique_names().join(",")));
     for technique in loaded.renderer.techniques() {
         let values = technique.settings().to_json();

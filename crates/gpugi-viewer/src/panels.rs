@@ -6,7 +6,7 @@ mod performance;
 mod settings;
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
-use gpugi::display::{Compared, Exposure, Quantity, ToneMap};
+use gpugi::picture::{Compared, Exposure, Quantity, ToneMap};
 use gpugi::scene::Edit;
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin;
@@ -110,10 +110,10 @@ pub fn picture(
     CollapsingHeader::new("Picture")
         .default_open(true)
         .show(ui, |ui| {
-            let display = &mut session.display;
+            let effects = &mut session.effects;
             ui.horizontal(|ui| {
-                let mut is_automatic = display.exposure == Exposure::Auto;
-                let mut value = match display.exposure {
+                let mut is_automatic = effects.exposure.value == Exposure::Auto;
+                let mut value = match effects.exposure.value {
                     Exposure::Manual(value) => value,
                     Exposure::Auto => 0.0,
                 };
@@ -123,7 +123,7 @@ pub fn picture(
                     !is_automatic,
                     Slider::new(&mut value, -10.0..=10.0).suffix(" EV"),
                 );
-                display.exposure = if is_automatic {
+                effects.exposure.value = if is_automatic {
                     Exposure::Auto
                 } else {
                     Exposure::Manual(value)
@@ -132,10 +132,10 @@ pub fn picture(
             ui.horizontal(|ui| {
                 ui.label("tone map");
                 ComboBox::from_id_salt("tone map")
-                    .selected_text(display.tone_map.name())
+                    .selected_text(effects.tone_map.operator.name())
                     .show_ui(ui, |ui| {
                         for one in ToneMap::ALL {
-                            ui.selectable_value(&mut display.tone_map, one, one.name());
+                            ui.selectable_value(&mut effects.tone_map.operator, one, one.name());
                         }
                     });
             });

@@ -8,8 +8,8 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use gpugi::capture::VisiblePoint;
-use gpugi::display::{Compared, DisplaySettings, Present, Quantity, Surfaces};
 use gpugi::gpu::{Frame, Gpu, GpuError, ReadBack};
+use gpugi::picture::{Compared, Effects, Present, Quantity, Shown as Source, Surfaces};
 use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
 use gpugi::{LightingError, Readiness, Renderer};
@@ -92,8 +92,8 @@ pub struct Session {
     first: CameraControl,
     /// The camera.
     pub camera: CameraControl,
-    /// Exposure and tone mapping.
-    pub display: DisplaySettings,
+    /// What happens to the picture before it is shown, such as exposure and tone mapping.
+    pub effects: Effects,
     /// Pace of frames.
     pub pace: Pace,
     /// Samples per pixel of a picture at rest.
@@ -123,7 +123,7 @@ pub struct Session {
     version: u64,
     readiness: Readiness,
     picture: Option<Picture>,
-    displayed: (DisplaySettings, Option<Compared>, Option<Quantity>),
+    displayed: (Effects, Option<Compared>, Option<Quantity>),
     is_edited: bool,
     at_rest: f32,
     /// Width and height of the window's last picture (pixels).
@@ -164,7 +164,7 @@ impl Session {
             present: Present::new(gpu, FORMAT)?,
             first: camera.clone(),
             camera,
-            display: DisplaySettings::default(),
+            effects: Effects::of_live_view(),
             pace: Pace::default(),
             samples: loaded.set.default_samples(),
             clock: Clock::default(),
@@ -181,7 +181,7 @@ impl Session {
             version: 0,
             readiness: Readiness::Refining { progress: 0.0 },
             picture: None,
-            displayed: (DisplaySettings::default(), None, None),
+            displayed: (Effects::default(), None, None),
             is_edited: true,
             at_rest: 0.0,
             window: [1, 1],
@@ -206,7 +206,7 @@ impl Session {
     ) -> Result<Self, LightingError> {
         Ok(Self {
             camera: self.camera,
-            display: self.display,
+            effects: self.effects,
             pace: self.pace,
             samples: self.samples,
             clock: self.clock,
@@ -439,6 +439,11 @@ impl Session {
         let wanted = self.samples_of_techniques();
         let quantity = self.quantity;
         let beside = self.beside();
+        // Pictures of a recording stand alone.
+        let mut effects = self.effects.clone();
+        if self.is_held {
+            effects.temporal_antialiasing.frames = 1;
+        }
         let renderer = &mut self.loaded.renderer;
         let reference = self.truth.as_ref().and_then(Truth::reference);
         let comparison = reference.map(|reference| &reference.comparison);
@@ -451,7 +456,7 @@ impl Session {
             && comparison.is_some_and(|comparison| comparison.size() != size);
         let is_plain = compared.is_none() && quantity.is_none() && !is_late;
         let to_display = (
-            self.display,
+            effects.clone(),
             compared.map(|(compared, _)| compared),
             quantity,
         );
@@ -484,10 +489,10 @@ impl Session {
                 (_, false) => Purpose::Still,
             };
             renderer.set_budget(self.pace.budget(purpose));
-            let display = is_plain.then_some(&self.display);
+            let effects = is_plain.then_some(&effects);
             let camera = self.camera.camera();
             let (readiness, timings) =
-                renderer.try_render_sample(&camera, wanted, display, is_timed)?;
+                renderer.try_render_sample(&camera, wanted, effects, is_timed)?;
             self.readiness = readiness;
             let is_usable = readiness.is_usable();
             shown.is_new = is_usable && !is_late;
@@ -502,7 +507,7 @@ impl Session {
         } else if !is_displayed && !is_late {
             shown.is_new = true;
             if is_plain {
-                renderer.display(&self.display)?;
+                renderer.display(Source::Picture, &effects)?;
             }
         } else {
             let is_read = self.picks.is_empty() && self.middle.is_none();
@@ -520,10 +525,10 @@ impl Session {
                     Some((_, surfaces)) => surfaces.resized(&self.gpu, size)?,
                     None => Surfaces::new(&self.gpu, size)?,
                 };
-                renderer.display_surfaces(&surfaces, quantity, &self.display)?;
+                renderer.display(Source::Surfaces(&surfaces, quantity), &effects)?;
                 self.surfaces = Some((size, surfaces));
             } else if let Some((compared, comparison)) = compared {
-                renderer.display_compared(comparison, compared, &self.display)?;
+                renderer.display(Source::Compared(comparison, compared), &effects)?;
             }
             self.displayed = to_display;
             self.show()?;

@@ -161,14 +161,14 @@ mod tests {
         };
         let edited = std::env::temp_dir().join(format!("gpugi-edited-{}", std::process::id()));
         copy(&folder.join("src"), &edited.join("src"));
-        let source = edited.join("src/display/present.wesl");
+        let source = edited.join("src/picture/present.wesl");
         let text = std::fs::read_to_string(&source).unwrap();
         std::fs::write(&source, format!("{text}\nconst UNDER_DEVELOPMENT = 1.5;\n")).unwrap();
         let shaders = link(linker, &edited).unwrap();
         assert_eq!(shaders.len(), all_shaders().len());
         for shader in shaders {
             let is_edited = shader.source.contains("UNDER_DEVELOPMENT");
-            assert_eq!(is_edited, shader.name == "display.present");
+            assert_eq!(is_edited, shader.name == "picture.present");
         }
         for (wrong, said) in [
             ("fn f( {", "present"),

@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use gpugi::LightingError;
-use gpugi::display::Comparison;
 use gpugi::gpu::{Gpu, GpuError};
+use gpugi::picture::Comparison;
 use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi_scene::{Camera, Scene};
 

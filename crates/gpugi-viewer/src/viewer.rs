@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use gpugi::display::DisplaySettings;
 use gpugi::gpu::Gpu;
+use gpugi::picture::Effects;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
 
@@ -31,7 +31,7 @@ pub struct Look {
     /// The camera, as `gpugi render --camera`.
     pub camera: Option<String>,
     /// Exposure and tone mapping.
-    pub display: DisplaySettings,
+    pub effects: Effects,
     /// Samples per pixel of a picture at rest, if people chose them.
     pub samples: Option<u32>,
     /// Frames per second that are wanted in motion.
@@ -42,7 +42,7 @@ impl Default for Look {
     fn default() -> Self {
         Self {
             camera: None,
-            display: DisplaySettings::default(),
+            effects: Effects::of_live_view(),
             samples: None,
             frame_rate: 60,
         }
@@ -280,7 +280,7 @@ impl Viewer {
             }
         }
         if let (Some(session), Some(look)) = (&mut self.session, look) {
-            session.display = look.display;
+            session.effects = look.effects;
             let default = session.loaded().set.default_samples();
             session.samples = look.samples.unwrap_or(default);
             session.pace.target_rate = look.frame_rate;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use gpugi::display::{Compared, Display};
 use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
+use gpugi::picture::{Compared, developed};
 use gpugi::reference::{PathTracer, Progress, Settings};
 use gpugi::{Readiness, Renderer};
 use gpugi_arguments::files::Files;
@@ -308,7 +308,7 @@ fn a_window_records_complete_frames_at_fixed_times() {
         let mut scene = builtin("glass-room", 1).unwrap();
         scene.pose(*seconds);
         let expected = rendered(&gpu, &scene, &["shadow-map"]);
-        let expected = Display::picture(&gpu, &expected, &session.display).unwrap();
+        let expected = developed(&gpu, SIZE, &expected, &session.effects).unwrap();
         let file = folder.join(format!("gpugi-frames-1/{frame:04}.png"));
         let bytes = std::fs::read(&file).unwrap();
         let found = decode_color("frame", &bytes, &Limits::default()).unwrap();
@@ -523,7 +523,7 @@ fn the_path_tracer_alone_shows_what_it_renders() {
     };
     assert_eq!(found(session), expected);
     let pixels = session.loaded().renderer.pixels().unwrap();
-    let displayed = Display::picture(&gpu, &expected, &session.display);
+    let displayed = developed(&gpu, SIZE, &expected, &session.effects);
     assert_eq!(pixels, displayed.unwrap());
     let words = command(session, SIZE);
     assert!(

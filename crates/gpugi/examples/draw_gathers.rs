@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
-use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::measure::{Options, Quality, measure};
+use gpugi::picture::{Effects, developed};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::image::save_png;
@@ -208,11 +208,13 @@ fn draw(
     }
     println!("| {name} | {} |", errors.join(" | "));
     shown.extend(truth);
-    let display = DisplaySettings {
-        dither: false,
-        ..DisplaySettings::default()
-    };
-    let pixels = Display::picture(gpu, &shown, &display)?;
+    let effects = Effects::default().without_dither();
+    let pixels = developed(
+        gpu,
+        [SIZE, shown.len() / 3 / SIZE].map(|side| side as u32),
+        &shown,
+        &effects,
+    )?;
     let pictures: Vec<&[u8]> = pixels.chunks(SIZE * SIZE * 4).collect();
     let row = |y: usize| {
         let rows = pictures

@@ -12,10 +12,10 @@ use std::time::Instant;
 
 use glam::{Vec3, vec3};
 use gpugi::Renderer;
-use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::{AdapterChoice, Gpu, read_buffer};
 use gpugi::light_paths::{LightClass, Part};
 use gpugi::measure::{Options, Quality, Subject, Truth, trace};
+use gpugi::picture::{Effects, developed};
 use gpugi::scene::Edit;
 use gpugi::techniques::Texels;
 use gpugi_scene::builtin::builtin;
@@ -135,11 +135,13 @@ fn draw(
         halves[middle..].copy_from_slice(&below[middle..]);
         shown.extend(halves);
     }
-    let display = DisplaySettings {
-        dither: false,
-        ..DisplaySettings::default()
-    };
-    let pixels = Display::picture(gpu, &shown, &display)?;
+    let effects = Effects::default().without_dither();
+    let pixels = developed(
+        gpu,
+        [SIZE[0], shown.len() as u32 / 3 / SIZE[0]],
+        &shown,
+        &effects,
+    )?;
     let [width, height] = SIZE.map(|side| side as usize);
     let mut pictures: Vec<Vec<u8>> = pixels
         .chunks(width * height * 4)

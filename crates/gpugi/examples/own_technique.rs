@@ -5,9 +5,9 @@
 use std::error::Error;
 
 use gpugi::capture::{Gather, Receiver, View};
-use gpugi::display::DisplaySettings;
 use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
 use gpugi::light_paths::{LightClass, LightPaths};
+use gpugi::picture::Effects;
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
 use gpugi::techniques::{
@@ -133,12 +133,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let names = ["image-based-lighting", "sky-ambient"].map(str::to_owned);
     let mut renderer = Renderer::with_registry(&gpu, &scene, size, &names, &registry)?;
     renderer.set("sky-ambient", "strength", "0.5")?;
-    renderer.render_sample(
-        &scene.cameras[0],
-        1,
-        Some(&DisplaySettings::default()),
-        false,
-    )?;
+    renderer.render_sample(&scene.cameras[0], 1, Some(&Effects::default()), false)?;
     gpugi_scene::image::save_png(output.as_ref(), size[0], size[1], &renderer.pixels()?)?;
     Ok(())
 }

@@ -5,8 +5,8 @@
 
 use std::error::Error;
 
-use gpugi::display::{DisplaySettings, Present};
 use gpugi::gpu::{AdapterChoice, Frame, Gpu};
+use gpugi::picture::{Effects, Present};
 use gpugi::{Readiness, Renderer};
 
 const FRAMES: u32 = 16;
@@ -36,11 +36,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     });
     let view = texture.create_view(&Default::default());
     let present = Present::new(&gpu, texture.format())?;
-    let display = DisplaySettings::default();
+    let effects = Effects::of_live_view();
     let mut presented = 0;
     while presented < FRAMES {
         let (readiness, _) =
-            renderer.try_render_sample(&scene.cameras[0], u32::MAX, Some(&display), false)?;
+            renderer.try_render_sample(&scene.cameras[0], u32::MAX, Some(&effects), false)?;
         match readiness {
             Readiness::Pending { what, .. } => {
                 println!("waiting for {what}");

@@ -10,9 +10,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use glam::{Mat4, Vec3, vec3};
-use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::measure::{Options, Quality, measure};
+use gpugi::picture::Effects;
 use gpugi::{Purpose, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::{Metric, Picture, compare};
@@ -76,19 +76,15 @@ fn clouds() -> Result<Scene> {
     Ok(scene)
 }
 
-fn display(stops: f32) -> DisplaySettings {
-    DisplaySettings {
-        exposure: Exposure::Manual(stops),
-        dither: false,
-        ..DisplaySettings::default()
-    }
+fn effects(stops: f32) -> Effects {
+    Effects::default().exposed(stops).without_dither()
 }
 
 /// The picture with all maps final, as radiance and as bytes.
 fn picture(renderer: &mut Renderer, camera: &Camera, stops: f32) -> Result<(Vec<f32>, Vec<u8>)> {
     renderer.converge(camera, false, |_, _| ControlFlow::Continue(()))?;
     for sample in 1..=SAMPLES {
-        let last = (sample == SAMPLES).then(|| display(stops));
+        let last = (sample == SAMPLES).then(|| effects(stops));
         renderer.render_sample(camera, SAMPLES, last.as_ref(), false)?;
     }
     Ok((renderer.radiance()?, renderer.pixels()?))

@@ -5,8 +5,8 @@ use std::error::Error;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use gpugi::display::{Display, DisplaySettings, Exposure, Part, ToneMap};
-use gpugi::gpu::{AdapterChoice, Frame, Gpu};
+use gpugi::gpu::{AdapterChoice, Gpu};
+use gpugi::picture::{Effects, ToneMap, developed};
 
 /// Exposed radiance at the plot's left and right edge, in stops above 1.
 const STOPS: [f32; 2] = [-8.0, 6.0];
@@ -64,25 +64,14 @@ fn curve(gpu: &Gpu, tone_map: ToneMap) -> Result<Vec<(f32, f32)>, Box<dyn Error>
     let stops: Vec<f32> = (0..POINTS)
         .map(|point| first + (last - first) * point as f32 / (POINTS - 1) as f32)
         .collect();
-    let radiance: Vec<[f32; 4]> = stops
+    let radiance: Vec<[f32; 3]> = stops
         .iter()
-        .flat_map(|stops| std::iter::repeat_n([stops.exp2(); 4], COPIES))
+        .flat_map(|stops| std::iter::repeat_n([stops.exp2(); 3], COPIES))
         .collect();
-    let radiance = gpu.storage("radiance", &radiance)?;
-    let display = Display::new(gpu, [COPIES as u32, POINTS as u32])?;
-    let settings = DisplaySettings {
-        exposure: Exposure::Manual(0.0),
-        tone_map,
-        ..DisplaySettings::default()
-    };
-    let mut frame = Frame::new(gpu, false);
-    let part = Part {
-        radiance,
-        pixels: (COPIES * POINTS) as u32,
-    };
-    display.record(&mut frame, &[part], 1, &settings)?;
-    frame.submit()?;
-    let pixels = display.pixels(gpu)?;
+    let mut effects = Effects::default().exposed(0.0);
+    effects.tone_map.operator = tone_map;
+    let size = [COPIES as u32, POINTS as u32];
+    let pixels = developed(gpu, size, radiance.as_flattened(), &effects)?;
     let means = pixels.chunks_exact(COPIES * 4).map(|row| {
         let sum: u32 = row.chunks_exact(4).map(|pixel| u32::from(pixel[1])).sum();
         sum as f32 / (COPIES as f32 * 255.0)

@@ -13,8 +13,8 @@ use std::time::Instant;
 
 use glam::{Mat4, Vec3, Vec4, vec3};
 use gpugi::Renderer;
-use gpugi::display::{DisplaySettings, Exposure};
 use gpugi::gpu::{AdapterChoice, Frame, Gpu};
+use gpugi::picture::Effects;
 use gpugi::scene::{Edit, GpuScene};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::{join, quad, sphere, torus, transformed};
@@ -257,13 +257,10 @@ fn measure(
         renderer.set(OF, key, value)?;
     }
     let camera = scene.cameras.first().ok_or("a camera")?;
-    let display = DisplaySettings {
-        exposure: Exposure::Manual(0.0),
-        ..DisplaySettings::default()
-    };
+    let effects = Effects::default().exposed(0.0);
     let frame = |renderer: &mut Renderer| {
         renderer.restart();
-        renderer.render_sample(camera, 1, Some(&display), false)
+        renderer.render_sample(camera, 1, Some(&effects), false)
     };
     // Compiles.
     frame(&mut renderer)?;
@@ -458,12 +455,9 @@ fn draw(gpu: &Gpu, options: &Options, file: &Path) -> Result<()> {
     for (key, value) in [("environment", "only"), ("bounces", "8"), ("split", "2")] {
         renderer.set(OF, key, value)?;
     }
-    let display = DisplaySettings {
-        dither: false,
-        ..DisplaySettings::default()
-    };
+    let effects = Effects::default().without_dither();
     for sample in 1..=SAMPLES {
-        let last = (sample == SAMPLES).then_some(&display);
+        let last = (sample == SAMPLES).then_some(&effects);
         renderer.render_sample(&scene.cameras[0], SAMPLES, last, false)?;
     }
     let [width, height] = options.size;

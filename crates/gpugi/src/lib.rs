@@ -2,14 +2,14 @@
 //!
 //! ```no_run
 //! use std::ops::ControlFlow;
-//! use gpugi::{Purpose, Renderer, display::DisplaySettings, gpu::{AdapterChoice, Gpu}};
+//! use gpugi::{Purpose, Renderer, picture::Effects, gpu::{AdapterChoice, Gpu}};
 //!
 //! let scene = gpugi_scene::builtin::builtin("cornell", 1).expect("a built-in scene");
 //! let gpu = Gpu::open(&AdapterChoice::Best)?;
 //! let camera = &scene.cameras[0];
 //! let mut renderer = Renderer::for_purpose(&gpu, &scene, [640, 640], Purpose::StillPicture)?;
 //! renderer.converge(camera, false, |_readiness, _times| ControlFlow::Continue(()))?;
-//! renderer.render_sample(camera, 1, Some(&DisplaySettings::default()), false)?;
+//! renderer.render_sample(camera, 1, Some(&Effects::default()), false)?;
 //! let rgba = renderer.pixels()?;
 //! # Ok::<(), gpugi::LightingError>(())
 //! ```
@@ -20,7 +20,6 @@ extern crate self as gpugi;
 pub mod bake;
 pub mod capture;
 pub mod default_set;
-pub mod display;
 pub mod gpu;
 pub mod impostor;
 pub mod jobs;
@@ -29,6 +28,7 @@ pub mod lighting;
 mod lights;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod measure;
+pub mod picture;
 pub mod prefiltered;
 pub mod ray_bench;
 pub mod reference;

@@ -11,15 +11,13 @@ use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
 use crate::default_set::{DefaultSet, Purpose, default_set};
-use crate::display::{
-    Compared, Comparison, Display, DisplaySettings, Part, Present, Quantity, Surfaces,
-};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
     read_buffer,
 };
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
+use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
@@ -33,11 +31,20 @@ pub struct Renderer {
     lighting: Lighting,
     size: [u32; 2],
     tiles: Vec<Tile>,
-    display: Display,
+    picture: Picture,
     samples: u32,
+    /// Samples that the picture will have.
+    of: u32,
+    /// How the last sample's picture was seen.
+    shot: Option<Shot>,
+    /// Index of this picture's first sample: live pictures continue those before them.
+    first_sample: u32,
     seed: u32,
     budget: Budget,
 }
+
+/// Live pictures of one sample each repeat after so many: more than effects average.
+const LIVE_SAMPLES: u32 = 64;
 
 /// While pipelines compile.
 const COMPILING: Readiness = Readiness::Pending {
@@ -93,13 +100,16 @@ impl Renderer {
         // Errors of pipelines and bind groups belong to this call.
         gpu.check()?;
         Ok(Self {
-            display: Display::new(gpu, size)?,
+            picture: Picture::new(gpu, size)?,
             gpu: gpu.clone(),
             scene,
             lighting,
             size,
             tiles,
             samples: 0,
+            of: 1,
+            shot: None,
+            first_sample: 0,
             seed: 0,
             budget: Budget::UNLIMITED,
         })
@@ -157,10 +167,10 @@ impl Renderer {
     /// As [`Renderer::resize`], in tiles of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
         let tiles = tiles(&self.gpu, &self.lighting, size, most_points)?;
-        self.display = self.display.resized(&self.gpu, size)?;
+        self.picture = self.picture.resized(&self.gpu, size)?;
         self.tiles = tiles;
         self.size = size;
-        self.samples = 0;
+        self.restart();
         Ok(())
     }
 
@@ -192,7 +202,7 @@ impl Renderer {
     /// that improve from frame to frame are kept when accumulation restarts.
     pub fn set_seed(&mut self, seed: u32) {
         self.seed = seed;
-        self.samples = 0;
+        self.restart();
     }
 
     /// Limits the work on maps per frame, for live views; unlimited at first.
@@ -286,7 +296,7 @@ impl Renderer {
             )
         };
         let before = planned_for(&self.scene);
-        self.samples = 0;
+        self.restart();
         change(&mut self.scene, &self.gpu)?;
         if planned_for(&self.scene) == before {
             return Ok(());
@@ -314,9 +324,17 @@ impl Renderer {
         self.samples
     }
 
-    /// Forgets the accumulated samples.
+    /// Forgets the accumulated samples: another picture begins.
     pub fn restart(&mut self) {
+        self.first_sample = (self.first_sample + self.samples) % LIVE_SAMPLES;
         self.samples = 0;
+    }
+
+    /// As [`Renderer::restart`], where the next picture has nothing to do with those before it, such as after a cut:
+    /// effects forget them, too.
+    pub fn forget(&mut self) {
+        self.restart();
+        self.picture.forget();
     }
 
     /// Makes every map stale, so that the next sample generates all of them: for measuring.
@@ -386,8 +404,9 @@ impl Renderer {
     }
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the
-    /// only one of `of`, otherwise spread over the pixel by a box filter. With `display`, ends with the display pass.
-    /// Waits for the GPU only while maps are pending.
+    /// only one of `of`, otherwise spread over the pixel by a box filter. With `effects`, ends with these and the display.
+    /// If they average frames, each frame's sample lies elsewhere in the pixel. Waits for the GPU only while maps are
+    /// pending.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -395,14 +414,14 @@ impl Renderer {
         &mut self,
         camera: &Camera,
         of: u32,
-        display: Option<&DisplaySettings>,
+        effects: Option<&Effects>,
         timed: bool,
     ) -> Result<Timings, LightingError> {
         let gpu = self.gpu.clone();
         let mut timings = Timings::default();
         loop {
             let mut frame = Frame::new(&gpu, timed);
-            let readiness = self.record(&mut frame, camera, of, display)?;
+            let readiness = self.record(&mut frame, camera, of, effects)?;
             timings = timings.then(frame.submit()?);
             if readiness.is_usable() {
                 return Ok(timings);
@@ -421,7 +440,7 @@ impl Renderer {
         &mut self,
         camera: &Camera,
         of: u32,
-        display: Option<&DisplaySettings>,
+        effects: Option<&Effects>,
         timed: bool,
     ) -> Result<(Readiness, Timings), LightingError> {
         if self.gpu.is_compiling() {
@@ -429,25 +448,40 @@ impl Renderer {
         }
         let gpu = self.gpu.clone();
         let mut frame = Frame::without_waiting(&gpu, timed);
-        let readiness = self.record(&mut frame, camera, of, display)?;
+        let readiness = self.record(&mut frame, camera, of, effects)?;
         Ok((readiness, frame.submit()?))
     }
 
-    /// Records the frame: prepare; then, when maps are usable, capture, resolve, gather and display.
+    /// Records the frame: prepare; then, when maps are usable, capture, resolve, gather, effects and display.
     fn record(
         &mut self,
         frame: &mut Frame<'_>,
         camera: &Camera,
         of: u32,
-        display: Option<&DisplaySettings>,
+        effects: Option<&Effects>,
     ) -> Result<Readiness, GpuError> {
-        let jitter = if of <= 1 {
+        let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
+        if let Some(effects) = effects {
+            self.picture.prepare(&self.gpu, &self.scene, effects)?;
+            if frame.awaits_shaders() {
+                return Ok(COMPILING);
+            }
+        }
+        if remembers {
+            self.scene.keep_vertices(&self.gpu)?;
+        }
+        let index = match remembers {
+            true => self.first_sample + self.samples,
+            false => self.samples,
+        };
+        let jitter = if of <= 1 && !remembers {
             Vec2::ZERO
         } else {
-            low_discrepancy(self.samples) - 0.5
+            low_discrepancy(index) - 0.5
         };
         let diagonal = self.scene.diagonal();
-        let view = View::new(camera, self.size, jitter, self.samples, self.seed, diagonal);
+        let view = View::new(camera, self.size, jitter, index, self.seed, diagonal)
+            .accumulating(self.samples > 0);
         let budget = self.budget;
         let readiness = self
             .lighting
@@ -466,65 +500,52 @@ impl Renderer {
             frame.flush();
             self.lighting.gather(frame, &self.scene, &tile.receiver)?;
         }
+        if self.samples == 0 {
+            self.picture.advance();
+        }
         self.samples += 1;
-        if let Some(settings) = display {
-            let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
-            self.display.record(frame, &parts, self.samples, settings)?;
+        self.of = of;
+        self.shot = Some(Shot::new(&view, self.size, &self.scene));
+        if let Some(effects) = effects {
+            self.show(frame, Shown::Picture, effects)?;
         }
         Ok(readiness)
     }
 
-    /// Displays the samples accumulated so far.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn display(&mut self, settings: &DisplaySettings) -> Result<(), GpuError> {
-        let mut frame = Frame::new(&self.gpu, false);
-        let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
-        self.display
-            .record(&mut frame, &parts, self.samples, settings)?;
-        frame.submit().map(|_| ())
+    /// Records what turns the samples so far into the pixels of a display.
+    fn show(
+        &mut self,
+        frame: &mut Frame<'_>,
+        shown: Shown<'_>,
+        effects: &Effects,
+    ) -> Result<(), GpuError> {
+        // Nothing is seen before the first sample.
+        let Some(shot) = self.shot else {
+            return Ok(());
+        };
+        let strips: Vec<Strip<'_>> = self.tiles.iter().map(Tile::strip).collect();
+        let lit = Lit {
+            strips: &strips,
+            samples: self.samples,
+            of: self.of,
+            shot,
+        };
+        self.picture.record(frame, &self.scene, lit, shown, effects)
     }
 
-    /// Displays the samples accumulated so far beside a reference of the same size.
+    /// Displays the samples accumulated so far, beside a reference or not, or what they see.
     ///
     /// # Errors
-    /// [`GpuError`].
-    pub fn display_compared(
-        &mut self,
-        comparison: &Comparison,
-        shown: Compared,
-        settings: &DisplaySettings,
-    ) -> Result<(), GpuError> {
-        let mut frame = Frame::new(&self.gpu, false);
-        let parts: Vec<Part> = self.tiles.iter().map(Tile::part).collect();
-        let compared = comparison.record(&mut frame, &parts, self.samples, shown)?;
-        let settings = shown.settings(settings);
-        self.display.record(&mut frame, &[compared], 1, &settings)?;
-        frame.submit().map(|_| ())
-    }
-
-    /// Displays what the pixels of the last sample see, in colours.
-    ///
-    /// # Errors
-    /// [`GpuError`], also when `surfaces` are of another size.
-    pub fn display_surfaces(
-        &mut self,
-        surfaces: &Surfaces,
-        quantity: Quantity,
-        settings: &DisplaySettings,
-    ) -> Result<(), GpuError> {
-        let mut frame = Frame::new(&self.gpu, false);
-        let points = self.tiles.iter().map(|tile| &tile.receiver.points);
-        let parts: Vec<_> = points.collect();
-        let colors = surfaces.record(&mut frame, &parts, quantity)?;
-        let settings = Quantity::settings(settings);
-        self.display.record(&mut frame, &[colors], 1, &settings)?;
+    /// [`GpuError`], also when what is shown has another size.
+    pub fn display(&mut self, shown: Shown<'_>, effects: &Effects) -> Result<(), GpuError> {
+        let gpu = self.gpu.clone();
+        let mut frame = Frame::new(&gpu, false);
+        self.show(&mut frame, shown, effects)?;
         frame.submit().map(|_| ())
     }
 
     /// Draws the display picture onto a colour target of its size, such as the texture of a window: pass
-    /// `display.present`.
+    /// [`Present`].
     ///
     /// # Errors
     /// [`GpuError`].
@@ -534,7 +555,7 @@ impl Renderer {
         present: &Present,
         target: &wgpu::TextureView,
     ) -> Result<(), GpuError> {
-        present.record(frame, &self.display, self.size, target)
+        present.record(frame, &self.picture, target)
     }
 
     /// The display picture: 8-bit sRGB, RGBA, row by row from the top. Of the last sample rendered with display
@@ -543,7 +564,16 @@ impl Renderer {
     /// # Errors
     /// [`GpuError`].
     pub fn pixels(&self) -> Result<Vec<u8>, GpuError> {
-        self.display.pixels(&self.gpu)
+        self.picture.pixels(&self.gpu)
+    }
+
+    /// The exposure value (EV) of the picture that was displayed last: the manual value, or the result of automatic
+    /// exposure.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn exposure_value(&self) -> Result<f32, GpuError> {
+        self.picture.exposure_value(&self.gpu)
     }
 
     /// The future of [`Renderer::pixels`].
@@ -551,7 +581,7 @@ impl Renderer {
     /// # Errors
     /// [`GpuError`].
     pub fn begin_pixels(&self) -> Result<ReadBack<Vec<u8>>, GpuError> {
-        self.display.begin_pixels(&self.gpu)
+        self.picture.begin_pixels(&self.gpu)
     }
 
     /// Mean linear radiance, three floats per pixel, row by row from the top.
@@ -573,11 +603,12 @@ impl Renderer {
     ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, GpuError> {
         let scale = 1.0 / self.samples.max(1) as f32;
         let values = (self.size[0] * self.size[1] * 3) as usize;
-        let parts = self.tiles.iter().map(Tile::part);
-        let read = |part: Part| {
-            begin_read_buffer::<[f32; 4]>(&self.gpu, &part.radiance, u64::from(part.pixels) * 16)
+        let read = |tile: &Tile| {
+            let bytes = u64::from(tile.receiver.points.count) * 16;
+            begin_read_buffer::<[f32; 4]>(&self.gpu, &tile.receiver.target.radiance, bytes)
         };
-        let sums = parts.map(read).collect::<Result<Vec<_>, _>>()?;
+        let sums = self.tiles.iter().map(read);
+        let sums = sums.collect::<Result<Vec<_>, _>>()?;
         Ok(async move {
             let mut all = Vec::with_capacity(values);
             for sums in sums {
@@ -595,7 +626,7 @@ impl Renderer {
     pub fn surface_points(&self) -> Result<Vec<Option<VisiblePoint>>, GpuError> {
         let mut all = Vec::with_capacity((self.size[0] * self.size[1]) as usize);
         for tile in &self.tiles {
-            let bytes = u64::from(tile.part().pixels) * SURFACE_POINT_BYTES;
+            let bytes = u64::from(tile.receiver.points.count) * SURFACE_POINT_BYTES;
             let words: Vec<u32> = read_buffer(&self.gpu, &tile.receiver.points.points, bytes)?;
             all.extend(words.chunks_exact(12).map(VisiblePoint::unpack));
         }

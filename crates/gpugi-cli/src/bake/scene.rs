@@ -7,8 +7,8 @@ use anyhow::Context;
 use glam::Vec3;
 use gpugi::bake::{Bake, Leaks, LightBake, LightOptions, ObscuranceBake, Quantity, Stage};
 use gpugi::capture::atlas::LeakReport;
-use gpugi::display::{Display, DisplaySettings};
 use gpugi::gpu::Gpu;
+use gpugi::picture::{self, Effects};
 use gpugi::settings::SettingSet;
 use gpugi::techniques::Registry;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
@@ -17,7 +17,7 @@ use gpugi::techniques::{
     shadow_map,
 };
 use gpugi::{Purpose, default_set};
-use gpugi_arguments::{display_settings, split_settings};
+use gpugi_arguments::{DisplayArguments, split_settings};
 use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, Scene};
@@ -103,17 +103,8 @@ pub struct SceneOptions {
     /// How a file stores transfer vectors (radiance-transfer)
     #[arg(long, value_name = "FORMAT", default_value = "half")]
     pub transfer_format: super::precomputed::Format,
-    /// Exposure of unlit bakes in EV (0 shows radiance 1 as 1), or auto
-    #[arg(
-        long,
-        value_name = "EV|auto",
-        default_value = "auto",
-        allow_hyphen_values = true
-    )]
-    exposure: String,
-    /// Tone mapping of unlit bakes: none, reinhard, aces, agx, neutral
-    #[arg(long, value_name = "NAME")]
-    tone_map: Option<String>,
+    #[command(flatten)]
+    display: DisplayArguments,
     /// GPU memory for the texels lit at once (MiB); scene and maps take more
     #[arg(long, value_name = "MIB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
@@ -159,7 +150,7 @@ pub fn run(
         .into());
     }
     crate::output::check_folders([output])?;
-    let display = display_settings(&options.exposure, options.tone_map.as_deref())?;
+    let (effects, settings) = (options.display).effects(Effects::default(), settings)?;
     if (options.bake_mode, options.lobes) == (Mode::Lightmap, Lobes::All) {
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
         return Err(Usage(message.into()).into());
@@ -185,7 +176,7 @@ pub fn run(
         &gpu,
         output,
         &scene,
-        (techniques, settings, options),
+        (techniques, &settings, options),
     )?;
     let mut atlas = work.done.atlas.clone();
     notes.extend(too_thin(atlas.slivers(&scene)));
@@ -254,7 +245,7 @@ pub fn run(
         let light = match options.bake_mode {
             Mode::Unlit => {
                 let alpha = gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?;
-                unlit(&gpu, &lit.pages, alpha.as_deref(), &display)?
+                unlit(&gpu, &lit.pages, alpha.as_deref(), &effects)?
             }
             Mode::Emissive => lit.pages.into_iter().map(BakedLight::Emissive).collect(),
             Mode::Lightmap => lightmaps(lit.pages, atlas.size, output)?,
@@ -372,10 +363,16 @@ fn unlit(
     gpu: &Gpu,
     pages: &[Vec<Vec3>],
     alpha: Option<&[f32]>,
-    display: &DisplaySettings,
+    effects: &Effects,
 ) -> anyhow::Result<Vec<BakedLight>> {
-    let floats: Vec<f32> = pages.iter().flatten().flat_map(Vec3::to_array).collect();
-    let mut pixels = Display::picture(gpu, &floats, display)?;
+    let mut floats: Vec<f32> = pages.iter().flatten().flat_map(Vec3::to_array).collect();
+    // About as wide as high: one page below the other could be too high for a texture. Black is not exposed for.
+    let texels = floats.len() / 3;
+    let width = (texels as f64).sqrt().ceil() as usize;
+    let height = texels.div_ceil(width.max(1));
+    floats.resize(3 * width * height, 0.0);
+    let size = [width, height].map(|side| side as u32);
+    let mut pixels = picture::developed(gpu, size, &floats, effects)?;
     let (pixels, _) = pixels.as_chunks_mut::<4>();
     for (pixel, alpha) in pixels.iter_mut().zip(alpha.into_iter().flatten()) {
         pixel[3] = (alpha * 255.0).round() as u8;
@@ -550,10 +547,9 @@ mod tests {
             return;
         }
         let gpu = Gpu::open(&gpugi::gpu::AdapterChoice::Best).expect("a GPU");
-        let display = display_settings("auto", None).expect("settings");
         let pages = [[1.0, 1.0], [1.0, 100.0]].map(|page| page.map(Vec3::splat).to_vec());
         let alpha = [1.0, 1.0, 0.0, 1.0];
-        let lit = unlit(&gpu, &pages, Some(&alpha), &display).expect("pages");
+        let lit = unlit(&gpu, &pages, Some(&alpha), &Effects::default()).expect("pages");
         let pixels = lit.iter().map(|page| match page {
             BakedLight::Unlit(pixels) => pixels,
             _ => panic!("display pixels"),

@@ -1,8 +1,8 @@
 //! The path tracer's picture beside that of the techniques, or in its place.
 
 use gpugi::LightingError;
-use gpugi::display::Compared;
 use gpugi::gpu::GpuError;
+use gpugi::picture::Compared;
 
 use super::{Radiance, Session};
 use crate::technique_set::PATH_TRACER;

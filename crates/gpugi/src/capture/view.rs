@@ -28,7 +28,8 @@ pub struct ViewUniform {
     pub target_skip: u32,
     pub asymmetry: f32,
     pub first_texel: u32,
-    pub padding: [f32; 2],
+    pub accumulates: u32,
+    pub padding: f32,
 }
 
 /// Distance of a camera's near plane, in diagonals of the scene: as small as clipping allows. Depth is reversed, so its
@@ -111,6 +112,7 @@ impl View {
                 height: size[1],
                 origin_dy: origin_dy.to_array(),
                 sample_index,
+                accumulates: u32::from(sample_index > 0),
                 direction: direction.to_array(),
                 seed,
                 direction_dx: direction_dx.to_array(),
@@ -127,6 +129,12 @@ impl View {
 }
 
 impl View {
+    /// The same sample as the first of its picture, or as one that is added to those before it.
+    pub fn accumulating(mut self, accumulates: bool) -> Self {
+        self.uniform.accumulates = accumulates.into();
+        self
+    }
+
     /// What the same camera sees in a picture of another size, in no sample, for a scene of this `diagonal` (m).
     pub fn at_size(&self, size: [u32; 2], diagonal: f32) -> Self {
         let projection = if self.is_perspective {
@@ -191,6 +199,7 @@ impl CubeView {
                 height: 6 * side,
                 origin_dy: zero,
                 sample_index,
+                accumulates: u32::from(sample_index > 0),
                 direction: zero,
                 seed,
                 direction_dx: zero,

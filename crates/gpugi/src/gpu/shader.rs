@@ -219,6 +219,8 @@ fn binding_kind(module: &naga::Module, variable: &naga::GlobalVariable) -> Optio
                 if let naga::ImageClass::Storage { format, access } = class {
                     let format = match format {
                         naga::StorageFormat::Rgba16Float => wgpu::TextureFormat::Rgba16Float,
+                        naga::StorageFormat::Rgba32Float => wgpu::TextureFormat::Rgba32Float,
+                        naga::StorageFormat::Rgba32Uint => wgpu::TextureFormat::Rgba32Uint,
                         naga::StorageFormat::Rg32Float => wgpu::TextureFormat::Rg32Float,
                         naga::StorageFormat::R32Float => wgpu::TextureFormat::R32Float,
                         naga::StorageFormat::R32Uint => wgpu::TextureFormat::R32Uint,

@@ -6,9 +6,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::PathTracer;
 use super::tile::{NOISE_PIXELS, sums_bytes};
-use crate::display::Comparison;
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer};
 use crate::lighting::LightingError;
+use crate::picture::Comparison;
 
 /// `Place` of reference/shown.wesl.
 #[repr(C)]

@@ -254,7 +254,7 @@ fn pieces_that_never_wait_make_the_same_picture() {
         assert_eq!(progress.samples, 3);
         assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
         assert_eq!(progress.noise, Some(whole.noise().unwrap()), "{name}");
-        let comparison = crate::display::Comparison::new(&gpu, size).unwrap();
+        let comparison = crate::picture::Comparison::new(&gpu, size).unwrap();
         pieces.show(&comparison).unwrap();
         let bytes = u64::from(size[0] * size[1]) * 16;
         let shown: Vec<[f32; 4]> =

@@ -35,10 +35,10 @@ fn a_picture_lit_in_tiles_has_no_seams() {
             renderer.set(technique, name, value).unwrap();
         }
         renderer.cut(size, most_points).unwrap();
-        let display = DisplaySettings::default();
+        let effects = Effects::default();
         for _ in 0..2 {
             renderer
-                .render_sample(&scene.cameras[0], 2, Some(&display), false)
+                .render_sample(&scene.cameras[0], 2, Some(&effects), false)
                 .unwrap();
         }
         let points = renderer.surface_points().unwrap();

@@ -3,9 +3,9 @@
 use std::ops::Range;
 
 use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target};
-use crate::display::Part;
 use crate::gpu::{Gpu, GpuError};
 use crate::lighting::Lighting;
+use crate::picture::Strip;
 
 /// As many rows of the picture as fit one buffer of surface points.
 #[derive(Debug)]
@@ -16,10 +16,10 @@ pub(super) struct Tile {
 }
 
 impl Tile {
-    pub fn part(&self) -> Part {
-        Part {
-            radiance: self.receiver.target.radiance.clone(),
-            pixels: self.receiver.points.count,
+    pub fn strip(&self) -> Strip<'_> {
+        Strip {
+            receiver: &self.receiver,
+            rows: self.rows.clone(),
         }
     }
 }

@@ -184,6 +184,8 @@ pub struct GpuScene {
     vertex_count: u32,
     merge_group: wgpu::BindGroup,
     merged_version: u64,
+    /// The merged vertices before the last change, and [`Versions::geometry`] of them; if they are kept.
+    before: Option<(wgpu::Buffer, u64)>,
     rays: Option<Rays>,
     use_of: Use,
     /// Whether techniques take irradiance at points of their own: gathers compile for these in advance.
@@ -347,6 +349,10 @@ impl GpuScene {
         if self.merged_version == self.versions.geometry || self.vertex_count == 0 {
             return;
         }
+        if let Some((before, version)) = &mut self.before {
+            frame.copy(&self.vertices, before, [0, before.size()]);
+            *version = self.merged_version;
+        }
         self.merged_version = self.versions.geometry;
         frame.compute("capture.merge", |pass| {
             self.bindings.merge.dispatch(
@@ -355,6 +361,27 @@ impl GpuScene {
                 [self.vertex_count, 1, 1],
             );
         });
+    }
+
+    /// Keeps the merged vertices that the next change replaces, for [`GpuScene::vertices_at`].
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub(crate) fn keep_vertices(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self.before.is_none() && self.vertex_count > 0 {
+            let label = "merged vertices before [bytes]";
+            let before = gpu.buffer(label, self.vertices.size(), wgpu::BufferUsages::STORAGE)?;
+            self.before = Some((before, 0));
+        }
+        Ok(())
+    }
+
+    /// The merged vertices as they were at the `version` of [`Versions::geometry`]; `None` if they are the same now, or
+    /// not known.
+    pub(crate) fn vertices_at(&self, version: u64) -> Option<&wgpu::Buffer> {
+        let before = self.before.as_ref();
+        let before = before.filter(|(_, of)| *of == version && version != self.merged_version);
+        before.map(|(vertices, _)| vertices)
     }
 
     /// How a technique that follows the light passing through a draw's surface draws it: whole, from both sides.

@@ -240,6 +240,7 @@ impl GpuScene {
             vertex_count: vertex_count as u32,
             merge_group,
             merged_version: 0,
+            before: None,
             rays,
             use_of,
             has_irradiance: before.is_some_and(|before| before.has_irradiance),

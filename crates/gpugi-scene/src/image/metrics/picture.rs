@@ -43,6 +43,23 @@ impl Picture {
         })
     }
 
+    /// A picture as a display shows it. `rgba`: four bytes per pixel, sRGB-encoded, row by row from the top; alpha is
+    /// ignored.
+    ///
+    /// # Panics
+    /// As [`Picture::of_radiance`].
+    pub fn of_pixels(width: u32, height: u32, rgba: &[u8]) -> Self {
+        let pixels = rgba.as_chunks::<4>().0.iter();
+        let linear = |value: u8| decode::linear_from_srgb(f32::from(value) / 255.0);
+        let rgb = pixels.flat_map(|&[r, g, b, _]| [r, g, b].map(linear));
+        Self {
+            display_referred: true,
+            // Bytes are always finite.
+            ..Self::of_radiance(width, height, rgb.collect())
+                .unwrap_or_else(|error| panic!("{error}"))
+        }
+    }
+
     /// Width and height (pixels).
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]

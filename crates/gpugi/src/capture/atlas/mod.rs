@@ -301,6 +301,7 @@ impl AtlasCapture {
                     first_row: rows.start,
                     height: rows.end,
                     sample_index,
+                    accumulates: u32::from(sample_index > 0),
                     first_texel: piece.rows.start * self.size,
                     // Otherwise all pieces would use the same random numbers.
                     seed: seed.wrapping_add(piece.rows.start.wrapping_mul(0x0001_0001)),

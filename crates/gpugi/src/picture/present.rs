@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::Display;
+use super::Picture;
 use crate::gpu::{Frame, Gpu, GpuError, Quad};
 use crate::shader;
 
@@ -29,12 +29,12 @@ impl Present {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Result<Self, GpuError> {
         Ok(Self {
-            quad: Quad::new(gpu, &shader!("display.present"), format)?,
+            quad: Quad::new(gpu, &shader!("picture.present"), format)?,
             target_encodes: format.is_srgb(),
         })
     }
 
-    /// Records the pass `display.present`, which draws a picture of `size` pixels with the contents that it has at this
+    /// Records the pass `picture.present`, which draws a picture as it is at this
     /// point of the frame.
     ///
     /// # Errors
@@ -42,25 +42,24 @@ impl Present {
     pub(crate) fn record(
         &self,
         frame: &mut Frame<'_>,
-        display: &Display,
-        size: [u32; 2],
+        shown: &Picture,
         target: &wgpu::TextureView,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let uniform = gpu.uniform(
             "picture to present",
             &PictureUniform {
-                size,
+                size: shown.size,
                 target_encodes: u32::from(self.target_encodes),
                 padding: 0,
             },
         )?;
         let resources = [
             ("picture", uniform.as_entire_binding()),
-            ("pixels", display.pixels.as_entire_binding()),
+            ("pixels", shown.encode.pixels.as_entire_binding()),
         ];
         let group = self.quad.bind(gpu, &resources)?;
-        frame.draw_quad("display.present", &self.quad, &group, target);
+        frame.draw_quad("picture.present", &self.quad, &group, target);
         Ok(())
     }
 }

@@ -2,9 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{DisplaySettings, Exposure, Part, ToneMap};
-use crate::capture::SurfacePoints;
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use super::film::{Strip, radiance_32};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::shader;
 
 /// What is shown of each surface point. Where there is no surface, the picture is black.
@@ -50,16 +49,6 @@ impl Quantity {
             Self::Triangles => "triangles",
         }
     }
-
-    /// The settings with which it is displayed: colours appear as they are.
-    pub(crate) fn settings(settings: &DisplaySettings) -> DisplaySettings {
-        DisplaySettings {
-            exposure: Exposure::Manual(0.0),
-            tone_map: ToneMap::None,
-            dither: false,
-            ..*settings
-        }
-    }
 }
 
 /// `Surfaces` of surfaces.wesl.
@@ -67,16 +56,17 @@ impl Quantity {
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct SurfacesUniform {
     quantity: u32,
+    width: u32,
+    first_row: u32,
     pixel_count: u32,
-    first_pixel: u32,
 }
 
 /// The pass that shows surface points of pictures of one size in colours.
 #[derive(Debug)]
 pub struct Surfaces {
     kernel: Kernel,
-    pixels: u32,
-    colors: wgpu::Buffer,
+    size: [u32; 2],
+    colors: wgpu::TextureView,
 }
 
 impl Surfaces {
@@ -85,7 +75,7 @@ impl Surfaces {
     /// # Errors
     /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
-        let kernel = Kernel::new(gpu, &shader!("display.surfaces"), "show_surfaces", None)?;
+        let kernel = Kernel::new(gpu, &shader!("picture.surfaces"), "show_surfaces", None)?;
         Self::by(kernel, gpu, size)
     }
 
@@ -98,67 +88,64 @@ impl Surfaces {
     }
 
     fn by(kernel: Kernel, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
-        let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         Ok(Self {
             kernel,
-            pixels: size[0] * size[1],
-            colors: gpu.buffer("display.colors", bytes, wgpu::BufferUsages::STORAGE)?,
+            size,
+            colors: radiance_32(gpu, size)?,
         })
     }
 
-    /// Records the pass `display.surfaces`. `parts` are the surface points of consecutive pixels. What it returns is to be
-    /// displayed as one sample, with [`Quantity::settings`].
+    /// Records the pass `picture.surfaces` over a picture's strips. What it returns is to be displayed as it is, without
+    /// exposure or tone map.
     ///
     /// # Errors
     /// [`GpuError::Pass`] when the picture has another size.
-    pub(crate) fn record(
+    pub(super) fn record(
         &self,
         frame: &mut Frame<'_>,
-        parts: &[&SurfacePoints],
+        strips: &[Strip<'_>],
         quantity: Quantity,
-    ) -> Result<Part, GpuError> {
+    ) -> Result<&wgpu::TextureView, GpuError> {
         let gpu = frame.gpu;
-        let all: u32 = parts.iter().map(|points| points.count).sum();
-        if all != self.pixels {
+        let [width, height] = self.size;
+        let pixels: u32 = strips.iter().map(|one| one.receiver.points.count).sum();
+        if pixels != width * height {
             return Err(GpuError::Pass {
-                pass: "display.surfaces".into(),
-                reason: format!("the picture has {all} pixels instead of {}", self.pixels),
+                pass: "picture.surfaces".into(),
+                reason: format!(
+                    "the picture has {pixels} pixels instead of {}",
+                    width * height
+                ),
             });
         }
-        let mut first_pixel = 0;
-        for points in parts {
-            let uniform = HostBuffer::new(
-                gpu,
-                "display.surfaces",
-                size_of::<SurfacesUniform>() as u64,
-                wgpu::BufferUsages::UNIFORM,
+        for strip in strips {
+            let points = &strip.receiver.points;
+            let uniform = gpu.uniform(
+                "surfaces",
+                &SurfacesUniform {
+                    quantity: quantity as u32,
+                    width,
+                    first_row: strip.rows.start,
+                    pixel_count: points.count,
+                },
             )?;
-            let values = SurfacesUniform {
-                quantity: quantity as u32,
-                pixel_count: points.count,
-                first_pixel,
-            };
-            uniform.write(gpu, std::slice::from_ref(&values));
+            let view = wgpu::BindingResource::TextureView;
             let seen = [
                 ("points", points.points.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
+                ("hits", view(&points.hits)),
             ];
             let own = [
                 ("surfaces", uniform.as_entire_binding()),
-                ("colors", self.colors.as_entire_binding()),
+                ("colors", view(&self.colors)),
             ];
             let seen = self.kernel.bind(gpu, 1, &seen)?;
             let own = self.kernel.bind(gpu, 3, &own)?;
-            frame.compute("display.surfaces", |pass| {
+            frame.compute("picture.surfaces", |pass| {
                 let groups = [(1, &seen), (3, &own)];
                 let invocations = [points.count, 1, 1];
                 self.kernel.dispatch(pass, &groups, invocations);
             });
-            first_pixel += points.count;
         }
-        Ok(Part {
-            radiance: self.colors.clone(),
-            pixels: self.pixels,
-        })
+        Ok(&self.colors)
     }
 }

@@ -1,7 +1,6 @@
 //! Surface points in colours.
 
 use super::*;
-use crate::capture::SurfacePoints;
 
 /// Words of a surface point that faces +Z, with albedo (1, 0, 0), roughness 0 and the given instance and material.
 fn point(instance: u32, material: u32) -> [u32; 12] {
@@ -10,7 +9,7 @@ fn point(instance: u32, material: u32) -> [u32; 12] {
 }
 
 /// Such points, whose triangles have the given provoking vertices.
-fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> SurfacePoints {
+fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> Receiver {
     let hits = gpu.texture(&wgpu::TextureDescriptor {
         label: Some("hits"),
         size: wgpu::Extent3d {
@@ -31,7 +30,7 @@ fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> SurfacePoints {
         Default::default(),
         hits.size(),
     );
-    SurfacePoints {
+    let points = SurfacePoints {
         points: gpu.storage("points", points).unwrap(),
         view: gpu.storage("view", &[0; 4]).unwrap(),
         first: 0,
@@ -39,7 +38,8 @@ fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> SurfacePoints {
         hits: hits.create_view(&Default::default()),
         output: Default::default(),
         slots: Default::default(),
-    }
+    };
+    Receiver::new(&points, &Target::new(gpu, points.count).unwrap())
 }
 
 #[test]
@@ -48,16 +48,25 @@ fn surface_points_have_the_colours_of_their_quantities() {
     let near = seen(&gpu, &[point(0, 5), point(1, 5)], &[7, 7]);
     let far = seen(&gpu, &[point(u32::MAX, 0)], &[8]);
     let other = seen(&gpu, &[point(0, 5), point(1, 5)], &[7, 8]);
-    let shown_of = |near: &SurfacePoints, quantity: Quantity| -> Vec<[u8; 4]> {
-        let surfaces = Surfaces::new(&gpu, [3, 1]).unwrap();
-        let display = Display::new(&gpu, [3, 1]).unwrap();
+    let shown_of = |near: &Receiver, quantity: Quantity| -> Vec<[u8; 4]> {
+        let scene = GpuScene::new(&gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
+        let surfaces = Surfaces::new(&gpu, [1, 3]).unwrap();
+        let mut picture = Picture::new(&gpu, [1, 3]).unwrap();
         let mut frame = Frame::new(&gpu, false);
-        let parts = [near, &far];
-        let colors = surfaces.record(&mut frame, &parts, quantity).unwrap();
-        let settings = Quantity::settings(&plain());
-        display.record(&mut frame, &[colors], 1, &settings).unwrap();
+        let strips = [(near, 0..2), (&far, 2..3)];
+        let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
+        let shown = Shown::Surfaces(&surfaces, quantity);
+        picture
+            .record(
+                &mut frame,
+                &scene,
+                lit(&strips, 1),
+                shown,
+                &Effects::default(),
+            )
+            .unwrap();
         frame.submit().unwrap();
-        let pixels = display.pixels(&gpu).unwrap();
+        let pixels = picture.pixels(&gpu).unwrap();
         assert_eq!(pixels[8..], [0, 0, 0, 255], "no surface is black");
         pixels.as_chunks::<4>().0.to_vec()
     };
@@ -82,9 +91,13 @@ fn surface_points_have_the_colours_of_their_quantities() {
 #[test]
 fn points_of_a_picture_of_another_size_are_refused() {
     let gpu = gpu!();
-    let points = seen(&gpu, &[point(0, 0)], &[0]);
+    let receiver = seen(&gpu, &[point(0, 0)], &[0]);
+    let strips = [Strip {
+        receiver: &receiver,
+        rows: 0..1,
+    }];
     let surfaces = Surfaces::new(&gpu, [2, 1]).unwrap();
     let mut frame = Frame::new(&gpu, false);
-    let error = surfaces.record(&mut frame, &[&points], Quantity::Normal);
+    let error = surfaces.record(&mut frame, &strips, Quantity::Normal);
     assert!(error.unwrap_err().to_string().contains("instead of 2"));
 }

@@ -3,7 +3,11 @@
 use super::ToneMap;
 
 /// sRGB-encoded display value, from 0 to 1, of exposed linear radiance.
-pub(super) fn encoded(operator: ToneMap, exposed: [f64; 3], white_point: f64) -> [f64; 3] {
+pub(in crate::picture) fn encoded(
+    operator: ToneMap,
+    exposed: [f64; 3],
+    white_point: f64,
+) -> [f64; 3] {
     let display = match operator {
         ToneMap::None => exposed,
         ToneMap::Reinhard => reinhard(exposed, white_point),
@@ -14,11 +18,11 @@ pub(super) fn encoded(operator: ToneMap, exposed: [f64; 3], white_point: f64) ->
     display.map(|value| srgb_from_linear(value.clamp(0.0, 1.0)))
 }
 
-pub(super) fn luminance([r, g, b]: [f64; 3]) -> f64 {
+pub(in crate::picture) fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-pub(super) fn srgb_from_linear(linear: f64) -> f64 {
+pub(in crate::picture) fn srgb_from_linear(linear: f64) -> f64 {
     if linear <= 0.003_130_8 {
         12.92 * linear
     } else {

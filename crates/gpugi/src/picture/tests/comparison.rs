@@ -2,20 +2,22 @@
 
 use super::*;
 
-/// A picture of 4 x 2 pixels in two parts of radiance 1, summed over two samples, beside a reference.
+/// A picture of 4 x 2 pixels in two strips of radiance 1, summed over two samples, beside a reference.
 fn compared(gpu: &Gpu, reference: &[[f32; 3]; 8], shown: Compared) -> Vec<[u8; 4]> {
-    let half = gpu.storage("radiance", &[[2.0_f32; 4]; 4]).unwrap();
-    let other = gpu.storage("radiance", &[[2.0_f32; 4]; 4]).unwrap();
+    let scene = GpuScene::new(gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
+    let [half, other] = [0, 1].map(|_| receiver(gpu, &[[2.0; 4]; 4]));
+    let strips = [(&half, 0..1), (&other, 1..2)];
+    let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
     let comparison = Comparison::new(gpu, [4, 2]).unwrap();
     comparison.set_reference(gpu, reference.as_flattened());
-    let display = Display::new(gpu, [4, 2]).unwrap();
+    let mut picture = Picture::new(gpu, [4, 2]).unwrap();
     let mut frame = Frame::new(gpu, false);
-    let parts = [part(&half, 4), part(&other, 4)];
-    let whole = comparison.record(&mut frame, &parts, 2, shown).unwrap();
-    let settings = shown.settings(&plain());
-    display.record(&mut frame, &[whole], 1, &settings).unwrap();
+    let shown = Shown::Compared(&comparison, shown);
+    picture
+        .record(&mut frame, &scene, lit(&strips, 2), shown, &plain())
+        .unwrap();
     frame.submit().unwrap();
-    let pixels = display.pixels(gpu).unwrap();
+    let pixels = picture.pixels(gpu).unwrap();
     pixels.as_chunks::<4>().0.to_vec()
 }
 
@@ -63,10 +65,9 @@ fn light_that_is_too_much_is_red_and_what_is_missing_blue() {
 #[test]
 fn a_reference_of_another_size_is_refused() {
     let gpu = gpu!();
-    let radiance = gpu.storage("radiance", &[[1.0_f32; 4]; 4]).unwrap();
+    let film = film::radiance_32(&gpu, [2, 2]).unwrap();
     let comparison = Comparison::new(&gpu, [4, 2]).unwrap();
     let mut frame = Frame::new(&gpu, false);
-    let parts = [part(&radiance, 4)];
-    let error = comparison.record(&mut frame, &parts, 1, Compared::Error);
-    assert!(error.unwrap_err().to_string().contains("8"));
+    let error = comparison.record(&mut frame, &film, [2, 2], Compared::Error);
+    assert!(error.unwrap_err().to_string().contains("4x2"));
 }

@@ -5,7 +5,7 @@ use crate::gpu::Shader;
 
 /// Results of `color_test.wesl`: unpacked colour and luminance, and the sRGB round trip.
 fn color_round_trips(gpu: &Gpu, colors: &[[f32; 3]]) -> Vec<[[f32; 4]; 2]> {
-    let shader: Shader = shader!("display.color_test");
+    let shader: Shader = shader!("picture.color_test");
     let kernel = Kernel::new(gpu, &shader, "round_trips", None).expect("the shader is valid");
     let inputs: Vec<[f32; 4]> = colors.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect();
     let bytes = inputs.len() as u64 * 32;

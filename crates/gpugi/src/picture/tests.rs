@@ -1,15 +1,10 @@
 //! Compares the display on the GPU with formulas in double precision, and checks what an image must never show.
 
+use super::effects::tone_map::twin;
 use super::*;
-use crate::gpu::AdapterChoice;
-
-/// An image in one part.
-fn part(radiance: &wgpu::Buffer, pixels: usize) -> Part {
-    Part {
-        radiance: radiance.clone(),
-        pixels: pixels as u32,
-    }
-}
+use crate::capture::{Output, Receiver, Slots, SurfacePoints, Target};
+use crate::gpu::{AdapterChoice, Kernel};
+use crate::shader;
 
 /// The best adapter. `None` only if GPUGI_SKIP_GPU=1 allows it.
 fn open() -> Option<Gpu> {
@@ -34,63 +29,124 @@ mod color;
 mod comparison;
 mod surfaces;
 
-/// Pixels and exposure value for radiance summed over `samples` samples.
+/// Width of pictures of many pixels.
+const WIDTH: usize = 4096;
+
+/// A receiver whose target holds sums of radiance, and whose points nobody reads.
+fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
+    let unread = gpu.storage("unread", &[0_u32; 4]).expect("it fits");
+    let hits = wgpu::TextureDescriptor {
+        label: Some("hits"),
+        size: wgpu::Extent3d::default(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::R32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    };
+    let hits = gpu.texture(&hits).expect("it fits");
+    let points = SurfacePoints {
+        points: unread.clone(),
+        view: unread,
+        first: 0,
+        count: sums.len() as u32,
+        hits: hits.create_view(&Default::default()),
+        output: Output::default(),
+        slots: Slots::default(),
+    };
+    let radiance = gpu.storage("radiance", sums).expect("it fits");
+    Receiver::new(&points, &Target { radiance })
+}
+
+/// A picture of strips whose radiance is summed over `samples` samples.
+fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
+    Lit {
+        strips,
+        samples,
+        of: samples,
+        shot: Shot {
+            film_from_world: Default::default(),
+            versions: Default::default(),
+        },
+    }
+}
+
+/// Pixels and exposure value for radiance summed over `samples` samples. Black pixels fill the last row; they are not
+/// exposed for.
 fn show_samples(
     gpu: &Gpu,
     radiance: &[[f32; 3]],
     samples: u32,
-    settings: &DisplaySettings,
+    effects: &Effects,
 ) -> (Vec<[u8; 4]>, f32) {
-    let sums: Vec<[f32; 4]> = radiance
+    let width = radiance.len().min(WIDTH);
+    let height = radiance.len().div_ceil(width);
+    let mut sums: Vec<[f32; 4]> = radiance
         .iter()
         .map(|&[r, g, b]| [r, g, b, f32::NAN])
         .collect();
-    let buffer = gpu.storage("radiance", &sums).expect("it fits");
-    let display = Display::new(gpu, [radiance.len() as u32, 1]).expect("it fits");
+    sums.resize(width * height, [0.0; 4]);
+    let mut picture = Picture::new(gpu, [width as u32, height as u32]).expect("it fits");
+    let scene = GpuScene::new(gpu, &gpugi_scene::Scene::new("nothing")).expect("it fits");
+    let receiver = receiver(gpu, &sums);
+    let strips = [Strip {
+        receiver: &receiver,
+        rows: 0..height as u32,
+    }];
     let mut frame = Frame::new(gpu, false);
-    display
+    picture
         .record(
             &mut frame,
-            &[part(&buffer, radiance.len())],
-            samples,
-            settings,
+            &scene,
+            lit(&strips, samples),
+            Shown::Picture,
+            effects,
         )
         .expect("the buffer fits");
     frame.submit().expect("the passes are valid");
-    let pixels = display.pixels(gpu).expect("pixels can be read");
-    let exposure = display
+    let pixels = picture.pixels(gpu).expect("pixels can be read");
+    let exposure = picture
         .exposure_value(gpu)
         .expect("the exposure can be read");
-    (
-        pixels
-            .chunks_exact(4)
-            .map(|pixel| pixel.try_into().expect("four bytes"))
-            .collect(),
-        exposure,
-    )
+    let pixels = pixels.as_chunks::<4>().0;
+    (pixels[..radiance.len()].to_vec(), exposure)
 }
 
-fn show(gpu: &Gpu, radiance: &[[f32; 3]], settings: &DisplaySettings) -> Vec<[u8; 4]> {
-    show_samples(gpu, radiance, 1, settings).0
+fn show(gpu: &Gpu, radiance: &[[f32; 3]], effects: &Effects) -> Vec<[u8; 4]> {
+    show_samples(gpu, radiance, 1, effects).0
 }
 
 /// EV 0, no operator, no dither.
-fn plain() -> DisplaySettings {
-    DisplaySettings {
-        exposure: Exposure::Manual(0.0),
-        tone_map: ToneMap::None,
-        dither: false,
-        ..DisplaySettings::default()
-    }
+fn plain() -> Effects {
+    Effects::default().of_colors()
+}
+
+/// The same with automatic exposure.
+fn automatically_exposed() -> Effects {
+    let mut effects = plain();
+    effects.exposure.value = Exposure::Auto;
+    effects
+}
+
+/// The same with an operator.
+fn mapped(operator: ToneMap) -> Effects {
+    let mut effects = plain();
+    effects.tone_map.operator = operator;
+    effects
+}
+
+/// The same with noise.
+fn dithered(seed: u32) -> Effects {
+    let mut effects = plain();
+    effects.encode = encode::Settings { dither: true, seed };
+    effects
 }
 
 /// The result of automatic exposure for an image.
 fn automatic(gpu: &Gpu, radiance: &[[f32; 3]]) -> f32 {
-    let settings = DisplaySettings {
-        exposure: Exposure::Auto,
-        ..plain()
-    };
-    let exposure = show_samples(gpu, radiance, 1, &settings).1;
+    let effects = automatically_exposed();
+    let exposure = show_samples(gpu, radiance, 1, &effects).1;
     assert!(exposure.is_finite());
     exposure
 }
@@ -131,8 +187,12 @@ fn ramp() -> Vec<[f32; 3]> {
 
 #[test]
 fn names_are_read_as_they_are_written() {
+    let mut effects = Effects::default();
     for operator in ToneMap::ALL {
-        assert_eq!(operator.to_string().parse(), Ok(operator));
+        let set = effects.set("tone-map", "operator", operator.name());
+        assert_eq!(set, Some(Ok(())));
+        assert_eq!(effects.tone_map.operator, operator);
+        assert_eq!(operator.to_string(), operator.name());
     }
     assert_eq!("auto".parse(), Ok(Exposure::Auto));
     assert_eq!("-1.5".parse(), Ok(Exposure::Manual(-1.5)));
@@ -140,13 +200,10 @@ fn names_are_read_as_they_are_written() {
         Exposure::Manual(2.0).to_string().parse(),
         Ok(Exposure::Manual(2.0))
     );
-    assert!(
-        "filmic"
-            .parse::<ToneMap>()
-            .expect_err("unknown")
-            .to_string()
-            .contains("neutral")
-    );
+    let unknown = effects.set("tone-map", "operator", "filmic");
+    let unknown = unknown.expect("an effect").expect_err("unknown");
+    assert!(unknown.to_string().contains("neutral"));
+    assert_eq!(effects.set("filmic", "operator", "none"), None);
     for nonsense in ["", "bright", "nan", "inf"] {
         assert!(nonsense.parse::<Exposure>().is_err(), "{nonsense:?}");
     }
@@ -164,13 +221,12 @@ fn operators_match_their_twins() {
         .collect();
     for tone_map in ToneMap::ALL {
         for (exposure, white_point) in [(0.0, 4.0), (1.5, 2.0)] {
-            let settings = DisplaySettings {
-                exposure: Exposure::Manual(exposure),
-                tone_map,
+            let mut effects = Effects::default().exposed(exposure);
+            effects.tone_map = effects::tone_map::Settings {
+                operator: tone_map,
                 white_point,
-                ..DisplaySettings::default()
             };
-            let pixels = show(&gpu, &copies, &settings);
+            let pixels = show(&gpu, &copies, &effects);
             for (color, pixels) in ramp.iter().zip(pixels.chunks_exact(COPIES)) {
                 let exposed = color.map(|channel| f64::from(channel) * f64::from(exposure).exp2());
                 let expected = twin::encoded(tone_map, exposed, white_point.into());
@@ -193,14 +249,7 @@ fn operators_match_their_twins() {
 fn without_dither_the_nearest_value_is_shown() {
     let gpu = gpu!();
     for tone_map in ToneMap::ALL {
-        let pixels = show(
-            &gpu,
-            &ramp(),
-            &DisplaySettings {
-                tone_map,
-                ..plain()
-            },
-        );
+        let pixels = show(&gpu, &ramp(), &mapped(tone_map));
         for (color, pixel) in ramp().iter().zip(pixels) {
             let expected = twin::encoded(tone_map, color.map(f64::from), 4.0);
             for channel in 0..3 {
@@ -223,14 +272,7 @@ fn greys_stay_grey_and_in_order() {
         .map(|step| [(step as f32 / 128.0 - 20.0).exp2(); 3])
         .collect();
     for tone_map in ToneMap::ALL {
-        let pixels = show(
-            &gpu,
-            &greys,
-            &DisplaySettings {
-                tone_map,
-                ..plain()
-            },
-        );
+        let pixels = show(&gpu, &greys, &mapped(tone_map));
         assert!(
             pixels
                 .windows(2)
@@ -249,11 +291,8 @@ fn greys_stay_grey_and_in_order() {
 #[test]
 fn samples_and_exposure_scale_the_sum() {
     let gpu = gpu!();
-    let settings = DisplaySettings {
-        exposure: Exposure::Manual(-1.0),
-        ..plain()
-    };
-    let (pixels, exposure) = show_samples(&gpu, &[[8.0, 4.0, 0.0]], 8, &settings);
+    let effects = plain().exposed(-1.0);
+    let (pixels, exposure) = show_samples(&gpu, &[[8.0, 4.0, 0.0]], 8, &effects);
     let expected =
         [0.5, 0.25, 0.0].map(|value| (255.0 * twin::srgb_from_linear(value)).round() as u8);
     assert_eq!((&pixels[0][..3], exposure), (&expected[..], -1.0));
@@ -271,11 +310,8 @@ fn a_constant_image_becomes_middle_grey() {
             luminance,
         );
     }
-    let settings = DisplaySettings {
-        exposure: Exposure::Auto,
-        ..plain()
-    };
-    let (pixels, _) = show_samples(&gpu, &[[6.0; 3]; 100], 4, &settings);
+    let effects = automatically_exposed();
+    let (pixels, _) = show_samples(&gpu, &[[6.0; 3]; 100], 4, &effects);
     let middle_grey = 255.0 * twin::srgb_from_linear(0.18);
     assert!(
         pixels
@@ -287,11 +323,8 @@ fn a_constant_image_becomes_middle_grey() {
 #[test]
 fn a_black_image_stays_black_at_exposure_0() {
     let gpu = gpu!();
-    let settings = DisplaySettings {
-        exposure: Exposure::Auto,
-        ..DisplaySettings::default()
-    };
-    let (pixels, exposure) = show_samples(&gpu, &[[0.0; 3]; 1000], 1, &settings);
+    let effects = Effects::default();
+    let (pixels, exposure) = show_samples(&gpu, &[[0.0; 3]; 1000], 1, &effects);
     assert_eq!(exposure, 0.0);
     assert!(pixels.iter().all(|pixel| *pixel == [0, 0, 0, 255]));
 }
@@ -369,12 +402,7 @@ fn dither_is_unbiased_and_repeatable() {
             std::iter::repeat_n([linear as f32; 3], COPIES)
         })
         .collect();
-    let settings = |seed| DisplaySettings {
-        dither: true,
-        seed,
-        ..plain()
-    };
-    let pixels = show(&gpu, &image, &settings(7));
+    let pixels = show(&gpu, &image, &dithered(7));
     for (target, pixels) in targets.iter().zip(pixels.chunks_exact(COPIES)) {
         for channel in 0..3 {
             let sum: u64 = pixels.iter().map(|pixel| u64::from(pixel[channel])).sum();
@@ -386,22 +414,15 @@ fn dither_is_unbiased_and_repeatable() {
             );
         }
     }
-    assert_eq!(pixels, show(&gpu, &image, &settings(7)));
-    assert_ne!(pixels, show(&gpu, &image, &settings(8)));
+    assert_eq!(pixels, show(&gpu, &image, &dithered(7)));
+    assert_ne!(pixels, show(&gpu, &image, &dithered(8)));
 }
 
 #[test]
 fn dither_leaves_black_and_white_alone() {
     let gpu = gpu!();
     for (value, shown) in [(0.0, 0), (1.0, 255)] {
-        let pixels = show(
-            &gpu,
-            &[[value; 3]; 50_000],
-            &DisplaySettings {
-                dither: true,
-                ..plain()
-            },
-        );
+        let pixels = show(&gpu, &[[value; 3]; 50_000], &dithered(0));
         assert!(
             pixels
                 .iter()
@@ -424,27 +445,12 @@ fn wrong_radiance_never_spreads() {
     ];
     let black = [0, 0, 0, 255];
     for tone_map in ToneMap::ALL {
-        for exposure in [0.0, 127.0, -300.0, nan, infinity].map(Exposure::Manual) {
-            let pixels = show(
-                &gpu,
-                &image,
-                &DisplaySettings {
-                    exposure,
-                    tone_map,
-                    ..plain()
-                },
-            );
+        for exposure in [0.0, 127.0, -300.0, nan, infinity] {
+            let pixels = show(&gpu, &image, &mapped(tone_map).exposed(exposure));
             assert_eq!(pixels[..3], [black; 3], "{tone_map} {exposure}");
             assert_eq!(pixels[3], pixels[4], "{tone_map} {exposure}");
         }
-        let pixels = show(
-            &gpu,
-            &image,
-            &DisplaySettings {
-                tone_map,
-                ..plain()
-            },
-        );
+        let pixels = show(&gpu, &image, &mapped(tone_map));
         assert!(
             pixels[3].iter().all(|&channel| channel >= 254),
             "{tone_map}: {:?}",
@@ -470,47 +476,59 @@ fn a_large_picture_is_shown_to_its_last_pixel() {
     assert!(pixels.iter().all(|pixel| *pixel == [255, 0, 255, 255]));
 }
 
+/// Strips of different brightness share one exposure, and radiance on the host is shown in the same way.
 #[test]
-fn a_picture_in_parts_is_the_picture() {
+fn a_picture_in_strips_is_the_picture() {
     let gpu = gpu!();
-    // Parts of different brightness share one exposure; the last part is not full.
-    let radiance = ramp();
+    let radiance = &ramp()[..84];
+    let effects = automatically_exposed();
+    let whole = show(&gpu, radiance, &effects);
+    let sums: Vec<[f32; 4]> = radiance.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+    let scene = GpuScene::new(&gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
+    let [first, second] = [&sums[..36], &sums[36..]].map(|sums| receiver(&gpu, sums));
+    let strips = [(&first, 0..3), (&second, 3..7)];
+    let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
+    let mut picture = Picture::new(&gpu, [12, 7]).unwrap();
+    let mut frame = Frame::new(&gpu, false);
+    picture
+        .record(
+            &mut frame,
+            &scene,
+            lit(&strips, 1),
+            Shown::Picture,
+            &effects,
+        )
+        .unwrap();
+    frame.submit().unwrap();
+    assert_eq!(picture.pixels(&gpu).unwrap(), whole.concat());
     let floats: Vec<f32> = radiance.iter().flatten().copied().collect();
-    let settings = DisplaySettings {
-        exposure: Exposure::Auto,
-        ..plain()
-    };
-    let whole = show(&gpu, &radiance, &settings).concat();
-    assert!(!radiance.len().is_multiple_of(7) && radiance.len() > 7);
-    for part_pixels in [7, 1 << 22] {
-        let parts = Display::picture_in_parts(&gpu, &floats, &settings, part_pixels);
-        assert_eq!(parts.expect("it fits"), whole, "{part_pixels}");
-    }
-    let none = Display::picture(&gpu, &[], &settings).expect("it fits");
-    assert!(none.is_empty());
+    let developed = |size, radiance| developed(&gpu, size, radiance, &effects).unwrap();
+    assert_eq!(developed([12, 7], &floats), whole.concat());
+    assert!(developed([0, 7], &[]).is_empty());
 }
 
 #[test]
-fn a_display_follows_its_input() {
+fn a_picture_follows_its_input() {
     let gpu = gpu!();
-    let display = Display::new(&gpu, [2, 2]).expect("it fits");
+    let scene = GpuScene::new(&gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
+    let mut picture = Picture::new(&gpu, [2, 2]).expect("it fits");
     for (value, shown) in [(0.0_f32, 0), (1.0, 255), (0.0, 0)] {
-        let radiance = gpu.storage("radiance", &[[value; 4]; 4]).expect("it fits");
+        let receiver = receiver(&gpu, &[[value; 4]; 4]);
+        let strips = [Strip {
+            receiver: &receiver,
+            rows: 0..2,
+        }];
         let mut frame = Frame::new(&gpu, false);
-        display
-            .record(&mut frame, &[part(&radiance, 4)], 1, &plain())
+        picture
+            .record(
+                &mut frame,
+                &scene,
+                lit(&strips, 1),
+                Shown::Picture,
+                &plain(),
+            )
             .expect("the buffer fits");
         frame.submit().expect("the passes are valid");
-        assert_eq!(display.pixels(&gpu).expect("pixels can be read")[0], shown);
+        assert_eq!(picture.pixels(&gpu).expect("pixels can be read")[0], shown);
     }
-    let short = gpu
-        .storage("radiance", &[[0.0_f32; 4]; 3])
-        .expect("it fits");
-    let error = display.record(
-        &mut Frame::new(&gpu, false),
-        &[part(&short, 4)],
-        1,
-        &plain(),
-    );
-    assert!(error.is_err_and(|error| error.to_string().contains("48 bytes, 64 are needed")));
 }

@@ -1,0 +1,113 @@
+//! The last effect: exposes, tone-maps, sRGB-encodes, dithers and packs radiance, 8 bits per channel.
+//! docs/effects/display.md.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::Effects;
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::picture::bound::Bound;
+use crate::shader;
+
+crate::settings! {
+    /// Settings of the encoding.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Whether to hide the steps between 8-bit values with noise of at most one step.
+        pub dither: bool = true => any(),
+        /// Seed of the dither. The same seed produces the same noise.
+        pub seed: u32 = 0 => any(),
+    }
+}
+
+/// `Encoding` of encode.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct EncodingUniform {
+    size: [u32; 2],
+    tone_map: u32,
+    white_point: f32,
+    seed: u32,
+    dither: u32,
+}
+
+/// The pass, and the pixels of the last frame.
+#[derive(Debug, Clone)]
+pub(in crate::picture) struct Pass {
+    kernel: Kernel,
+    encoding: HostBuffer,
+    /// RGBA8, red in the lowest byte, in rows from top to bottom.
+    pub pixels: wgpu::Buffer,
+    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 2]>,
+}
+
+/// Four bytes per pixel.
+fn pixels(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = u64::from(size[0]) * u64::from(size[1]) * 4;
+    gpu.buffer("picture.pixels", bytes, wgpu::BufferUsages::STORAGE)
+}
+
+impl Pass {
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let shader = shader!("picture.effects.encode.encode");
+        let bytes = size_of::<EncodingUniform>() as u64;
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        Ok(Self {
+            kernel: Kernel::new(gpu, &shader, "encode", None)?,
+            encoding: HostBuffer::new(gpu, "picture.encoding", bytes, uniform)?,
+            pixels: pixels(gpu, size)?,
+            bound: Bound::default(),
+        })
+    }
+
+    /// The same for pictures of another size; it compiles nothing.
+    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Ok(Self {
+            pixels: pixels(gpu, size)?,
+            bound: Bound::default(),
+            ..self.clone()
+        })
+    }
+
+    /// Records the pass `picture.encode` for a picture of `size` pixels at an `exposure` value (EV, one float).
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        radiance: &wgpu::TextureView,
+        size: [u32; 2],
+        exposure: &wgpu::Buffer,
+        effects: &Effects,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let encoding = EncodingUniform {
+            size,
+            tone_map: effects.tone_map.operator as u32,
+            white_point: effects.tone_map.white_point.max(1e-3),
+            seed: effects.encode.seed,
+            dither: effects.encode.dither.into(),
+        };
+        self.encoding.write(gpu, &[encoding]);
+        let [read, own] = self.bound.get(radiance, || {
+            let radiance = [(
+                "radiance_unfilterable",
+                wgpu::BindingResource::TextureView(radiance),
+            )];
+            let own = [
+                ("encoding", self.encoding.as_entire_binding()),
+                ("exposure", exposure.as_entire_binding()),
+                ("pixels", self.pixels.as_entire_binding()),
+            ];
+            Ok([
+                self.kernel.bind(gpu, 1, &radiance)?,
+                self.kernel.bind(gpu, 3, &own)?,
+            ])
+        })?;
+        frame.compute("picture.encode", |pass| {
+            let groups = [(1, &read), (3, &own)];
+            self.kernel.dispatch(pass, &groups, [size[0], size[1], 1]);
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,90 @@
+//! Effects: what happens to a picture between its film and its display, each in a folder with host code, shader,
+//! settings and tests. [`Effects`] holds their settings in the order in which [`super::Picture::record`] applies them.
+
+pub mod encode;
+pub mod exposure;
+pub mod temporal_antialiasing;
+pub mod tone_map;
+
+use crate::settings::{SettingError, SettingSet};
+
+/// Settings of all effects, in the order in which they are applied.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Effects {
+    /// Averages what neighbouring frames saw of the same surfaces. Off by default: a still picture has no frame before it.
+    pub temporal_antialiasing: temporal_antialiasing::Settings,
+    /// How bright the picture is shown.
+    pub exposure: exposure::Settings,
+    /// How its brightness is mapped to that of a display.
+    pub tone_map: tone_map::Settings,
+    /// How it is rounded to 8 bits.
+    pub encode: encode::Settings,
+}
+
+impl Effects {
+    /// Names of all effects, in their order.
+    pub const NAMES: [&'static str; 4] =
+        ["temporal-antialiasing", "exposure", "tone-map", "encode"];
+
+    /// Those of frames in motion: what neighbouring frames saw is averaged.
+    pub fn of_live_view() -> Self {
+        Self {
+            temporal_antialiasing: temporal_antialiasing::Settings {
+                frames: temporal_antialiasing::LIVE_FRAMES,
+            },
+            ..Self::default()
+        }
+    }
+
+    /// The same at a fixed exposure value (EV).
+    pub fn exposed(mut self, value: f32) -> Self {
+        self.exposure.value = exposure::Exposure::Manual(value);
+        self
+    }
+
+    /// The same without noise between 8-bit values.
+    pub fn without_dither(mut self) -> Self {
+        self.encode.dither = false;
+        self
+    }
+
+    /// As they are, but without exposure, tone map and dither: for colours that mean something, such as errors.
+    pub(super) fn of_colors(&self) -> Self {
+        let mut effects = self.clone().exposed(0.0).without_dither();
+        effects.tone_map.operator = tone_map::ToneMap::None;
+        effects
+    }
+
+    /// The settings of each effect, with its name.
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 4] {
+        let [temporal, exposure, tone_map, encode] = Self::NAMES;
+        [
+            (temporal, &self.temporal_antialiasing),
+            (exposure, &self.exposure),
+            (tone_map, &self.tone_map),
+            (encode, &self.encode),
+        ]
+    }
+
+    /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
+    pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
+        let index = Self::NAMES.iter().position(|one| *one == name)?;
+        let all: [&mut dyn SettingSet; 4] = [
+            &mut self.temporal_antialiasing,
+            &mut self.exposure,
+            &mut self.tone_map,
+            &mut self.encode,
+        ];
+        all.into_iter().nth(index)
+    }
+
+    /// Sets one setting of the effect `name` from text; `None` if there is no such effect.
+    pub fn set(
+        &mut self,
+        name: &str,
+        setting: &str,
+        value: &str,
+    ) -> Option<Result<(), SettingError>> {
+        Some(self.of_mut(name)?.set(setting, value))
+    }
+}

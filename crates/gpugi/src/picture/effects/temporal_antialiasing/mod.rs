@@ -1,0 +1,150 @@
+//! Temporal anti-aliasing: a live frame has one sample per pixel, each frame at another place in the pixel. The average of
+//! what the latest frames saw of the same surfaces has smooth edges, and less noise. docs/effects/temporal-antialiasing.md.
+
+#[cfg(test)]
+mod tests;
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::picture::bound::Bound;
+use crate::picture::film::Live;
+use crate::scene::Versions;
+use crate::shader;
+
+/// Frames that live views average.
+pub const LIVE_FRAMES: u32 = 16;
+
+/// Frames that are averaged while lights or materials change.
+const CHANGING_FRAMES: f32 = 6.0;
+
+/// Deviations from the mean of its neighbours that the history of a diffuse surface may have: while only the camera moves,
+/// and while anything else does. What differs then is noise, or a change of light.
+const DEVIATIONS: [f32; 2] = [16.0, 2.5];
+
+/// Samples of a picture at rest after which what earlier frames saw no longer counts.
+const REST_SAMPLES: u32 = 32;
+
+crate::settings! {
+    /// Settings of temporal anti-aliasing.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Frames that are averaged while something moves; 1: off. At rest, a picture's own samples replace them.
+        pub frames: u32 = 1 => in_range(1.0, 64.0),
+    }
+}
+
+impl Settings {
+    /// Whether frames remember those before them.
+    pub fn is_on(&self) -> bool {
+        self.frames > 1
+    }
+}
+
+/// `Blend` of blend.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct BlendUniform {
+    size: [u32; 2],
+    /// Samples of this picture.
+    samples: f32,
+    /// Most frames before it that count, less as it gets samples of its own; 0: there are none.
+    most_before: f32,
+    deviations: f32,
+    padding: [u32; 3],
+}
+
+/// The pass.
+#[derive(Debug, Clone)]
+pub(in crate::picture) struct Pass {
+    kernel: Kernel,
+    blend: HostBuffer,
+    sampler: wgpu::Sampler,
+    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 3]>,
+}
+
+impl Pass {
+    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        let shader = shader!("picture.effects.temporal_antialiasing.blend");
+        let bytes = size_of::<BlendUniform>() as u64;
+        Ok(Self {
+            kernel: Kernel::new(gpu, &shader, "main", None)?,
+            blend: HostBuffer::new(gpu, "blend", bytes, wgpu::BufferUsages::UNIFORM)?,
+            sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("history"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            bound: Bound::default(),
+        })
+    }
+
+    /// Blends a film of `samples` samples, which will have `of` at rest, with the picture before it: pass `picture.temporal-antialiasing`. `exposure`:
+    /// exposure value of the frame before. Returns the picture.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record<'a>(
+        &self,
+        frame: &mut Frame<'_>,
+        film: &'a Live,
+        size: [u32; 2],
+        [samples, of]: [u32; 2],
+        exposure: &wgpu::Buffer,
+        settings: &Settings,
+    ) -> Result<&'a wgpu::TextureView, GpuError> {
+        let gpu = frame.gpu;
+        let (now, before) = (film.now(), film.before());
+        // Of a picture at rest, the last sample ends their share.
+        let end = REST_SAMPLES.min(of).max(2);
+        let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
+        let [versions_now, versions_before] = [now, before].map(|image| {
+            let versions = image.shot.map(|shot| shot.versions);
+            versions.unwrap_or_default()
+        });
+        let of_light = |of: Versions| [of.lights, of.materials, of.sky, of.environment, of.media];
+        let has_same_light = of_light(versions_now) == of_light(versions_before);
+        let most = (settings.frames - 1) as f32;
+        let blend = BlendUniform {
+            size,
+            samples: samples as f32,
+            most_before: match before.shot {
+                Some(_) if has_same_light => most * rest,
+                Some(_) => most.min(CHANGING_FRAMES) * rest,
+                None => 0.0,
+            },
+            deviations: DEVIATIONS[usize::from(versions_now != versions_before)],
+            padding: [0; 3],
+        };
+        self.blend.write(gpu, &[blend]);
+        let groups = self.bound.get(&now.radiance, || {
+            let view = wgpu::BindingResource::TextureView;
+            let film = [
+                ("radiance", view(&film.radiance)),
+                ("surfaces", view(&now.surfaces)),
+                ("motion", view(&film.motion)),
+            ];
+            let history = [
+                ("history", view(&before.radiance)),
+                ("surfaces_before", view(&before.surfaces)),
+                ("between", wgpu::BindingResource::Sampler(&self.sampler)),
+            ];
+            let own = [
+                ("blend", self.blend.as_entire_binding()),
+                ("exposure", exposure.as_entire_binding()),
+                ("blended", view(&now.radiance)),
+            ];
+            Ok([
+                self.kernel.bind(gpu, 1, &film)?,
+                self.kernel.bind(gpu, 2, &history)?,
+                self.kernel.bind(gpu, 3, &own)?,
+            ])
+        })?;
+        frame.compute("picture.temporal-antialiasing", |pass| {
+            let groups = [(1, &groups[0]), (2, &groups[1]), (3, &groups[2])];
+            self.kernel.dispatch(pass, &groups, [size[0], size[1], 1]);
+        });
+        Ok(&now.radiance)
+    }
+}

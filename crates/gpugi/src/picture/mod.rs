@@ -1,0 +1,268 @@
+//! The picture: from lit pixels to those of a display. A film collects radiance; effects change it in the order of
+//! [`Picture::record`]; the last one encodes it in 8 bits.
+
+mod bound;
+mod comparison;
+pub mod effects;
+mod film;
+mod present;
+mod surfaces;
+#[cfg(test)]
+mod tests;
+
+pub use comparison::{Compared, Comparison};
+pub use effects::Effects;
+pub use effects::exposure::Exposure;
+pub use effects::tone_map::ToneMap;
+pub use film::{Shot, Strip};
+pub use present::Present;
+pub use surfaces::{Quantity, Surfaces};
+
+use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
+use crate::scene::GpuScene;
+use effects::{encode, exposure, temporal_antialiasing};
+use film::{Live, Still};
+
+/// What is shown.
+#[derive(Debug, Clone, Copy)]
+pub enum Shown<'a> {
+    /// The picture.
+    Picture,
+    /// The picture and its reference.
+    Compared(&'a Comparison, Compared),
+    /// What its pixels see, in colours.
+    Surfaces(&'a Surfaces, Quantity),
+}
+
+/// Turns the radiance of pictures of one size into pixels, once per frame.
+#[derive(Debug)]
+pub struct Picture {
+    size: [u32; 2],
+    /// Made when a still picture is shown, or a live one.
+    still: Option<Still>,
+    live: Option<(Live, temporal_antialiasing::Pass)>,
+    exposure: exposure::Pass,
+    encode: encode::Pass,
+}
+
+/// A picture's pixels as they are lit.
+#[derive(Debug, Clone, Copy)]
+pub struct Lit<'a> {
+    /// Its strips, from top to bottom.
+    pub strips: &'a [Strip<'a>],
+    /// Samples that their radiance sums.
+    pub samples: u32,
+    /// How many it will sum at rest.
+    pub of: u32,
+    /// How it is seen.
+    pub shot: Shot,
+}
+
+impl Picture {
+    /// For pictures of `size` pixels (width, height).
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] when the adapter cannot hold that many, [`GpuError::OutOfMemory`].
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Ok(Self {
+            size,
+            still: None,
+            live: None,
+            exposure: exposure::Pass::new(gpu)?,
+            encode: encode::Pass::new(gpu, size)?,
+        })
+    }
+
+    /// The same for pictures of another size, without memory of earlier ones; it compiles nothing.
+    ///
+    /// # Errors
+    /// As [`Picture::new`].
+    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let live = self.live.as_ref().map(|(live, blend)| {
+            let live = live.resized(gpu, size)?;
+            Ok::<_, GpuError>((live, blend.clone()))
+        });
+        Ok(Self {
+            size,
+            still: None,
+            live: live.transpose()?,
+            exposure: self.exposure.clone(),
+            encode: self.encode.resized(gpu, size)?,
+        })
+    }
+
+    /// Makes what `effects` need of a scene's pictures, and begins to compile it.
+    ///
+    /// # Errors
+    /// As [`Picture::new`].
+    pub fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        effects: &Effects,
+    ) -> Result<(), GpuError> {
+        if effects.temporal_antialiasing.is_on() {
+            if self.live.is_none() {
+                let live = Live::new(gpu, scene, self.size)?;
+                self.live = Some((live, temporal_antialiasing::Pass::new(gpu)?));
+            }
+        } else if self.still.is_none() {
+            self.still = Some(Still::new(gpu, self.size)?);
+        }
+        Ok(())
+    }
+
+    /// Forgets what earlier pictures showed.
+    pub fn forget(&mut self) {
+        if let Some((live, _)) = &mut self.live {
+            live.forget();
+        }
+    }
+
+    /// Notes that the next picture is another one, and this one the one before.
+    pub fn advance(&mut self) {
+        if let Some((live, _)) = &mut self.live {
+            live.advance();
+        }
+    }
+
+    /// Records the passes from lit pixels to those of a display: film, effects, display. Negative radiance shows as 0,
+    /// infinite radiance as white, NaN as black. Record at most once per frame, because the settings reach the GPU when the
+    /// frame is submitted.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when what is shown has another size.
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        lit: Lit<'_>,
+        shown: Shown<'_>,
+        effects: &Effects,
+    ) -> Result<(), GpuError> {
+        if let Shown::Surfaces(surfaces, quantity) = shown {
+            let colors = surfaces.record(frame, lit.strips, quantity)?;
+            return self.finish(frame, colors, &effects.of_colors());
+        }
+        self.prepare(frame.gpu, scene, effects)?;
+        let antialiasing = &effects.temporal_antialiasing;
+        if let Some((film, _)) = &mut self.live
+            && antialiasing.is_on()
+        {
+            film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
+        }
+        let radiance = match (&self.live, &self.still) {
+            (Some((film, blend)), _) if antialiasing.is_on() => {
+                let exposure = &self.exposure.value;
+                blend.record(
+                    frame,
+                    film,
+                    self.size,
+                    [lit.samples, lit.of],
+                    exposure,
+                    antialiasing,
+                )?
+            }
+            (_, Some(film)) => {
+                film.record(frame, lit.strips, self.size[0], lit.samples)?;
+                &film.radiance
+            }
+            _ => unreachable!("it was prepared"),
+        };
+        match shown {
+            Shown::Compared(comparison, compared) => {
+                let colors = comparison.record(frame, radiance, self.size, compared)?;
+                self.finish(frame, colors, &compared.effects(effects))
+            }
+            _ => self.finish(frame, radiance, effects),
+        }
+    }
+
+    /// The effects from exposure on.
+    fn finish(
+        &self,
+        frame: &mut Frame<'_>,
+        radiance: &wgpu::TextureView,
+        effects: &Effects,
+    ) -> Result<(), GpuError> {
+        self.exposure
+            .record(frame, radiance, self.size, &effects.exposure)?;
+        let exposure = &self.exposure.value;
+        self.encode
+            .record(frame, radiance, self.size, exposure, effects)
+    }
+
+    /// The pixels of the last submitted frame: RGBA, 8 bits per channel, sRGB-encoded, alpha 255, in rows from top to
+    /// bottom.
+    ///
+    /// # Errors
+    /// The errors of [`read_buffer`].
+    pub fn pixels(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
+        self.begin_pixels(gpu)?.wait()
+    }
+
+    /// The future of [`Picture::pixels`].
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn begin_pixels(&self, gpu: &Gpu) -> Result<ReadBack<Vec<u8>>, GpuError> {
+        let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
+        begin_read_buffer(gpu, &self.encode.pixels, pixels * 4)
+    }
+
+    /// The exposure value (EV) of the last submitted frame: the manual value, or the result of automatic exposure.
+    ///
+    /// # Errors
+    /// The errors of [`read_buffer`].
+    pub fn exposure_value(&self, gpu: &Gpu) -> Result<f32, GpuError> {
+        let value: Vec<f32> = read_buffer(gpu, &self.exposure.value, size_of::<f32>() as u64)?;
+        Ok(value[0])
+    }
+}
+
+/// The pixels of a picture of `size` pixels on the host, given as three floats of mean radiance per pixel, in rows from
+/// top to bottom. They have the format of [`Picture::pixels`].
+///
+/// # Errors
+/// [`GpuError::TooLarge`] when the adapter's textures are smaller, [`GpuError::OutOfMemory`], [`GpuError::Lost`].
+pub fn developed(
+    gpu: &Gpu,
+    size: [u32; 2],
+    radiance: &[f32],
+    effects: &Effects,
+) -> Result<Vec<u8>, GpuError> {
+    if size.contains(&0) {
+        return Ok(Vec::new());
+    }
+    let picture = Picture::new(gpu, size)?;
+    picture.develop(gpu, radiance, effects)?;
+    picture.pixels(gpu)
+}
+
+impl Picture {
+    /// Effects and display of radiance on the host.
+    fn develop(&self, gpu: &Gpu, radiance: &[f32], effects: &Effects) -> Result<(), GpuError> {
+        let film = film::radiance_32(gpu, self.size)?;
+        let padded: Vec<[f32; 4]> = radiance
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|&[r, g, b]| [r, g, b, 1.0])
+            .collect();
+        let texture = film.texture();
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(self.size[0] * 16),
+            rows_per_image: None,
+        };
+        gpu.queue.write_texture(
+            texture.as_image_copy(),
+            bytemuck::cast_slice(&padded),
+            layout,
+            texture.size(),
+        );
+        let mut frame = Frame::new(gpu, false);
+        self.finish(&mut frame, &film, effects)?;
+        frame.submit().map(|_| ())
+    }
+}
