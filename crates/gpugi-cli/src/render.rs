@@ -169,9 +169,12 @@ impl<'a> Chosen<'a> {
     /// Replaces the technique of the default set that `error` says has no atlas. A note lists the `--set` options that
     /// no longer apply. Other errors are returned.
     pub fn without_atlas(&mut self, error: LightingError) -> anyhow::Result<()> {
-        let smaller = self.set.take().and_then(|set| set.without_atlas(&error));
-        let mut set = smaller.ok_or_else(|| usage(error))?;
         let registry = Registry::default();
+        let set = self.set.take();
+        let without_atlas =
+            |set: DefaultSet| set.without_atlas(&error, self.scene, &self.gpu.adapter, &registry);
+        let smaller = set.and_then(without_atlas);
+        let mut set = smaller.ok_or_else(|| usage(error))?;
         let renderer = Renderer::with_set(self.gpu, self.scene, self.size, &set, &registry);
         self.renderer = renderer.map_err(usage)?;
         for [technique, key, value] in split_settings(self.settings)? {

@@ -10,9 +10,7 @@ use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
 use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
-use gpugi::techniques::{
-    Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique,
-};
+use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Registry, Role, Technique};
 use gpugi::{Renderer, settings};
 
 const INFO: Info = Info {
@@ -20,9 +18,8 @@ const INFO: Info = Info {
     summary: "indirect light of the sky, alike at all points: each sees as much sky as its normal faces up",
     source: "hemisphere lighting",
     paths: &[LightPaths::new(LightClass::Environment, "LDD+E")],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Indirect,
+    ..Info::BASE
 };
 
 settings! {
@@ -127,6 +124,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                     gather: None,
                 }))
             },
+            suits: |_| None,
+            settings: |_| Vec::new(),
         },
     );
     let gpu = Gpu::open(&AdapterChoice::Best)?;

@@ -42,6 +42,7 @@ pub mod techniques;
 #[cfg(test)]
 mod testing;
 
-pub use default_set::{Purpose, default_set};
+pub use default_set::default_set;
 pub use lighting::{Lighting, LightingError, Readiness};
 pub use renderer::Renderer;
+pub use techniques::Purpose;

@@ -19,7 +19,7 @@ use crate::scene::{Claims, GpuScene, Versions, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
-    Earlier, Figure, Generated, Inspection, Map, OwnPoints, Plan, Registry, Slice, Technique,
+    Earlier, Figure, Generated, Inspection, Map, Needs, OwnPoints, Plan, Registry, Slice, Technique,
 };
 
 /// Frames that keep to their budget after one that does not, while the scene changes.
@@ -141,7 +141,7 @@ impl Lighting {
         names: &[String],
         registry: &Registry,
     ) -> Result<GpuScene, LightingError> {
-        let mut keeps_texels = false;
+        let mut has_rays = false;
         for name in names {
             let found = registry
                 .find(name)
@@ -149,9 +149,9 @@ impl Lighting {
                     name: name.clone(),
                     known: registry.names(),
                 })?;
-            keeps_texels |= found.info.keeps_texels;
+            has_rays |= found.info.needs != Needs::NOTHING;
         }
-        Ok(if keeps_texels {
+        Ok(if has_rays {
             GpuScene::with_texels(gpu, scene)?
         } else {
             GpuScene::new(gpu, scene)?

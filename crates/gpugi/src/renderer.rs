@@ -10,7 +10,7 @@ use glam::Vec2;
 use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
-use crate::default_set::{DefaultSet, Purpose, default_set};
+use crate::default_set::{DefaultSet, default_set};
 use crate::display::{
     Compared, Comparison, Display, DisplaySettings, Part, Present, Quantity, Surfaces,
 };
@@ -22,7 +22,7 @@ use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::scene::{Edit, GpuScene};
 use crate::sequences::low_discrepancy;
-use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
+use crate::techniques::{Figure, Inspection, Map, Purpose, Registry, Technique};
 use tiles::{Tile, tiles};
 
 /// Renders one scene with a set of techniques at one size.

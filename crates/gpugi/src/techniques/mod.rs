@@ -9,9 +9,11 @@ pub mod distance_impostor;
 pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
+mod info;
 pub mod light_path_map;
 mod map;
 pub mod obscurances;
+pub(crate) mod occasion;
 pub mod participating_media;
 mod precomputed;
 pub mod radiance_transfer;
@@ -22,13 +24,13 @@ pub mod shadow_map;
 
 pub use budget::Budget;
 pub(crate) use budget::Slice;
+pub use info::{Cost, Info, Needs, OwnPoints, Role};
 pub use map::{Map, MapRead, Texels};
+pub use occasion::{Occasion, Purpose, Speed, Values};
 pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;
-
-use gpugi_scene::Scene;
 
 use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -37,37 +39,6 @@ use crate::light_paths::LightPaths;
 use crate::prefiltered::{Environments, Filled, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
-
-/// Describes a technique.
-#[derive(Debug, Clone, Copy)]
-pub struct Info {
-    /// Name on the command line.
-    pub name: &'static str,
-    /// One line of help.
-    pub summary: &'static str,
-    /// Its sources: the tutorial's section and papers.
-    pub source: &'static str,
-    /// The light that it can add.
-    pub paths: &'static [LightPaths],
-    /// Whether a scene that has such light has everything else that the technique needs, and the technique is fast
-    /// enough for a live view: then it belongs to every default set of the scene ([`crate::default_set()`]).
-    pub suits: fn(&Scene) -> bool,
-    /// Whether it keeps light in the texels of an atlas or traces rays: it needs a [`GpuScene::with_texels`].
-    pub keeps_texels: bool,
-    /// Points of its own that it lights, which the camera may not see.
-    pub lights_points: OwnPoints,
-}
-
-/// Points that a technique lights by those before it: cubes around objects, texels, probes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OwnPoints {
-    /// None.
-    None,
-    /// Points whose radiance toward an eye it takes.
-    TowardEye,
-    /// Points whose irradiance or fluence it takes, too: gathers are compiled for these in advance.
-    Irradiance,
-}
 
 /// The part of a technique in a scene, given its settings and the techniques before it in the frame.
 #[derive(Debug, Clone, PartialEq)]

@@ -295,7 +295,7 @@ mod planner {
     use gpugi::light_paths::LightPaths;
     use gpugi::scene::{Claims, GpuScene};
     use gpugi::settings::SettingSet;
-    use gpugi::techniques::{Earlier, Generated, Info, OwnPoints, Plan, Registration, Technique};
+    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique};
 
     pub static PLANS: AtomicU32 = AtomicU32::new(0);
 
@@ -311,16 +311,15 @@ mod planner {
         name: "planner",
         summary: "counts plans",
         source: "robustness.rs",
-        paths: &[],
-        suits: |_| false,
-        keeps_texels: false,
-        lights_points: OwnPoints::None,
+        ..Info::BASE
     };
 
     pub const REGISTRATION: Registration = Registration {
         info: &INFO,
         fields: Settings::fields,
         make: |_, _| Ok(Box::new(Planner::default())),
+        suits: |_| None,
+        settings: |_| Vec::new(),
     };
 
     #[derive(Debug, Default)]

@@ -14,7 +14,9 @@ mod export_tests;
 mod tests;
 
 use super::obscurances::{self, Attenuation, Obscurances};
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
+use super::{
+    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -29,9 +31,17 @@ pub const INFO: Info = Info {
     summary: "the environment without occlusion; beside image-based-lighting in mirrors, glass and chosen objects",
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
     paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Gloss,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(EnvironmentMap::new(gpu, scene)?)),
+    suits: |occasion| Some(occasion.has_lights(INFO.paths)),
+    settings: |_| Vec::new(),
 };
 
 /// Light paths that remain if another technique adds the rest.

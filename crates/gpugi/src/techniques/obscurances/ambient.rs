@@ -15,7 +15,10 @@ use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Technique};
+use crate::techniques::{
+    Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Role,
+    Technique,
+};
 
 /// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
 pub const INFO: Info = Info {
@@ -27,9 +30,20 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, INDIRECT),
         LightPaths::new(LightClass::Environment, INDIRECT),
     ],
-    suits: |_| false,
-    keeps_texels: true,
+    role: Role::Factor,
+    needs: Needs::TEXELS,
+    cost: Cost::Picture,
     lights_points: OwnPoints::TowardEye,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(Obscurances::default())),
+    suits: |_| None,
+    settings: |_| Vec::new(),
 };
 
 /// Light paths that the ambient term approximates.

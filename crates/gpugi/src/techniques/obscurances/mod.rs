@@ -14,7 +14,7 @@ mod solution;
 #[cfg(test)]
 mod tests;
 
-pub use ambient::{INFO, Obscurances};
+pub use ambient::{INFO, Obscurances, REGISTRATION};
 pub(crate) use attenuation::Attenuation;
 pub use settings::{Ambient, Falloff, Mode, Settings};
 pub use solution::{ObscurancePage, Solution};
