@@ -1,4 +1,5 @@
-//! What techniques say of themselves: what they are for, what they need and what they take.
+//! What techniques say of themselves: what they are for, what they need, what they take and what they
+//! provide.
 
 use super::Purpose;
 use crate::light_paths::LightPaths;
@@ -22,10 +23,13 @@ pub struct Info {
     pub cost: Cost,
     /// Points of its own that it lights, which the camera may not see.
     pub lights_points: OwnPoints,
+    /// What else than light it provides to the techniques after it.
+    pub provides: &'static [Provided],
 }
 
 impl Info {
-    /// What most techniques have in common: they follow frames in motion, need nothing, and light no points of their own.
+    /// What most techniques have in common: they follow frames in motion, need nothing, light no points of their
+    /// own, and provide light alone.
     pub const BASE: Self = Self {
         name: "",
         summary: "",
@@ -35,6 +39,7 @@ impl Info {
         needs: Needs::NOTHING,
         cost: Cost::Frame,
         lights_points: OwnPoints::None,
+        provides: &[],
     };
 }
 
@@ -126,4 +131,13 @@ pub enum OwnPoints {
     TowardEye,
     /// Points whose irradiance or fluence it takes, too: gathers are compiled for these in advance.
     Irradiance,
+}
+
+/// What a technique provides to those after it, beside light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Provided {
+    /// [`Technique::openness`](super::Technique::openness).
+    Openness,
+    /// [`Technique::media_sources`](super::Technique::media_sources).
+    MediaSources,
 }

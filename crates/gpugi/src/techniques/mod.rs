@@ -14,6 +14,7 @@ pub mod light_path_map;
 mod map;
 pub mod obscurances;
 pub(crate) mod occasion;
+mod openness;
 pub mod participating_media;
 mod precomputed;
 pub mod radiance_transfer;
@@ -24,9 +25,11 @@ pub mod shadow_map;
 
 pub use budget::Budget;
 pub(crate) use budget::Slice;
-pub use info::{Cost, Info, Needs, OwnPoints, Role};
+pub use info::{Cost, Info, Needs, OwnPoints, Provided, Role};
 pub use map::{Map, MapRead, Texels};
 pub use occasion::{Occasion, Purpose, Speed, Values};
+pub use openness::{Openness, OpennessLookup};
+pub use participating_media::sources::MediaSources;
 pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
@@ -52,9 +55,9 @@ pub struct Plan {
     pub object_names: String,
     /// What its gather looks up per point, roughly: lights, depth maps or other maps. The unit of [`Budget`].
     pub lookups: u32,
-    /// Names of a technique whose maps it reads, and of the setting that asks for it.
-    /// [`crate::lighting::Lighting::validate`] refuses sets in which that technique does not come before this one.
-    pub needs: Option<(&'static str, &'static str)>,
+    /// What it reads of a technique before it, and the name of the setting that asks for it.
+    /// [`crate::lighting::Lighting::validate`] refuses sets in which no technique before this one provides it.
+    pub needs: Option<(Provided, &'static str)>,
 }
 
 impl Plan {
@@ -227,6 +230,16 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         0
     }
 
+    /// How open the scene is at its surfaces, for techniques after it ([`Provided::Openness`]); `None` until it is known.
+    fn openness(&self) -> Option<&dyn Openness> {
+        None
+    }
+
+    /// What rays of techniques after it meet in media ([`Provided::MediaSources`]); `None` without media.
+    fn media_sources(&self) -> Option<MediaSources> {
+        None
+    }
+
     /// Its resources on the GPU.
     fn inspect(&self) -> Inspection {
         Inspection::default()
@@ -310,13 +323,16 @@ impl<'a> Earlier<'a> {
         }
     }
 
-    /// The technique of this type, if it comes before.
-    pub fn technique<T: Technique>(&self) -> Option<&T> {
-        let mut techniques = self.techniques.iter();
-        techniques.find_map(|technique| {
-            let technique: &dyn Any = technique.as_ref();
-            technique.downcast_ref()
-        })
+    /// How open the scene is at its surfaces, as the last technique knows that provides it.
+    pub fn openness(&self) -> Option<&dyn Openness> {
+        let mut techniques = self.techniques.iter().rev();
+        techniques.find_map(|technique| technique.openness())
+    }
+
+    /// What rays meet in media, as the last technique knows that provides it.
+    pub fn media_sources(&self) -> Option<MediaSources> {
+        let mut techniques = self.techniques.iter().rev();
+        techniques.find_map(|technique| technique.media_sources())
     }
 
     /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point, where

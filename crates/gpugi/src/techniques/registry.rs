@@ -1,9 +1,9 @@
 //! The registry of techniques.
 
 use super::{
-    Info, Occasion, Technique, Values, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, light_path_map, obscurances, participating_media, radiance_transfer,
-    radiosity, ray_tracing, shadow_map,
+    Info, Occasion, Provided, Technique, Values, caustics, distance_impostor, environment_map,
+    final_gather, image_based_lighting, light_path_map, obscurances, participating_media,
+    radiance_transfer, radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -68,6 +68,14 @@ impl Registry {
     pub fn names(&self) -> String {
         let names: Vec<&str> = self.0.iter().map(|one| one.info.name).collect();
         names.join(", ")
+    }
+
+    /// The names of those that provide something to others, separated by "or".
+    pub fn providers(&self, provided: Provided) -> String {
+        let infos = self.0.iter().map(|one| one.info);
+        let providers = infos.filter(|info| info.provides.contains(&provided));
+        let names: Vec<&str> = providers.map(|info| info.name).collect();
+        names.join(" or ")
     }
 
     /// Inserts a technique before the technique named `before`, whose points it lights; at the end if no technique has

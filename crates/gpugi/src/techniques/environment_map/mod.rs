@@ -13,9 +13,10 @@ mod export_tests;
 #[cfg(test)]
 mod tests;
 
-use super::obscurances::{self, Attenuation, Obscurances};
+use super::openness::following;
 use super::{
-    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+    Earlier, Generated, Info, Inspection, Map, OpennessLookup, Plan, Provided, Registration, Role,
+    Technique, Texels,
 };
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -117,7 +118,7 @@ pub struct EnvironmentMap {
     /// The environment's maps, once generated.
     maps: Option<(Prefiltered, Lookup)>,
     /// With [`Settings::occlusion`], what hides them.
-    occlusion: Option<Attenuation>,
+    occlusion: Option<Box<dyn OpennessLookup>>,
     /// Stands in for what `occlusion` finds.
     unhidden: wgpu::Buffer,
     bound: Option<BoundMaps>,
@@ -166,24 +167,19 @@ impl EnvironmentMap {
         })
     }
 
-    /// Reads the present obscurances.
-    fn follow_obscurances(
+    /// Reads the present openness.
+    fn follow_openness(
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
         earlier: &Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let obscurances = earlier.technique().and_then(Obscurances::solution);
-        let solution = obscurances.filter(|_| self.settings.occlusion);
-        if solution.is_some() != self.occlusion.is_some() {
-            self.gather = gather(gpu, scene, solution.is_some())?;
+        let openness = earlier.openness().filter(|_| self.settings.occlusion);
+        if openness.is_some() != self.occlusion.is_some() {
+            self.gather = gather(gpu, scene, openness.is_some())?;
             self.bound = None;
         }
-        let is_current = |one: &Attenuation| solution.is_some_and(|solution| one.is_of(solution));
-        if !self.occlusion.as_ref().is_some_and(is_current) {
-            let made = solution.map(|solution| Attenuation::new(gpu, scene, solution));
-            self.occlusion = made.transpose()?;
-        }
+        self.occlusion = following(self.occlusion.take(), openness, gpu, scene)?;
         Ok(())
     }
 
@@ -194,7 +190,7 @@ impl EnvironmentMap {
     }
 }
 
-/// The pass that adds the light; `is_hidden`: as far as obscurances let it.
+/// The pass that adds the light; `is_hidden`: as far as openness lets it.
 fn gather(gpu: &Gpu, scene: &GpuScene, is_hidden: bool) -> Result<Gather, GpuError> {
     let shader = shader!("techniques.environment_map.gather");
     let constants = [("OCCLUSION", f64::from(u8::from(is_hidden)))];
@@ -249,7 +245,7 @@ impl Technique for EnvironmentMap {
             needs: self
                 .settings
                 .occlusion
-                .then_some((obscurances::INFO.name, "occlusion")),
+                .then_some((Provided::Openness, "occlusion")),
         }
     }
 
@@ -274,7 +270,7 @@ impl Technique for EnvironmentMap {
         let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
         let (maps, generated) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
         self.maps = Some((maps.clone(), lookup));
-        self.follow_obscurances(frame.gpu, scene, earlier)?;
+        self.follow_openness(frame.gpu, scene, earlier)?;
         Ok(generated)
     }
 

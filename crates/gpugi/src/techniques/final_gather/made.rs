@@ -13,8 +13,10 @@ use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{GpuScene, Versions};
-use crate::techniques::obscurances::{Attenuation, Obscurances};
-use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texels};
+use crate::techniques::openness::following;
+use crate::techniques::{
+    Earlier, Generated, Inspection, Map, ObjectMapsKey, OpennessLookup, Texels,
+};
 
 /// Most reference points of a grid, and most objects with one.
 const MOST_POINTS: u64 = 4096;
@@ -36,7 +38,7 @@ pub struct Made {
     maps: Maps,
     cubes: Cubes,
     /// With `occlusion`, what multiplies the light.
-    attenuation: Option<Attenuation>,
+    openness: Option<Box<dyn OpennessLookup>>,
     lit_as: Option<LitAs>,
     /// Bounces since the light last changed.
     bounced: u32,
@@ -231,7 +233,7 @@ impl Made {
             kernels,
             maps,
             cubes,
-            attenuation: None,
+            openness: None,
             lit_as: None,
             bounced: 0,
             is_complete: false,
@@ -258,7 +260,8 @@ impl Made {
         eye: Vec3,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        self.follow_obscurances(frame.gpu, scene, earlier)?;
+        let openness = earlier.openness().filter(|_| self.settings.occlusion);
+        self.openness = following(self.openness.take(), openness, frame.gpu, scene)?;
         let is_lit = self.light(frame, scene, eye, earlier)?;
         if is_lit {
             self.bounced = 0;
@@ -293,31 +296,13 @@ impl Made {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let obscurances = match &mut self.attenuation {
-            Some(attenuation) => Some(attenuation.record(frame, scene, receiver)?),
+        let openness = match &mut self.openness {
+            Some(openness) => Some(openness.record(frame, scene, receiver)?),
             None => None,
         };
-        let gathered = self.maps.gathered(frame.gpu, &self.kernels, obscurances)?;
+        let gathered = self.maps.gathered(frame.gpu, &self.kernels, openness)?;
         let gather = &mut self.kernels.gather;
         gather.record(frame, "final-gather.gather", scene, receiver, &[gathered])
-    }
-
-    /// Reads the present obscurances.
-    fn follow_obscurances(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        earlier: &Earlier<'_>,
-    ) -> Result<(), GpuError> {
-        let obscurances = earlier.technique().and_then(Obscurances::solution);
-        let Some(solution) = obscurances.filter(|_| self.settings.occlusion) else {
-            return Ok(());
-        };
-        let is_current = |one: &Attenuation| one.is_of(solution);
-        if !self.attenuation.as_ref().is_some_and(is_current) {
-            self.attenuation = Some(Attenuation::new(gpu, scene, solution)?);
-        }
-        Ok(())
     }
 
     /// The lights, the distances, and the memory that it takes to make them.

@@ -17,8 +17,8 @@ mod settings;
 mod tests;
 
 use super::{
-    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Purpose, Registration, Role, Technique,
-    obscurances,
+    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Provided, Purpose, Registration, Role,
+    Technique,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
@@ -192,7 +192,7 @@ impl Technique for FinalGather {
             ..Plan::adding(paths, scene)
         };
         if self.settings.occlusion {
-            plan.needs = Some((obscurances::INFO.name, "occlusion"));
+            plan.needs = Some((Provided::Openness, "occlusion"));
         }
         self.left_over = 0;
         if places == Places::Objects {

@@ -16,8 +16,8 @@ use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
 use crate::techniques::{
-    Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Role,
-    Technique,
+    Cost, Earlier, Generated, Info, Inspection, Needs, Openness, OwnPoints, Plan, Provided,
+    Registration, Role, Technique,
 };
 
 /// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
@@ -34,6 +34,7 @@ pub const INFO: Info = Info {
     needs: Needs::TEXELS,
     cost: Cost::Picture,
     lights_points: OwnPoints::TowardEye,
+    provides: &[Provided::Openness],
     ..Info::BASE
 };
 
@@ -89,11 +90,6 @@ pub(super) struct ObscuranceMaps {
 }
 
 impl Obscurances {
-    /// The obscurances, once generated.
-    pub fn solution(&self) -> Option<&Solution> {
-        self.made.as_ref().map(|made| &made.solution)
-    }
-
     fn make(
         &self,
         gpu: &Gpu,
@@ -298,6 +294,11 @@ impl Technique for Obscurances {
         }
         let (name, texels) = ("obscurances.gather", Some(&made.capture));
         made.gather.record(frame, name, scene, texels, receiver)
+    }
+
+    fn openness(&self) -> Option<&dyn Openness> {
+        let made = self.made.as_ref()?;
+        Some(&made.solution)
     }
 
     fn inspect(&self) -> Inspection {

@@ -15,6 +15,5 @@ mod solution;
 mod tests;
 
 pub use ambient::{INFO, Obscurances, REGISTRATION};
-pub(crate) use attenuation::Attenuation;
 pub use settings::{Ambient, Falloff, Mode, Settings};
 pub use solution::{ObscurancePage, Solution};

@@ -12,7 +12,7 @@ mod particles;
 mod phase_matrix;
 mod reflecting;
 mod seen;
-mod sources;
+pub(super) mod sources;
 #[cfg(test)]
 mod tests;
 
@@ -21,8 +21,8 @@ use std::sync::Arc;
 use gpugi_scene::Bounds;
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, Needs, OwnPoints, Plan, Purpose, Registration, Role,
-    Technique, Texels,
+    Earlier, Generated, Info, Inspection, Map, Needs, OwnPoints, Plan, Provided, Purpose,
+    Registration, Role, Technique, Texels,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
@@ -35,7 +35,7 @@ use network::{Kernels, Network, Shape};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
 use seen::{How, Passes, Seen};
-pub(crate) use sources::Sources;
+use sources::MediaSources;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -50,6 +50,7 @@ pub const INFO: Info = Info {
     role: Role::Media,
     needs: Needs::RAYS,
     lights_points: OwnPoints::TowardEye,
+    provides: &[Provided::MediaSources],
     ..Info::BASE
 };
 
@@ -157,11 +158,6 @@ pub struct ParticipatingMedia {
 }
 
 impl ParticipatingMedia {
-    /// For rays of other techniques; `None` while there are no media.
-    pub(crate) fn sources(&self) -> Option<Sources> {
-        self.made.as_ref().map(|made| made.network.sources())
-    }
-
     /// The lights of the scene as samples.
     fn lights(&self, scene: &GpuScene) -> Vec<LightSample> {
         let punctual = scene.lights.iter().map(punctual);
@@ -401,6 +397,10 @@ impl Technique for ParticipatingMedia {
             }
             _ => Ok(()),
         }
+    }
+
+    fn media_sources(&self) -> Option<MediaSources> {
+        self.made.as_ref().map(|made| made.network.sources())
     }
 
     fn inspect(&self) -> Inspection {

@@ -10,7 +10,6 @@ mod passes;
 #[cfg(test)]
 mod tests;
 
-use super::participating_media::ParticipatingMedia;
 use super::{
     Cost, Earlier, Figure, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Role,
     Technique, distance_impostor,
@@ -207,8 +206,7 @@ impl Technique for RayTracing {
         }
         match &mut self.passes {
             Some(passes) => {
-                let media = earlier.technique::<ParticipatingMedia>();
-                passes.see(frame.gpu, media.and_then(ParticipatingMedia::sources))?;
+                passes.see(frame.gpu, earlier.media_sources())?;
                 let most = self.most_rays.unwrap_or(MOST_RAYS);
                 passes.record(frame, scene, receiver, &self.settings, most, earlier)
             }
