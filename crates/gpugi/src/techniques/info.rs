@@ -23,13 +23,15 @@ pub struct Info {
     pub cost: Cost,
     /// Points of its own that it lights, which the camera may not see.
     pub lights_points: OwnPoints,
+    /// Where it adds light and dims it, on the way from surfaces to the eye.
+    pub layer: Layer,
     /// What else than light it provides to the techniques after it.
     pub provides: &'static [Provided],
 }
 
 impl Info {
-    /// What most techniques have in common: they follow frames in motion, need nothing, light no points of their
-    /// own, and provide light alone.
+    /// What most techniques have in common: they follow frames in motion, need nothing, light no points of their own, add
+    /// light at surfaces, and provide nothing else.
     pub const BASE: Self = Self {
         name: "",
         summary: "",
@@ -39,6 +41,7 @@ impl Info {
         needs: Needs::NOTHING,
         cost: Cost::Frame,
         lights_points: OwnPoints::None,
+        layer: Layer::Surfaces,
         provides: &[],
     };
 }
@@ -131,6 +134,18 @@ pub enum OwnPoints {
     TowardEye,
     /// Points whose irradiance or fluence it takes, too: gathers are compiled for these in advance.
     Irradiance,
+}
+
+/// Where a technique adds light and dims it, from the farthest to the nearest of the eye: each layer dims all those before
+/// it. In one layer, techniques later in the frame lie nearer to the eye.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Layer {
+    /// At the receiver's points.
+    Surfaces,
+    /// Between the points and the eye, such as fog: see [`Technique::behind`](super::Technique::behind).
+    Media,
+    /// Before all media, such as a pane before the eye.
+    Eye,
 }
 
 /// What a technique provides to those after it, beside light.

@@ -25,7 +25,7 @@ pub mod shadow_map;
 
 pub use budget::Budget;
 pub(crate) use budget::Slice;
-pub use info::{Cost, Info, Needs, OwnPoints, Provided, Role};
+pub use info::{Cost, Info, Layer, Needs, OwnPoints, Provided, Role};
 pub use map::{Map, MapRead, Texels};
 pub use occasion::{Occasion, Purpose, Speed, Values};
 pub use openness::{Openness, OpennessLookup};
@@ -204,9 +204,9 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError>;
 
-    /// For a technique that shows what lies between the eye and the receiver's points: a receiver of the same points to
-    /// which emission and all other techniques add. `gather` comes last then, and adds what it dims of that. At most one
-    /// technique of a set does so.
+    /// For a technique of a [`Layer`] before surfaces: a receiver of the same points with a cleared target, to which
+    /// emission and all that lies farther from the eye add. `gather` follows with `receiver` itself: what it dims of that
+    /// it writes to the target with the first sample of a picture, and adds with others. `None`: it adds light at surfaces.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -476,44 +476,59 @@ impl<'a> Earlier<'a> {
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
         let attenuated = self.emission.attenuation.begin(frame, receiver)?;
-        let mut gathered = attenuated.clone();
-        let mut last = None;
-        for (index, technique) in self.techniques.iter_mut().enumerate() {
-            if adds(technique.info().name)
-                && let Some(behind) = technique.behind(frame, &attenuated)?
-            {
-                (gathered, last) = (behind, Some(index));
+        // From the eye on, what lies before surfaces has all else gathered behind it.
+        let techniques = self.techniques.iter().enumerate();
+        let layers = techniques.map(|(index, one)| (one.info().layer, index));
+        let mut before: Vec<_> = layers
+            .filter(|&(layer, index)| layer > Layer::Surfaces && adds(self.name(index)))
+            .collect();
+        before.sort_unstable_by(|a, b| b.cmp(a));
+        let mut farthest = attenuated.clone();
+        let mut nearer = Vec::new();
+        for (_, index) in before {
+            if let Some(behind) = self.techniques[index].behind(frame, &farthest)? {
+                nearer.push((index, std::mem::replace(&mut farthest, behind)));
             }
         }
         if with_emission {
-            self.emission.record(frame, scene, &gathered)?;
+            self.emission.record(frame, scene, &farthest)?;
         } else {
             attenuated.clear(frame);
-            gathered.clear(frame);
         }
-        let others = (0..self.techniques.len()).filter(|&index| Some(index) != last);
-        for index in others.chain(last) {
-            let receiver = if Some(index) == last {
-                &attenuated
-            } else {
-                &gathered
-            };
-            let (techniques, rest) = self.techniques.split_at_mut(index);
-            if !adds(rest[0].info().name) {
-                continue;
+        for index in 0..self.techniques.len() {
+            if adds(self.name(index)) && !nearer.iter().any(|(one, _)| *one == index) {
+                self.gather_by(index, frame, scene, &farthest)?;
             }
-            let mut earlier = Earlier::new(
-                self.emission,
-                techniques,
-                self.impostors,
-                self.environments,
-                self.settings_version,
-                self.revision,
-                self.lights_elsewhere,
-            );
-            rest[0].gather(frame, scene, receiver, &mut earlier)?;
+        }
+        for (index, receiver) in nearer.iter().rev() {
+            self.gather_by(*index, frame, scene, receiver)?;
         }
         self.emission.attenuation.end(frame, receiver)
+    }
+
+    /// Adds the light of one of the techniques.
+    fn gather_by(
+        &mut self,
+        index: usize,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let (techniques, rest) = self.techniques.split_at_mut(index);
+        let mut earlier = Earlier::new(
+            self.emission,
+            techniques,
+            self.impostors,
+            self.environments,
+            self.settings_version,
+            self.revision,
+            self.lights_elsewhere,
+        );
+        rest[0].gather(frame, scene, receiver, &mut earlier)
+    }
+
+    fn name(&self, index: usize) -> &'static str {
+        self.techniques[index].info().name
     }
 }
 

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use gpugi_scene::Bounds;
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, Needs, OwnPoints, Plan, Provided, Purpose,
+    Earlier, Generated, Info, Inspection, Layer, Map, Needs, OwnPoints, Plan, Provided, Purpose,
     Registration, Role, Technique, Texels,
 };
 use crate::capture::{Output, Receiver, View};
@@ -50,6 +50,7 @@ pub const INFO: Info = Info {
     role: Role::Media,
     needs: Needs::RAYS,
     lights_points: OwnPoints::TowardEye,
+    layer: Layer::Media,
     provides: &[Provided::MediaSources],
     ..Info::BASE
 };
