@@ -47,6 +47,18 @@ where
     })
 }
 
+/// The word that `--technique` has for no technique at all.
+pub const NO_TECHNIQUE: &str = "none";
+
+/// The names of techniques that `--technique` holds; `None` without the option.
+pub fn technique_names(option: &[String]) -> Option<Vec<String>> {
+    match option {
+        [] => None,
+        [word] if word == NO_TECHNIQUE => Some(Vec::new()),
+        names => Some(names.to_vec()),
+    }
+}
+
 /// Splits `--set` options into technique, key and value.
 pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
     settings

@@ -69,6 +69,53 @@ impl DefaultSet {
     }
 }
 
+/// The techniques that light a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Techniques {
+    /// The scene's default set for a purpose.
+    Default(Purpose),
+    /// Those of a set, with its settings.
+    Set(DefaultSet),
+    /// Those of these names.
+    Named(Vec<String>),
+}
+
+impl Techniques {
+    /// No technique at all: emitters and the sky are seen.
+    pub const NONE: Self = Self::Named(Vec::new());
+}
+
+impl From<Purpose> for Techniques {
+    fn from(purpose: Purpose) -> Self {
+        Self::Default(purpose)
+    }
+}
+
+impl From<&DefaultSet> for Techniques {
+    fn from(set: &DefaultSet) -> Self {
+        Self::Set(set.clone())
+    }
+}
+
+impl<S: AsRef<str>> From<&[S]> for Techniques {
+    fn from(names: &[S]) -> Self {
+        let names = names.iter().map(AsRef::as_ref);
+        Self::Named(names.map(str::to_owned).collect())
+    }
+}
+
+impl<S: AsRef<str>, const COUNT: usize> From<&[S; COUNT]> for Techniques {
+    fn from(names: &[S; COUNT]) -> Self {
+        Self::from(names.as_slice())
+    }
+}
+
+impl<S: AsRef<str>> From<&Vec<S>> for Techniques {
+    fn from(names: &Vec<S>) -> Self {
+        Self::from(names.as_slice())
+    }
+}
+
 /// The set for `purpose` on `adapter`, of the techniques in `registry` that are fast enough for the purpose and suit the
 /// scene: those that stand side by side, such as direct light, and one each for gloss and for indirect light.
 pub fn default_set(

@@ -64,7 +64,7 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
         assert_eq!(has_settings(MEDIA), has_media && stand_apart(&scene));
         // Refused if light paths overlap, or if a setting does not exist.
         let size = [8, 8];
-        let renderer = Renderer::with_set(&gpu, &scene, size, &still, &registry).unwrap();
+        let renderer = Renderer::new(&gpu, &scene, size, &still).unwrap();
         let classes = renderer.light_classes();
         assert_eq!(
             classes,
@@ -149,7 +149,7 @@ fn large_gpus_trace_the_light_of_the_sky() {
     assert!(!traces(&set(discrete, Purpose::LiveView)));
     assert!(!traces(&set(software, Purpose::StillPicture)));
     // It runs on any adapter.
-    Renderer::with_set(&gpu, &scene, [8, 8], &still, &registry).unwrap();
+    Renderer::new(&gpu, &scene, [8, 8], &still).unwrap();
     let error = LightingError::Gpu(GpuError::Pass {
         pass: RADIOSITY.into(),
         reason: "no atlas".into(),

@@ -159,9 +159,8 @@ fn what_lies_nearer_to_the_eye_dims_what_lies_farther() {
     }
     let above = Camera::look_at("", Vec3::new(0.0, 1.5, 0.01), Vec3::ZERO, 0.5);
     let picture = |names: &[&str]| {
-        let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
         let mut renderer =
-            Renderer::with_registry(&gpu, &balls(), [8, 8], &names, &registry).unwrap();
+            Renderer::with_registry(&gpu, &balls(), [8, 8], names, &registry).unwrap();
         renderer.render_sample(&above, 1, None, false).unwrap();
         // Another picture into the same targets: the first sample overwrites what they hold.
         renderer.restart();
