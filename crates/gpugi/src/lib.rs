@@ -30,6 +30,7 @@ mod lights;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod measure;
 pub mod prefiltered;
+mod probes;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;

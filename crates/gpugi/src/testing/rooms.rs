@@ -11,7 +11,7 @@ const ORDER: &[&[&str]] = &[
     &["settings", "shared"],
     &["scene"],
     &["capture", "prefiltered", "ray_bench"],
-    &["impostor", "lights", "display"],
+    &["impostor", "lights", "probes", "display"],
     &["techniques"],
     &["lighting"],
     &["default_set", "reference", "bake"],

@@ -4,14 +4,13 @@ use glam::{UVec3, Vec3};
 use gpugi_scene::Bounds;
 
 use super::gpu;
-use super::maps::{Kernels, Making, Maps};
+use super::maps::{Bench, Kernels, Making, Maps};
 use super::objects::ObjectPoint;
-use super::places::{Grid, Places};
-use super::placing::Placing;
-use super::points::Points;
+use super::places::Places;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::probes::{Grid, Placing, ProbeCubes};
 use crate::scene::{GpuScene, Versions};
 use crate::techniques::openness::following;
 use crate::techniques::{
@@ -58,7 +57,7 @@ enum Layout {
 
 #[derive(Debug)]
 enum Cubes {
-    Own(Points),
+    Own(ProbeCubes<Bench>),
     OfObjects {
         objects: Vec<ObjectPoint>,
         /// The one that is lit first, so that none waits for ever where everything changes in every frame.
@@ -201,10 +200,15 @@ impl Made {
         })?;
         let kernels = Kernels::new(gpu, scene, settings, probes.own == 1)?;
         let maps = Maps::new(gpu, &kernels, settings, probes)?;
-        let at_once = settings.faces_per_frame;
+        let capture = earlier.impostors.capture_kernels();
+        let own_cubes = |points: Vec<Vec3>, placing: Option<Placing>| {
+            let side = maps.probes.resolution;
+            let at_once = settings.faces_per_frame;
+            let bench = || Bench::new(gpu, &kernels, &maps, side);
+            ProbeCubes::new(gpu, capture, side, points, placing, at_once, bench).map(Cubes::Own)
+        };
         let cubes = match &of {
             Layout::Objects(key) => {
-                let capture = earlier.impostors.capture_kernels();
                 let objects = key.objects().map(|(instance, _)| {
                     ObjectPoint::new(gpu, capture, &kernels, &maps, settings, instance)
                 });
@@ -214,16 +218,9 @@ impl Made {
                 }
             }
             Layout::Grid(bounds, grid) => {
-                let points = grid.points().collect();
-                let placing = Some(Placing::new(grid, bounds));
-                let points = Points::new(gpu, &kernels, &maps, earlier, points, placing, at_once)?;
-                Cubes::Own(points)
+                own_cubes(grid.points().collect(), Some(Placing::new(grid, bounds)))?
             }
-            Layout::Camera => {
-                let points = vec![Vec3::ZERO];
-                let points = Points::new(gpu, &kernels, &maps, earlier, points, None, at_once)?;
-                Cubes::Own(points)
-            }
+            Layout::Camera => own_cubes(vec![Vec3::ZERO], None)?,
         };
         Ok(Self {
             settings: settings.clone(),
@@ -370,7 +367,6 @@ impl Made {
         let making = Making {
             scene,
             kernels: &self.kernels,
-            maps: &self.maps,
             output,
             work,
         };
@@ -382,7 +378,25 @@ impl Made {
                 if matches!(self.of, Layout::Camera) {
                     points.positions[0] = eye;
                 }
-                points.light(frame, making, earlier)
+                let due = points.due(frame, scene, &self.maps.ways_out)?;
+                for &turn in &due {
+                    if !earlier.may_step() {
+                        break;
+                    }
+                    let faces = points.capture(frame, scene, output, turn)?;
+                    let mut work = gpu::Work {
+                        point: faces.cube as u32,
+                        ..making.work
+                    };
+                    if let Some(reach) = faces.reach {
+                        work.low = reach.low.to_array();
+                        work.high = reach.high.to_array();
+                        work.margin = reach.margin;
+                    }
+                    let bench = faces.bench;
+                    bench.light(frame, making, earlier, &faces.points, &work)?;
+                }
+                Ok(!due.is_empty())
             }
             Cubes::OfObjects { objects, next } => {
                 let count = objects.len();

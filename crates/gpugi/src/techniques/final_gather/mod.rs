@@ -10,11 +10,7 @@ mod maps;
 mod objects;
 mod own;
 mod places;
-mod placing;
-mod points;
 mod settings;
-#[cfg(test)]
-mod tests;
 
 use super::{
     Earlier, Generated, Info, Inspection, OwnPoints, Plan, Provided, Purpose, Registration, Role,
