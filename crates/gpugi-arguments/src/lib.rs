@@ -99,3 +99,20 @@ pub fn display_settings(exposure: &str, tone_map: Option<&str>) -> anyhow::Resul
     }
     Ok(settings)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn none_names_no_technique() {
+        let names = |option: &[&str]| {
+            let option: Vec<String> = option.iter().map(ToString::to_string).collect();
+            technique_names(&option)
+        };
+        assert_eq!(names(&[]), None);
+        assert_eq!(names(&["none"]), Some(Vec::new()));
+        let two = ["shadow-map", "caustics"];
+        assert_eq!(names(&two), Some(two.map(str::to_owned).to_vec()));
+    }
+}

@@ -46,7 +46,7 @@ const COMPILING: Readiness = Readiness::Pending {
 };
 
 impl Renderer {
-    /// A renderer of `scene` at `size` pixels.
+    /// A renderer of `scene` at `size` pixels. `techniques`: a purpose, whose default set it takes, a set, or names.
     ///
     /// # Errors
     /// [`LightingError`].

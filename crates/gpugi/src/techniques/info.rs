@@ -66,11 +66,11 @@ pub enum Role {
 }
 
 impl Role {
-    /// A path of the light that one technique of a set adds for all others of this role. `None`: techniques of this role
+    /// Paths of the light that one technique of a set adds for all others of this role. `None`: techniques of this role
     /// stand side by side.
     pub(crate) fn light_of_one(self) -> Option<&'static str> {
         match self {
-            Self::Gloss => Some("LDSE"),
+            Self::Gloss => Some("LD[GS]E"),
             Self::Indirect => Some("LDDE"),
             _ => None,
         }
