@@ -224,8 +224,8 @@ try {
     });
 
     // Nothing lights the scene, until a technique does.
-    const page = await open(browser, `${address}#scene=cornell&technique=&set=shadow-map.area-samples=8&samples=2`);
-    await settled(page, /--technique '' /);
+    const page = await open(browser, `${address}#scene=cornell&technique=none&set=shadow-map.area-samples=8&samples=2`);
+    await settled(page, /--technique none /);
     await page.evaluate(() => window.gpugi.run('technique shadow-map'));
     await shoot(page, 'cornell', /render cornell .*--technique shadow-map /);
 

@@ -49,6 +49,18 @@ where
     })
 }
 
+/// The word that `--technique` has for no technique at all.
+pub const NO_TECHNIQUE: &str = "none";
+
+/// The names of techniques that `--technique` holds; `None` without the option.
+pub fn technique_names(option: &[String]) -> Option<Vec<String>> {
+    match option {
+        [] => None,
+        [word] if word == NO_TECHNIQUE => Some(Vec::new()),
+        names => Some(names.to_vec()),
+    }
+}
+
 /// Splits `--set` options into technique, key and value.
 pub fn split_settings(settings: &[String]) -> anyhow::Result<Vec<[&str; 3]>> {
     settings
@@ -114,5 +126,22 @@ impl DisplayArguments {
             }
         }
         Ok((effects, rest))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn none_names_no_technique() {
+        let names = |option: &[&str]| {
+            let option: Vec<String> = option.iter().map(ToString::to_string).collect();
+            technique_names(&option)
+        };
+        assert_eq!(names(&[]), None);
+        assert_eq!(names(&["none"]), Some(Vec::new()));
+        let two = ["shadow-map", "caustics"];
+        assert_eq!(names(&two), Some(two.map(str::to_owned).to_vec()));
     }
 }

@@ -5,11 +5,12 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use gpugi::Renderer;
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::picture::Effects;
 use gpugi::scene::Edit;
 use gpugi::techniques::Figure;
+use gpugi::{Purpose, Renderer, Techniques};
+use gpugi_arguments::technique_names;
 use gpugi_scene::Camera;
 
 use crate::output::{median, write_json};
@@ -214,7 +215,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             arguments.json.as_deref(),
         );
     }
-    let mut renderer = Renderer::new(&gpu, &scene, size, &arguments.technique).map_err(usage)?;
+    let techniques = match technique_names(&arguments.technique) {
+        Some(names) => Techniques::Named(names),
+        None => Techniques::Default(Purpose::LiveView),
+    };
+    let mut renderer = Renderer::new(&gpu, &scene, size, techniques).map_err(usage)?;
     apply_settings(&mut renderer, &arguments.set)?;
     let effects = Effects::of_live_view().exposed(0.0);
     if arguments.moving_light && scene.lights.is_empty() {

@@ -9,8 +9,8 @@ use gpugi::gpu::{Gpu, Timing};
 use gpugi::picture::{self, Effects, Shown};
 use gpugi::reference::{self, PathTracer};
 use gpugi::techniques::Registry;
-use gpugi::{LightingError, Purpose, Readiness, Renderer, default_set};
-use gpugi_arguments::{DisplayArguments, parse_size, split_settings};
+use gpugi::{LightingError, Purpose, Readiness, Renderer, Techniques, default_set};
+use gpugi_arguments::{DisplayArguments, parse_size, split_settings, technique_names};
 use gpugi_scene::{Camera, Scene};
 
 use crate::explain::{Costs, explain};
@@ -35,7 +35,7 @@ pub struct Arguments {
     camera: Option<String>,
     #[command(flatten)]
     display: DisplayArguments,
-    /// Techniques, separated by commas, or path-tracer (default: what suits a still picture of the scene; see
+    /// Techniques, separated by commas, or path-tracer, or none (default: what suits a still picture of the scene; see
     /// --explain)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
@@ -137,15 +137,16 @@ impl<'a> Chosen<'a> {
         named: &[String],
         settings: &'a [String],
     ) -> anyhow::Result<Self> {
-        let (mut renderer, set) = if named.is_empty() {
-            let registry = Registry::default();
-            let set = default_set(scene, &gpu.adapter, Purpose::StillPicture, &registry);
-            let renderer = Renderer::with_set(gpu, scene, size, &set, &registry);
-            (renderer.map_err(usage)?, Some(set))
-        } else {
-            let renderer = Renderer::new(gpu, scene, size, named);
-            (renderer.map_err(usage)?, None)
+        let (techniques, set) = match technique_names(named) {
+            Some(names) => (Techniques::Named(names), None),
+            None => {
+                let purpose = Purpose::StillPicture;
+                let set = default_set(scene, &gpu.adapter, purpose, &Registry::default());
+                (Techniques::from(&set), Some(set))
+            }
         };
+        let renderer = Renderer::new(gpu, scene, size, techniques);
+        let mut renderer = renderer.map_err(usage)?;
         apply_settings(&mut renderer, settings)?;
         Ok(Self {
             gpu,
@@ -160,10 +161,13 @@ impl<'a> Chosen<'a> {
     /// Replaces the technique of the default set that `error` says has no atlas. A note lists the `--set` options that
     /// no longer apply. Other errors are returned.
     pub fn without_atlas(&mut self, error: LightingError) -> anyhow::Result<()> {
-        let smaller = self.set.take().and_then(|set| set.without_atlas(&error));
-        let mut set = smaller.ok_or_else(|| usage(error))?;
         let registry = Registry::default();
-        let renderer = Renderer::with_set(self.gpu, self.scene, self.size, &set, &registry);
+        let set = self.set.take();
+        let without_atlas =
+            |set: DefaultSet| set.without_atlas(&error, self.scene, &self.gpu.adapter, &registry);
+        let smaller = set.and_then(without_atlas);
+        let mut set = smaller.ok_or_else(|| usage(error))?;
+        let renderer = Renderer::new(self.gpu, self.scene, self.size, &set);
         self.renderer = renderer.map_err(usage)?;
         for [technique, key, value] in split_settings(self.settings)? {
             if set.names().iter().any(|name| name == technique) {

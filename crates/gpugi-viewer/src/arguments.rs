@@ -8,7 +8,7 @@ use clap::error::ErrorKind;
 use gpugi::picture::Effects;
 use gpugi::techniques::Registry;
 use gpugi_arguments::scene_argument::SceneArguments;
-use gpugi_arguments::{DisplayArguments, Usage, split_settings};
+use gpugi_arguments::{DisplayArguments, Usage, split_settings, technique_names};
 use percent_encoding::percent_decode_str;
 use serde_json::Value;
 
@@ -31,7 +31,8 @@ pub struct ViewArguments {
     camera: Option<String>,
     #[command(flatten)]
     display: DisplayArguments,
-    /// Techniques, separated by commas, or path-tracer (default: what suits the scene in motion)
+    /// Techniques, separated by commas, or path-tracer, or none (default: what suits the scene in
+    /// motion)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
     /// A technique's setting (repeatable)
@@ -82,10 +83,8 @@ impl ViewArguments {
     /// # Errors
     /// [`Usage`], which names the option.
     pub fn start(&self) -> anyhow::Result<Start> {
-        // An empty name stands for no technique at all.
-        let names = self.technique.iter().filter(|name| !name.is_empty());
         let mut set = TechniqueSet {
-            names: (!self.technique.is_empty()).then(|| names.cloned().collect()),
+            names: technique_names(&self.technique),
             ..TechniqueSet::default()
         };
         let (effects, settings) = (self.display).effects(Effects::of_live_view(), &self.set)?;
@@ -219,7 +218,7 @@ mod tests {
             ("cornell", None)
         );
         assert_eq!(
-            of_address("technique=").unwrap().set.names,
+            of_address("technique=none").unwrap().set.names,
             Some(Vec::new())
         );
     }

@@ -1,6 +1,7 @@
 //! What is seen, in words: the command line that renders it, the address of the page that shows it, and a file that
 //! opens it.
 
+use gpugi_arguments::NO_TECHNIQUE;
 use gpugi_scene::Scene;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
@@ -102,7 +103,11 @@ fn options(session: &Session) -> Vec<(&'static str, String)> {
     }
     options.push(("exposure", session.effects.exposure.value.to_string()));
     options.push(("tone-map", session.effects.tone_map.operator.to_string()));
-    options.push(("technique", session.technique_names().join(",")));
+    let names = match &session.technique_names()[..] {
+        [] => NO_TECHNIQUE.to_owned(),
+        names => names.join(","),
+    };
+    options.push(("technique", names));
     for technique in loaded.renderer.techniques() {
         let values = technique.settings().to_json();
         for field in technique.settings().fields() {

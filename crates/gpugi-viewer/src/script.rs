@@ -6,6 +6,7 @@ use glam::Vec2;
 use gpugi_arguments::edits;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::SceneArguments;
+use gpugi_arguments::technique_names;
 
 use crate::technique_set::TechniqueSet;
 use crate::viewer::Viewer;
@@ -90,7 +91,8 @@ fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
         "open" => (1, Step::Open(values.first()?.to_string())),
         "technique" => {
             let names = values.first()?.split(',').map(str::to_owned);
-            (1, Step::Techniques(names.collect()))
+            let names: Vec<String> = names.collect();
+            (1, Step::Techniques(technique_names(&names)?))
         }
         "set" => {
             let (path, value) = values.first()?.split_once('=')?;

@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use gpugi::gpu::{Gpu, GpuError};
 use gpugi::reference;
-use gpugi::techniques::Registry;
-use gpugi::{LightingError, Purpose, Renderer, default_set};
+use gpugi::{LightingError, Purpose, Renderer, Techniques};
 use gpugi_scene::Scene;
 
 /// The name of the path tracer, which takes the place of all techniques.
@@ -89,22 +88,17 @@ impl TechniqueSet {
         scene: &Scene,
         size: [u32; 2],
     ) -> Result<Renderer, LightingError> {
-        let registry = Registry::default();
         self.path_tracer_settings()?;
-        let mut renderer = match &self.names {
-            Some(names) if names.is_empty() || self.is_path_tracer() => {
-                Renderer::new(gpu, scene, size, &[String::new()])?
-            }
+        let techniques = match &self.names {
+            Some(_) if self.is_path_tracer() => Techniques::NONE,
             Some(names) if names.iter().any(|name| name == PATH_TRACER) => {
                 let what = format!("{PATH_TRACER} computes all light by itself; name it alone");
                 return Err(GpuError::Input { what }.into());
             }
-            Some(names) => Renderer::new(gpu, scene, size, names)?,
-            None => {
-                let set = default_set(scene, &gpu.adapter, self.preset.purpose(), &registry);
-                Renderer::with_set(gpu, scene, size, &set, &registry)?
-            }
+            Some(names) => Techniques::Named(names.clone()),
+            None => Techniques::Default(self.preset.purpose()),
         };
+        let mut renderer = Renderer::new(gpu, scene, size, techniques)?;
         let techniques = renderer.techniques().iter();
         let in_use: Vec<&str> = techniques.map(|one| one.info().name).collect();
         for (technique, settings) in &self.settings {

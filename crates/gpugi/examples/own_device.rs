@@ -5,9 +5,9 @@
 
 use std::error::Error;
 
-use gpugi::Renderer;
 use gpugi::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use gpugi::picture::{Effects, Present};
+use gpugi::{Purpose, Renderer};
 
 fn main() -> Result<(), Box<dyn Error>> {
     // What an engine already has: an adapter, a device and its queue.
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let gpu = Gpu::from_device(&adapter, device, queue);
     let scene = gpugi_scene::builtin::builtin("room", 1).ok_or("a built-in scene")?;
-    let mut renderer = Renderer::new(&gpu, &scene, [size.width, size.height], &[])?;
+    let mut renderer = Renderer::new(&gpu, &scene, [size.width, size.height], Purpose::LiveView)?;
     renderer.render_sample(&scene.cameras[0], 1, Some(&Effects::default()), false)?;
 
     let present = Present::new(&gpu, texture.format())?;

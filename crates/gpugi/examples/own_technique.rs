@@ -1,8 +1,10 @@
 //! A technique outside gpugi: ambient light in the colour of the sky. docs/adding-a-technique.md walks through it.
 //!
-//! `cargo run --example own_technique -- ambient.png` renders a built-in scene with it.
+//! `cargo run --example own_technique -- ambient.png` renders a built-in scene with its default set, which this technique
+//! joins.
 
 use std::error::Error;
+use std::ops::ControlFlow;
 
 use gpugi::capture::{Gather, Receiver, View};
 use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
@@ -10,19 +12,16 @@ use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::picture::Effects;
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
-use gpugi::techniques::{
-    Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique,
-};
-use gpugi::{Renderer, settings};
+use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Registry, Role, Technique};
+use gpugi::{Purpose, Renderer, default_set, settings};
 
 const INFO: Info = Info {
     name: "sky-ambient",
     summary: "indirect light of the sky, alike at all points: each sees as much sky as its normal faces up",
     source: "hemisphere lighting",
     paths: &[LightPaths::new(LightClass::Environment, "LDD+E")],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Indirect,
+    ..Info::BASE
 };
 
 settings! {
@@ -106,34 +105,97 @@ impl Technique for SkyAmbient {
     }
 }
 
+/// What default sets and renderers know of the technique.
+const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| {
+        Ok(Box::new(SkyAmbient {
+            settings: Settings::default(),
+            gather: None,
+        }))
+    },
+    suits: |occasion| Some(occasion.has_lights(INFO.paths)),
+    settings: |_| vec![("strength", 0.5.to_string())],
+};
+
+/// gpugi's techniques and this one. Radiosity and final-gather add indirect light, too; the first is the better one.
+fn registry() -> Registry {
+    let mut registry = Registry::default();
+    registry.insert_before("radiosity", REGISTRATION);
+    registry
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let output = std::env::args()
         .nth(1)
         .unwrap_or_else(|| "ambient.png".into());
     let size = [256, 192];
-    let mut scene = gpugi_scene::builtin::builtin("spheres", 1).ok_or("a built-in scene")?;
-    scene
-        .environment
-        .get_or_insert_with(gpugi_scene::Environment::default_sky);
-    let mut registry = Registry::default();
-    registry.insert_before(
-        "ray-tracing",
-        Registration {
-            info: &INFO,
-            fields: Settings::fields,
-            make: |_, _| {
-                Ok(Box::new(SkyAmbient {
-                    settings: Settings::default(),
-                    gather: None,
-                }))
-            },
-        },
-    );
+    // The sky alone lights it.
+    let scene = gpugi_scene::builtin::builtin("spheres", 1).ok_or("a built-in scene")?;
+    let camera = &scene.cameras[0];
     let gpu = Gpu::open(&AdapterChoice::Best)?;
-    let names = ["image-based-lighting", "sky-ambient"].map(str::to_owned);
-    let mut renderer = Renderer::with_registry(&gpu, &scene, size, &names, &registry)?;
-    renderer.set("sky-ambient", "strength", "0.5")?;
-    renderer.render_sample(&scene.cameras[0], 1, Some(&Effects::default()), false)?;
+    let registry = registry();
+    let set = default_set(&scene, &gpu.adapter, Purpose::StillPicture, &registry);
+    for choice in &set.choices {
+        println!("{}: {}", choice.technique, choice.reason);
+    }
+    let mut renderer = Renderer::with_registry(&gpu, &scene, size, &set, &registry)?;
+    renderer.converge(camera, false, |_, _| ControlFlow::Continue(()))?;
+    renderer.render_sample(camera, 1, Some(&Effects::default()), false)?;
     gpugi_scene::image::save_png(output.as_ref(), size[0], size[1], &renderer.pixels()?)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::Scene;
+    use gpugi_scene::builtin::builtin;
+
+    use super::*;
+
+    #[test]
+    fn it_joins_default_sets_by_its_role_and_paths() {
+        if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
+            return;
+        }
+        let gpu = Gpu::open(&AdapterChoice::Best).expect("a GPU");
+        let indirect = |scene: &Scene, purpose| {
+            let set = default_set(scene, &gpu.adapter, purpose, &registry());
+            set.names().pop().expect("a technique")
+        };
+        // Where only the sky gives light, it takes the place of other indirect light.
+        let mut scene = builtin("spheres", 1).expect("a built-in scene");
+        for purpose in [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake] {
+            assert_eq!(indirect(&scene, purpose), INFO.name);
+        }
+        let size = [16, 12];
+        let purpose = Purpose::LiveView;
+        let mut with = Renderer::with_registry(&gpu, &scene, size, purpose, &registry())
+            .expect("no light is added twice");
+        let in_use = with
+            .techniques()
+            .iter()
+            .find(|one| one.info().name == INFO.name);
+        let strength = in_use.map(|one| one.settings().to_json()["strength"].clone());
+        assert_eq!(strength, Some(0.5.into()));
+        let mut names = default_set(&scene, &gpu.adapter, purpose, &registry()).names();
+        names.retain(|name| name != INFO.name);
+        let mut without = Renderer::new(&gpu, &scene, size, &names).expect("a renderer");
+        let [with, without] = [&mut with, &mut without].map(|renderer| {
+            for (name, value) in [("samples", "16"), ("resolution", "32")] {
+                let set = renderer.set("image-based-lighting", name, value);
+                set.expect("a setting");
+            }
+            let sample = renderer.render_sample(&scene.cameras[0], 1, None, false);
+            sample.expect("a sample");
+            let radiance = renderer.radiance().expect("a picture");
+            radiance.into_iter().map(f64::from).sum::<f64>()
+        });
+        assert!(with > 1.02 * without, "{with} {without}");
+        // It lacks the light of lamps, which others add.
+        scene.lights = builtin("glass-room", 1).expect("a built-in scene").lights;
+        assert_eq!(indirect(&scene, Purpose::StillPicture), "radiosity");
+        assert_eq!(indirect(&scene, Purpose::LiveView), "final-gather");
+    }
 }

@@ -185,7 +185,7 @@ fn main() -> Result<()> {
 
     let scene = clouds()?;
     let size = [600, 360];
-    let mut renderer = Renderer::for_purpose(&gpu, &scene, size, Purpose::StillPicture)?;
+    let mut renderer = Renderer::new(&gpu, &scene, size, Purpose::StillPicture)?;
     // 512 each.
     renderer.set(
         TECHNIQUE,

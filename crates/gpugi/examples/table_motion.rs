@@ -44,7 +44,7 @@ fn main() -> Result<()> {
     println!("|---|---|---|---|");
     for name in names {
         let scene = builtin(&name, 1).ok_or_else(|| format!("{name}: no such scene"))?;
-        let mut renderer = Renderer::for_purpose(&gpu, &scene, size, Purpose::LiveView)?;
+        let mut renderer = Renderer::new(&gpu, &scene, size, Purpose::LiveView)?;
         let truth = truth(&mut renderer, &scene)?;
         let exposure = renderer.exposure_value()?;
         let mut errors = Vec::new();

@@ -7,7 +7,7 @@
 //! let scene = gpugi_scene::builtin::builtin("cornell", 1).expect("a built-in scene");
 //! let gpu = Gpu::open(&AdapterChoice::Best)?;
 //! let camera = &scene.cameras[0];
-//! let mut renderer = Renderer::for_purpose(&gpu, &scene, [640, 640], Purpose::StillPicture)?;
+//! let mut renderer = Renderer::new(&gpu, &scene, [640, 640], Purpose::StillPicture)?;
 //! renderer.converge(camera, false, |_readiness, _times| ControlFlow::Continue(()))?;
 //! renderer.render_sample(camera, 1, Some(&Effects::default()), false)?;
 //! let rgba = renderer.pixels()?;
@@ -30,6 +30,7 @@ mod lights;
 pub mod measure;
 pub mod picture;
 pub mod prefiltered;
+mod probes;
 pub mod ray_bench;
 pub mod reference;
 pub mod renderer;
@@ -42,6 +43,7 @@ pub mod techniques;
 #[cfg(test)]
 mod testing;
 
-pub use default_set::{Purpose, default_set};
+pub use default_set::{Techniques, default_set};
 pub use lighting::{Lighting, LightingError, Readiness};
 pub use renderer::Renderer;
+pub use techniques::Purpose;

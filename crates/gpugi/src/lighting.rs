@@ -19,7 +19,7 @@ use crate::scene::{Claims, GpuScene, Versions, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
-    Earlier, Figure, Generated, Inspection, Map, OwnPoints, Plan, Registry, Slice, Technique,
+    Earlier, Figure, Generated, Inspection, Map, Needs, OwnPoints, Plan, Registry, Slice, Technique,
 };
 
 /// Frames that keep to their budget after one that does not, while the scene changes.
@@ -59,14 +59,14 @@ pub enum LightingError {
         /// Its class of lights.
         class: LightClass,
     },
-    /// A technique needs another one that is not in use.
+    /// A technique needs what none before it provides.
     #[error("{technique}.{setting} needs {needed}, which is not in use: add it to the techniques")]
     Needs {
         /// The technique.
         technique: String,
-        /// The setting that asks for the other one.
+        /// The setting that asks for it.
         setting: String,
-        /// The other one.
+        /// The techniques that provide it.
         needed: String,
     },
 }
@@ -114,6 +114,8 @@ pub struct Lighting {
     emission: Emission,
     impostors: Impostors,
     environments: Environments,
+    /// Where the techniques come from.
+    registry: Registry,
     techniques: Vec<Box<dyn Technique>>,
     plans: Vec<Plan>,
     generated: Vec<Generated>,
@@ -141,7 +143,7 @@ impl Lighting {
         names: &[String],
         registry: &Registry,
     ) -> Result<GpuScene, LightingError> {
-        let mut keeps_texels = false;
+        let mut has_rays = false;
         for name in names {
             let found = registry
                 .find(name)
@@ -149,9 +151,9 @@ impl Lighting {
                     name: name.clone(),
                     known: registry.names(),
                 })?;
-            keeps_texels |= found.info.keeps_texels;
+            has_rays |= found.info.needs != Needs::NOTHING;
         }
-        Ok(if keeps_texels {
+        Ok(if has_rays {
             GpuScene::with_texels(gpu, scene)?
         } else {
             GpuScene::new(gpu, scene)?
@@ -182,6 +184,7 @@ impl Lighting {
             impostors: Impostors::new(gpu, scene, &capture)?,
             capture,
             environments: Environments::default(),
+            registry: registry.clone(),
             plans: Vec::new(),
             generated: vec![Generated::FINAL; techniques.len()],
             waited: vec![0; techniques.len()],
@@ -228,11 +231,11 @@ impl Lighting {
                 continue;
             };
             let mut before = self.techniques[..index].iter();
-            if !before.any(|one| one.info().name == needed) {
+            if !before.any(|one| one.info().provides.contains(&needed)) {
                 return Err(LightingError::Needs {
                     technique: self.techniques[index].info().name.into(),
                     setting: setting.into(),
-                    needed: needed.into(),
+                    needed: self.registry.providers(needed),
                 });
             }
         }

@@ -10,7 +10,7 @@ use glam::Vec2;
 use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
-use crate::default_set::{DefaultSet, Purpose, default_set};
+use crate::default_set::{Techniques, default_set};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
     read_buffer,
@@ -53,8 +53,7 @@ const COMPILING: Readiness = Readiness::Pending {
 };
 
 impl Renderer {
-    /// A renderer of `scene` at `size` pixels with the named techniques; none named means the scene's default set for a
-    /// live view, and one empty name no technique at all. [`Renderer::for_purpose`] also serves others.
+    /// A renderer of `scene` at `size` pixels. `techniques`: a purpose, whose default set it takes, a set, or names.
     ///
     /// # Errors
     /// [`LightingError`].
@@ -62,9 +61,9 @@ impl Renderer {
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
-        names: &[String],
+        techniques: impl Into<Techniques>,
     ) -> Result<Self, LightingError> {
-        Self::with_registry(gpu, scene, size, names, &Registry::default())
+        Self::with_registry(gpu, scene, size, techniques, &Registry::default())
     }
 
     /// As [`Renderer::new`], with techniques of other crates.
@@ -75,15 +74,21 @@ impl Renderer {
         gpu: &Gpu,
         scene: &Scene,
         size: [u32; 2],
-        names: &[String],
+        techniques: impl Into<Techniques>,
         registry: &Registry,
     ) -> Result<Self, LightingError> {
-        if names.is_empty() {
-            let set = default_set(scene, &gpu.adapter, Purpose::LiveView, registry);
-            return Self::with_set(gpu, scene, size, &set, registry);
+        let set = match techniques.into() {
+            Techniques::Named(names) => return Self::of(gpu, scene, size, &names, registry),
+            Techniques::Default(purpose) => default_set(scene, &gpu.adapter, purpose, registry),
+            Techniques::Set(set) => set,
+        };
+        let mut renderer = Self::of(gpu, scene, size, &set.names(), registry)?;
+        for choice in &set.choices {
+            for (name, value) in &choice.settings {
+                renderer.set(choice.technique, name, value)?;
+            }
         }
-        let names = if names == [""] { &[] } else { names };
-        Self::of(gpu, scene, size, names, registry)
+        Ok(renderer)
     }
 
     fn of(
@@ -113,41 +118,6 @@ impl Renderer {
             seed: 0,
             budget: Budget::UNLIMITED,
         })
-    }
-
-    /// A renderer with the scene's default set for `purpose`.
-    ///
-    /// # Errors
-    /// [`LightingError`].
-    pub fn for_purpose(
-        gpu: &Gpu,
-        scene: &Scene,
-        size: [u32; 2],
-        purpose: Purpose,
-    ) -> Result<Self, LightingError> {
-        let registry = Registry::default();
-        let set = default_set(scene, &gpu.adapter, purpose, &registry);
-        Self::with_set(gpu, scene, size, &set, &registry)
-    }
-
-    /// A renderer with the techniques and settings of `set`.
-    ///
-    /// # Errors
-    /// [`LightingError`].
-    pub fn with_set(
-        gpu: &Gpu,
-        scene: &Scene,
-        size: [u32; 2],
-        set: &DefaultSet,
-        registry: &Registry,
-    ) -> Result<Self, LightingError> {
-        let mut renderer = Self::of(gpu, scene, size, &set.names(), registry)?;
-        for choice in &set.choices {
-            for (name, value) in &choice.settings {
-                renderer.set(choice.technique, name, value)?;
-            }
-        }
-        Ok(renderer)
     }
 
     /// Whether its pipelines are still being compiled: until then, [`Renderer::try_render_sample`] adds no sample. In a

@@ -6,11 +6,11 @@ use std::ops::ControlFlow;
 
 use common::{floor, own_gpu};
 use glam::Vec3;
-use gpugi::Renderer;
 use gpugi::bake::{Bake, LightBake, LightOptions};
 use gpugi::gpu::GpuError;
 use gpugi::lighting::LightingError;
 use gpugi::reference::{PathTracer, Settings};
+use gpugi::{Purpose, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Atlas, AtlasOptions, Camera, Environment};
 
@@ -33,7 +33,8 @@ fn a_picture_whose_gpu_is_lost() {
     let Some(gpu) = own_gpu() else { return };
     let mut scene = floor(1.0);
     scene.environment = Some(Environment::default_sky());
-    let mut renderer = Renderer::new(&gpu, &scene, [16, 16], &[]).expect("a renderer");
+    let mut renderer =
+        Renderer::new(&gpu, &scene, [16, 16], Purpose::LiveView).expect("a renderer");
     renderer
         .render_sample(&looking_down(), 1, None, false)
         .expect("a sample");
@@ -45,7 +46,7 @@ fn a_picture_whose_gpu_is_lost() {
     assert_lost(samples);
     assert_lost(renderer.converge(&looking_down(), false, |_, _| ControlFlow::Continue(())));
     assert_lost(renderer.radiance());
-    assert_lost(Renderer::new(&gpu, &scene, [16, 16], &[]));
+    assert_lost(Renderer::new(&gpu, &scene, [16, 16], Purpose::LiveView));
     assert_lost(gpu.check());
     assert_lost(gpu.wait());
 }

@@ -1,5 +1,6 @@
 //! `gpugi bake`: bakes a scene's light, or what relights it, into texture space, or an environment into maps.
 
+mod lights;
 mod precomputed;
 mod scene;
 mod volume;

@@ -10,46 +10,20 @@ use gpugi::capture::atlas::LeakReport;
 use gpugi::gpu::Gpu;
 use gpugi::picture::{self, Effects};
 use gpugi::settings::SettingSet;
-use gpugi::techniques::Registry;
+use gpugi::techniques::Role;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
-use gpugi::techniques::{
-    caustics, final_gather, image_based_lighting, light_path_map, radiance_transfer, radiosity,
-    shadow_map,
-};
-use gpugi::{Purpose, default_set};
 use gpugi_arguments::{DisplayArguments, split_settings};
 use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, Scene};
 
 use super::has_extension;
+use super::lights::{self, Lights, Part};
 use super::work::{Work, begin};
 use crate::output::make_folder;
 use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
-
-/// Techniques that add direct light on diffuse surfaces.
-const DIRECT: [&str; 3] = [
-    shadow_map::INFO.name,
-    image_based_lighting::INFO.name,
-    caustics::INFO.name,
-];
-/// The technique that adds light reflected between diffuse surfaces.
-const INDIRECT: &str = radiosity::INFO.name;
-/// The technique that adds it on request, faster and less exactly.
-const GATHERED: &str = final_gather::INFO.name;
-/// The technique that computes not light, but the fraction of it that arrives.
-const FACTOR: &str = obscurances::INFO.name;
-
-/// Parts of light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Part {
-    /// Light straight from lights, and caustics of mirrors and glass
-    Direct,
-    /// Light reflected between diffuse surfaces (radiosity)
-    Indirect,
-}
 
 /// How a file stores light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -155,17 +129,7 @@ pub fn run(
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
         return Err(Usage(message.into()).into());
     }
-    let is_known =
-        |name: &str| DIRECT.contains(&name) || [INDIRECT, GATHERED, FACTOR].contains(&name);
-    if let Some(name) = techniques.iter().find(|name| !is_known(name)) {
-        return Err(Usage(format!(
-            "--technique {name}: baked into texels are {}, {INDIRECT}, {GATHERED}, {FACTOR}; {} and {} alone",
-            DIRECT.join(", "),
-            radiance_transfer::INFO.name,
-            light_path_map::INFO.name
-        ))
-        .into());
-    }
+    lights::check(techniques)?;
     let (scene, mut notes) = scene_argument::load(arguments)?;
     let original = scene;
     let (scene, turned) = original.with_lit_fronts();
@@ -188,12 +152,14 @@ pub fn run(
         atlas.pages = 0;
         notes.push(nothing_to_bake(&scene, options).to_owned());
     }
+    let is_factor = |name: &str| lights::role_of(name) == Some(Role::Factor);
+    let technique_of = |setting: &str| setting.split('.').next().unwrap_or_default().to_owned();
     let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
         .iter()
-        .partition(|one| one.starts_with(&format!("{FACTOR}.")));
+        .partition(|one| is_factor(&technique_of(one)));
     let mut leaks = None;
     let mut pages = vec![BakedPage::default(); atlas.pages as usize];
-    if techniques.iter().any(|name| name == FACTOR) {
+    if techniques.iter().any(|name| is_factor(name)) {
         let (found, of_factor) = factor(&scene, &atlas, &of_factor, &mut work)?;
         leaks = Some(of_factor);
         for (page, found) in pages.iter_mut().zip(found) {
@@ -201,7 +167,8 @@ pub fn run(
             page.colored_obscurance = found.colored;
         }
     } else if let Some(setting) = of_factor.first() {
-        return Err(Usage(format!("--set {setting}: {FACTOR} is not in use")).into());
+        let technique = technique_of(setting);
+        return Err(Usage(format!("--set {setting}: {technique} is not in use")).into());
     }
     if !lights.names.is_empty() {
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
@@ -234,7 +201,7 @@ pub fn run(
         }
         work.timed("setup");
         if lights.only_indirect {
-            bake.leave_out(&DIRECT);
+            bake.leave_out(&lights::direct());
         }
         light(&mut bake, &mut work)?;
         if let Some(folder) = &options.dump_maps {
@@ -418,13 +385,14 @@ fn factor(
         work.done.obscurances = Some(saved);
     }
     while let Some(at) = bake.step()? {
-        work.progress.show(f64::from(at.done), FACTOR);
+        work.progress
+            .show(f64::from(at.done), obscurances::INFO.name);
         work.after_step(|checkpoint| {
             checkpoint.obscurances = Some(bake.save()?);
             Ok(())
         })?;
     }
-    work.timed(FACTOR);
+    work.timed(obscurances::INFO.name);
     // Save the result, so that a bake that is stopped later need not repeat this.
     work.done.obscurances = Some(bake.save()?);
     Ok((bake.pages()?, bake.leaks()?))
@@ -452,40 +420,6 @@ fn light(bake: &mut LightBake<'_>, work: &mut Work<'_>) -> anyhow::Result<()> {
     work.timed("texels");
     work.progress.finish();
     Ok(())
-}
-
-/// The techniques that light texels.
-struct Lights {
-    names: Vec<String>,
-    /// Whether direct light is only an input to indirect light and is not baked itself.
-    only_indirect: bool,
-}
-
-impl Lights {
-    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty.
-    fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> Self {
-        let mut names: Vec<String> = named.to_vec();
-        names.retain(|name| name != FACTOR);
-        let all = [Part::Direct, Part::Indirect];
-        let parts = if named.is_empty() && parts.is_empty() {
-            &all
-        } else {
-            parts
-        };
-        let only_indirect = names.is_empty() && parts == [Part::Indirect];
-        if !parts.is_empty() {
-            let best = default_set(scene, &gpu.adapter, Purpose::Bake, &Registry::default());
-            let best = best.names().into_iter();
-            names.extend(best.filter(|name| DIRECT.contains(&name.as_str())));
-        }
-        if parts.contains(&Part::Indirect) {
-            names.push(INDIRECT.to_owned());
-        }
-        Self {
-            names,
-            only_indirect,
-        }
-    }
 }
 
 /// Writes what `export` makes of the original file, if there is one; returns warnings about what could not be preserved.

@@ -6,16 +6,12 @@ use anyhow::Context;
 use clap::ValueEnum;
 use gpugi::bake::{HarmonicVolume, IrradianceVolume, Volume, VolumeLight};
 use gpugi::gpu::Gpu;
-use gpugi::techniques::final_gather;
 use gpugi_arguments::split_settings;
 use gpugi_scene::image::{replace_file, save_ktx2};
 
-use super::{Arguments, has_extension, say};
+use super::{Arguments, has_extension, lights, say};
 use crate::render::print_notes;
 use crate::{Common, Usage, scene_argument};
-
-/// The technique whose light a volume holds.
-const ADDS: &str = final_gather::INFO.name;
 
 /// How a volume holds the light at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -57,11 +53,14 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
             "-o {shown}: ambient cubes are written to .ktx2 files"
         ));
     }
-    if !technique.iter().any(|name| name == ADDS) {
+    let in_volumes = lights::in_volumes();
+    let is_held = |name: &&String| in_volumes.contains(&name.as_str());
+    let Some(adds) = technique.iter().find(is_held) else {
+        let held = in_volumes.join(" or ");
         return refuse(format!(
-            "--irradiance-volume: volumes hold the light of {ADDS}; name it with --technique, after those whose light it reflects"
+            "--irradiance-volume: volumes hold the light of {held}; name it with --technique, after those whose light it reflects"
         ));
-    }
+    };
     crate::output::check_folders([output.as_path()])?;
     let (scene, notes) = scene_argument::load(scene)?;
     print_notes(common, &notes);
@@ -69,7 +68,7 @@ pub fn run(common: &Common, arguments: &Arguments, density: f32) -> anyhow::Resu
     let light = VolumeLight {
         names: technique,
         settings: &split_settings(set)?,
-        adds: ADDS,
+        adds,
     };
     let (counts, bounds, what) = match volume_as {
         Representation::Cubes => {

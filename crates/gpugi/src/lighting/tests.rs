@@ -12,6 +12,7 @@ use crate::gpu::{TextureAspect, WORKGROUPS, read_buffer, read_texture};
 use crate::techniques::Texels;
 use crate::testing::test_gpu;
 
+mod layers;
 mod slices;
 
 /// Two mirror balls on a block, under a lamp and the sky.

@@ -43,7 +43,7 @@ use crate::lighting::LightingError;
 use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
-use crate::techniques::{Info, OwnPoints};
+use crate::techniques::{Cost, Info, Needs, Role};
 use lit::{LightBuffers, Lit, has_straight};
 use photons::Photons;
 use picture::Sums;
@@ -61,9 +61,10 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L.*E"),
         LightPaths::new(LightClass::Environment, "L.*E"),
     ],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Reference,
+    needs: Needs::RAYS,
+    cost: Cost::Picture,
+    ..Info::BASE
 };
 
 /// Largest side of a tile (pixels). The film of such a tile fits into 128 MiB, the smallest storage binding that WebGPU

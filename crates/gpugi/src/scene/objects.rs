@@ -119,35 +119,36 @@ pub(crate) fn has_glossy_objects(scene: &Scene) -> bool {
     instances.any(|instance| !is_diffuse(&scene.materials[instance.material]))
 }
 
-/// Claims on an object: the `CLAIM_` bits of scene/tables.wesl.
+/// Claims on an object: the `CLAIM_` bits of scene/tables.wesl. The owner of a claim is the technique whose plan makes it
+/// ([`Plan::claims`](crate::techniques::Plan::claims)); all others leave that light to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Claims(pub(super) u32);
 
 impl Claims {
     /// No claims.
     pub const NONE: Self = Self(0);
-    /// Only environment-map adds the environment's light on the object, all of it and without occlusion.
+    /// Only the owner adds the environment's light on the object, all of it and without occlusion.
     pub const ENVIRONMENT: Self = Self(1);
-    /// A technique adds what passes through the object's surface, so cameras see the object whole, from both sides.
+    /// The owner adds what passes through the object's surface, so cameras see the object whole, from both sides.
     pub const TRANSMISSION: Self = Self(2);
-    /// Only distance-impostor or ray-tracing adds what the object mirrors.
+    /// Only the owner adds what the object mirrors.
     pub const SPECULAR: Self = Self(4);
-    /// Only distance-impostor or ray-tracing adds what passes through the object's surface.
+    /// Only the owner adds what passes through the object's surface.
     pub const REFRACTION: Self = Self(8);
-    /// caustics adds the light that the object sends elsewhere, so the object's shadow is whole.
+    /// The owner adds the light that the object sends elsewhere, so the object's shadow is whole.
     pub const SHADOW: Self = Self(16);
-    /// Only final-gather adds indirect light on the object.
+    /// Only the owner adds indirect light on the object.
     pub const INDIRECT: Self = Self(32);
-    /// Only distance-impostor or ray-tracing adds what the object's glossy lobes reflect of lit surroundings.
+    /// Only the owner adds what the object's glossy lobes reflect of lit surroundings.
     pub const GLOSSY: Self = Self(64);
-
-    /// ray-tracing follows rays from the object's surface: only it adds what the object reflects and refracts.
+    /// The owner follows rays from the object's surface: only it adds what the object reflects and refracts, whatever a
+    /// later technique would claim.
     pub const RAYS: Self = Self(128);
 
     /// Number of the first bit of [`Claims::with_impostor`].
     const IMPOSTOR_SHIFT: u32 = 8;
 
-    /// These claims, for an object whose surroundings are in the cube `number` of distance-impostor, from 1 on.
+    /// These claims, for an object whose surroundings are in the cube `number`, from 1 on.
     pub fn with_impostor(self, number: u32) -> Self {
         Self(self.0 | (number << Self::IMPOSTOR_SHIFT))
     }

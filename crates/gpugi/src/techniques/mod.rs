@@ -9,9 +9,12 @@ pub mod distance_impostor;
 pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
+mod info;
 pub mod light_path_map;
 mod map;
 pub mod obscurances;
+pub(crate) mod occasion;
+mod openness;
 pub mod participating_media;
 mod precomputed;
 pub mod radiance_transfer;
@@ -22,13 +25,15 @@ pub mod shadow_map;
 
 pub use budget::Budget;
 pub(crate) use budget::Slice;
+pub use info::{Cost, Info, Layer, Needs, OwnPoints, Provided, Role};
 pub use map::{Map, MapRead, Texels};
+pub use occasion::{Occasion, Purpose, Speed, Values};
+pub use openness::{Openness, OpennessLookup};
+pub use participating_media::sources::MediaSources;
 pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;
-
-use gpugi_scene::Scene;
 
 use crate::capture::{Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -37,37 +42,6 @@ use crate::light_paths::LightPaths;
 use crate::prefiltered::{Environments, Filled, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
-
-/// Describes a technique.
-#[derive(Debug, Clone, Copy)]
-pub struct Info {
-    /// Name on the command line.
-    pub name: &'static str,
-    /// One line of help.
-    pub summary: &'static str,
-    /// Its sources: the tutorial's section and papers.
-    pub source: &'static str,
-    /// The light that it can add.
-    pub paths: &'static [LightPaths],
-    /// Whether a scene that has such light has everything else that the technique needs, and the technique is fast
-    /// enough for a live view: then it belongs to every default set of the scene ([`crate::default_set()`]).
-    pub suits: fn(&Scene) -> bool,
-    /// Whether it keeps light in the texels of an atlas or traces rays: it needs a [`GpuScene::with_texels`].
-    pub keeps_texels: bool,
-    /// Points of its own that it lights, which the camera may not see.
-    pub lights_points: OwnPoints,
-}
-
-/// Points that a technique lights by those before it: cubes around objects, texels, probes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OwnPoints {
-    /// None.
-    None,
-    /// Points whose radiance toward an eye it takes.
-    TowardEye,
-    /// Points whose irradiance or fluence it takes, too: gathers are compiled for these in advance.
-    Irradiance,
-}
 
 /// The part of a technique in a scene, given its settings and the techniques before it in the frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,9 +55,9 @@ pub struct Plan {
     pub object_names: String,
     /// What its gather looks up per point, roughly: lights, depth maps or other maps. The unit of [`Budget`].
     pub lookups: u32,
-    /// Names of a technique whose maps it reads, and of the setting that asks for it.
-    /// [`crate::lighting::Lighting::validate`] refuses sets in which that technique does not come before this one.
-    pub needs: Option<(&'static str, &'static str)>,
+    /// What it reads of a technique before it, and the name of the setting that asks for it.
+    /// [`crate::lighting::Lighting::validate`] refuses sets in which no technique before this one provides it.
+    pub needs: Option<(Provided, &'static str)>,
 }
 
 impl Plan {
@@ -230,9 +204,9 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError>;
 
-    /// For a technique that shows what lies between the eye and the receiver's points: a receiver of the same points to
-    /// which emission and all other techniques add. `gather` comes last then, and adds what it dims of that. At most one
-    /// technique of a set does so.
+    /// For a technique of a [`Layer`] before surfaces: a receiver of the same points with a cleared target, to which
+    /// emission and all that lies farther from the eye add. `gather` follows with `receiver` itself: what it dims of that
+    /// it writes to the target with the first sample of a picture, and adds with others. `None`: it adds light at surfaces.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -254,6 +228,16 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// Techniques before this one that light points of their own leave room for it in the frame's budget.
     fn waiting(&self) -> u64 {
         0
+    }
+
+    /// How open the scene is at its surfaces, for techniques after it ([`Provided::Openness`]); `None` until it is known.
+    fn openness(&self) -> Option<&dyn Openness> {
+        None
+    }
+
+    /// What rays of techniques after it meet in media ([`Provided::MediaSources`]); `None` without media.
+    fn media_sources(&self) -> Option<MediaSources> {
+        None
     }
 
     /// Its resources on the GPU.
@@ -339,13 +323,16 @@ impl<'a> Earlier<'a> {
         }
     }
 
-    /// The technique of this type, if it comes before.
-    pub fn technique<T: Technique>(&self) -> Option<&T> {
-        let mut techniques = self.techniques.iter();
-        techniques.find_map(|technique| {
-            let technique: &dyn Any = technique.as_ref();
-            technique.downcast_ref()
-        })
+    /// How open the scene is at its surfaces, as the last technique knows that provides it.
+    pub fn openness(&self) -> Option<&dyn Openness> {
+        let mut techniques = self.techniques.iter().rev();
+        techniques.find_map(|technique| technique.openness())
+    }
+
+    /// What rays meet in media, as the last technique knows that provides it.
+    pub fn media_sources(&self) -> Option<MediaSources> {
+        let mut techniques = self.techniques.iter().rev();
+        techniques.find_map(|technique| technique.media_sources())
     }
 
     /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point, where
@@ -489,44 +476,59 @@ impl<'a> Earlier<'a> {
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
         let attenuated = self.emission.attenuation.begin(frame, receiver)?;
-        let mut gathered = attenuated.clone();
-        let mut last = None;
-        for (index, technique) in self.techniques.iter_mut().enumerate() {
-            if adds(technique.info().name)
-                && let Some(behind) = technique.behind(frame, &attenuated)?
-            {
-                (gathered, last) = (behind, Some(index));
+        // From the eye on, what lies before surfaces has all else gathered behind it.
+        let techniques = self.techniques.iter().enumerate();
+        let layers = techniques.map(|(index, one)| (one.info().layer, index));
+        let mut before: Vec<_> = layers
+            .filter(|&(layer, index)| layer > Layer::Surfaces && adds(self.name(index)))
+            .collect();
+        before.sort_unstable_by(|a, b| b.cmp(a));
+        let mut farthest = attenuated.clone();
+        let mut nearer = Vec::new();
+        for (_, index) in before {
+            if let Some(behind) = self.techniques[index].behind(frame, &farthest)? {
+                nearer.push((index, std::mem::replace(&mut farthest, behind)));
             }
         }
         if with_emission {
-            self.emission.record(frame, scene, &gathered)?;
+            self.emission.record(frame, scene, &farthest)?;
         } else {
             attenuated.clear(frame);
-            gathered.clear(frame);
         }
-        let others = (0..self.techniques.len()).filter(|&index| Some(index) != last);
-        for index in others.chain(last) {
-            let receiver = if Some(index) == last {
-                &attenuated
-            } else {
-                &gathered
-            };
-            let (techniques, rest) = self.techniques.split_at_mut(index);
-            if !adds(rest[0].info().name) {
-                continue;
+        for index in 0..self.techniques.len() {
+            if adds(self.name(index)) && !nearer.iter().any(|(one, _)| *one == index) {
+                self.gather_by(index, frame, scene, &farthest)?;
             }
-            let mut earlier = Earlier::new(
-                self.emission,
-                techniques,
-                self.impostors,
-                self.environments,
-                self.settings_version,
-                self.revision,
-                self.lights_elsewhere,
-            );
-            rest[0].gather(frame, scene, receiver, &mut earlier)?;
+        }
+        for (index, receiver) in nearer.iter().rev() {
+            self.gather_by(*index, frame, scene, receiver)?;
         }
         self.emission.attenuation.end(frame, receiver)
+    }
+
+    /// Adds the light of one of the techniques.
+    fn gather_by(
+        &mut self,
+        index: usize,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let (techniques, rest) = self.techniques.split_at_mut(index);
+        let mut earlier = Earlier::new(
+            self.emission,
+            techniques,
+            self.impostors,
+            self.environments,
+            self.settings_version,
+            self.revision,
+            self.lights_elsewhere,
+        );
+        rest[0].gather(frame, scene, receiver, &mut earlier)
+    }
+
+    fn name(&self, index: usize) -> &'static str {
+        self.techniques[index].info().name
     }
 }
 

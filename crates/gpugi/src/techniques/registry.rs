@@ -1,9 +1,9 @@
 //! The registry of techniques.
 
 use super::{
-    Info, Technique, caustics, distance_impostor, environment_map, final_gather,
-    image_based_lighting, light_path_map, obscurances, participating_media, radiance_transfer,
-    radiosity, ray_tracing, shadow_map,
+    Info, Occasion, Provided, Technique, Values, caustics, distance_impostor, environment_map,
+    final_gather, image_based_lighting, light_path_map, obscurances, participating_media,
+    radiance_transfer, radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -21,9 +21,15 @@ pub struct Registration {
     pub fields: fn() -> &'static [Field],
     /// Creates the technique for a scene.
     pub make: Make,
+    /// Why the technique suits an occasion whose scene has light of its paths, as a clause; `None` if it does not. So it
+    /// takes part in default sets ([`crate::default_set()`]).
+    pub suits: fn(&Occasion<'_>) -> Option<String>,
+    /// Its settings for an occasion that it suits.
+    pub settings: fn(&Occasion<'_>) -> Values,
 }
 
-/// Techniques in the order of the frame: those that light the maps of others come first.
+/// Techniques in the order of the frame: those that light the maps of others come first. Of those that one set holds for
+/// all others of their role, the first are the better ones.
 #[derive(Debug, Clone)]
 pub struct Registry(Vec<Registration>);
 
@@ -31,74 +37,18 @@ impl Default for Registry {
     /// gpugi's own techniques.
     fn default() -> Self {
         Self(vec![
-            Registration {
-                info: &shadow_map::INFO,
-                fields: shadow_map::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(shadow_map::ShadowMap::new(gpu, scene)?)),
-            },
-            Registration {
-                info: &image_based_lighting::INFO,
-                fields: image_based_lighting::Settings::fields,
-                make: |gpu, scene| {
-                    Ok(Box::new(image_based_lighting::ImageBasedLighting::new(
-                        gpu, scene,
-                    )?))
-                },
-            },
-            Registration {
-                info: &participating_media::INFO,
-                fields: participating_media::Settings::fields,
-                make: |_, _| Ok(Box::new(participating_media::ParticipatingMedia::default())),
-            },
-            Registration {
-                info: &radiance_transfer::INFO,
-                fields: radiance_transfer::Settings::fields,
-                make: |_, _| Ok(Box::new(radiance_transfer::RadianceTransfer::default())),
-            },
-            Registration {
-                info: &caustics::INFO,
-                fields: caustics::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(caustics::Caustics::new(gpu, scene)?)),
-            },
-            Registration {
-                info: &obscurances::INFO,
-                fields: obscurances::Settings::fields,
-                make: |_, _| Ok(Box::new(obscurances::Obscurances::default())),
-            },
-            Registration {
-                info: &environment_map::INFO,
-                fields: environment_map::Settings::fields,
-                make: |gpu, scene| Ok(Box::new(environment_map::EnvironmentMap::new(gpu, scene)?)),
-            },
-            Registration {
-                info: &light_path_map::INFO,
-                fields: light_path_map::Settings::fields,
-                make: |_, _| Ok(Box::new(light_path_map::LightPathMap::default())),
-            },
-            Registration {
-                info: &radiosity::INFO,
-                fields: radiosity::Settings::fields,
-                make: |_, _| Ok(Box::new(radiosity::Radiosity::default())),
-            },
-            Registration {
-                info: &final_gather::INFO,
-                fields: final_gather::Settings::fields,
-                make: |_, _| Ok(Box::new(final_gather::FinalGather::default())),
-            },
-            Registration {
-                info: &ray_tracing::INFO,
-                fields: ray_tracing::Settings::fields,
-                make: |_, _| Ok(Box::new(ray_tracing::RayTracing::default())),
-            },
-            Registration {
-                info: &distance_impostor::INFO,
-                fields: distance_impostor::Settings::fields,
-                make: |gpu, scene| {
-                    Ok(Box::new(distance_impostor::DistanceImpostor::new(
-                        gpu, scene,
-                    )?))
-                },
-            },
+            shadow_map::REGISTRATION,
+            image_based_lighting::REGISTRATION,
+            participating_media::REGISTRATION,
+            radiance_transfer::REGISTRATION,
+            caustics::REGISTRATION,
+            obscurances::REGISTRATION,
+            environment_map::REGISTRATION,
+            light_path_map::REGISTRATION,
+            radiosity::REGISTRATION,
+            final_gather::REGISTRATION,
+            ray_tracing::REGISTRATION,
+            distance_impostor::REGISTRATION,
         ])
     }
 }
@@ -118,6 +68,14 @@ impl Registry {
     pub fn names(&self) -> String {
         let names: Vec<&str> = self.0.iter().map(|one| one.info.name).collect();
         names.join(", ")
+    }
+
+    /// The names of those that provide something to others, separated by "or".
+    pub fn providers(&self, provided: Provided) -> String {
+        let infos = self.0.iter().map(|one| one.info);
+        let providers = infos.filter(|info| info.provides.contains(&provided));
+        let names: Vec<&str> = providers.map(|info| info.name).collect();
+        names.join(" or ")
     }
 
     /// Inserts a technique before the technique named `before`, whose points it lights; at the end if no technique has

@@ -11,7 +11,7 @@ const ORDER: &[&[&str]] = &[
     &["settings", "shared"],
     &["scene"],
     &["capture", "prefiltered", "ray_bench"],
-    &["impostor", "lights"],
+    &["impostor", "lights", "probes"],
     &["techniques"],
     &["lighting", "picture"],
     &["default_set", "reference", "bake"],

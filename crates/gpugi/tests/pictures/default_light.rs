@@ -6,8 +6,7 @@ use std::path::PathBuf;
 use crate::common::{direct, gpu};
 use gpugi::gpu::Gpu;
 use gpugi::measure::{Cache, Options, Quality, measure};
-use gpugi::techniques::Registry;
-use gpugi::{Purpose, Renderer, default_set};
+use gpugi::{Purpose, Renderer};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::Metric;
@@ -16,9 +15,7 @@ const SIZE: [u32; 2] = [48, 36];
 
 /// A renderer with the default set for a purpose.
 fn default(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Renderer {
-    let registry = Registry::default();
-    let set = default_set(scene, &gpu.adapter, purpose, &registry);
-    Renderer::with_set(gpu, scene, SIZE, &set, &registry).expect("a renderer")
+    Renderer::new(gpu, scene, SIZE, purpose).expect("a renderer")
 }
 
 /// HDR-FLIP against all light.

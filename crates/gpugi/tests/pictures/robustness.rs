@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use crate::common::{floor, from_above, gpu, lit_by, picture, place, render, renderer};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::techniques::Registry;
-use gpugi::{LightingError, Renderer};
+use gpugi::{LightingError, Purpose, Renderer};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene};
 
@@ -234,7 +234,7 @@ fn more_materials_than_a_surface_point_can_name_are_refused() {
     scene
         .materials
         .resize((1 << 16) + 1, Material::matt("one of many", Vec3::ONE));
-    let refused = Renderer::new(&gpu, &scene, [8, 8], &[]).map(|_| ());
+    let refused = Renderer::new(&gpu, &scene, [8, 8], Purpose::LiveView).map(|_| ());
     assert!(
         matches!(
             refused,
@@ -295,7 +295,7 @@ mod planner {
     use gpugi::light_paths::LightPaths;
     use gpugi::scene::{Claims, GpuScene};
     use gpugi::settings::SettingSet;
-    use gpugi::techniques::{Earlier, Generated, Info, OwnPoints, Plan, Registration, Technique};
+    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique};
 
     pub static PLANS: AtomicU32 = AtomicU32::new(0);
 
@@ -311,16 +311,15 @@ mod planner {
         name: "planner",
         summary: "counts plans",
         source: "robustness.rs",
-        paths: &[],
-        suits: |_| false,
-        keeps_texels: false,
-        lights_points: OwnPoints::None,
+        ..Info::BASE
     };
 
     pub const REGISTRATION: Registration = Registration {
         info: &INFO,
         fields: Settings::fields,
         make: |_, _| Ok(Box::new(Planner::default())),
+        suits: |_| None,
+        settings: |_| Vec::new(),
     };
 
     #[derive(Debug, Default)]

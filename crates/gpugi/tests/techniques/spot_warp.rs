@@ -31,7 +31,7 @@ fn a_warped_map_comes_nearer_to_a_large_one() {
     let camera = Camera::look_at("", Vec3::new(0.0, 2.0, 19.0), Vec3::new(0.0, 0.5, 0.0), 0.8);
     let render = |resolution: &str, warp: &str| -> Vec<f32> {
         let mut renderer =
-            Renderer::new(&gpu, &scene, [128, 96], &["shadow-map".into()]).expect("a renderer");
+            Renderer::new(&gpu, &scene, [128, 96], &["shadow-map"]).expect("a renderer");
         for (name, value) in [
             ("resolution", resolution),
             ("warp", warp),

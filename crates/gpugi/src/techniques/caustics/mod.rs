@@ -10,7 +10,10 @@ mod object;
 #[cfg(test)]
 mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, ObjectMapsKey, OwnPoints, Plan, Technique};
+use super::{
+    Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Purpose, Registration, Role, Speed,
+    Technique,
+};
 use crate::capture::{PerReceiver, Receiver, ReceiverKernel, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths};
@@ -30,9 +33,27 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Punctual, "LS+[DG]E"),
         LightPaths::new(LightClass::Area, "LS+[DG]E"),
     ],
-    suits: has_smooth_objects,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Caustics,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(Caustics::new(gpu, scene)?)),
+    suits: |occasion| {
+        let lights = occasion.has_lights(INFO.paths);
+        has_smooth_objects(occasion.scene).then(|| format!("{lights}, and mirrors or glass"))
+    },
+    settings: |occasion| match (occasion.purpose, occasion.speed) {
+        // Software takes long to splat photons: cubes have half as many texels per side; their error is the same
+        // (docs/techniques/caustics.md).
+        (Purpose::StillPicture, Speed::Software) => {
+            vec![("cube-resolution", 128.to_string())]
+        }
+        _ => Vec::new(),
+    },
 };
 
 crate::choices! {

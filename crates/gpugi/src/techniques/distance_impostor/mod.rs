@@ -5,6 +5,7 @@
 //! this one, with their distances; for a refractor also its own shape. Gather: reflected and refracted rays search for
 //! their hits in these maps. docs/techniques/distance-impostor.md.
 
+mod default_set;
 mod groups;
 mod impostor;
 #[cfg(test)]
@@ -16,13 +17,14 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, OwnPoints, Plan, Technique, Texels,
+    Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, OwnPoints, Plan, Registration, Role,
+    Technique, Texels,
 };
 use crate::capture::{Output, PerReceiver, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Object, Versions, has_smooth_objects};
+use crate::scene::{Claims, GpuScene, Object, Versions};
 use crate::settings::{Kind, SettingSet, SettingValue};
 use groups::{Group, Kind as GroupKind};
 use impostor::{Impostor, Kernels, Making};
@@ -40,9 +42,18 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, SURROUNDINGS),
         LightPaths::new(LightClass::Environment, SURROUNDINGS),
     ],
-    suits: has_smooth_objects,
-    keeps_texels: false,
+    role: Role::Gloss,
     lights_points: OwnPoints::TowardEye,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(DistanceImpostor::new(gpu, scene)?)),
+    suits: default_set::suits,
+    settings: default_set::settings,
 };
 
 crate::choices! {

@@ -13,8 +13,11 @@ mod export_tests;
 #[cfg(test)]
 mod tests;
 
-use super::obscurances::{self, Attenuation, Obscurances};
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
+use super::openness::following;
+use super::{
+    Earlier, Generated, Info, Inspection, Map, OpennessLookup, Plan, Provided, Registration, Role,
+    Technique, Texels,
+};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -29,9 +32,17 @@ pub const INFO: Info = Info {
     summary: "the environment without occlusion; beside image-based-lighting in mirrors, glass and chosen objects",
     source: "tutorial sections 3.2.1 and 3.2.2; Blinn and Newell 1976; Ramamoorthi and Hanrahan 2001; Karis 2013",
     paths: &[LightPaths::new(LightClass::Environment, "L[DGS]E")],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Gloss,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(EnvironmentMap::new(gpu, scene)?)),
+    suits: |occasion| Some(occasion.has_lights(INFO.paths)),
+    settings: |_| Vec::new(),
 };
 
 /// Light paths that remain if another technique adds the rest.
@@ -107,7 +118,7 @@ pub struct EnvironmentMap {
     /// The environment's maps, once generated.
     maps: Option<(Prefiltered, Lookup)>,
     /// With [`Settings::occlusion`], what hides them.
-    occlusion: Option<Attenuation>,
+    occlusion: Option<Box<dyn OpennessLookup>>,
     /// Stands in for what `occlusion` finds.
     unhidden: wgpu::Buffer,
     bound: Option<BoundMaps>,
@@ -156,24 +167,19 @@ impl EnvironmentMap {
         })
     }
 
-    /// Reads the present obscurances.
-    fn follow_obscurances(
+    /// Reads the present openness.
+    fn follow_openness(
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
         earlier: &Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let obscurances = earlier.technique().and_then(Obscurances::solution);
-        let solution = obscurances.filter(|_| self.settings.occlusion);
-        if solution.is_some() != self.occlusion.is_some() {
-            self.gather = gather(gpu, scene, solution.is_some())?;
+        let openness = earlier.openness().filter(|_| self.settings.occlusion);
+        if openness.is_some() != self.occlusion.is_some() {
+            self.gather = gather(gpu, scene, openness.is_some())?;
             self.bound = None;
         }
-        let is_current = |one: &Attenuation| solution.is_some_and(|solution| one.is_of(solution));
-        if !self.occlusion.as_ref().is_some_and(is_current) {
-            let made = solution.map(|solution| Attenuation::new(gpu, scene, solution));
-            self.occlusion = made.transpose()?;
-        }
+        self.occlusion = following(self.occlusion.take(), openness, gpu, scene)?;
         Ok(())
     }
 
@@ -184,7 +190,7 @@ impl EnvironmentMap {
     }
 }
 
-/// The pass that adds the light; `is_hidden`: as far as obscurances let it.
+/// The pass that adds the light; `is_hidden`: as far as openness lets it.
 fn gather(gpu: &Gpu, scene: &GpuScene, is_hidden: bool) -> Result<Gather, GpuError> {
     let shader = shader!("techniques.environment_map.gather");
     let constants = [("OCCLUSION", f64::from(u8::from(is_hidden)))];
@@ -239,7 +245,7 @@ impl Technique for EnvironmentMap {
             needs: self
                 .settings
                 .occlusion
-                .then_some((obscurances::INFO.name, "occlusion")),
+                .then_some((Provided::Openness, "occlusion")),
         }
     }
 
@@ -264,7 +270,7 @@ impl Technique for EnvironmentMap {
         let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
         let (maps, generated) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
         self.maps = Some((maps.clone(), lookup));
-        self.follow_obscurances(frame.gpu, scene, earlier)?;
+        self.follow_openness(frame.gpu, scene, earlier)?;
         Ok(generated)
     }
 

@@ -4,17 +4,18 @@ use glam::{UVec3, Vec3};
 use gpugi_scene::Bounds;
 
 use super::gpu;
-use super::maps::{Kernels, Making, Maps};
+use super::maps::{Bench, Kernels, Making, Maps};
 use super::objects::ObjectPoint;
-use super::places::{Grid, Places};
-use super::placing::Placing;
-use super::points::Points;
+use super::places::Places;
 use super::settings::{Settings, Visibility};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
+use crate::probes::{Grid, Placing, ProbeCubes};
 use crate::scene::{GpuScene, Versions};
-use crate::techniques::obscurances::{Attenuation, Obscurances};
-use crate::techniques::{Earlier, Generated, Inspection, Map, ObjectMapsKey, Texels};
+use crate::techniques::openness::following;
+use crate::techniques::{
+    Earlier, Generated, Inspection, Map, ObjectMapsKey, OpennessLookup, Texels,
+};
 
 /// Most reference points of a grid, and most objects with one.
 const MOST_POINTS: u64 = 4096;
@@ -36,7 +37,7 @@ pub struct Made {
     maps: Maps,
     cubes: Cubes,
     /// With `occlusion`, what multiplies the light.
-    attenuation: Option<Attenuation>,
+    openness: Option<Box<dyn OpennessLookup>>,
     lit_as: Option<LitAs>,
     /// Bounces since the light last changed.
     bounced: u32,
@@ -56,7 +57,7 @@ enum Layout {
 
 #[derive(Debug)]
 enum Cubes {
-    Own(Points),
+    Own(ProbeCubes<Bench>),
     OfObjects {
         objects: Vec<ObjectPoint>,
         /// The one that is lit first, so that none waits for ever where everything changes in every frame.
@@ -199,10 +200,15 @@ impl Made {
         })?;
         let kernels = Kernels::new(gpu, scene, settings, probes.own == 1)?;
         let maps = Maps::new(gpu, &kernels, settings, probes)?;
-        let at_once = settings.faces_per_frame;
+        let capture = earlier.impostors.capture_kernels();
+        let own_cubes = |points: Vec<Vec3>, placing: Option<Placing>| {
+            let side = maps.probes.resolution;
+            let at_once = settings.faces_per_frame;
+            let bench = || Bench::new(gpu, &kernels, &maps, side);
+            ProbeCubes::new(gpu, capture, side, points, placing, at_once, bench).map(Cubes::Own)
+        };
         let cubes = match &of {
             Layout::Objects(key) => {
-                let capture = earlier.impostors.capture_kernels();
                 let objects = key.objects().map(|(instance, _)| {
                     ObjectPoint::new(gpu, capture, &kernels, &maps, settings, instance)
                 });
@@ -212,16 +218,9 @@ impl Made {
                 }
             }
             Layout::Grid(bounds, grid) => {
-                let points = grid.points().collect();
-                let placing = Some(Placing::new(grid, bounds));
-                let points = Points::new(gpu, &kernels, &maps, earlier, points, placing, at_once)?;
-                Cubes::Own(points)
+                own_cubes(grid.points().collect(), Some(Placing::new(grid, bounds)))?
             }
-            Layout::Camera => {
-                let points = vec![Vec3::ZERO];
-                let points = Points::new(gpu, &kernels, &maps, earlier, points, None, at_once)?;
-                Cubes::Own(points)
-            }
+            Layout::Camera => own_cubes(vec![Vec3::ZERO], None)?,
         };
         Ok(Self {
             settings: settings.clone(),
@@ -231,7 +230,7 @@ impl Made {
             kernels,
             maps,
             cubes,
-            attenuation: None,
+            openness: None,
             lit_as: None,
             bounced: 0,
             is_complete: false,
@@ -258,7 +257,8 @@ impl Made {
         eye: Vec3,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        self.follow_obscurances(frame.gpu, scene, earlier)?;
+        let openness = earlier.openness().filter(|_| self.settings.occlusion);
+        self.openness = following(self.openness.take(), openness, frame.gpu, scene)?;
         let is_lit = self.light(frame, scene, eye, earlier)?;
         if is_lit {
             self.bounced = 0;
@@ -293,31 +293,13 @@ impl Made {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let obscurances = match &mut self.attenuation {
-            Some(attenuation) => Some(attenuation.record(frame, scene, receiver)?),
+        let openness = match &mut self.openness {
+            Some(openness) => Some(openness.record(frame, scene, receiver)?),
             None => None,
         };
-        let gathered = self.maps.gathered(frame.gpu, &self.kernels, obscurances)?;
+        let gathered = self.maps.gathered(frame.gpu, &self.kernels, openness)?;
         let gather = &mut self.kernels.gather;
         gather.record(frame, "final-gather.gather", scene, receiver, &[gathered])
-    }
-
-    /// Reads the present obscurances.
-    fn follow_obscurances(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        earlier: &Earlier<'_>,
-    ) -> Result<(), GpuError> {
-        let obscurances = earlier.technique().and_then(Obscurances::solution);
-        let Some(solution) = obscurances.filter(|_| self.settings.occlusion) else {
-            return Ok(());
-        };
-        let is_current = |one: &Attenuation| one.is_of(solution);
-        if !self.attenuation.as_ref().is_some_and(is_current) {
-            self.attenuation = Some(Attenuation::new(gpu, scene, solution)?);
-        }
-        Ok(())
     }
 
     /// The lights, the distances, and the memory that it takes to make them.
@@ -385,7 +367,6 @@ impl Made {
         let making = Making {
             scene,
             kernels: &self.kernels,
-            maps: &self.maps,
             output,
             work,
         };
@@ -397,7 +378,25 @@ impl Made {
                 if matches!(self.of, Layout::Camera) {
                     points.positions[0] = eye;
                 }
-                points.light(frame, making, earlier)
+                let due = points.due(frame, scene, &self.maps.ways_out)?;
+                for &turn in &due {
+                    if !earlier.may_step() {
+                        break;
+                    }
+                    let faces = points.capture(frame, scene, output, turn)?;
+                    let mut work = gpu::Work {
+                        point: faces.cube as u32,
+                        ..making.work
+                    };
+                    if let Some(reach) = faces.reach {
+                        work.low = reach.low.to_array();
+                        work.high = reach.high.to_array();
+                        work.margin = reach.margin;
+                    }
+                    let bench = faces.bench;
+                    bench.light(frame, making, earlier, &faces.points, &work)?;
+                }
+                Ok(!due.is_empty())
             }
             Cubes::OfObjects { objects, next } => {
                 let count = objects.len();

@@ -318,7 +318,6 @@ impl Bench {
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
-    pub maps: &'a Maps,
     /// What the techniques before this one are asked for at the cubes' points.
     pub output: Output,
     /// What is the same for all cubes.

@@ -10,13 +10,12 @@ mod maps;
 mod objects;
 mod own;
 mod places;
-mod placing;
-mod points;
 mod settings;
-#[cfg(test)]
-mod tests;
 
-use super::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Technique, obscurances};
+use super::{
+    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Provided, Purpose, Registration, Role,
+    Technique,
+};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
@@ -36,10 +35,29 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "L[DGS]*[DG]E"),
         LightPaths::new(LightClass::Environment, "L[DGS]*[DG]E"),
     ],
-    // Default sets choose it by themselves, where radiosity does not serve.
-    suits: |_| false,
-    keeps_texels: false,
+    role: Role::Indirect,
     lights_points: OwnPoints::Irradiance,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(FinalGather::default())),
+    suits: |occasion| {
+        let reason = match occasion.purpose {
+            // Light in an atlas is noisy while things move, and whenever meshes change the frame waits for another atlas.
+            Purpose::LiveView => "it follows what moves, without an atlas",
+            Purpose::StillPicture | Purpose::Bake => "it needs no atlas",
+        };
+        Some(reason.to_owned())
+    },
+    settings: |occasion| match occasion.purpose {
+        // One of eight reference points, drawn per pixel, takes a third of the time of all.
+        Purpose::LiveView => vec![("blend", "drawn".to_owned())],
+        Purpose::StillPicture | Purpose::Bake => Vec::new(),
+    },
 };
 
 /// Final gathering.
@@ -170,7 +188,7 @@ impl Technique for FinalGather {
             ..Plan::adding(paths, scene)
         };
         if self.settings.occlusion {
-            plan.needs = Some((obscurances::INFO.name, "occlusion"));
+            plan.needs = Some((Provided::Openness, "occlusion"));
         }
         self.left_over = 0;
         if places == Places::Objects {

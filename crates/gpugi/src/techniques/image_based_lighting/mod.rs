@@ -6,6 +6,7 @@
 //! average reflectivity over the domains. docs/techniques/image-based-lighting.md.
 
 mod batches;
+mod default_set;
 mod delaunay;
 mod domains;
 mod draws;
@@ -24,7 +25,9 @@ use ratio::RatioPass;
 use rays::RayGather;
 use survey::Survey;
 
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
+use super::{
+    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+};
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -39,9 +42,17 @@ pub const INFO: Info = Info {
     summary: "direct light of the environment with shadows",
     source: "tutorial section 3.2.3; Lloyd 1982; Agarwal et al. 2003",
     paths: &[LightPaths::new(LightClass::Environment, "LS*[DG]E")],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Direct,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(ImageBasedLighting::new(gpu, scene)?)),
+    suits: |occasion| Some(occasion.has_lights(INFO.paths)),
+    settings: default_set::settings,
 };
 
 /// The light in scenes without glass.

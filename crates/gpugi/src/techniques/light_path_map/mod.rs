@@ -23,7 +23,8 @@ use gpugi_scene::{Atlas, LightPathPanes, Scene};
 
 use super::precomputed::Fit;
 use super::{
-    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique,
+    Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Precomputed, Registration,
+    Resume, Role, Technique,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -46,10 +47,20 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "LS*DD+E"),
         LightPaths::new(LightClass::Environment, "LS*DD+E"),
     ],
-    // Unwrapping takes too long for a live view.
-    suits: |_| false,
-    keeps_texels: true,
+    role: Role::Indirect,
+    needs: Needs::TEXELS,
+    cost: Cost::Precomputation,
     lights_points: OwnPoints::Irradiance,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(LightPathMap::default())),
+    suits: |_| None,
+    settings: |_| Vec::new(),
 };
 
 /// Light path maps.

@@ -15,7 +15,10 @@ use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::scene::{Claims, GpuScene, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Technique};
+use crate::techniques::{
+    Cost, Earlier, Generated, Info, Inspection, Needs, Openness, OwnPoints, Plan, Provided,
+    Registration, Role, Technique,
+};
 
 /// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
 pub const INFO: Info = Info {
@@ -27,9 +30,21 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, INDIRECT),
         LightPaths::new(LightClass::Environment, INDIRECT),
     ],
-    suits: |_| false,
-    keeps_texels: true,
+    role: Role::Factor,
+    needs: Needs::TEXELS,
+    cost: Cost::Picture,
     lights_points: OwnPoints::TowardEye,
+    provides: &[Provided::Openness],
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(Obscurances::default())),
+    suits: |_| None,
+    settings: |_| Vec::new(),
 };
 
 /// Light paths that the ambient term approximates.
@@ -75,11 +90,6 @@ pub(super) struct ObscuranceMaps {
 }
 
 impl Obscurances {
-    /// The obscurances, once generated.
-    pub fn solution(&self) -> Option<&Solution> {
-        self.made.as_ref().map(|made| &made.solution)
-    }
-
     fn make(
         &self,
         gpu: &Gpu,
@@ -284,6 +294,11 @@ impl Technique for Obscurances {
         }
         let (name, texels) = ("obscurances.gather", Some(&made.capture));
         made.gather.record(frame, name, scene, texels, receiver)
+    }
+
+    fn openness(&self) -> Option<&dyn Openness> {
+        let made = self.made.as_ref()?;
+        Some(&made.solution)
     }
 
     fn inspect(&self) -> Inspection {

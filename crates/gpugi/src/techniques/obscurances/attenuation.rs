@@ -6,48 +6,45 @@ use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 use crate::shader;
+use crate::techniques::{Openness, OpennessLookup};
 
 /// Looks W and the open directions up at the points of receivers.
 #[derive(Debug)]
-pub struct Attenuation {
+struct Attenuation {
     /// The texels that it reads.
     texels: wgpu::Buffer,
     gather: TexelGather,
     factors: Target,
 }
 
-impl Attenuation {
-    /// Compiles the pass.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, solution: &Solution) -> Result<Self, GpuError> {
-        let [texels, _] = solution.buffers();
+impl Openness for Solution {
+    fn map(&self) -> &wgpu::Buffer {
+        let [texels, _] = self.buffers();
+        texels
+    }
+
+    fn lookup(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Box<dyn OpennessLookup>, GpuError> {
         let kept = [
-            ("atlas", solution.lookup.words.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
+            ("atlas", self.lookup.words.as_entire_binding()),
+            ("texels", self.map().as_entire_binding()),
         ];
-        let constants = [solution.least_samples()];
+        let constants = [self.least_samples()];
         let shader = shader!("techniques.obscurances.factor");
-        Ok(Self {
+        Ok(Box::new(Attenuation {
             gather: TexelGather::new(gpu, scene, &shader, &constants, &kept)?,
-            texels: texels.clone(),
+            texels: self.map().clone(),
             factors: Target::new(gpu, 1)?,
-        })
+        }))
+    }
+}
+
+impl OpennessLookup for Attenuation {
+    fn map(&self) -> &wgpu::Buffer {
+        &self.texels
     }
 
-    /// Whether it reads this solution.
-    pub fn is_of(&self, solution: &Solution) -> bool {
-        let [texels, _] = solution.buffers();
-        self.texels == *texels
-    }
-
-    /// Four floats per point of the receiver, in the order of the points: the mean open direction times the share of a
-    /// uniform sky's light that arrives, and W. Pass `obscurances.factor`. Other receivers overwrite it.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn record(
+    /// Pass `obscurances.factor`.
+    fn record(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,

@@ -14,7 +14,6 @@ mod solution;
 #[cfg(test)]
 mod tests;
 
-pub use ambient::{INFO, Obscurances};
-pub(crate) use attenuation::Attenuation;
+pub use ambient::{INFO, Obscurances, REGISTRATION};
 pub use settings::{Ambient, Falloff, Mode, Settings};
 pub use solution::{ObscurancePage, Solution};

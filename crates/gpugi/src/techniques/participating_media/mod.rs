@@ -12,7 +12,7 @@ mod particles;
 mod phase_matrix;
 mod reflecting;
 mod seen;
-mod sources;
+pub(super) mod sources;
 #[cfg(test)]
 mod tests;
 
@@ -20,19 +20,22 @@ use std::sync::Arc;
 
 use gpugi_scene::Bounds;
 
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
+use super::{
+    Earlier, Generated, Info, Inspection, Layer, Map, Needs, OwnPoints, Plan, Provided, Purpose,
+    Registration, Role, Technique, Texels,
+};
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, RayConstants, Versions};
+use crate::scene::{Claims, GpuScene, RayConstants, Versions, stand_apart};
 use crate::settings::SettingSet;
 use network::{Kernels, Network, Shape};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
 use seen::{How, Passes, Seen};
-pub(crate) use sources::Sources;
+use sources::MediaSources;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -44,9 +47,31 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "LV+[DG]?E"),
         LightPaths::new(LightClass::Environment, "LV+[DG]?E"),
     ],
-    suits: |scene| !scene.media.is_empty(),
-    keeps_texels: true,
+    role: Role::Media,
+    needs: Needs::RAYS,
     lights_points: OwnPoints::TowardEye,
+    layer: Layer::Media,
+    provides: &[Provided::MediaSources],
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(ParticipatingMedia::default())),
+    suits: |occasion| {
+        // Media are seen from somewhere; texels are not.
+        let is_seen = occasion.purpose != Purpose::Bake && !occasion.scene.media.is_empty();
+        is_seen.then(|| format!("{}, and media", occasion.has_lights(INFO.paths)))
+    },
+    settings: |occasion| {
+        // Surfaces in fog would be lit by few bright rays: dots, unless there are very many samples.
+        if occasion.purpose == Purpose::StillPicture && stand_apart(occasion.scene) {
+            return vec![("light-surfaces", 4.to_string())];
+        }
+        Vec::new()
+    },
 };
 
 /// The paths without surfaces that media light.
@@ -134,11 +159,6 @@ pub struct ParticipatingMedia {
 }
 
 impl ParticipatingMedia {
-    /// For rays of other techniques; `None` while there are no media.
-    pub(crate) fn sources(&self) -> Option<Sources> {
-        self.made.as_ref().map(|made| made.network.sources())
-    }
-
     /// The lights of the scene as samples.
     fn lights(&self, scene: &GpuScene) -> Vec<LightSample> {
         let punctual = scene.lights.iter().map(punctual);
@@ -378,6 +398,10 @@ impl Technique for ParticipatingMedia {
             }
             _ => Ok(()),
         }
+    }
+
+    fn media_sources(&self) -> Option<MediaSources> {
+        self.made.as_ref().map(|made| made.network.sources())
     }
 
     fn inspect(&self) -> Inspection {

@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use super::gpu;
 use super::particles::{NEIGHBOURS, Particles};
 use super::phase_matrix::phase_matrix;
-use super::sources::Sources;
+use super::sources::MediaSources;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
@@ -412,8 +412,8 @@ impl Network {
     }
 
     /// For rays through the media.
-    pub fn sources(&self) -> Sources {
-        Sources {
+    pub fn sources(&self) -> MediaSources {
+        MediaSources {
             directions: self.values.directions,
             marched_lights: self.values.marched_lights,
             source: self.source.clone(),

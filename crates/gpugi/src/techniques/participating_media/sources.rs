@@ -4,21 +4,26 @@
 use super::network::of;
 use crate::gpu::{Gpu, GpuError, Kernel};
 
-/// Sources of particles, and how they are interpolated.
+/// What media send out along rays: sources of particles, how they are interpolated, and lights.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sources {
+pub struct MediaSources {
     /// Directions per particle; 0 without media.
     pub directions: u32,
-    /// Lights that rays march toward.
+    /// Lights that rays march toward: the first of `lights`.
     pub marched_lights: u32,
-    pub(super) source: wgpu::Buffer,
-    pub(super) neighbours: wgpu::Buffer,
-    pub(super) fields: wgpu::Buffer,
-    pub(super) lights: wgpu::Buffer,
-    pub(super) light_depths: wgpu::Buffer,
+    /// Radiance that particles send out per unit of opacity: `source` of along_ray.wesl.
+    pub source: wgpu::Buffer,
+    /// Particles near the nodes of each medium's grid, and their weights: `neighbours` of field.wesl.
+    pub neighbours: wgpu::Buffer,
+    /// By medium, the nodes of its grid along the axes, and where they begin.
+    pub fields: wgpu::Buffer,
+    /// Light samples: `LightSample` of lights/light_sample.wesl.
+    pub lights: wgpu::Buffer,
+    /// Optical depths of the way to each light: light_depths.wesl.
+    pub light_depths: wgpu::Buffer,
 }
 
-impl Sources {
+impl MediaSources {
     /// To be bound where there are no media.
     ///
     /// # Errors

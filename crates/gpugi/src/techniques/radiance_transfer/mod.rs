@@ -28,7 +28,8 @@ use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
 
 use super::precomputed::Fit;
 use super::{
-    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique,
+    Cost, Earlier, Generated, Info, Inspection, Needs, Plan, Precomputed, Registration, Resume,
+    Role, Technique,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -48,10 +49,19 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Punctual, "LD*[DG]E"),
         LightPaths::new(LightClass::Environment, "LD*[DG]E"),
     ],
-    // Unwrapping takes too long for a live view.
-    suits: |_| false,
-    keeps_texels: true,
-    lights_points: OwnPoints::None,
+    role: Role::Indirect,
+    needs: Needs::TEXELS,
+    cost: Cost::Precomputation,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(RadianceTransfer::default())),
+    suits: |_| None,
+    settings: |_| Vec::new(),
 };
 
 /// Precomputed radiance transfer.

@@ -6,6 +6,7 @@
 //! place in the atlas. docs/techniques/radiosity.md.
 
 mod choosing;
+mod default_set;
 pub(crate) mod gpu;
 mod shooting;
 mod solution;
@@ -17,7 +18,10 @@ use std::sync::Arc;
 use gpugi_scene::Atlas;
 use serde::{Deserialize, Serialize};
 
-use super::{Earlier, Generated, Info, Inspection, OwnPoints, Plan, Resume, Technique};
+use super::{
+    Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Resume, Role,
+    Technique,
+};
 use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -39,10 +43,20 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Area, "LS*D[DGS]*DE"),
         LightPaths::new(LightClass::Environment, BETWEEN_ALL[0]),
     ],
-    // Unwrapping takes too long for a live view; default sets for other purposes decide for themselves.
-    suits: |_| false,
-    keeps_texels: true,
+    role: Role::Indirect,
+    needs: Needs::TEXELS,
+    cost: Cost::Picture,
     lights_points: OwnPoints::TowardEye,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(Radiosity::default())),
+    suits: default_set::suits,
+    settings: default_set::settings,
 };
 
 /// Most texels per dispatch, so that none keeps a GPU busy for long.

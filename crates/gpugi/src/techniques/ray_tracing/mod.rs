@@ -4,14 +4,15 @@
 //! which the techniques before this one light, and from which the next generation starts.
 //! docs/techniques/ray-tracing.md.
 
+mod default_set;
 mod gpu;
 mod passes;
 #[cfg(test)]
 mod tests;
 
-use super::participating_media::ParticipatingMedia;
 use super::{
-    Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, distance_impostor,
+    Cost, Earlier, Figure, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Role,
+    Technique, distance_impostor,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -26,9 +27,20 @@ pub const INFO: Info = Info {
     summary: "exact recursive reflections and refractions of lit surroundings, on chosen objects",
     source: "tutorial section 4; Carr, Hall and Hart 2002",
     paths: distance_impostor::INFO.paths,
-    suits: |_| false,
-    keeps_texels: true,
+    role: Role::Gloss,
+    needs: Needs::RAYS,
+    cost: Cost::Picture,
     lights_points: OwnPoints::TowardEye,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |_, _| Ok(Box::new(RayTracing::default())),
+    suits: |occasion| occasion.has_wide_lobes(),
+    settings: default_set::settings,
 };
 
 crate::choices! {
@@ -194,8 +206,7 @@ impl Technique for RayTracing {
         }
         match &mut self.passes {
             Some(passes) => {
-                let media = earlier.technique::<ParticipatingMedia>();
-                passes.see(frame.gpu, media.and_then(ParticipatingMedia::sources))?;
+                passes.see(frame.gpu, earlier.media_sources())?;
                 let most = self.most_rays.unwrap_or(MOST_RAYS);
                 passes.record(frame, scene, receiver, &self.settings, most, earlier)
             }

@@ -11,8 +11,7 @@ use crate::capture::{
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::participating_media::Sources;
-use crate::techniques::{Earlier, Figure};
+use crate::techniques::{Earlier, Figure, MediaSources};
 
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
 const RAY_BYTES: u64 = 8 * 16 + 2 * 4;
@@ -62,7 +61,7 @@ pub struct Passes {
     /// All triangles, if the tracer tests every one.
     triangles: Option<Triangles>,
     /// Media that rays pass, and bind groups 2 of `media_kernel` and `shade`.
-    media: (Sources, [wgpu::BindGroup; 2]),
+    media: (MediaSources, [wgpu::BindGroup; 2]),
     /// With which `chunks` are bound.
     settings: Settings,
 }
@@ -144,7 +143,7 @@ impl Passes {
         };
         let media = shader!("techniques.ray_tracing.media");
         let media_kernel = scene.ray_kernel(gpu, &media, &[])?;
-        let none = Sources::none(gpu)?;
+        let none = MediaSources::none(gpu)?;
         let no_media = [
             none.bind_lights(gpu, &media_kernel)?,
             none.bind(gpu, &shade)?,
@@ -209,11 +208,11 @@ impl Passes {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn see(&mut self, gpu: &Gpu, media: Option<Sources>) -> Result<(), GpuError> {
+    pub fn see(&mut self, gpu: &Gpu, media: Option<MediaSources>) -> Result<(), GpuError> {
         let media = match media {
             Some(media) => media,
             None if self.media.0.directions == 0 => return Ok(()),
-            None => Sources::none(gpu)?,
+            None => MediaSources::none(gpu)?,
         };
         if self.media.0 != media {
             let groups = [

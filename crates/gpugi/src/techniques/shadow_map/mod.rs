@@ -10,10 +10,13 @@
 //! is a normal offset, filters follow the receiver's plane, and the second depth value is an option.
 //! docs/techniques/shadow-map.md.
 
+mod default_set;
 mod gather;
 pub(crate) mod gpu;
 
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Texels};
+use super::{
+    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
@@ -33,9 +36,17 @@ pub const INFO: Info = Info {
         LightPaths::new(LightClass::Punctual, "LS*[DG]E"),
         LightPaths::new(LightClass::Area, "LS*[DG]E"),
     ],
-    suits: |_| true,
-    keeps_texels: false,
-    lights_points: OwnPoints::None,
+    role: Role::Direct,
+    ..Info::BASE
+};
+
+/// Its entry in the registry.
+pub const REGISTRATION: Registration = Registration {
+    info: &INFO,
+    fields: Settings::fields,
+    make: |gpu, scene| Ok(Box::new(ShadowMap::new(gpu, scene)?)),
+    suits: |occasion| Some(occasion.has_lights(INFO.paths)),
+    settings: default_set::settings,
 };
 
 /// The light in scenes without glass.

@@ -101,7 +101,7 @@ struct Picture {
 
 impl Picture {
     fn new(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Self {
-        let renderer = Renderer::for_purpose(gpu, scene, [SIZE; 2], purpose);
+        let renderer = Renderer::new(gpu, scene, [SIZE; 2], purpose);
         let mut renderer = renderer.expect("a renderer");
         let uses = |technique: &str, renderer: &Renderer| {
             let mut techniques = renderer.techniques().iter();

@@ -51,7 +51,8 @@ struct BlendUniform {
     /// Most frames before it that count, less as it gets samples of its own; 0: there are none.
     most_before: f32,
     deviations: f32,
-    padding: [u32; 3],
+    edges: f32,
+    padding: [u32; 2],
 }
 
 /// The pass.
@@ -115,7 +116,8 @@ impl Pass {
                 None => 0.0,
             },
             deviations: DEVIATIONS[usize::from(versions_now != versions_before)],
-            padding: [0; 3],
+            edges: rest / samples.max(1) as f32,
+            padding: [0; 2],
         };
         self.blend.write(gpu, &[blend]);
         let groups = self.bound.get(&now.radiance, || {

@@ -31,7 +31,7 @@ fn still() -> Effects {
 }
 
 fn renderer(gpu: &Gpu, scene: &Scene) -> Renderer {
-    let mut renderer = Renderer::new(gpu, scene, SIZE, &["shadow-map".to_owned()]).unwrap();
+    let mut renderer = Renderer::new(gpu, scene, SIZE, &["shadow-map"]).unwrap();
     if !scene.instances.is_empty() {
         renderer.set("shadow-map", "area-samples", "8").unwrap();
         renderer.set("shadow-map", "interleaved", "true").unwrap();
@@ -133,11 +133,10 @@ fn light_that_is_switched_off_does_not_linger() {
 fn what_moves_leaves_no_trail() {
     let Some(gpu) = test_gpu() else { return };
     let scene = builtin("room", 1).unwrap();
-    let ball = scene
-        .instances
-        .iter()
-        .position(|one| one.name.as_str() == "ball");
-    let index = ball.expect("a ball");
+    let mut instances = scene.instances.iter();
+    let index = instances
+        .position(|one| one.name.as_str() == "box")
+        .unwrap();
     let camera = &scene.cameras[0];
     let mut renderer = renderer(&gpu, &scene);
     let at = |step: usize| {

@@ -3,8 +3,7 @@
 use glam::Vec3;
 use gpugi_scene::Bounds;
 
-use super::gpu::Work;
-use super::places::Grid;
+use super::Grid;
 use crate::gpu::ReadBack;
 
 /// How far from a solid's surface a point lies that was moved out of it, as a share of the distance between points.
@@ -18,6 +17,16 @@ pub struct Placing {
     spacing: Vec3,
     bounds: Bounds,
     pub stage: Stage,
+}
+
+/// Where a point may be moved: by half a cell, inside the scene.
+#[derive(Debug, Clone, Copy)]
+pub struct Reach {
+    /// Corners (m).
+    pub low: Vec3,
+    pub high: Vec3,
+    /// How far from the surface of a solid that it leaves (m).
+    pub margin: f32,
 }
 
 /// How far the search is.
@@ -41,11 +50,13 @@ impl Placing {
         }
     }
 
-    /// Tells the passes where a point may be moved: by half a cell, inside the scene.
-    pub fn describe(&self, point: usize, work: &mut Work) {
+    /// That of a point.
+    pub fn reach(&self, point: usize) -> Reach {
         let home = self.home[point];
-        work.low = (home - 0.5 * self.spacing).max(self.bounds.min).to_array();
-        work.high = (home + 0.5 * self.spacing).min(self.bounds.max).to_array();
-        work.margin = MARGIN * self.spacing.min_element();
+        Reach {
+            low: (home - 0.5 * self.spacing).max(self.bounds.min),
+            high: (home + 0.5 * self.spacing).min(self.bounds.max),
+            margin: MARGIN * self.spacing.min_element(),
+        }
     }
 }

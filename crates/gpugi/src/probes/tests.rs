@@ -1,9 +1,9 @@
-//! Grids of reference points.
+//! Grids of points.
 
 use glam::{UVec3, Vec3, vec3};
 use gpugi_scene::Bounds;
 
-use super::places::Grid;
+use super::Grid;
 
 fn bounds(min: Vec3, max: Vec3) -> Bounds {
     Bounds { min, max }

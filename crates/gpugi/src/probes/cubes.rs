@@ -1,25 +1,24 @@
-//! Reference points with cubes of their own: they are captured and lit in turns. Few points keep what was captured, many
-//! share some cubes to work in.
+//! Cubes around points, which are captured and lit in turns. Few points keep what was captured, many share some cubes to
+//! work in.
 
 use glam::{Vec3, vec3};
 
-use super::gpu::Work;
-use super::maps::{Bench, Kernels, Making, Maps};
-use super::placing::{Placing, Stage};
-use crate::capture::{Capture, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints};
+use super::placing::{Placing, Reach, Stage};
+use crate::capture::{
+    Capture, CaptureKernels, CubeView, Faces, Output, SURFACE_POINT_BYTES, SurfacePoints,
+};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::scene::{Draw, Versions};
-use crate::techniques::Earlier;
+use crate::scene::{Draw, GpuScene, Versions};
 
 /// Memory in which all points may keep what was captured, so that a change of the light captures nothing again [bytes].
 const MOST_KEPT: u64 = 64 << 20;
 
-/// Faces that are captured and lit together: all six of a reference point, or some of them.
+/// Faces that are captured and lit together: all six of a point, or some of them.
 #[derive(Debug, Clone, Copy)]
 struct Turn {
     point: usize,
     faces: usize,
-    /// [`Points::wanted`] when they were lit; `None`: never.
+    /// [`ProbeCubes::wanted`] when they were lit; `None`: never.
     lit: Option<u64>,
     /// [`Versions::geometry`] when they were captured where the point is now.
     geometry: Option<u64>,
@@ -27,10 +26,10 @@ struct Turn {
 
 /// A cube to work in, and what it shows.
 #[derive(Debug)]
-struct Workplace {
+struct Workplace<B> {
     capture: Capture,
     faces: Vec<Faces>,
-    bench: Bench,
+    bench: B,
     holds: Option<Captured>,
 }
 
@@ -44,9 +43,29 @@ struct Captured {
     instances: u64,
 }
 
-/// The reference points.
+/// A turn that is due, and the cube to work in.
+#[derive(Debug, Clone, Copy)]
+pub struct DueTurn {
+    turn: usize,
+    workplace: usize,
+}
+
+/// Faces that have been captured, to be lit.
 #[derive(Debug)]
-pub struct Points {
+pub struct CapturedFaces<'a, B> {
+    /// What it takes to light them.
+    pub bench: &'a mut B,
+    /// The points that they show.
+    pub points: SurfacePoints,
+    /// The number of the cube.
+    pub cube: usize,
+    /// Where its point may be moved, if it may.
+    pub reach: Option<Reach>,
+}
+
+/// The cubes. `B`: what it takes to light one, such as a target.
+#[derive(Debug)]
+pub struct ProbeCubes<B> {
     pub positions: Vec<Vec3>,
     placing: Option<Placing>,
     /// Whether points have been moved out of solids once.
@@ -56,27 +75,26 @@ pub struct Points {
     next: usize,
     wanted: u64,
     /// One per turn, or as many as are lit per frame.
-    workplaces: Vec<Workplace>,
+    workplaces: Vec<Workplace<B>>,
     turns_per_frame: usize,
     side: u32,
 }
 
-impl Points {
-    /// Points that nothing has lit yet; `faces_per_frame` of their faces are lit per frame. `placing`: where they belong
-    /// if they may be moved out of solids.
+impl<B> ProbeCubes<B> {
+    /// Cubes around `positions` with faces of `side` x `side` texels that nothing has lit yet; `faces_per_frame` of them
+    /// are lit per frame. `placing`: where the points belong if they may be moved out of solids.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        kernels: &Kernels,
-        maps: &Maps,
-        earlier: &Earlier<'_>,
+        kernels: &CaptureKernels,
+        side: u32,
         positions: Vec<Vec3>,
         placing: Option<Placing>,
         faces_per_frame: u32,
+        bench: impl Fn() -> Result<B, GpuError>,
     ) -> Result<Self, GpuError> {
-        let side = maps.probes.resolution;
         let at_once = faces_per_frame.min(6);
         let turns_per_point = 6_u32.div_ceil(at_once);
         let turns: Vec<Turn> = (0..positions.len())
@@ -97,14 +115,14 @@ impl Points {
             turns_per_frame
         };
         let workplace = |_| {
-            let capture = Capture::of_cube(gpu, earlier.impostors.capture_kernels(), side)?;
+            let capture = Capture::of_cube(gpu, kernels, side)?;
             let faces = (0..turns_per_point)
                 .map(|turn| capture.faces(gpu, turn * at_once..((turn + 1) * at_once).min(6)))
                 .collect::<Result<_, _>>()?;
             Ok(Workplace {
                 capture,
                 faces,
-                bench: Bench::new(gpu, kernels, maps, side)?,
+                bench: bench()?,
                 holds: None,
             })
         };
@@ -158,46 +176,56 @@ impl Points {
         self.workplaces.len() as u64 * workplace_bytes(self.side)
     }
 
-    /// Captures and lights as many stale faces as the frame may; whether there were any.
+    /// The turns that are due in this frame. `ways_out`: four floats per point, the way out of the solid that it lies in
+    /// (m), as the light of its faces tells.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn light(
+    pub fn due(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
-        earlier: &mut Earlier<'_>,
-    ) -> Result<bool, GpuError> {
-        let geometry = making.scene.versions.geometry;
-        self.place(frame, &making.maps.ways_out, geometry)?;
+        scene: &GpuScene,
+        ways_out: &wgpu::Buffer,
+    ) -> Result<Vec<DueTurn>, GpuError> {
+        self.place(frame, ways_out, scene.versions.geometry)?;
         let count = self.turns.len();
         // In turn, so that none waits for ever where everything changes in every frame.
-        let stale: Vec<usize> = (0..count)
+        let stale = (0..count)
             .map(|offset| (self.next + offset) % count)
-            .filter(|&index| self.turns[index].lit != Some(self.wanted))
-            .take(self.turns_per_frame)
-            .collect();
+            .filter(|&index| self.turns[index].lit != Some(self.wanted));
         let is_own = self.workplaces.len() == count;
-        for (shared, &index) in stale.iter().enumerate() {
-            if !earlier.may_step() {
-                break;
-            }
-            let turn = &mut self.turns[index];
-            turn.lit = Some(self.wanted);
-            turn.geometry = Some(geometry);
-            self.next = (index + 1) % count;
-            let position = self.positions[turn.point];
-            let mut work = Work {
-                point: turn.point as u32,
-                ..making.work
-            };
-            if let Some(placing) = &self.placing {
-                placing.describe(turn.point, &mut work);
-            }
-            let workplace = &mut self.workplaces[if is_own { index } else { shared }];
-            workplace.light(frame, making, earlier, position, turn.faces, &work)?;
-        }
-        Ok(!stale.is_empty())
+        let due = stale.take(self.turns_per_frame).enumerate();
+        let due = due.map(|(number, turn)| DueTurn {
+            turn,
+            workplace: if is_own { turn } else { number },
+        });
+        Ok(due.collect())
+    }
+
+    /// Captures the faces of a turn that is due, for `output` at what they show. They count as lit.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn capture(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        output: Output,
+        due: DueTurn,
+    ) -> Result<CapturedFaces<'_, B>, GpuError> {
+        let count = self.turns.len();
+        let turn = &mut self.turns[due.turn];
+        turn.lit = Some(self.wanted);
+        turn.geometry = Some(scene.versions.geometry);
+        self.next = (due.turn + 1) % count;
+        let position = self.positions[turn.point];
+        let workplace = &mut self.workplaces[due.workplace];
+        Ok(CapturedFaces {
+            points: workplace.capture(frame, scene, output, position, turn.faces, self.side)?,
+            bench: &mut workplace.bench,
+            cube: turn.point,
+            reach: self.placing.as_ref().map(|one| one.reach(turn.point)),
+        })
     }
 
     /// Moves points out of solids once all are captured, and again when the scene has come to rest after a change. Until
@@ -263,19 +291,18 @@ fn workplace_bytes(side: u32) -> u64 {
     6 * u64::from(side * side) * (SURFACE_POINT_BYTES + 16 + 8)
 }
 
-impl Workplace {
-    fn light(
+impl<B> Workplace<B> {
+    fn capture(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
-        earlier: &mut Earlier<'_>,
+        scene: &GpuScene,
+        output: Output,
         position: Vec3,
         turn: usize,
-        work: &Work,
-    ) -> Result<(), GpuError> {
-        let Making { scene, output, .. } = making;
+        side: u32,
+    ) -> Result<SurfacePoints, GpuError> {
         let near = scene.near();
-        let mut view = CubeView::new(position, work.resolution, near, 0, 0);
+        let mut view = CubeView::new(position, side, near, 0, 0);
         output.write(&mut view.uniform);
         let Versions {
             geometry,
@@ -299,10 +326,9 @@ impl Workplace {
                 .record_faces(frame, scene, &view, faces, class_of)?;
             self.holds = Some(captured);
         }
-        let points = SurfacePoints {
+        Ok(SurfacePoints {
             output,
             ..faces.points.clone()
-        };
-        self.bench.light(frame, making, earlier, &points, work)
+        })
     }
 }
