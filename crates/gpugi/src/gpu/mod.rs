@@ -2,6 +2,7 @@
 //! plumbing.
 
 mod adapter;
+mod bindings;
 mod blit;
 #[cfg(not(target_arch = "wasm32"))]
 mod ending;
@@ -17,6 +18,7 @@ mod tests;
 mod upload;
 
 pub use adapter::{AdapterChoice, AdapterSummary, instance_descriptor, list_adapters};
+pub use bindings::{Bind, Bound, Named, join};
 pub(crate) use blit::Blit;
 #[cfg(not(target_arch = "wasm32"))]
 pub use ending::AtWork;
@@ -70,6 +72,7 @@ pub struct Gpu {
     replaced: Arc<Mutex<Vec<Shader>>>,
     reflections: Arc<shader::Reflections>,
     uploads: Arc<Uploads>,
+    kept: Arc<bindings::Kept>,
 }
 
 /// Errors that the GPU API reports outside calls that could return them.
@@ -150,6 +153,7 @@ impl Gpu {
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
             reflections: Arc::default(),
+            kept: Arc::default(),
         }
     }
 
@@ -387,6 +391,7 @@ impl Gpu {
                 adapter: self.adapter.name.clone(),
             });
         }
+        self.kept.make_way(size);
         self.allocate(label, || {
             self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -490,6 +495,9 @@ impl Gpu {
                 });
             }
         }
+        let format = descriptor.format;
+        self.kept
+            .make_way(format.theoretical_memory_footprint(descriptor.size));
         self.allocate(label, || self.device.create_texture(descriptor))
     }
 }
