@@ -11,7 +11,7 @@ use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
 use gpugi::techniques::{
-    Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique,
+    Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique, Unready,
 };
 use gpugi::{Renderer, settings};
 
@@ -79,7 +79,7 @@ impl Technique for SkyAmbient {
         scene: &GpuScene,
         _: &View,
         _: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
         let strength = self.settings.strength;
         if self.gather.as_ref().is_none_or(|(of, _)| *of != strength) {
             let shader = Shader::gather("sky-ambient.gather", GATHER);

@@ -38,6 +38,7 @@ mod sequences;
 pub mod settings;
 #[cfg(test)]
 mod shared;
+pub mod stage;
 pub mod techniques;
 #[cfg(test)]
 mod testing;

@@ -295,7 +295,9 @@ mod planner {
     use gpugi::light_paths::LightPaths;
     use gpugi::scene::{Claims, GpuScene};
     use gpugi::settings::SettingSet;
-    use gpugi::techniques::{Earlier, Generated, Info, OwnPoints, Plan, Registration, Technique};
+    use gpugi::techniques::{
+        Earlier, Generated, Info, OwnPoints, Plan, Registration, Technique, Unready,
+    };
 
     pub static PLANS: AtomicU32 = AtomicU32::new(0);
 
@@ -352,7 +354,7 @@ mod planner {
             _: &GpuScene,
             _: &View,
             _: &mut Earlier<'_>,
-        ) -> Result<Generated, GpuError> {
+        ) -> Result<Generated, Unready> {
             Ok(Generated::FINAL)
         }
 

@@ -4,9 +4,12 @@
 use glam::{Vec3, vec3};
 
 use super::gpu::Work;
-use super::maps::{Bench, Kernels, Making, Maps};
-use super::placing::{Placing, Stage};
-use crate::capture::{Capture, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints};
+use super::maps::{Bench, Making};
+use super::placing::{Placing, Step};
+use super::settings::Settings;
+use crate::capture::{
+    Capture, CaptureKernels, CubeView, Faces, SURFACE_POINT_BYTES, SurfacePoints,
+};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::{Draw, Versions};
 use crate::techniques::Earlier;
@@ -62,21 +65,19 @@ pub struct Points {
 }
 
 impl Points {
-    /// Points that nothing has lit yet; `faces_per_frame` of their faces are lit per frame. `placing`: where they belong
+    /// Points that nothing has lit yet. `placing`: where they belong
     /// if they may be moved out of solids.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        kernels: &Kernels,
-        maps: &Maps,
-        earlier: &Earlier<'_>,
+        capture: &CaptureKernels,
         positions: Vec<Vec3>,
         placing: Option<Placing>,
-        faces_per_frame: u32,
+        settings: &Settings,
     ) -> Result<Self, GpuError> {
-        let side = maps.probes.resolution;
+        let (side, faces_per_frame) = (settings.resolution, settings.faces_per_frame);
         let at_once = faces_per_frame.min(6);
         let turns_per_point = 6_u32.div_ceil(at_once);
         let turns: Vec<Turn> = (0..positions.len())
@@ -97,14 +98,14 @@ impl Points {
             turns_per_frame
         };
         let workplace = |_| {
-            let capture = Capture::of_cube(gpu, earlier.impostors.capture_kernels(), side)?;
+            let capture = Capture::of_cube(gpu, capture, side)?;
             let faces = (0..turns_per_point)
                 .map(|turn| capture.faces(gpu, turn * at_once..((turn + 1) * at_once).min(6)))
                 .collect::<Result<_, _>>()?;
             Ok(Workplace {
                 capture,
                 faces,
-                bench: Bench::new(gpu, kernels, maps, side)?,
+                bench: Bench::new(gpu, side)?,
                 holds: None,
             })
         };
@@ -146,9 +147,9 @@ impl Points {
 
     /// Whether points have been moved out of solids once, and whether that was for the scene's present geometry.
     pub fn are_placed(&self, geometry: u64) -> [bool; 2] {
-        match self.placing.as_ref().map(|placing| &placing.stage) {
+        match self.placing.as_ref().map(|placing| &placing.step) {
             None => [true; 2],
-            Some(Stage::Placed(of)) => [true, *of == geometry],
+            Some(Step::Placed(of)) => [true, *of == geometry],
             Some(_) => [self.was_placed, false],
         }
     }
@@ -179,7 +180,7 @@ impl Points {
             .collect();
         let is_own = self.workplaces.len() == count;
         for (shared, &index) in stale.iter().enumerate() {
-            if !earlier.may_step() {
+            if !earlier.budget.may_step() {
                 break;
             }
             let turn = &mut self.turns[index];
@@ -219,30 +220,30 @@ impl Points {
         let mut places = None;
         // Points that were placed before are gathered while they wait for their new light.
         let unlit = self.was_placed.then_some(0);
-        match &placing.stage {
-            Stage::Placed(of) if *of != geometry && are_current => {
-                placing.stage = Stage::Home;
+        match &placing.step {
+            Step::Placed(of) if *of != geometry && are_current => {
+                placing.step = Step::Home;
                 places = Some(placing.home.clone());
             }
             // A scene that never rests does not put the first time off for ever.
-            Stage::Home if are_current || are_captured && !self.was_placed => {
+            Step::Home if are_current || are_captured && !self.was_placed => {
                 let bytes = 16 * self.positions.len() as u64;
                 let of = if are_current { geometry } else { 0 };
                 let read = Box::new(frame.read_back(ways_out, bytes)?);
-                placing.stage = Stage::Asked(read, of);
+                placing.step = Step::Asked(read, of);
             }
-            Stage::Asked(read, of) => {
+            Step::Asked(read, of) => {
                 if let Some(found) = read.get() {
                     let home = placing.home.iter();
                     let moved = home
                         .zip(found?)
                         .map(|(home, [x, y, z, _])| *home + vec3(x, y, z));
                     places = Some(moved.collect());
-                    placing.stage = Stage::Placed(*of);
+                    placing.step = Step::Placed(*of);
                     self.was_placed = true;
                 }
             }
-            Stage::Home | Stage::Placed(_) => (),
+            Step::Home | Step::Placed(_) => (),
         }
         let Some(places) = places else {
             return Ok(());

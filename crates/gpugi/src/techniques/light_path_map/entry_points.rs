@@ -9,7 +9,7 @@ use super::{Settings, stored};
 use crate::capture::{
     Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
 };
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -26,7 +26,6 @@ pub(super) struct EntryPoints {
     /// First entry point of each cluster, and behind the last one the end of all; then the same of light samples.
     pub firsts: wgpu::Buffer,
     places: wgpu::Buffer,
-    hits: wgpu::TextureView,
     resolve: Kernel,
 }
 
@@ -51,7 +50,7 @@ impl EntryPoints {
             view: gpu.uniform("view of entry points", &view)?,
             first: 0,
             count,
-            hits: hits.clone(),
+            hits,
             output,
             slots: Default::default(),
         };
@@ -65,7 +64,6 @@ impl EntryPoints {
                 u64::from(count) * 16,
                 storage,
             )?,
-            hits,
             resolve: Kernel::new(
                 gpu,
                 &shader!("techniques.light_path_map.entries"),
@@ -130,22 +128,10 @@ impl EntryPoints {
         scene: &GpuScene,
         work: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let SurfacePoints { points, count, .. } = &self.receiver.points;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("places", self.places.as_entire_binding()),
-        ];
-        let to = [
-            ("points", points.as_entire_binding()),
-            ("hits", wgpu::BindingResource::TextureView(&self.hits)),
-        ];
-        let from = self.resolve.bind(gpu, 1, &from)?;
-        let to = self.resolve.bind(gpu, 3, &to)?;
-        frame.compute("light-path-map.entries", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &from), (3, &to)];
-            self.resolve.dispatch(pass, &groups, [*count, 1, 1]);
-        });
-        Ok(())
+        let points = &self.receiver.points;
+        let own: [Named<'_>; 2] = [("work", work), ("places", &self.places)];
+        let resources = join(&points.resources(), &own);
+        let (name, scene) = ("light-path-map.entries", Some(&scene.bind_group));
+        frame.run(name, &self.resolve, scene, &resources, [points.count, 1, 1])
     }
 }

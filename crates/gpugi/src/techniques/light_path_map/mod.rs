@@ -23,13 +23,15 @@ use gpugi_scene::{Atlas, LightPathPanes, Scene};
 
 use super::precomputed::Fit;
 use super::{
-    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique,
+    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Precomputed, Resume, Technique, Unready,
+    atlas,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
+use crate::stage::{Same, Stage};
 use maps::LightPathMaps;
 pub use settings::{Clustering, Settings, Store, Visibility};
 
@@ -56,7 +58,8 @@ pub const INFO: Info = Info {
 #[derive(Debug)]
 pub struct LightPathMap {
     settings: Settings,
-    made: Option<LightPathMaps>,
+    /// In an atlas, by [`Settings::of_panes`] and [`GpuScene::ray_features`].
+    maps: Stage<(Settings, Same<Atlas>, [bool; 3]), LightPathMaps>,
     /// Whether the panes of the scene's file fit it, by versions of geometry, instances and materials.
     fit: Fit<3>,
     /// Most texels per buffer of points.
@@ -67,7 +70,7 @@ impl Default for LightPathMap {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
-            made: None,
+            maps: Stage::default(),
             fit: Fit::default(),
             most_texels: u32::MAX,
         }
@@ -140,40 +143,28 @@ impl Technique for LightPathMap {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
+        let gpu = frame.gpu;
         let stored = self.stored(scene);
         let settings = &self.settings.with(stored.as_deref());
         let atlas = match &stored {
-            Some(stored) => Some(Arc::clone(&stored.atlas)),
-            None => scene.atlas(
-                frame.gpu,
-                INFO.name,
-                settings.resolution,
-                settings.density,
-                // Or four floats, of irradiance.
-                (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16),
-            )?,
-        };
-        let Some(atlas) = atlas else {
-            return Ok(Generated::without_atlas(scene));
-        };
-        let is_made = |made: &LightPathMaps| made.serves(settings, scene, &atlas);
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
+            Some(stored) => Arc::clone(&stored.atlas),
             None => {
-                let most_texels = self.most_texels;
-                let made =
-                    LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?;
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
+                // Or four floats, of irradiance.
+                let bytes = (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16);
+                let size = (settings.resolution, settings.density);
+                atlas(gpu, scene, INFO.name, size, bytes)?
             }
         };
-        let generated = made.generate(frame, scene, settings, earlier)?;
-        self.made = Some(made);
-        Ok(generated)
+        let key = (
+            settings.of_panes(),
+            Same(atlas.clone()),
+            scene.ray_features(),
+        );
+        let maps = self.maps.compiled(frame, key, |_| {
+            LightPathMaps::new(gpu, scene, settings, &atlas, stored, self.most_texels)
+        })?;
+        Ok(maps.generate(frame, scene, settings, earlier)?)
     }
 
     fn gather(
@@ -183,8 +174,8 @@ impl Technique for LightPathMap {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.made {
-            Some(made) => made.gather(frame, scene, receiver),
+        match self.maps.get() {
+            Some(maps) => maps.gather(frame, scene, receiver),
             None => Ok(()),
         }
     }
@@ -193,11 +184,11 @@ impl Technique for LightPathMap {
         let unfit = self.fit.reason().map(|reason| {
             format!("new panes are computed, because those of the file do not fit: {reason}")
         });
-        self.made
-            .as_ref()
-            .map_or_else(Inspection::default, |made| Inspection {
-                maps: made.maps(),
-                work_bytes: made.work_bytes(),
+        self.maps
+            .get()
+            .map_or_else(Inspection::default, |maps| Inspection {
+                maps: maps.maps(),
+                work_bytes: maps.work_bytes(),
                 warnings: unfit.into_iter().collect(),
             })
     }
@@ -226,29 +217,26 @@ impl Precomputed for LightPathMap {
         scene: &Scene,
         atlas: Arc<Atlas>,
     ) -> Result<LightPathPanes, GpuError> {
-        let made = self.made.as_ref().filter(|made| made.panes.is_done());
-        let made = made.ok_or_else(|| unfit("the panes are not complete"))?;
-        stored::finished(gpu, scene, atlas, made)
+        let maps = self.maps.get().filter(|maps| maps.panes.is_done());
+        let maps = maps.ok_or_else(|| unfit("the panes are not complete"))?;
+        stored::finished(gpu, scene, atlas, maps)
     }
 }
 
 impl Resume for LightPathMap {
     fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(made) = self
-            .made
-            .as_ref()
-            .filter(|made| made.panes.panes_done() > 0)
-        else {
+        let maps = self.maps.get();
+        let Some(maps) = maps.filter(|maps| maps.panes.panes_done() > 0) else {
             return Ok(None);
         };
-        let panes = made.panes.save(gpu)?;
+        let panes = maps.panes.save(gpu)?;
         postcard::to_allocvec(&panes).map(Some).map_err(unfit)
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
         let saved: Vec<u32> = postcard::from_bytes(saved).map_err(unfit)?;
-        match &mut self.made {
-            Some(made) => made.panes.resume(gpu, &saved).map_err(unfit),
+        match self.maps.get_mut() {
+            Some(maps) => maps.panes.resume(gpu, &saved).map_err(unfit),
             None => Ok(false),
         }
     }

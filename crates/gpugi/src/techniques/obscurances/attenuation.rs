@@ -3,43 +3,48 @@
 use super::Solution;
 use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 use crate::shader;
+use crate::stage::Stage;
 
 /// Looks W and the open directions up at the points of receivers.
 #[derive(Debug)]
 pub struct Attenuation {
-    /// The texels that it reads.
+    /// The texels that it reads, and where triangles find them.
     texels: wgpu::Buffer,
+    atlas: wgpu::Buffer,
     gather: TexelGather,
     factors: Target,
 }
 
 impl Attenuation {
-    /// Compiles the pass.
+    /// Follows the present obscurances, if there are any.
     ///
     /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, solution: &Solution) -> Result<Self, GpuError> {
+    /// [`GpuError`].
+    pub fn follow(
+        stage: &mut Stage<wgpu::Buffer, Self>,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        solution: Option<&Solution>,
+    ) -> Result<(), GpuError> {
+        let Some(solution) = solution else {
+            stage.clear();
+            return Ok(());
+        };
         let [texels, _] = solution.buffers();
-        let kept = [
-            ("atlas", solution.lookup.words.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-        ];
-        let constants = [solution.least_samples()];
-        let shader = shader!("techniques.obscurances.factor");
-        Ok(Self {
-            gather: TexelGather::new(gpu, scene, &shader, &constants, &kept)?,
-            texels: texels.clone(),
-            factors: Target::new(gpu, 1)?,
-        })
-    }
-
-    /// Whether it reads this solution.
-    pub fn is_of(&self, solution: &Solution) -> bool {
-        let [texels, _] = solution.buffers();
-        self.texels == *texels
+        let made = stage.keep(texels.clone(), |_| {
+            let constants = [solution.least_samples()];
+            let shader = shader!("techniques.obscurances.factor");
+            Ok(Self {
+                gather: TexelGather::new(gpu, scene, &shader, &constants)?,
+                texels: texels.clone(),
+                atlas: solution.lookup.words.clone(),
+                factors: Target::new(gpu, 1)?,
+            })
+        });
+        made.map(drop)
     }
 
     /// Four floats per point of the receiver, in the order of the points: the mean open direction times the share of a
@@ -58,8 +63,10 @@ impl Attenuation {
             self.factors = Target::new(frame.gpu, points as u32)?;
         }
         let receiver = Receiver::new(&receiver.points, &self.factors);
-        let name = "obscurances.factor";
-        self.gather.record(frame, name, scene, None, &receiver)?;
+        let (name, atlas) = ("obscurances.factor", &self.atlas);
+        let kept: [Named<'_>; 2] = [("atlas", atlas), ("texels", &self.texels)];
+        self.gather
+            .record(frame, name, scene, None, &receiver, &kept)?;
         Ok(&self.factors.radiance)
     }
 }

@@ -12,11 +12,12 @@ use super::rays::Rays;
 use super::{INFO, Mode, Settings};
 use crate::capture::Target;
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
-use crate::scene::GpuScene;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, read_buffer};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Map, Texels};
+use crate::stage::Stage;
+use crate::techniques::Map;
 
 /// Rounding error of positions, relative to the scene's size.
 const ROUNDING: f32 = 1e-6;
@@ -53,6 +54,8 @@ pub struct Solution {
     pictures: Option<Pictures>,
     /// Bounding box and area (m^2) of each instance's mesh in its own space.
     meshes: Vec<(Bounds, f64)>,
+    /// The surfaces that it is computed for.
+    surfaces: Stage<Versions>,
     state: State,
 }
 
@@ -84,8 +87,6 @@ impl Sampler {
 /// What was computed, and how far it has progressed.
 #[derive(Debug, Default)]
 struct State {
-    /// Versions of geometry and materials that it was computed for.
-    made: Option<[u64; 2]>,
     /// World-space box of each instance at that time.
     bounds: Vec<Bounds>,
     /// Box around the texels that are computed; `None` if all are.
@@ -176,6 +177,7 @@ impl Solution {
                 .iter()
                 .map(|instance| of_mesh[instance.mesh])
                 .collect(),
+            surfaces: Stage::default(),
             state: State::default(),
         })
     }
@@ -217,7 +219,7 @@ impl Solution {
     /// Share of the work done (0 to 1).
     pub fn progress(&self) -> f32 {
         let all = self.steps();
-        match self.state.made {
+        match self.surfaces.begun() {
             None => 0.0,
             Some(_) if all == 0 => 1.0,
             Some(_) => self.state.steps as f32 / all as f32,
@@ -226,7 +228,13 @@ impl Solution {
 
     /// Whether every texel has all its samples, for the scene as it was last recorded.
     pub fn is_done(&self) -> bool {
-        self.state.made.is_some() && self.state.steps >= self.steps()
+        self.surfaces.begun().is_some() && self.state.steps >= self.steps()
+    }
+
+    /// The same, for the scene as it is.
+    pub(super) fn is_done_for(&self, scene: &GpuScene) -> bool {
+        let now = scene.versions.of(Inputs::SURFACES);
+        self.surfaces.begun() == Some(&now) && self.is_done()
     }
 
     /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has
@@ -268,8 +276,8 @@ impl Solution {
         scene: &GpuScene,
         capture: &AtlasCapture,
     ) -> Result<(), GpuError> {
-        let now = [scene.versions.geometry, scene.versions.materials];
-        if self.state.made != Some(now) {
+        self.surfaces.ask(scene.versions.of(Inputs::SURFACES));
+        if !self.surfaces.is_current() {
             self.begin(frame, scene, capture)?;
         }
         Ok(())
@@ -339,11 +347,9 @@ impl Solution {
                 placed.map(|((_, area), place)| area * most_stretch(&place.world_from_mesh));
             peeling.make_room(gpu, scene, areas.sum())?;
         }
-        let [geometry, materials] = [scene.versions.geometry, scene.versions.materials];
-        let changed = match self.state.made {
-            Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
-            _ => None,
-        };
+        let before = self.surfaces.begun();
+        let before = before.filter(|before| before.materials == scene.versions.materials);
+        let changed = before.map(|before| self.changed(scene, before.geometry, &bounds));
         let changed = changed.filter(|boxes| boxes.len() <= MOST_BOXES);
         let was_done = self.is_done();
         let renewal = Renewal {
@@ -355,7 +361,7 @@ impl Solution {
         let mut boxes: Vec<BoxRow> = changed.iter().flatten().map(BoxRow::new).collect();
         // A buffer needs at least one element.
         boxes.resize(boxes.len().max(1), BoxRow::new(&Bounds::EMPTY));
-        let renewal = gpu.uniform("what is computed anew", &renewal)?;
+        let renewal = gpu.constant("what is computed anew", &renewal)?;
         let boxes = gpu.storage("boxes around what changed [bytes]", &boxes)?;
         frame.clear(&self.mean);
         for piece in capture.pieces() {
@@ -364,35 +370,27 @@ impl Solution {
                 end_point: piece.points.count,
                 ..self.uniform()
             };
-            let settings = gpu.uniform("obscurances", &settings)?;
-            let shared = [
-                ("settings", settings.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
+            let settings = gpu.constant("obscurances", &settings)?;
+            let resources: [Named<'_>; 6] = [
+                ("settings", &settings),
+                ("points", &piece.points.points),
+                ("texels", &self.texels),
+                ("boxes", &boxes),
+                ("renewal", &renewal),
+                ("mean", &self.mean),
             ];
-            let [one, two] = shared;
-            let resources = [
-                one.clone(),
-                two.clone(),
-                ("texels", self.texels.as_entire_binding()),
-                ("boxes", boxes.as_entire_binding()),
-                ("renewal", renewal.as_entire_binding()),
-            ];
-            let prepare = self.prepare.bind(gpu, 1, &resources)?;
-            let resources = [one, two, ("mean", self.mean.as_entire_binding())];
-            let average = self.average.bind(gpu, 1, &resources)?;
+            let scene = Some(&scene.bind_group);
             frame.compute("obscurances.prepare", |pass| {
                 let count = [piece.points.count, 1, 1];
-                let groups = [(0, &scene.bind_group), (1, &prepare)];
-                self.prepare.dispatch(pass, &groups, count);
-                let groups = [(0, &scene.bind_group), (1, &average)];
-                self.average.dispatch(pass, &groups, [1, 1, 1]);
-            });
+                self.prepare.run(pass, scene, &resources, count)?;
+                self.average.run(pass, scene, &resources, [1, 1, 1])
+            })?;
         }
         // Texels that were not finished yet may lie anywhere.
         let changed = changed.filter(|_| was_done);
         let is_same = changed.as_ref().is_some_and(Vec::is_empty);
+        self.surfaces.begin();
         self.state = State {
-            made: Some([geometry, materials]),
             bounds,
             region: changed.map(|boxes| boxes.into_iter().fold(Bounds::EMPTY, Bounds::union)),
             steps: if is_same { self.steps() } else { 0 },
@@ -425,15 +423,12 @@ impl Solution {
                 plain: Target::new(gpu, count)?,
                 colored: Target::new(gpu, count)?,
                 dilation: Dilation::new(gpu, [self.size; 2])?,
-                resolve: Kernel::with_options(
+                resolve: Kernel::with_constants(
                     gpu,
                     &shader!("techniques.obscurances.resolve"),
                     "main",
                     None,
-                    &KernelOptions {
-                        constants: &[self.least_samples()],
-                        ..Default::default()
-                    },
+                    &[self.least_samples()],
                 )?,
                 store: Kernel::new(gpu, &shader!("techniques.obscurances.store"), "main", None)?,
                 maps: Vec::new(),
@@ -483,28 +478,22 @@ impl Solution {
         let count = size * size;
         let (texels, mean) = (self.texels.clone(), self.mean.clone());
         let pictures = self.pictures(gpu)?;
-        let uniform = gpu.uniform(
-            "page",
-            &PageUniform {
-                first: page * count,
-                count,
-                side: size,
-                padding: 0,
-            },
-        )?;
-        let resources = [
-            ("page", uniform.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-            ("mean", mean.as_entire_binding()),
-            ("plain", pictures.plain.radiance.as_entire_binding()),
-            ("colored", pictures.colored.radiance.as_entire_binding()),
+        let of_page = PageUniform {
+            first: page * count,
+            count,
+            side: size,
+            padding: 0,
+        };
+        let of_page = gpu.constant("page", &of_page)?;
+        let resources: [Named<'_>; 5] = [
+            ("page", &of_page),
+            ("texels", &texels),
+            ("mean", &mean),
+            ("plain", &pictures.plain),
+            ("colored", &pictures.colored),
         ];
-        let group = pictures.resolve.bind(gpu, 1, &resources)?;
-        frame.compute("obscurances.resolve", |pass| {
-            pictures
-                .resolve
-                .dispatch(pass, &[(1, &group)], [count, 1, 1]);
-        });
+        let (name, resolve) = ("obscurances.resolve", &pictures.resolve);
+        frame.run(name, resolve, None, &resources, [count, 1, 1])?;
         pictures.dilation.record(frame, &pictures.plain)?;
         pictures.dilation.record(frame, &pictures.colored)
     }
@@ -539,17 +528,13 @@ impl Solution {
                 })?);
             }
             let map = pictures.maps[page as usize].create_view(&Default::default());
-            let resources = [
-                ("plain", pictures.plain.radiance.as_entire_binding()),
-                ("colored", pictures.colored.radiance.as_entire_binding()),
-                ("map", wgpu::BindingResource::TextureView(&map)),
+            let resources: [Named<'_>; 3] = [
+                ("plain", &pictures.plain),
+                ("colored", &pictures.colored),
+                ("map", &map),
             ];
-            let group = pictures.store.bind(gpu, 1, &resources)?;
-            frame.compute("obscurances.store", |pass| {
-                pictures
-                    .store
-                    .dispatch(pass, &[(1, &group)], [size, size, 1]);
-            });
+            let (name, store) = ("obscurances.store", &pictures.store);
+            frame.run(name, store, None, &resources, [size, size, 1])?;
         }
         Ok(())
     }
@@ -571,10 +556,8 @@ impl Solution {
     /// The maps that [`Solution::record_maps`] made, one per page: rgb colored, a plain.
     pub fn maps(&self) -> Vec<Map> {
         let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
-        let named = maps.enumerate().map(|(page, texture)| Map {
-            name: format!("{}.{page}", INFO.name),
-            texels: Texels::Texture(texture.clone()),
-        });
+        let named = maps.enumerate();
+        let named = named.map(|(page, map)| Map::of_texture(format!("{}.{page}", INFO.name), map));
         named.collect()
     }
 }

@@ -2,11 +2,11 @@
 
 use bytemuck::Zeroable;
 
-use super::network::{Kernels, Network, of};
+use super::network::{Kernels, Network};
 use crate::capture::{
     Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
 };
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 use crate::techniques::Earlier;
 
@@ -21,8 +21,6 @@ const RAYS: u32 = 2;
 #[derive(Debug)]
 pub struct Reflecting {
     receiver: Receiver,
-    /// Of each pass.
-    groups: Vec<wgpu::BindGroup>,
 }
 
 impl Reflecting {
@@ -30,7 +28,7 @@ impl Reflecting {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-    pub fn new(gpu: &Gpu, kernels: &Kernels, network: &Network) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, network: &Network) -> Result<Self, GpuError> {
         let links = network.entries();
         let rows = links.min(MOST_LINKS).div_ceil(WIDTH);
         let count = WIDTH * rows;
@@ -48,25 +46,11 @@ impl Reflecting {
             view: gpu.uniform("view of ends of links", &view)?,
             first: 0,
             count,
-            hits: hits.clone(),
+            hits,
             output: Output::RadianceToEye,
             slots: Default::default(),
         };
-        let group = |first: u32| {
-            let first = gpu.uniform("first link", &[first, 0, 0, 0])?;
-            let resources = [
-                ("net", of(&network.uniform)),
-                ("particles", of(&network.particles)),
-                ("visible", of(&network.visible)),
-                ("points", of(&points.points)),
-                ("hits", wgpu::BindingResource::TextureView(&hits)),
-                ("first", of(&first)),
-            ];
-            kernels.reflecting.bind(gpu, 3, &resources)
-        };
-        let firsts = (0..links).step_by(count as usize);
         Ok(Self {
-            groups: firsts.map(group).collect::<Result<_, GpuError>>()?,
             receiver: Receiver::new(&points, &Target::new(gpu, count)?),
         })
     }
@@ -85,15 +69,18 @@ impl Reflecting {
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let count = self.receiver.points.count;
-        for (pass, group) in (0..).zip(&self.groups) {
-            frame.compute("participating-media.reflecting", |compute| {
-                let groups = [(0, &scene.ray_bind_group), (3, group)];
-                kernels.reflecting.dispatch(compute, &groups, [count, 1, 1]);
-            });
-            earlier.count(count.into());
+        let links = network.entries();
+        for first in (0..links).step_by(count as usize) {
+            let of_pass = frame.gpu.constant("first link", &[first, 0, 0, 0])?;
+            let own: [Named<'_>; 1] = [("first", &of_pass)];
+            let points = self.receiver.points.resources();
+            let resources = [&network.resources()[..], &points, &own].concat();
+            let name = "participating-media.reflecting";
+            let (kernel, rays) = (&kernels.reflecting, Some(&scene.ray_bind_group));
+            frame.run(name, kernel, rays, &resources, [count, 1, 1])?;
+            earlier.budget.count(count.into());
             earlier.gather(frame, scene, &self.receiver, false)?;
-            let first = pass * count;
-            let links = count.min(network.entries() - first);
+            let links = count.min(links - first);
             frame.copy(
                 &self.receiver.target.radiance,
                 &network.reflected,

@@ -67,20 +67,6 @@ impl Places {
         })))
     }
 
-    /// Whether these are the texels of the atlas, or without one the vertices of the scene.
-    pub fn serves(
-        &self,
-        scene: &GpuScene,
-        settings: &Settings,
-        atlas: Option<&Arc<Atlas>>,
-    ) -> bool {
-        match (self, atlas) {
-            (Self::Texels(texels), Some(atlas)) => Arc::ptr_eq(&texels.atlas, atlas),
-            (Self::Vertices(vertices), None) => vertices.serves(scene, settings),
-            _ => false,
-        }
-    }
-
     /// Width and height of a map of all points.
     pub fn map_size(&self) -> [u32; 2] {
         match self {
@@ -128,10 +114,10 @@ impl Places {
             Self::Texels(texels) => {
                 texels.capture.record(frame, scene)?;
                 texels.leaks.record(frame, scene, &texels.capture);
+                Ok(())
             }
             Self::Vertices(vertices) => vertices.record(frame, scene),
         }
-        Ok(())
     }
 
     /// The buffer by which a triangle's points are found: `atlas` of capture/atlas/lookup.wesl.

@@ -9,11 +9,9 @@ use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 use super::{Radiosity, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
-use crate::techniques::{Earlier, Resume, Technique, Texels};
-use crate::testing::{read_points, test_gpu};
+use crate::techniques::{Earlier, EarlierLight, Resume, Shared, Technique, Texels};
+use crate::testing::{read_points, settled, test_gpu};
 
 const ALBEDO: f32 = 0.6;
 
@@ -97,24 +95,15 @@ fn solved(
     radiosity.plan(&on_gpu, &[], &[]);
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
-    let mut environments = Environments::default();
+    let mut shared = Shared::new(gpu, &on_gpu, &kernels).unwrap();
     let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
     let mut generate = || {
         let generated = radiosity.generate(&mut frame, &on_gpu, &view, &mut lit);
-        generated.unwrap().pending
+        settled(generated).unwrap().pending
     };
     assert!(generate().is_some(), "the atlas is laid out beside frames");
     on_gpu.wait_for_atlas();

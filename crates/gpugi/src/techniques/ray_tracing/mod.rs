@@ -11,13 +11,15 @@ mod tests;
 
 use super::participating_media::ParticipatingMedia;
 use super::{
-    Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, distance_impostor,
+    Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, Unready,
+    distance_impostor,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
+use crate::stage::Stage;
 use passes::{MOST_RAYS, Passes};
 
 /// Name, summary, source and light paths of the technique.
@@ -85,9 +87,8 @@ pub struct RayTracing {
     settings: Settings,
     /// Whether any object is traced.
     has_objects: bool,
-    passes: Option<Passes>,
-    /// With which constants, and for which tracer, the passes are compiled.
-    compiled_for: Option<([(&'static str, f64); 3], Tracer)>,
+    /// By the constants and the tracer that they are compiled for.
+    passes: Stage<([(&'static str, f64); 3], Tracer), Passes>,
     /// Most rays in flight, if not [`MOST_RAYS`].
     most_rays: Option<u64>,
 }
@@ -161,22 +162,18 @@ impl Technique for RayTracing {
         scene: &GpuScene,
         _: &View,
         _: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        if !scene.has_rays() {
-            return Err(GpuError::Pass {
-                pass: INFO.name.into(),
-                reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
-            });
-        }
-        let [alpha, spheres] = scene.ray_constants();
-        let constants = [alpha, spheres, scene.media_constant()];
-        let wanted = Some((constants, self.settings.tracer));
-        if self.has_objects && self.compiled_for != wanted {
-            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings)?);
-            self.compiled_for = wanted;
-        }
-        if let Some(passes) = &mut self.passes {
-            passes.follow(frame.gpu, scene)?;
+    ) -> Result<Generated, Unready> {
+        scene.expect_rays(INFO.name)?;
+        if self.has_objects {
+            let (gpu, settings) = (frame.gpu, &self.settings);
+            let [alpha, spheres] = scene.ray_constants();
+            let constants = [alpha, spheres, scene.media_constant()];
+            let passes = self
+                .passes
+                .compiled(frame, (constants, settings.tracer), |_| {
+                    Passes::new(gpu, scene, settings)
+                })?;
+            passes.follow(gpu, scene)?;
         }
         Ok(Generated::FINAL)
     }
@@ -192,32 +189,30 @@ impl Technique for RayTracing {
         if !self.has_objects || receiver.points.output != Output::RadianceToEye {
             return Ok(());
         }
-        match &mut self.passes {
-            Some(passes) => {
-                let media = earlier.technique::<ParticipatingMedia>();
-                passes.see(frame.gpu, media.and_then(ParticipatingMedia::sources))?;
-                let most = self.most_rays.unwrap_or(MOST_RAYS);
-                passes.record(frame, scene, receiver, &self.settings, most, earlier)
-            }
-            None => Ok(()),
-        }
+        let Some(passes) = self.passes.get_mut() else {
+            return Ok(());
+        };
+        let media = earlier.technique::<ParticipatingMedia>();
+        let media = media.and_then(ParticipatingMedia::sources);
+        let settings = (&self.settings, self.most_rays.unwrap_or(MOST_RAYS));
+        passes.record(frame, scene, receiver, settings, media, earlier)
     }
 
     fn inspect(&self) -> Inspection {
-        let triangles = self.passes.as_ref().map_or(0, Passes::triangles);
+        let triangles = self.passes.get().map_or(0, Passes::triangles);
         let warning = format!(
             "ray-tracing tests its rays against all {triangles} triangles, which is slow: ray-tracing.tracer=bvh \
              needs a few tests per ray"
         );
         Inspection {
-            work_bytes: self.passes.as_ref().map_or(0, Passes::bytes),
+            work_bytes: self.passes.get().map_or(0, Passes::bytes),
             warnings: Vec::from_iter((triangles > MOST_TRIANGLES).then_some(warning)),
             ..Inspection::default()
         }
     }
 
     fn figures(&mut self, gpu: &Gpu) -> Result<Vec<Figure>, GpuError> {
-        let figures = self.passes.as_ref().map(|passes| passes.figures(gpu));
+        let figures = self.passes.get().map(|passes| passes.figures(gpu));
         figures.unwrap_or_else(|| Ok(Vec::new()))
     }
 }
