@@ -63,6 +63,30 @@ pub struct SurfacePoints {
 }
 
 impl SurfacePoints {
+    /// Room for `width` x `rows` points that passes write, with their hit records.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub(crate) fn room(
+        gpu: &Gpu,
+        label: &str,
+        [width, rows]: [u32; 2],
+        view: wgpu::Buffer,
+        output: Output,
+    ) -> Result<Self, GpuError> {
+        let count = width * rows;
+        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
+        Ok(Self {
+            points: gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE)?,
+            view,
+            first: 0,
+            count,
+            hits: hits_of_points(gpu, [width, rows])?,
+            output,
+            slots: Slots::default(),
+        })
+    }
+
     /// Bind group 1 of a pass that reads the points.
     ///
     /// # Errors

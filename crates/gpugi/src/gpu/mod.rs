@@ -470,6 +470,33 @@ impl Gpu {
         )
     }
 
+    /// A two-dimensional texture of `[width, height, layers]` texels and one level, as [`Gpu::texture`].
+    ///
+    /// # Errors
+    /// As [`Gpu::texture`].
+    pub fn texture_2d(
+        &self,
+        label: &str,
+        [width, height, layers]: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture, GpuError> {
+        self.texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: layers,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
     /// A texture, whose size is first checked against the device's limits.
     ///
     /// # Errors

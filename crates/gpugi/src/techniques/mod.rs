@@ -279,6 +279,17 @@ pub trait Resume {
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError>;
 }
 
+/// The value of settings that leaves the choice of objects, or of a point, to gpugi.
+pub(crate) const AUTO: &str = "auto";
+
+/// [`Plan::object_names`] of such a setting.
+pub(crate) fn named(objects: &str) -> String {
+    match objects {
+        AUTO => String::new(),
+        list => list.to_owned(),
+    }
+}
+
 /// Objects that have maps of their own, by number: other objects, or other kinds of them, need other maps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Claimed(Arc<[(u32, Object)]>);

@@ -11,7 +11,8 @@ mod object;
 mod tests;
 
 use super::{
-    Claimed, Earlier, Generated, Info, Inspection, LightState, OwnPoints, Plan, Technique, Unready,
+    AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, OwnPoints, Plan, Technique,
+    Unready, named,
 };
 use crate::capture::{Gather, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -73,8 +74,6 @@ crate::settings! {
     }
 }
 
-/// The value of [`Settings::objects`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
 /// Most objects with caustics that `auto` chooses, and most that may be named.
 const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
@@ -287,10 +286,7 @@ impl Technique for Caustics {
         Plan {
             paths,
             claims,
-            object_names: match self.settings.objects.as_str() {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
+            object_names: named(&self.settings.objects),
             lookups: claimed.len() as u32,
             needs: None,
         }

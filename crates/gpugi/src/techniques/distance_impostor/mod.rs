@@ -17,8 +17,8 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Claimed, Earlier, Generated, Info, Inspection, LightState, Map, OwnPoints, Plan, Technique,
-    Unready,
+    AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, Map, OwnPoints, Plan,
+    Technique, Unready, named,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -222,8 +222,6 @@ impl Settings {
     }
 }
 
-/// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
 /// How often the cubes of several objects are lit when the scene changed: those lit first do not show yet what the
 /// others reflect.
 const ROUNDS: u32 = 2;
@@ -357,10 +355,7 @@ impl Technique for DistanceImpostor {
         Plan {
             paths,
             claims,
-            object_names: match self.settings.objects.as_str() {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
+            object_names: named(&self.settings.objects),
             lookups: all.len() as u32,
             needs: None,
         }

@@ -14,7 +14,9 @@ mod export_tests;
 mod tests;
 
 use super::obscurances::{self, Attenuation, Obscurances};
-use super::{Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Unready};
+use super::{
+    AUTO, Earlier, Generated, Info, Inspection, Map, OwnPoints, Plan, Technique, Unready, named,
+};
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, join};
 use crate::light_paths::{LightClass, LightPaths, overlap};
@@ -92,9 +94,6 @@ crate::settings! {
         pub objects: String = AUTO.to_owned() => any(),
     }
 }
-
-/// The value of [`Settings::objects`] for which the choice depends on the other techniques.
-const AUTO: &str = "auto";
 
 /// Environment mapping.
 #[derive(Debug)]
@@ -207,7 +206,7 @@ impl Technique for EnvironmentMap {
         Plan {
             paths: if self.is_whole { INFO.paths } else { MIRRORS }.to_vec(),
             claims,
-            object_names: chosen(&self.settings.objects),
+            object_names: named(&self.settings.objects),
             lookups: 1,
             needs: self
                 .settings
@@ -279,14 +278,5 @@ impl Technique for EnvironmentMap {
             maps: maps.collect(),
             ..Inspection::default()
         }
-    }
-}
-
-/// The objects that the setting names; none where gpugi chooses.
-fn chosen(objects: &str) -> String {
-    if objects == AUTO {
-        String::new()
-    } else {
-        objects.to_owned()
     }
 }

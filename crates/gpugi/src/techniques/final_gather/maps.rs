@@ -119,22 +119,14 @@ impl Maps {
                 cube[1] * probes.count.div_ceil(probes.cubes_per_row),
             ],
         };
-        let distances = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("final-gather.distances"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
+        let distances = gpu.texture_2d(
+            "final-gather.distances",
+            [width, height, 1],
+            wgpu::TextureFormat::R32Float,
+            wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::STORAGE_BINDING
                 | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
+        )?;
         Ok(Self {
             uniform: gpu.uniform("reference points", &probes)?,
             unattenuated: gpu.buffer("no obscurances", 16, storage)?,

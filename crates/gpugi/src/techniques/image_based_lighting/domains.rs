@@ -297,22 +297,14 @@ impl DecompositionBuffers {
             size_of::<gpu::State>() as u64,
         )?;
         let zones = gpu.storage("zones [bytes]", &zones(map[1], height))?;
-        let texture = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("domains of the environment"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
+        let texture = gpu.texture_2d(
+            "domains of the environment",
+            [width, height, 1],
+            wgpu::TextureFormat::R32Uint,
+            wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::COPY_DST
                 | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
+        )?;
         Ok(Self {
             map,
             settings: settings.clone(),

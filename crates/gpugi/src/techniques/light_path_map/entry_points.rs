@@ -6,9 +6,7 @@ use gpugi_scene::LightPathPanes;
 
 use super::entries::{COLUMN, Entries};
 use super::{Settings, stored};
-use crate::capture::{
-    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
-};
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -35,7 +33,6 @@ impl EntryPoints {
         let storage = wgpu::BufferUsages::STORAGE;
         let rows = (settings.entries * settings.light_samples).div_ceil(WIDTH);
         let count = WIDTH * rows;
-        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let mut view = ViewUniform {
             width: WIDTH,
             height: rows,
@@ -44,16 +41,9 @@ impl EntryPoints {
         };
         let output = Output::Irradiance;
         output.write(&mut view);
-        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let points = SurfacePoints {
-            points: gpu.buffer("entry points [bytes]", bytes, storage)?,
-            view: gpu.uniform("view of entry points", &view)?,
-            first: 0,
-            count,
-            hits,
-            output,
-            slots: Default::default(),
-        };
+        let view = gpu.uniform("view of entry points", &view)?;
+        let label = "entry points [bytes]";
+        let points = SurfacePoints::room(gpu, label, [WIDTH, rows], view, output)?;
         let firsts = 2 * (u64::from(settings.clusters) + 1) * 4;
         Ok(Self {
             entries: Entries::default(),

@@ -2,16 +2,13 @@
 
 use std::sync::Arc;
 
-use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, LightPathPanes};
 
 use super::gpu::{CHOOSING_LANES, Choice, LANES, SLOT_BYTES};
 use super::panes::{Panes, count_tiles, of_panes};
 use super::{INFO, Settings, Store, entry_points};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
-};
-use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
+use crate::capture::atlas::{KeptIrradiance, KeptTexels};
+use crate::capture::{Receiver, SURFACE_POINT_BYTES};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -21,22 +18,16 @@ use crate::techniques::{Earlier, Generated, LightState, Map, Texels};
 /// Panes, and the light that they give.
 #[derive(Debug)]
 pub(super) struct LightPathMaps {
-    pub capture: AtlasCapture,
-    leaks: LeakTest,
+    pub texels: KeptTexels,
     pub panes: Panes,
     /// Mean irradiance of each cluster (W/m^2).
     pub weights: wgpu::Buffer,
     /// `Slot` of sum.wesl: the panes that are added, tile by tile.
     pub slots: wgpu::Buffer,
-    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
-    pub irradiance: Target,
-    lookup: AtlasLookup,
+    pub irradiance: KeptIrradiance,
     weigh: Kernel,
     choose: Kernel,
     relight: Kernel,
-    dilation: Dilation,
-    seams: SeamFilter,
-    gather: TexelGather,
     /// The light of the irradiance.
     lit: Stage<LightState>,
     revision: u64,
@@ -51,29 +42,17 @@ impl LightPathMaps {
         stored: Option<Arc<LightPathPanes>>,
         most_texels: u32,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason: "there is an atlas, but no scene that it is one of".into(),
-        })?;
-        let options = AtlasCaptureOptions {
-            most_texels,
-            ..AtlasCaptureOptions::default()
-        };
-        let capture = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, atlas)?;
-        let size = [atlas.size, atlas.size * atlas.pages];
-        let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         let clusters = u64::from(settings.clusters);
         let buffer =
             |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
         Ok(Self {
-            leaks: LeakTest::new(gpu, scene, &capture)?,
-            panes: Panes::new(gpu, scene, settings, &capture, &lookup, stored)?,
+            panes: Panes::new(gpu, scene, settings, &texels, stored)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,
             slots: buffer(
                 "panes to add [bytes]",
-                count_tiles(&capture) * (clusters + 1) * SLOT_BYTES,
+                count_tiles(&texels.capture) * (clusters + 1) * SLOT_BYTES,
             )?,
             weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
             choose: kernel(shader!("techniques.light_path_map.choose"))?,
@@ -83,12 +62,8 @@ impl LightPathMaps {
                 "main",
                 settings,
             )?,
-            dilation: Dilation::new(gpu, size)?,
-            seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
-            gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[])?,
-            lookup,
-            irradiance,
-            capture,
+            irradiance: KeptIrradiance::new(gpu, scene, texels.size(), Some(atlas), &[])?,
+            texels,
             lit: Stage::default(),
             revision: 0,
         })
@@ -102,11 +77,10 @@ impl LightPathMaps {
         settings: &Settings,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        self.capture.record(frame, scene)?;
-        self.leaks.record(frame, scene, &self.capture);
+        self.texels.record(frame, scene)?;
         self.panes.follow(frame.gpu, scene);
         let was_done = self.panes.is_done();
-        let (panes, capture) = (&mut self.panes, &self.capture);
+        let (panes, capture) = (&mut self.panes, &self.texels.capture);
         let step = |panes: &mut Panes| panes.step(frame, scene, capture);
         let budget = &mut earlier.budget;
         budget.steps(settings.steps, panes, Panes::is_done, step)?;
@@ -124,8 +98,7 @@ impl LightPathMaps {
             earlier.gather(frame, scene, entries, false)?;
             self.weigh(frame)?;
             self.relight(frame, settings)?;
-            self.dilation.record(frame, &self.irradiance)?;
-            self.seams.record(frame);
+            self.irradiance.finish(frame)?;
             earlier.budget.count(u64::from(self.panes.texels));
             self.lit.begin();
         }
@@ -146,7 +119,7 @@ impl LightPathMaps {
         let ones: Vec<[f32; 4]> = ones.collect();
         let ones = frame.gpu.storage("all panes [bytes]", &ones)?;
         self.sum(frame, &ones, clusters, 0)?;
-        self.panes.complete(frame, &self.irradiance.radiance)
+        self.panes.complete(frame, &self.irradiance.target.radiance)
     }
 
     /// Fills the texels of all panes that have no point from those around them, so that any bilinear filter may read
@@ -160,9 +133,9 @@ impl LightPathMaps {
             let alone = [1.0, 1.0, 1.0, f32::from_bits(pane)];
             let alone = gpu.storage("one pane [bytes]", &[alone])?;
             self.sum(&mut frame, &alone, 1, 0)?;
-            self.dilation.record(&mut frame, &self.irradiance)?;
+            self.irradiance.fill(&mut frame)?;
             self.panes
-                .store(&mut frame, pane, &self.irradiance.radiance)?;
+                .store(&mut frame, pane, &self.irradiance.target.radiance)?;
             frame.submit()?;
             gpu.wait()?;
         }
@@ -228,7 +201,7 @@ impl LightPathMaps {
                 ("sheet", &of_sheet),
                 ("slots", slots),
                 ("panes", &sheet.words),
-                ("irradiance", &self.irradiance),
+                ("irradiance", &self.irradiance.target),
             ];
             let resources = join(&self.panes.resources(), &own);
             let (name, lanes) = ("light-path-map.relight", self.panes.lanes(LANES));
@@ -244,13 +217,9 @@ impl LightPathMaps {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (name, texels) = ("light-path-map.gather", Some(&self.capture));
-        let kept: [Named<'_>; 2] = [
-            ("atlas", &self.lookup.words),
-            ("irradiance", &self.irradiance),
-        ];
-        self.gather
-            .record(frame, name, scene, texels, receiver, &kept)
+        let found = (Some(&self.texels.capture), &self.texels.lookup.words);
+        let name = "light-path-map.gather";
+        self.irradiance.gather(frame, name, scene, receiver, found)
     }
 
     /// Positions of entry points, irradiance of all rows, weights of clusters, clusters of texels, and panes below each
@@ -260,7 +229,7 @@ impl LightPathMaps {
         let map = |map: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| {
             Map::of_colors(name(map), buffer, size, stride)
         };
-        let size = [self.capture.size, self.capture.size * self.capture.pages];
+        let size = self.texels.size();
         let clusters = (self.weights.size() / 16) as u32;
         let entries = &self.panes.points.receiver.points.points;
         let count = self.panes.points.entries.entries.len() as u32;
@@ -271,7 +240,7 @@ impl LightPathMaps {
         let mut maps = vec![
             // A surface point begins with its position.
             map("entries", entries, of_entries, SURFACE_POINT_BYTES),
-            map("irradiance", &self.irradiance.radiance, size, 16),
+            map("irradiance", &self.irradiance.target.radiance, size, 16),
             map("weights", &self.weights, [clusters, 1], 16),
             Map::of_numbers(name("clusters"), &self.panes.owners, size, 4),
         ];
@@ -298,8 +267,7 @@ impl LightPathMaps {
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
-        let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
-        let around = self.dilation.bytes() + self.seams.bytes + self.lookup.words.size() + states;
-        self.capture.bytes + self.panes.work_bytes() + self.slots.size() + around
+        let around = self.irradiance.work_bytes();
+        self.texels.bytes() + self.panes.work_bytes() + self.slots.size() + around
     }
 }

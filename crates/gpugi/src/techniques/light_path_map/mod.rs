@@ -29,7 +29,7 @@ use super::{
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Inputs};
 use crate::settings::SettingSet;
 use crate::stage::{Same, Stage};
 use maps::LightPathMaps;
@@ -60,8 +60,8 @@ pub struct LightPathMap {
     settings: Settings,
     /// In an atlas, by [`Settings::of_panes`] and [`GpuScene::ray_features`].
     maps: Stage<(Settings, Same<Atlas>, [bool; 3]), LightPathMaps>,
-    /// Whether the panes of the scene's file fit it, by versions of geometry, instances and materials.
-    fit: Fit<3>,
+    /// Whether the panes of the scene's file fit it.
+    fit: Fit,
     /// Most texels per buffer of points.
     most_texels: u32,
 }
@@ -89,14 +89,9 @@ impl LightPathMap {
     /// The panes that the scene's file holds, if they are wanted and still those of the scene.
     fn stored(&mut self, scene: &GpuScene) -> Option<Arc<LightPathPanes>> {
         let host = scene.host()?;
-        let Some(panes) = host.panes.as_ref().filter(|_| self.settings.stored) else {
-            self.fit.forget();
-            return None;
-        };
-        let now = &scene.versions;
-        let now = [now.geometry, now.instances, now.materials];
-        let fits = self.fit.holds(now, || panes.check(host));
-        fits.then(|| Arc::clone(panes))
+        let panes = host.panes.as_ref().filter(|_| self.settings.stored);
+        let now = scene.versions.of(Inputs::SURFACES | Inputs::INSTANCES);
+        self.fit.of(panes, now, |panes| panes.check(host))
     }
 }
 

@@ -12,7 +12,7 @@ use super::entries::COLUMN;
 use super::entry_points::EntryPoints;
 use super::gpu::{Choice, LANES, NEAR_BYTES, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
 use super::{Settings, Store, Visibility, unfit};
-use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
+use crate::capture::atlas::{AtlasCapture, KeptTexels, tiles_of};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, Shader, join, read_buffer};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
@@ -106,8 +106,9 @@ impl Panes {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        capture: &AtlasCapture,
-        lookup: &AtlasLookup,
+        KeptTexels {
+            capture, lookup, ..
+        }: &KeptTexels,
         stored: Option<Arc<LightPathPanes>>,
     ) -> Result<Self, GpuError> {
         let texels = capture.size * capture.size * capture.pages;
@@ -132,11 +133,6 @@ impl Panes {
             }
         };
         let at_once = (RAYS_OF_STEP / rays.max(settings.near_rays.into())).clamp(64, 1 << 20);
-        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
-            let count = piece.points.count;
-            let firsts = (0..count).step_by(at_once as usize);
-            firsts.map(move |first| (number, first..count.min(first + at_once as u32)))
-        };
         Ok(Self {
             settings: settings.clone(),
             texels,
@@ -171,12 +167,7 @@ impl Panes {
                 count_tiles(capture) * u64::from(settings.clusters + 1),
                 16,
             )?,
-            tiles: capture
-                .pieces()
-                .iter()
-                .enumerate()
-                .flat_map(tiles_of)
-                .collect(),
+            tiles: tiles_of(capture.points().map(|points| points.count), at_once as u32),
             stored,
             surfaces: Stage::default(),
             steps: 0,

@@ -107,7 +107,7 @@ impl Solver {
     /// All texels.
     fn points(&self) -> Vec<Point> {
         let made = self.technique.maps.get().unwrap();
-        let points = made.capture.points();
+        let points = made.texels.capture.points();
         let points = points.flat_map(|points| read_points(&self.gpu, &self.scene, points));
         points.collect()
     }
@@ -135,7 +135,7 @@ impl Solver {
         let mut frame = Frame::new(&self.gpu, false);
         made.relight(&mut frame, settings).unwrap();
         frame.submit().unwrap();
-        let irradiance = &made.irradiance.radiance;
+        let irradiance = &made.irradiance.target.radiance;
         read_buffer(&self.gpu, irradiance, irradiance.size()).unwrap()
     }
 }

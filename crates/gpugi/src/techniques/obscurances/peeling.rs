@@ -69,20 +69,12 @@ impl Peeling {
             .most_lines
             .min(gpu.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
-        let target = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("bundle of lines"),
-            size: wgpu::Extent3d {
-                width: side,
-                height: side,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Depth32Float,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        })?;
+        let target = gpu.texture_2d(
+            "bundle of lines",
+            [side, side, 1],
+            wgpu::TextureFormat::Depth32Float,
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
+        )?;
         let transfer = shader!("techniques.obscurances.transfer");
         let (layout, colored) = (Some(&scene.layout), [super::solution::colored(settings)]);
         Ok(Self {

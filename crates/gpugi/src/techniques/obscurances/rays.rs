@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::Settings;
 use super::gpu::SettingsUniform;
-use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, tiles_of};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -38,17 +38,8 @@ impl Rays {
         let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
         let constants = [transmits, super::solution::colored(settings)];
         let kernel = scene.ray_kernel(gpu, &shader!("techniques.obscurances.rays"), &constants)?;
-        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
-            let count = piece.points.count;
-            let firsts = (0..count).step_by(RAYS_OF_STEP as usize);
-            firsts.map(move |first| (number, first..count.min(first + RAYS_OF_STEP)))
-        };
-        let tiles: Vec<_> = capture
-            .pieces()
-            .iter()
-            .enumerate()
-            .flat_map(tiles_of)
-            .collect();
+        let pieces = capture.points().map(|points| points.count);
+        let tiles = tiles_of(pieces, RAYS_OF_STEP);
         let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
         Ok(Self {
             atlas: lookup.words.clone(),

@@ -510,22 +510,14 @@ impl Solution {
             self.resolve(frame, page)?;
             let pictures = self.pictures(gpu)?;
             if pictures.maps.len() == page as usize {
-                pictures.maps.push(gpu.texture(&wgpu::TextureDescriptor {
-                    label: Some("obscurances"),
-                    size: wgpu::Extent3d {
-                        width: size,
-                        height: size,
-                        depth_or_array_layers: 1,
-                    },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format: wgpu::TextureFormat::Rgba16Float,
-                    usage: wgpu::TextureUsages::STORAGE_BINDING
+                pictures.maps.push(gpu.texture_2d(
+                    "obscurances",
+                    [size, size, 1],
+                    wgpu::TextureFormat::Rgba16Float,
+                    wgpu::TextureUsages::STORAGE_BINDING
                         | wgpu::TextureUsages::TEXTURE_BINDING
                         | wgpu::TextureUsages::COPY_SRC,
-                    view_formats: &[],
-                })?);
+                )?);
             }
             let map = pictures.maps[page as usize].create_view(&Default::default());
             let resources: [Named<'_>; 3] = [

@@ -3,9 +3,7 @@
 use bytemuck::Zeroable;
 
 use super::network::{Kernels, Network};
-use crate::capture::{
-    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
-};
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 use crate::techniques::Earlier;
@@ -31,27 +29,17 @@ impl Reflecting {
     pub fn new(gpu: &Gpu, network: &Network) -> Result<Self, GpuError> {
         let links = network.entries();
         let rows = links.min(MOST_LINKS).div_ceil(WIDTH);
-        let count = WIDTH * rows;
-        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let view = ViewUniform {
             width: WIDTH,
             height: rows,
             faces: RAYS,
             ..Zeroable::zeroed()
         };
-        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let points = SurfacePoints {
-            points: gpu.buffer("ends of links [bytes]", bytes, storage)?,
-            view: gpu.uniform("view of ends of links", &view)?,
-            first: 0,
-            count,
-            hits,
-            output: Output::RadianceToEye,
-            slots: Default::default(),
-        };
+        let view = gpu.uniform("view of ends of links", &view)?;
+        let (label, output) = ("ends of links [bytes]", Output::RadianceToEye);
+        let points = SurfacePoints::room(gpu, label, [WIDTH, rows], view, output)?;
         Ok(Self {
-            receiver: Receiver::new(&points, &Target::new(gpu, count)?),
+            receiver: Receiver::new(&points, &Target::new(gpu, points.count)?),
         })
     }
 

@@ -47,20 +47,12 @@ pub(super) struct Made {
 
 impl Light {
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let cube = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("radiance-transfer.environment"),
-            size: wgpu::Extent3d {
-                width: CUBE_SIDE,
-                height: CUBE_SIDE,
-                depth_or_array_layers: 6,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba16Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        })?;
+        let cube = gpu.texture_2d(
+            "radiance-transfer.environment",
+            [CUBE_SIDE, CUBE_SIDE, 6],
+            wgpu::TextureFormat::Rgba16Float,
+            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+        )?;
         let faces = cube.create_view(&Default::default());
         let buffer = |functions: u32, usage| {
             let bytes = u64::from(functions) * 16;

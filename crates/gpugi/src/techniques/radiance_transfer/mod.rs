@@ -34,7 +34,7 @@ use super::{
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Inputs};
 use crate::settings::SettingSet;
 use crate::stage::{Same, Stage};
 use glossy::{Glossy, GlossyObject};
@@ -67,8 +67,8 @@ pub struct RadianceTransfer {
     glossy: Vec<GlossyObject>,
     /// Most texels per buffer of points; `None`: as many as fit.
     most_texels: Option<u32>,
-    /// Whether the scene's stored vectors fit it, by versions of geometry and instances.
-    fit: Fit<2>,
+    /// Whether the scene's stored vectors fit it.
+    fit: Fit,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
 }
@@ -97,13 +97,8 @@ impl RadianceTransfer {
         let host = scene.host()?;
         let vectors = host.transfer.as_ref();
         let vectors = vectors.filter(|_| self.settings.may_be_stored());
-        let Some(vectors) = vectors else {
-            self.fit.forget();
-            return None;
-        };
-        let now = [scene.versions.geometry, scene.versions.instances];
-        let fits = self.fit.holds(now, || vectors.check(host));
-        fits.then(|| Arc::clone(vectors))
+        let now = scene.versions.of(Inputs::GEOMETRY | Inputs::INSTANCES);
+        self.fit.of(vectors, now, |vectors| vectors.check(host))
     }
 }
 

@@ -115,7 +115,7 @@ impl Solver {
     /// The texels that have points, with their irradiance.
     fn texels(&self) -> Vec<(Point, Vec3)> {
         let made = self.transfer.texels.get().unwrap();
-        let found = self.floats(&made.irradiance.radiance);
+        let found = self.floats(&made.irradiance.target.radiance);
         self.with_points(found.into_iter().map(|[r, g, b, _]| vec3(r, g, b)))
     }
 
@@ -212,7 +212,7 @@ fn constant_linear_and_quadratic_light_is_exact_at_vertices() {
         let scene = scene_of([mesh], Some(environment.clone()));
         let solver = Solver::new(&gpu, &scene, &[("at", "vertices")]).solve();
         let made = solver.transfer.texels.get().unwrap();
-        let found = solver.floats(&made.irradiance.radiance);
+        let found = solver.floats(&made.irradiance.target.radiance);
         // At its poles, the sphere has vertices without a triangle.
         let pairs = normals.iter().zip(&found);
         let pairs: Vec<_> = pairs.filter(|(_, found)| found[3] == 1.0).collect();

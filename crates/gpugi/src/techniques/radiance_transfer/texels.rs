@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use gpugi_scene::Atlas;
-use gpugi_scene::atlas::Seams;
 use serde::{Deserialize, Serialize};
 
 use super::compression::{self, Compressed, Compression};
@@ -12,8 +11,8 @@ use super::light::{Light, Made};
 use super::places::Places;
 use super::transfer::{self, Transfer};
 use super::{Basis, INFO, Settings};
-use crate::capture::atlas::{Dilation, SeamFilter, TexelGather};
-use crate::capture::{Receiver, Target};
+use crate::capture::Receiver;
+use crate::capture::atlas::KeptIrradiance;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -39,12 +38,8 @@ pub(super) struct LitTexels {
     /// Compressed vectors, once they are ready.
     compressed: Option<Compressed>,
     pub light: Light,
-    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
-    pub irradiance: Target,
+    pub irradiance: KeptIrradiance,
     relight: Kernel,
-    /// Passes that fill texels without a point and make seams agree.
-    around: Option<(Dilation, SeamFilter)>,
-    gather: TexelGather,
     /// Whether the irradiance was computed once.
     is_lit: bool,
     pub revision: u64,
@@ -61,7 +56,6 @@ impl LitTexels {
     ) -> Result<Self, GpuError> {
         let places = Places::new(gpu, scene, settings, atlas, most_texels)?;
         let size = places.map_size();
-        let irradiance = Target::new(gpu, size[0] * size[1])?;
         let (relight, length) = match settings.basis {
             Basis::Harmonics => (
                 shader!("techniques.radiance_transfer.relight"),
@@ -72,20 +66,12 @@ impl LitTexels {
                 ("TERMS", f64::from(settings.coefficients)),
             ),
         };
-        let gather = shader!("capture.atlas.gather");
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
         let glossy = match glossy {
             [] => None,
             glossy => Some(Glossy::new(gpu, scene, settings, glossy, &places)?),
         };
-        let around = match (&places, scene.host()) {
-            (Places::Texels(texels), Some(host)) => {
-                let seams = Seams::new(host, &texels.atlas);
-                let seams = SeamFilter::new(gpu, &seams, &irradiance)?;
-                Some((Dilation::new(gpu, size)?, seams))
-            }
-            _ => None,
-        };
+        let constants = [left_out, places.constant()];
         Ok(Self {
             settings: settings.clone(),
             compression: None,
@@ -93,9 +79,7 @@ impl LitTexels {
             transfer: Transfer::new(gpu, scene, settings, &places, glossy)?,
             light: Light::new(gpu, scene, settings)?,
             relight: Kernel::with_constants(gpu, &relight, "main", None, &[length])?,
-            around,
-            gather: TexelGather::new(gpu, scene, &gather, &[left_out, places.constant()])?,
-            irradiance,
+            irradiance: KeptIrradiance::new(gpu, scene, size, places.atlas(), &constants)?,
             places,
             is_lit: false,
             revision: 0,
@@ -133,7 +117,9 @@ impl LitTexels {
         let has_vectors = self.is_lit || self.transfer.bounces() > 0;
         if has_vectors && (has_improved || changed.is_some()) {
             self.relight(frame)?;
-            earlier.budget.count(self.irradiance.radiance.size() / 16);
+            earlier
+                .budget
+                .count(self.irradiance.target.radiance.size() / 16);
             self.is_lit = true;
             self.revision += u64::from(has_improved);
         }
@@ -171,7 +157,7 @@ impl LitTexels {
         if !earlier.budget.may_step() {
             return Ok(false);
         }
-        let texels = self.irradiance.radiance.size() / 16;
+        let texels = self.irradiance.target.radiance.size() / 16;
         let mut compression = match self.compression.take() {
             Some(compression) => compression,
             None => Compression::new(frame.gpu, &self.settings, texels as u32)?,
@@ -214,7 +200,7 @@ impl LitTexels {
     /// # Errors
     /// Why it does not fit these texels.
     pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
-        let texels = self.irradiance.radiance.size() / 16;
+        let texels = self.irradiance.target.radiance.size() / 16;
         let fits = |one: &compression::Saved| {
             self.settings.is_compressed() && one.fits(&self.settings, texels)
         };
@@ -248,7 +234,7 @@ impl LitTexels {
     /// Multiplies transfer vectors, and matrices, and light: passes `radiance-transfer.relight`,
     /// `radiance-transfer.glossy`, `capture.atlas.dilate` and `capture.atlas.seams`.
     fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
-        let (light, irradiance) = (&self.light.coefficients, &self.irradiance.radiance);
+        let (light, irradiance) = (&self.light.coefficients, &self.irradiance.target.radiance);
         if let Some(compressed) = &self.compressed {
             compressed.relight(frame, light, irradiance)?;
         } else if let Some(vectors) = self.transfer.vectors() {
@@ -264,11 +250,7 @@ impl LitTexels {
         if let Some(glossy) = &self.transfer.glossy {
             glossy.relight(frame, light)?;
         }
-        if let Some((dilation, seams)) = &self.around {
-            dilation.record(frame, &self.irradiance)?;
-            seams.record(frame);
-        }
-        Ok(())
+        self.irradiance.finish(frame)
     }
 
     /// Adds the light at the receiver's points: passes `radiance-transfer.gather` and
@@ -279,13 +261,10 @@ impl LitTexels {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (name, texels) = ("radiance-transfer.gather", self.places.capture());
-        let kept: [Named<'_>; 2] = [
-            ("atlas", self.places.lookup()),
-            ("irradiance", &self.irradiance),
-        ];
-        self.gather
-            .record(frame, name, scene, texels, receiver, &kept)?;
+        let found = (self.places.capture(), self.places.lookup());
+        let name = "radiance-transfer.gather";
+        self.irradiance
+            .gather(frame, name, scene, receiver, found)?;
         match &self.transfer.glossy {
             Some(glossy) => glossy.gather(frame, scene, &self.places, receiver),
             None => Ok(()),
@@ -299,15 +278,14 @@ impl LitTexels {
         };
         let size = self.places.map_size();
         vec![
-            map("irradiance", &self.irradiance.radiance, size),
+            map("irradiance", &self.irradiance.target.radiance, size),
             map("light", &self.light.coefficients, self.light.map_size()),
         ]
     }
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
-        let around = self.around.as_ref();
-        let around = around.map_or(0, |(dilation, seams)| dilation.bytes() + seams.bytes);
+        let around = self.irradiance.work_bytes();
         let compressed = self.compressed.as_ref().map_or(0, Compressed::bytes);
         self.places.bytes() + self.transfer.bytes() + compressed + self.light.bytes() + around
     }

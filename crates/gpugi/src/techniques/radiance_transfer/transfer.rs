@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::glossy::Glossy;
 use super::gpu::{COEFFICIENT_BYTES, Work};
-use super::places::{Piece, Places};
+use super::places::Places;
 use super::{Basis, Settings, haar, harmonics};
+use crate::capture::atlas::tiles_of;
 use crate::gpu::{Frame, Gpu, GpuError, Named, join, read_buffer};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::stage::Stage;
@@ -84,13 +85,8 @@ impl Transfer {
     ) -> Result<Self, GpuError> {
         let rays_per_texel = settings.rays_per_texel();
         let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
-        let tiles_of = |(number, piece): (usize, Piece<'_>)| {
-            let count = piece.count;
-            let firsts = (0..count).step_by(at_once as usize);
-            firsts.map(move |first| (number, first..count.min(first + at_once)))
-        };
-        let pieces = places.pieces().into_iter().enumerate();
-        let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
+        let pieces = places.pieces().into_iter();
+        let tiles = tiles_of(pieces.map(|piece| piece.count), at_once);
         let rays = match settings.basis {
             Basis::Harmonics => {
                 let rays = harmonics::Rays::new(gpu, scene, settings, places)?;

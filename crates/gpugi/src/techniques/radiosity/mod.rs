@@ -19,13 +19,11 @@ use super::{
     Earlier, Generated, Info, Inspection, LightState, OwnPoints, Plan, Resume, Slice, Technique,
     Unready, atlas,
 };
-use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-use crate::shader;
 use crate::stage::{Same, Stage};
 use shooting::Batch;
 use solution::Kernels;
@@ -130,7 +128,6 @@ fn features(scene: &GpuScene) -> [bool; 6] {
 struct LitTexels {
     kernels: Kernels,
     solution: Solution,
-    gather: TexelGather,
     /// Of what other techniques and [`Own`] light the iterates are.
     light: Stage<(LightState, Own)>,
     /// Parts of the atlas whose direct light is that.
@@ -192,7 +189,6 @@ impl LitTexels {
         Ok(Self {
             kernels: Kernels::new(gpu, scene)?,
             solution: Solution::new(gpu, scene, atlas, most_texels)?,
-            gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[])?,
             light: Stage::default(),
             lit_parts: 0,
             is_averaged: false,
@@ -408,15 +404,14 @@ impl Technique for Radiosity {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Some(LitTexels {
-            gather, solution, ..
-        }) = self.texels.get()
-        else {
+        let Some(solution) = self.solution() else {
             return Ok(());
         };
-        let (name, texels) = ("radiosity.gather", Some(&solution.texels));
-        let kept = solution.kept();
-        gather.record(frame, name, scene, texels, receiver, &kept)
+        let (name, texels) = ("radiosity.gather", &solution.texels);
+        let found = (Some(&texels.capture), &texels.lookup.words);
+        solution
+            .irradiance
+            .gather(frame, name, scene, receiver, found)
     }
 
     fn inspect(&self) -> Inspection {

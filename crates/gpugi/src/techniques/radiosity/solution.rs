@@ -4,14 +4,11 @@
 use std::ops::Range;
 
 use gpugi_scene::Atlas;
-use gpugi_scene::atlas::Seams;
 
 use super::choosing::{self, Choosing};
 use super::gpu::{MOST_CHOSEN, TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
-};
+use crate::capture::atlas::{AtlasPiece, KeptIrradiance, KeptTexels};
 use crate::capture::{Receiver, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, read_buffer};
 use crate::scene::GpuScene;
@@ -51,23 +48,15 @@ impl Kernels {
 /// The light in the texels of an atlas.
 #[derive(Debug)]
 pub struct Solution {
-    /// Indirect irradiance [W/m^2] of the texels of all rows, row by row, with 1 in a; empty texels are filled from
-    /// their neighbours.
-    pub irradiance: Target,
-    /// Lookup of triangles in the atlas.
-    pub lookup: AtlasLookup,
-    /// The texels.
-    pub texels: AtlasCapture,
+    pub(super) irradiance: KeptIrradiance,
+    pub(super) texels: KeptTexels,
     /// Iterates so far, including dropped ones.
     pub iterates: u32,
     /// Texels of all pieces that have traced the rays of the next iterate.
     traced: u32,
     /// What [`Solution::begin`] was given.
     work: Work,
-    leaks: LeakTest,
     pieces: Vec<Piece>,
-    dilation: Dilation,
-    seams: SeamFilter,
     /// Two buffers of iterates, used in turn.
     light: [wgpu::Buffer; 2],
     /// Index of the buffer that holds the last iterate.
@@ -97,24 +86,14 @@ impl Solution {
         atlas: &Atlas,
         most_texels: u32,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: "radiosity".into(),
-            reason: "there is an atlas, but no scene that it is one of".into(),
-        })?;
-        let options = AtlasCaptureOptions {
-            most_texels,
-            ..AtlasCaptureOptions::default()
-        };
-        let texels = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, atlas)?;
-        let size = [atlas.size, atlas.size * atlas.pages];
+        let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
+        let size = texels.size();
         let count = size[0] * size[1];
         let storage = wgpu::BufferUsages::STORAGE;
         let bytes = u64::from(count) * TEXEL_BYTES;
         let iterates = [0, 1].map(|_| gpu.buffer("light of texels [bytes]", bytes, storage));
         let [one, other] = iterates;
         let iterates = [one?, other?];
-        let irradiance = Target::new(gpu, count)?;
         let piece = |piece: &AtlasPiece| {
             let count = piece.points.count;
             Ok(Piece {
@@ -123,18 +102,14 @@ impl Solution {
                 direct: Target::new(gpu, count)?,
             })
         };
-        let pieces = texels.pieces().iter().map(piece);
+        let pieces = texels.capture.pieces().iter().map(piece);
         Ok(Self {
             pieces: pieces.collect::<Result<_, GpuError>>()?,
             choosing: Choosing::new(gpu, scene, count)?,
             chosen: choosing::room(gpu)?,
             chosen_count: 0,
             work_per_texel: 0,
-            leaks: LeakTest::new(gpu, scene, &texels)?,
-            dilation: Dilation::new(gpu, size)?,
-            seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
-            irradiance,
-            lookup,
+            irradiance: KeptIrradiance::new(gpu, scene, size, Some(atlas), &[])?,
             texels,
             iterates: 0,
             traced: 0,
@@ -148,18 +123,14 @@ impl Solution {
     /// Irradiance of all rows; for each piece, its direct light and the states of its texels (0 empty, 1 good, 2 moved,
     /// 3 invalid).
     pub(super) fn maps(&self) -> Vec<Map> {
-        let (width, name) = (self.texels.size, super::INFO.name);
-        let rows = width * self.texels.pages;
-        let irradiance = &self.irradiance.radiance;
-        let mut maps = vec![Map::of_colors(
-            format!("{name}.irradiance"),
-            irradiance,
-            [width, rows],
-            16,
-        )];
-        let pieces = self.texels.pieces().iter().zip(&self.pieces);
-        for (number, ((of, piece), states)) in pieces.zip(self.leaks.states()).enumerate() {
-            let size = [width, of.rows.end - of.rows.start];
+        let (name, size) = (super::INFO.name, self.texels.size());
+        let irradiance = &self.irradiance.target.radiance;
+        let irradiance = Map::of_colors(format!("{name}.irradiance"), irradiance, size, 16);
+        let mut maps = vec![irradiance];
+        let pieces = self.texels.capture.pieces().iter().zip(&self.pieces);
+        let states = self.texels.leaks.states();
+        for (number, ((of, piece), states)) in pieces.zip(states).enumerate() {
+            let size = [size[0], of.rows.end - of.rows.start];
             let direct = &piece.direct.radiance;
             let of_direct = format!("{name}.direct.{number}");
             maps.push(Map::of_colors(of_direct, direct, size, 16));
@@ -169,22 +140,13 @@ impl Solution {
         maps
     }
 
-    /// What gathers bind.
-    pub(super) fn kept(&self) -> [Named<'_>; 2] {
-        [
-            ("atlas", &self.lookup.words),
-            ("irradiance", &self.irradiance),
-        ]
-    }
-
     /// Bytes that are not in maps.
     pub(super) fn work_bytes(&self) -> u64 {
         let light = self.light.iter().map(wgpu::Buffer::size).sum::<u64>();
         let shooting = self.shooting.get().map_or(0, |shooting| shooting.bytes);
-        let lookup = self.lookup.words.size();
-        let around = self.dilation.bytes() + self.seams.bytes;
+        let texels = self.texels.capture.bytes + self.texels.lookup.words.size();
         let choosing = self.choosing.bytes() + self.chosen.size();
-        light + self.texels.bytes + lookup + around + choosing + shooting
+        light + texels + self.irradiance.work_bytes() + choosing + shooting
     }
 
     /// Updates the texels' points, and finds those that leak: with a budget, in as many steps as it allows. Returns
@@ -195,21 +157,20 @@ impl Solution {
         scene: &GpuScene,
         budget: Option<&mut Slice>,
     ) -> Result<bool, GpuError> {
-        self.texels.record(frame, scene)?;
         let Some(budget) = budget else {
-            self.leaks.record(frame, scene, &self.texels);
-            return Ok(true);
+            return self.texels.record(frame, scene).map(|()| true);
         };
-        while !self.leaks.is_done(&self.texels) && budget.may_step() {
-            let rays = self.leaks.record_part(frame, scene, &self.texels, 1);
-            budget.count(rays);
+        let KeptTexels { capture, leaks, .. } = &mut self.texels;
+        capture.record(frame, scene)?;
+        while !leaks.is_done(capture) && budget.may_step() {
+            budget.count(leaks.record_part(frame, scene, capture, 1));
         }
-        Ok(self.leaks.is_done(&self.texels))
+        Ok(leaks.is_done(capture))
     }
 
     /// Number of parts in which the texels are lit directly.
     pub(super) fn parts(&self) -> usize {
-        let pieces = self.texels.pieces().iter();
+        let pieces = self.texels.capture.pieces().iter();
         pieces.map(|piece| piece.parts.len()).sum()
     }
 
@@ -220,7 +181,7 @@ impl Solution {
         mut lit: usize,
         fits: impl Fn(u64) -> bool,
     ) -> Option<(Receiver, usize)> {
-        for (captured, piece) in self.texels.pieces().iter().zip(&self.pieces) {
+        for (captured, piece) in self.texels.capture.pieces().iter().zip(&self.pieces) {
             let parts = captured.parts.len();
             if lit == 0 && fits(piece.count.into()) {
                 return Some((Receiver::new(&captured.points, &piece.direct), parts));
@@ -255,7 +216,8 @@ impl Solution {
 
     /// What all passes bind for each piece, in which some texels of all pieces trace rays; with their number.
     fn resources<'a>(&'a self, works: &'a [wgpu::Buffer]) -> Vec<(u32, [Named<'a>; 8])> {
-        let captured = self.texels.points().zip(&self.pieces).zip(works);
+        let points = self.texels.capture.points();
+        let captured = points.zip(&self.pieces).zip(works);
         let of_pieces = captured.map(|((points, piece), work)| {
             let resources: [Named<'_>; 8] = [
                 ("work", work),
@@ -263,9 +225,9 @@ impl Solution {
                 ("direct", &piece.direct),
                 ("before", &self.light[self.last]),
                 ("after", &self.light[1 - self.last]),
-                ("atlas", &self.lookup.words),
+                ("atlas", &self.texels.lookup.words),
                 ("chosen_texels", &self.chosen),
-                ("irradiance", &self.irradiance),
+                ("irradiance", &self.irradiance.target),
             ];
             (piece.count, resources)
         });
@@ -390,9 +352,7 @@ impl Solution {
                 kernels.average.run(pass, None, &resources, [count, 1, 1])
             })
         })?;
-        self.dilation.record(frame, &self.irradiance)?;
-        self.seams.record(frame);
-        Ok(())
+        self.irradiance.finish(frame)
     }
 
     /// The state from which the next iterate continues: `Texel` of texel.wesl. Waits for the GPU.

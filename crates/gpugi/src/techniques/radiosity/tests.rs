@@ -65,9 +65,9 @@ fn texels(
 /// The texels that have points.
 fn found(gpu: &Gpu, on_gpu: &GpuScene, radiosity: &Radiosity) -> Vec<Texel> {
     let solution = radiosity.solution().unwrap();
-    let points = solution.texels.points();
+    let points = solution.texels.capture.points();
     let points = points.flat_map(|points| read_points(gpu, on_gpu, points));
-    let irradiance = &solution.irradiance.radiance;
+    let irradiance = &solution.irradiance.target.radiance;
     let irradiance: Vec<[f32; 4]> = read_buffer(gpu, irradiance, irradiance.size()).unwrap();
     let texels = points.zip(&irradiance);
     texels
@@ -316,7 +316,7 @@ fn several_pages_hold_the_light_of_one() {
             let more = [("resolution", resolution), ("density", "16")];
             let settings = [mode, &more].concat();
             let (on_gpu, radiosity) = solved(&gpu, &scene, &settings, seed, u32::MAX);
-            let pages = radiosity.solution().unwrap().texels.pages;
+            let pages = radiosity.solution().unwrap().texels.capture.pages;
             (pages, found(&gpu, &on_gpu, &radiosity))
         };
         let ((one, whole), (several, parts)) = (of("128", 0), of("64", 1));
@@ -343,7 +343,7 @@ fn maps_are_those_of_all_pages() {
     let Some(gpu) = test_gpu() else { return };
     let settings = [RAYS, &[("resolution", "64"), ("density", "16")]].concat();
     let (_, radiosity) = solved(&gpu, &room_of_walls(), &settings, 0, 64 * 64);
-    let pages = radiosity.solution().unwrap().texels.pages;
+    let pages = radiosity.solution().unwrap().texels.capture.pages;
     let maps = radiosity.inspect().maps;
     assert_eq!(maps.len() as u32, 1 + 2 * pages);
     let mut rows = [0; 3];

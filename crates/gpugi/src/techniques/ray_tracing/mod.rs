@@ -11,8 +11,8 @@ mod tests;
 
 use super::participating_media::ParticipatingMedia;
 use super::{
-    Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, Unready,
-    distance_impostor,
+    AUTO, Earlier, Figure, Generated, Info, Inspection, OwnPoints, Plan, Technique, Unready,
+    distance_impostor, named,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -74,9 +74,6 @@ crate::settings! {
         pub objects: String = AUTO.to_owned() => any(),
     }
 }
-
-/// The value of [`Settings::objects`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
 
 /// Beyond this many triangles, testing every one deserves a warning.
 const MOST_TRIANGLES: u32 = 100_000;
@@ -147,10 +144,7 @@ impl Technique for RayTracing {
         Plan {
             paths,
             claims: scene.objects.iter().map(claim).collect(),
-            object_names: match list {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
+            object_names: named(list),
             lookups: most,
             needs: None,
         }

@@ -4,10 +4,7 @@
 use bytemuck::Zeroable;
 
 use super::{SeenEnvironment, Settings, Tracer, gpu};
-use crate::capture::{
-    Output, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
-    hits_of_points,
-};
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join, read_buffer};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
@@ -369,18 +366,9 @@ impl InFlight {
             size_of::<ViewUniform>() as u64,
             storage | wgpu::BufferUsages::UNIFORM,
         )?;
-        let points = u64::from(capacity) * SURFACE_POINT_BYTES;
-        let points = gpu.buffer("ray-tracing.points [bytes]", points, storage)?;
-        let hits = hits_of_points(gpu, [ROW_OF_POINTS, capacity / ROW_OF_POINTS])?;
-        let hits = SurfacePoints {
-            points,
-            view,
-            first: 0,
-            count: capacity,
-            hits,
-            output: Output::RadianceToEye,
-            slots: Slots::default(),
-        };
+        let (label, output) = ("ray-tracing.points [bytes]", Output::RadianceToEye);
+        let size = [ROW_OF_POINTS, capacity / ROW_OF_POINTS];
+        let hits = SurfacePoints::room(gpu, label, size, view, output)?;
         let groups = u64::from(capacity) + 2 * u64::from(capacity / TILE * GROUPS_PER_TILE);
         let groups = (tracer == Tracer::Cones)
             .then(|| gpu.buffer("ray-tracing.groups [bytes]", 4 * groups, storage))
