@@ -149,9 +149,9 @@ type Groups = Vec<(u32, wgpu::BindGroup)>;
 /// The bind groups of one interface.
 #[derive(Debug, Default)]
 pub(super) struct BindGroups {
-    /// Which of the declared resources a name means, and whether they have the very name, by the name's address and
-    /// length: names are constants, and to compare them with all that is declared takes long.
-    places: HashMap<(usize, usize), Vec<(usize, bool)>>,
+    /// Which of the declared resources a name means, and how well it fits them, by the name's address and length: names
+    /// are constants, and to compare them with all that is declared takes long.
+    places: HashMap<(usize, usize), Vec<(usize, usize)>>,
     groups: Recent<Vec<Held>, Groups>,
 }
 
@@ -220,21 +220,21 @@ impl BindGroups {
         make: impl FnOnce(&[Bound<'_>]) -> Groups,
         set: impl FnOnce(&Groups),
     ) -> Result<(), &'a str> {
-        let mut found = vec![None; declared.len()];
+        // Of names that fit as well, the last one counts.
+        let mut found = vec![(0, None); declared.len()];
         for (name, resource) in resources {
             let places = (self.places)
                 .entry((name.as_ptr() as usize, name.len()))
                 .or_insert_with(|| places_of(name, declared));
-            for &mut (place, is_exact) in places {
-                // "points" is the end of "hit_points", too.
-                if is_exact || found[place].is_none() {
-                    found[place] = Some(resource.bound());
+            for &mut (place, fit) in places {
+                if fit >= found[place].0 {
+                    found[place] = (fit, Some(resource.bound()));
                 }
             }
         }
         let found = declared.iter().zip(found);
         let found: Vec<Bound<'_>> = found
-            .map(|(one, found)| found.ok_or(one.name.as_str()))
+            .map(|(one, (_, found))| found.ok_or(one.name.as_str()))
             .collect::<Result<_, _>>()?;
         let hash = hash(&found);
         let is_it = |held: &Vec<Held>| held.iter().map(Held::bound).eq(found.iter().copied());
@@ -251,13 +251,15 @@ impl BindGroups {
     }
 }
 
-/// Which of `declared` a name may mean, and whether they have the very name.
-fn places_of(name: &str, declared: &[Declared]) -> Vec<(usize, bool)> {
+/// Which of `declared` a name may mean, and how well it fits: "points" is the end of "hit_points", too.
+fn places_of(name: &str, declared: &[Declared]) -> Vec<(usize, usize)> {
     let all = declared.iter().enumerate();
     let meant = all.filter(|(_, one)| is_linked_name(&one.name, name));
-    meant
-        .map(|(place, one)| (place, one.name == name))
-        .collect()
+    let fit = |one: &Declared| match one.name == name {
+        true => usize::MAX,
+        false => name.len(),
+    };
+    meant.map(|(place, one)| (place, fit(one))).collect()
 }
 
 /// One bind group per layout, of the `declared` resources, which are sorted by group.

@@ -442,6 +442,14 @@ impl Gpu {
         self.count_uploaded(texels);
     }
 
+    /// A zero-filled storage buffer of `size` bytes.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn room(&self, label: &str, size: u64) -> Result<wgpu::Buffer, GpuError> {
+        self.buffer(label, size, wgpu::BufferUsages::STORAGE)
+    }
+
     /// A storage buffer that holds `data`.
     ///
     /// # Errors

@@ -143,6 +143,16 @@ pub struct Inspection {
     pub warnings: Vec<String>,
 }
 
+impl Inspection {
+    /// Maps, and nothing beside.
+    pub fn of(maps: impl IntoIterator<Item = Map>) -> Self {
+        Self {
+            maps: maps.into_iter().collect(),
+            ..Self::default()
+        }
+    }
+}
+
 /// A number about a technique's work, for measurements.
 #[derive(Debug, Clone)]
 pub struct Figure {

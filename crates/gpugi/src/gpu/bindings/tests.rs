@@ -2,15 +2,15 @@ use super::*;
 use crate::gpu::{Frame, Kernel, Shader, read_buffer};
 use crate::testing::own_test_gpu;
 
-/// Names of which one is the end of another.
+/// Names of which one is the end of another, and one of an imported module.
 const PRODUCT: &str = "
-@group(0) @binding(0) var<uniform> factor: vec4u;
+@group(0) @binding(0) var<uniform> package_numbers_factor: vec4u;
 @group(1) @binding(0) var<storage, read_write> hit_points: array<u32>;
 @group(1) @binding(1) var<storage, read> points: array<u32>;
 
 @compute @workgroup_size(1)
 fn main() {
-    hit_points[0] = factor.x * points[0];
+    hit_points[0] = package_numbers_factor.x * points[0];
 }
 ";
 
@@ -55,12 +55,14 @@ fn passes_bind_what_has_their_names_in_any_group() {
     // The last one of a name counts.
     let five = number(&gpu, 5);
     assert_eq!(product(&join(&named, &[("points", &five)])), 35);
+    let two = gpu.constant("factor", &[2_u32, 0, 0, 0]).unwrap();
+    assert_eq!(product(&join(&named, &[("factor", &two)])), 6);
     let missing = run(&gpu, &kernel, &[points, hit_points]);
     assert_eq!(
         missing,
         Err(GpuError::Pass {
             pass: "product".into(),
-            reason: "nothing is bound to \"factor\"".into(),
+            reason: "nothing is bound to \"package_numbers_factor\"".into(),
         })
     );
 }

@@ -97,8 +97,8 @@ impl Caustic {
     ) -> Result<Self, GpuError> {
         let side = settings.cube_resolution;
         let texels = 6 * u64::from(side) * u64::from(side);
-        let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
-        let lit_texels = gpu.buffer("caustics [bytes]", texels * LIT_TEXEL_BYTES, storage)?;
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let lit_texels = gpu.room("caustics [bytes]", texels * LIT_TEXEL_BYTES)?;
         let lit_cube = HostBuffer::new(gpu, "lit cube", size_of::<LitCube>() as u64, uniform)?;
         let is_refracting = object.is_transmissive && object.is_solid && settings.bounces > 0;
         let photons = match (object.is_transmissive, is_refracting) {
@@ -123,7 +123,7 @@ impl Caustic {
             },
             bounces: if is_refracting { settings.bounces } else { 0 },
             photons,
-            counters: gpu.buffer("caustic counters [bytes]", texels * COUNTER_BYTES, storage)?,
+            counters: gpu.room("caustic counters [bytes]", texels * COUNTER_BYTES)?,
             lit_texels,
             of_object: HostBuffer::new(
                 gpu,

@@ -538,10 +538,7 @@ impl Technique for DistanceImpostor {
     fn inspect(&self) -> Inspection {
         let textures = self.impostors().flat_map(Impostor::textures);
         let maps = textures.map(|(name, texture)| Map::of_texture(name, texture));
-        Inspection {
-            maps: maps.collect(),
-            ..Inspection::default()
-        }
+        Inspection::of(maps)
     }
 }
 

@@ -143,7 +143,7 @@ impl EnvironmentMap {
             needs_maps: true,
             maps: None,
             occlusion: Stage::default(),
-            unhidden: gpu.buffer("openness of no point", 16, wgpu::BufferUsages::STORAGE)?,
+            unhidden: gpu.room("openness of no point", 16)?,
         };
         made.gather.keep(false, |_| gather(gpu, scene, false))?;
         Ok(made)
@@ -274,9 +274,6 @@ impl Technique for EnvironmentMap {
         let names = ["radiance", "irradiance", "ggx", "phong", "albedo"];
         let maps = names.iter().zip(textures);
         let maps = maps.map(|(name, map)| Map::of_texture(format!("environment-map.{name}"), map));
-        Inspection {
-            maps: maps.collect(),
-            ..Inspection::default()
-        }
+        Inspection::of(maps)
     }
 }

@@ -105,12 +105,11 @@ impl Maps {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, settings: &Settings, probes: gpu::Probes) -> Result<Self, GpuError> {
         let count = u64::from(probes.count);
-        let storage = wgpu::BufferUsages::STORAGE;
         let bytes = probes.light_bytes();
-        let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
+        let lights = gpu.room("final-gather.lights [bytes]", bytes)?;
         let bytes = probes.source_bytes();
-        let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
-        let ways_out = gpu.buffer("final-gather.ways-out", 16 * count, storage)?;
+        let sources = gpu.room("final-gather.sources [bytes]", bytes)?;
+        let ways_out = gpu.room("final-gather.ways-out", 16 * count)?;
         let cube = [6 * probes.resolution, probes.resolution];
         let [width, height] = match settings.visibility {
             Visibility::None => [1, 1],
@@ -129,7 +128,7 @@ impl Maps {
         )?;
         Ok(Self {
             uniform: gpu.uniform("reference points", &probes)?,
-            unattenuated: gpu.buffer("no obscurances", 16, storage)?,
+            unattenuated: gpu.room("no obscurances", 16)?,
             distances_view: distances.create_view(&Default::default()),
             probes,
             lights,

@@ -265,7 +265,7 @@ impl Batches {
     ) -> Result<DirectionMaps, GpuError> {
         let storage = |label: &str, size: usize| {
             let size = (views.len() * size) as u64;
-            gpu.buffer(label, size, wgpu::BufferUsages::STORAGE)
+            gpu.room(label, size)
         };
         let directions = storage("directions [bytes]", size_of::<Direction>())?;
         let maps = storage("direction maps [bytes]", size_of::<DirectionMap>())?;

@@ -283,7 +283,7 @@ impl DecompositionBuffers {
         let side = width.div_ceil(2).max(height).next_power_of_two().max(16);
         let cell_count = u64::from(grid.stride * height);
         let count = u64::from(settings.samples);
-        let storage = |label: &str, size: u64| gpu.buffer(label, size, wgpu::BufferUsages::STORAGE);
+        let storage = |label: &str, size: u64| gpu.room(label, size);
         let cells = storage("cells of the environment [bytes]", cell_count * 16)?;
         let tiles = storage(
             "tiles of the environment [bytes]",

@@ -435,9 +435,6 @@ impl Technique for ImageBasedLighting {
         let map = |(name, texture): (&str, Option<&_>)| {
             Some(Map::of_texture(format!("{}.{name}", INFO.name), texture?))
         };
-        Inspection {
-            maps: maps.into_iter().filter_map(map).collect(),
-            ..Inspection::default()
-        }
+        Inspection::of(maps.into_iter().filter_map(map))
     }
 }

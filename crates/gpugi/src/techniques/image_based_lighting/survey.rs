@@ -187,8 +187,7 @@ impl Survey {
         };
         batches.generate(frame, scene, &directions, &views, &maps)?;
 
-        let storage =
-            |label, count| gpu.buffer(label, 4 * count as u64, wgpu::BufferUsages::STORAGE);
+        let storage = |label, count| gpu.room(label, 4 * count as u64);
         let arriving = storage(
             "light of surveyed points [bytes]",
             (size[0] * size[1]) as usize,

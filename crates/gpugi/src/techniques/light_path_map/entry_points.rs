@@ -30,7 +30,6 @@ pub(super) struct EntryPoints {
 impl EntryPoints {
     /// Room for the entry points of a scene.
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let storage = wgpu::BufferUsages::STORAGE;
         let rows = (settings.entries * settings.light_samples).div_ceil(WIDTH);
         let count = WIDTH * rows;
         let mut view = ViewUniform {
@@ -48,12 +47,8 @@ impl EntryPoints {
         Ok(Self {
             entries: Entries::default(),
             receiver: Receiver::new(&points, &Target::new(gpu, count)?),
-            firsts: gpu.buffer("clusters of entry points [bytes]", firsts, storage)?,
-            places: gpu.buffer(
-                "places of entry points [bytes]",
-                u64::from(count) * 16,
-                storage,
-            )?,
+            firsts: gpu.room("clusters of entry points [bytes]", firsts)?,
+            places: gpu.room("places of entry points [bytes]", u64::from(count) * 16)?,
             resolve: Kernel::new(
                 gpu,
                 &shader!("techniques.light_path_map.entries"),

@@ -45,8 +45,7 @@ impl LightPathMaps {
         let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         let clusters = u64::from(settings.clusters);
-        let buffer =
-            |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+        let buffer = |label: &str, bytes: u64| gpu.room(label, bytes);
         Ok(Self {
             panes: Panes::new(gpu, scene, settings, &texels, stored)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,

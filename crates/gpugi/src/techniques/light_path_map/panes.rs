@@ -112,9 +112,7 @@ impl Panes {
         stored: Option<Arc<LightPathPanes>>,
     ) -> Result<Self, GpuError> {
         let texels = capture.size * capture.size * capture.pages;
-        let buffer = |label: &str, count: u64, bytes: u64| {
-            gpu.buffer(label, count * bytes, wgpu::BufferUsages::STORAGE)
-        };
+        let buffer = |label: &str, count: u64, bytes: u64| gpu.room(label, count * bytes);
         let per_entry = 1 + u64::from(settings.walks) * u64::from(settings.depth);
         let light = || buffer("light of a cluster [bytes]", texels.into(), 16);
         let entries = u64::from(settings.entries);
@@ -520,11 +518,7 @@ fn sheets(gpu: &Gpu, words: u32, panes: u32) -> Result<Vec<Sheet>, GpuError> {
         .map(|first| {
             let panes = first..panes.min(first + at_once);
             Ok(Sheet {
-                words: gpu.buffer(
-                    "light path map [bytes]",
-                    panes.len() as u64 * bytes,
-                    wgpu::BufferUsages::STORAGE,
-                )?,
+                words: gpu.room("light path map [bytes]", panes.len() as u64 * bytes)?,
                 panes,
             })
         })

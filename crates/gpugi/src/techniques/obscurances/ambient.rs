@@ -123,7 +123,7 @@ impl ObscuranceMaps {
                 .collect::<Result<_, _>>()?,
             solution,
             capture,
-            escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
+            escapes: gpu.room("rays that get out", 16)?,
             escaped: None,
             lit: Stage::default(),
             revision: 0,

@@ -129,7 +129,7 @@ impl Peeling {
         }
         let words = 1 + u64::from(self.side).pow(2) + u64::from(most) * HIT_WORDS;
         let label = "what lines meet, fewer with a lower obscurances.most-lines [bytes]";
-        let buffer = gpu.buffer(label, words * 4, wgpu::BufferUsages::STORAGE)?;
+        let buffer = gpu.room(label, words * 4)?;
         self.hits = Some((buffer, most));
         Ok(())
     }

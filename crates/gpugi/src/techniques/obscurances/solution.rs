@@ -146,7 +146,7 @@ impl Solution {
         let lookup = AtlasLookup::new(gpu, scene, atlas)?;
         let count = u64::from(atlas.pages) * u64::from(atlas.size) * u64::from(atlas.size);
         let bytes = count.max(1) * TEXEL_BYTES;
-        let texels = gpu.buffer("obscurances [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let texels = gpu.room("obscurances [bytes]", bytes)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
         let sampler = match settings.mode {
             Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, &lookup)?),

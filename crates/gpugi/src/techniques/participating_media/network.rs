@@ -47,35 +47,23 @@ impl Kernels {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, peels: bool) -> Result<Self, GpuError> {
-        let peel = shader!("techniques.participating_media.peel");
-        let peel = peels.then(|| Kernel::new(gpu, &peel, "main", None));
+        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
         let in_scene = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
+        let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
+        let visibility = shader!("techniques.participating_media.visibility");
+        let peeled = [("PEELED", f64::from(u8::from(peels)))];
         Ok(Self {
-            peel: peel.transpose()?,
-            visibility: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.visibility"),
-                &[("PEELED", f64::from(u8::from(peels)))],
-            )?,
-            reflecting: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.reflecting"),
-                &[],
-            )?,
-            arriving: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.arriving"),
-                &[],
-            )?,
+            peel: match peels {
+                true => Some(plain(shader!("techniques.participating_media.peel"))?),
+                false => None,
+            },
+            visibility: scene.ray_kernel(gpu, &visibility, &peeled)?,
+            reflecting: tracing(shader!("techniques.participating_media.reflecting"))?,
+            arriving: tracing(shader!("techniques.participating_media.arriving"))?,
             emit: in_scene(shader!("techniques.participating_media.emit"))?,
             sky: in_scene(shader!("techniques.participating_media.sky"))?,
             scatter: in_scene(shader!("techniques.participating_media.scatter"))?,
-            transport: Kernel::new(
-                gpu,
-                &shader!("techniques.participating_media.transport"),
-                "main",
-                None,
-            )?,
+            transport: plain(shader!("techniques.participating_media.transport"))?,
             light_depths: in_scene(shader!("techniques.participating_media.light_depths"))?,
         })
     }
@@ -151,9 +139,8 @@ impl Network {
             window: window.unwrap_or(0),
             padding: [0; 2],
         };
-        let storage = wgpu::BufferUsages::STORAGE;
         let entries = u64::from(particles) * u64::from(directions) * 16;
-        let array = |label: &str| gpu.buffer(label, entries, storage);
+        let array = |label: &str| gpu.room(label, entries);
         let phases = made.phases.iter();
         let matrices = phases.flat_map(|&phase| phase_matrix(phase, directions));
         let matrices: Vec<f32> = matrices.collect();
@@ -162,15 +149,14 @@ impl Network {
         let rows = gpu.storage("particles", some(&made.particles, &Zeroable::zeroed()))?;
         let cells = gpu.storage("cells of particles", &made.cells.lists)?;
         let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
-        let arriving = gpu.buffer("light that arrives at particles [bytes]", reached, storage)?;
+        let arriving = gpu.room("light that arrives at particles [bytes]", reached)?;
         let depths = u64::from(values.nodes) * u64::from(marched_lights) * 4;
-        let light_depths = gpu.buffer("optical depths to lights [bytes]", depths, storage)?;
+        let light_depths = gpu.room("optical depths to lights [bytes]", depths)?;
         let fields = gpu.storage("fields of media", &made.fields)?;
         let visible = array("visibility network [bytes]")?;
-        let reflected = gpu.buffer(
+        let reflected = gpu.room(
             "light that surfaces send to particles [bytes]",
             if sees_surfaces { entries } else { 16 },
-            storage,
         )?;
         let emitted = array("light emitted by particles [bytes]")?;
         let source = array("sources of particles [bytes]")?;
@@ -178,10 +164,10 @@ impl Network {
             array("illumination network [bytes]")?,
             array("illumination network [bytes]")?,
         ];
-        let sky = gpu.buffer("sky of particles", u64::from(directions) * 16, storage)?;
+        let sky = gpu.room("sky of particles", u64::from(directions) * 16)?;
         // Two windows for each of the views, which serve opposite directions.
         let pixels = u64::from(directions) * u64::from(values.window).pow(2);
-        let windows = gpu.buffer("windows of peeled particles", pixels * 4, storage)?;
+        let windows = gpu.room("windows of peeled particles", pixels * 4)?;
         let phase_matrices = gpu.storage("phase matrices", &matrices)?;
         Ok(Self {
             values,

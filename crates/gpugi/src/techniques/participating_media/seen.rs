@@ -80,9 +80,7 @@ impl Seen {
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Gpu, network: &Network) -> Result<Self, GpuError> {
-        let rows = |label: &str, count: u32| {
-            gpu.buffer(label, u64::from(count) * 16, wgpu::BufferUsages::STORAGE)
-        };
+        let rows = |label: &str, count: u32| gpu.room(label, u64::from(count) * 16);
         let values = &network.values;
         Ok(Self {
             scattered: rows("light scattered to the eye [bytes]", values.particles)?,
@@ -155,7 +153,7 @@ impl Seen {
         let Receiver { points, target, .. } = receiver;
         let size = target.radiance.size();
         let make = || {
-            let radiance = gpu.buffer("light behind media", size, wgpu::BufferUsages::STORAGE)?;
+            let radiance = gpu.room("light behind media", size)?;
             Ok(Receiver::new(points, &Target { radiance }))
         };
         self.behind.of(receiver, make).cloned()

@@ -23,7 +23,7 @@ impl Sources {
     /// # Errors
     /// [`GpuError::OutOfMemory`].
     pub fn none(gpu: &Gpu) -> Result<Self, GpuError> {
-        let empty = gpu.buffer("no media", 16, wgpu::BufferUsages::STORAGE)?;
+        let empty = gpu.room("no media", 16)?;
         Ok(Self {
             directions: 0,
             marched_lights: 0,

@@ -72,14 +72,13 @@ pub(super) struct Saved {
 
 impl Compression {
     pub fn new(gpu: &Gpu, settings: &Settings, texels: u32) -> Result<Self, GpuError> {
-        let storage = wgpu::BufferUsages::STORAGE;
         let order = [("ORDER", f64::from(settings.order))];
         let kernel = |shader, entry| Kernel::with_constants(gpu, shader, entry, None, &order);
         let normals = shader!("techniques.radiance_transfer.clusters.normals");
         let mean = shader!("techniques.radiance_transfer.clusters.mean");
         let assign = shader!("techniques.radiance_transfer.clusters.assign");
         Ok(Self {
-            clusters: gpu.buffer("clusters of texels", u64::from(texels) * 4, storage)?,
+            clusters: gpu.room("clusters of texels", u64::from(texels) * 4)?,
             normals: Kernel::new(gpu, &normals, "main", None)?,
             sum: kernel(&mean, "sum")?,
             mean: kernel(&mean, "main")?,
@@ -188,14 +187,9 @@ impl Compression {
         }
         gpu.write(&self.clusters, 0, &seeds);
         let bytes = (count * MOST_FUNCTIONS as usize * 16) as u64;
-        let storage = wgpu::BufferUsages::STORAGE;
         Ok([
-            gpu.buffer("means of clusters [bytes]", bytes, storage)?,
-            gpu.buffer(
-                "sums of clusters [bytes]",
-                bytes * u64::from(PARTS),
-                storage,
-            )?,
+            gpu.room("means of clusters [bytes]", bytes)?,
+            gpu.room("sums of clusters [bytes]", bytes * u64::from(PARTS))?,
         ])
     }
 
@@ -359,7 +353,6 @@ impl Compressed {
     pub fn new(gpu: &Gpu, settings: &Settings, saved: &Saved) -> Result<Self, GpuError> {
         let terms = u64::from(settings.terms());
         let vectors = saved.subspaces.len() as u64 / (2 * terms);
-        let storage = wgpu::BufferUsages::STORAGE;
         let relight = shader!("techniques.radiance_transfer.clusters.relight");
         let dot = shader!("techniques.radiance_transfer.clusters.dots");
         let kernel = |shader, name, value: u32| {
@@ -371,7 +364,7 @@ impl Compressed {
             used: [&saved.subspaces, &saved.weights].map(|words| words.len() as u64 * 4),
             subspaces: gpu.storage("means and basis vectors [bytes]", &saved.subspaces)?,
             weights: gpu.storage("weights of texels [bytes]", &saved.weights)?,
-            dots: gpu.buffer("light of clusters [bytes]", vectors * 16, storage)?,
+            dots: gpu.room("light of clusters [bytes]", vectors * 16)?,
         })
     }
 

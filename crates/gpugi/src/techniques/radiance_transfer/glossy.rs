@@ -117,13 +117,12 @@ impl Glossy {
         let functions = settings.terms();
         let order = ("ORDER", f64::from(settings.order));
         let relight = shader!("techniques.radiance_transfer.glossy.relight");
-        let storage = wgpu::BufferUsages::STORAGE;
 
         // Words of a binding are counted in 32 bits, too.
         let [width, height] = places.map_size();
         let all = width * height;
         let words = u64::from(all) + texels.len() as u64 * u64::from(functions) * 2;
-        let arriving = gpu.buffer("light at glossy texels [bytes]", words * 4, storage)?;
+        let arriving = gpu.room("light at glossy texels [bytes]", words * 4)?;
         let mut first_words = vec![NO_COEFFICIENTS; all as usize];
         for (slot, [texel, _]) in texels.iter().enumerate() {
             first_words[*texel as usize] = all + slot as u32 * functions * 2;
@@ -137,7 +136,7 @@ impl Glossy {
         let mut parts = Vec::new();
         for (number, texels) in texels.chunks(most).enumerate() {
             let bytes = texels.len() as u64 * bytes_of_slot(settings);
-            let matrices = gpu.buffer("transfer matrices [bytes]", bytes, storage)?;
+            let matrices = gpu.room("transfer matrices [bytes]", bytes)?;
             gpu.write(&matrices, 0, texels);
             parts.push(Part {
                 slots: texels.len() as u32,

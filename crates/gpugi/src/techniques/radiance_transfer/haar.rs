@@ -39,8 +39,7 @@ impl Rays {
         most_points: u32,
     ) -> Result<Self, GpuError> {
         let bytes = u64::from(most_points) * u64::from(CUBE_TEXELS) * 16;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let dense = gpu.buffer("wavelets of a tile [bytes]", bytes, storage)?;
+        let dense = gpu.room("wavelets of a tile [bytes]", bytes)?;
         let terms = [("TERMS", f64::from(settings.coefficients))];
         let transform = shader!("techniques.radiance_transfer.haar.transform");
         let select = shader!("techniques.radiance_transfer.haar.select");

@@ -74,7 +74,6 @@ pub(super) struct Projection {
 impl Projection {
     pub fn new(gpu: &Gpu, scene: &GpuScene, order: u32) -> Result<Self, GpuError> {
         let bytes = u64::from(MOST_FUNCTIONS) * 16;
-        let storage = wgpu::BufferUsages::STORAGE;
         let kernel = |shader, entry, layout| {
             let order = [("ORDER", f64::from(order))];
             Kernel::with_constants(gpu, &shader, entry, layout, &order)
@@ -84,8 +83,8 @@ impl Projection {
         let parts = u64::from(PROJECT_WORKGROUPS) * bytes;
         Ok(Self {
             functions: order * order,
-            environment: gpu.buffer("environment in harmonics [bytes]", bytes, storage)?,
-            parts: gpu.buffer("parts of the environment [bytes]", parts, storage)?,
+            environment: gpu.room("environment in harmonics [bytes]", bytes)?,
+            parts: gpu.room("parts of the environment [bytes]", parts)?,
             project: kernel(project.clone(), "main", None)?,
             sum: kernel(project, "sum", None)?,
             turn: kernel(turn, "main", Some(&scene.layout))?,

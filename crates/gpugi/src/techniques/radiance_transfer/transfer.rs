@@ -110,11 +110,7 @@ impl Transfer {
             size_of_vectors: vectors.size(),
             vectors: Some(vectors),
             next: None,
-            albedos: gpu.buffer(
-                "albedos of texels [bytes]",
-                texels * 8,
-                wgpu::BufferUsages::STORAGE,
-            )?,
+            albedos: gpu.room("albedos of texels [bytes]", texels * 8)?,
             rays,
             tiles,
             glossy,
@@ -367,9 +363,5 @@ pub(super) fn are_finite(word: u32) -> bool {
 
 /// A buffer of transfer vectors.
 fn vectors(gpu: &Gpu, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
-    gpu.buffer(
-        "transfer vectors [bytes]",
-        bytes,
-        wgpu::BufferUsages::STORAGE,
-    )
+    gpu.room("transfer vectors [bytes]", bytes)
 }

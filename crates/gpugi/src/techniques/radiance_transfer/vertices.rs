@@ -164,8 +164,7 @@ impl Vertices {
         })?;
         let count = table.corners.len() as u32;
         let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let points = gpu.buffer("surface points of vertices [bytes]", bytes, storage)?;
+        let points = gpu.room("surface points of vertices [bytes]", bytes)?;
         let corners = gpu.storage("corners of vertices [bytes]", &table.corners)?;
         let resolve = shader!("techniques.radiance_transfer.vertices.points");
         let resolve = Kernel::new(gpu, &resolve, "main", Some(&scene.layout))?;

@@ -37,7 +37,6 @@ impl Choosing {
         while nodes.last().is_some_and(|count| *count > 1) {
             nodes.extend(nodes.last().map(|count| count.div_ceil(CHILDREN)));
         }
-        let storage = wgpu::BufferUsages::STORAGE;
         let all: u64 = nodes.iter().map(|&count| u64::from(count)).sum();
         let mut fine = 0;
         let levels = nodes.windows(2).map(|pair| {
@@ -55,7 +54,7 @@ impl Choosing {
             sum: kernel(shader!("techniques.radiosity.sum"))?,
             choose: scene.ray_kernel(gpu, &shader!("techniques.radiosity.choose"), &[])?,
             levels: levels.collect(),
-            pyramid: gpu.buffer("pyramid of power [bytes]", all * 4, storage)?,
+            pyramid: gpu.room("pyramid of power [bytes]", all * 4)?,
         })
     }
 

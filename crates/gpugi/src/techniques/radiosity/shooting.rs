@@ -54,7 +54,7 @@ impl Shooting {
         let receive = shader!("techniques.radiosity.receive");
         let constants = [("HAS_TRANSMITTANCE", depth.has_transmittance().into())];
         let bytes = u64::from(shooters) * size_of::<LightSample>() as u64;
-        let samples = gpu.buffer("shooters [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let samples = gpu.room("shooters [bytes]", bytes)?;
         let inner = (side - 2 * GUTTER) as f32;
         let kept = (side / 2 + GUTTER) as f32 / side as f32;
         let hemicube = [side as f32 / inner, kept, 0.0, 0.0_f32];

@@ -89,9 +89,8 @@ impl Solution {
         let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
         let size = texels.size();
         let count = size[0] * size[1];
-        let storage = wgpu::BufferUsages::STORAGE;
         let bytes = u64::from(count) * TEXEL_BYTES;
-        let iterates = [0, 1].map(|_| gpu.buffer("light of texels [bytes]", bytes, storage));
+        let iterates = [0, 1].map(|_| gpu.room("light of texels [bytes]", bytes));
         let [one, other] = iterates;
         let iterates = [one?, other?];
         let piece = |piece: &AtlasPiece| {

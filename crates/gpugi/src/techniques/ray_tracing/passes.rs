@@ -91,40 +91,32 @@ impl Passes {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let layout = Some(&scene.layout);
+        let own = Some(&scene.layout);
+        let kernel = |shader, layout| Kernel::new(gpu, &shader, "main", layout);
         let trace = match settings.tracer {
             Tracer::Bvh => shader!("techniques.ray_tracing.bvh"),
             Tracer::Engine => shader!("techniques.ray_tracing.engine"),
             Tracer::Cones => shader!("techniques.ray_tracing.cones"),
         };
-        let plan = shader!("techniques.ray_tracing.plan");
-        let advance = shader!("techniques.ray_tracing.advance");
-        let [begin, add] = [
-            (shader!("techniques.ray_tracing.begin"), layout),
-            (shader!("techniques.ray_tracing.add"), None),
-        ]
-        .map(|(shader, layout)| Kernel::new(gpu, &shader, "main", layout));
+        let spheres = shader!("techniques.ray_tracing.spheres");
+        let groups = shader!("techniques.ray_tracing.groups");
         let shade = shader!("techniques.ray_tracing.shade");
-        let media_constant = [scene.media_constant()];
-        let of_cones = match settings.tracer {
-            Tracer::Cones => {
-                let shader = shader!("techniques.ray_tracing.spheres");
-                let spheres = Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))?;
-                let shader = shader!("techniques.ray_tracing.groups");
-                Some([spheres, Kernel::new(gpu, &shader, "main", None)?])
-            }
-            Tracer::Bvh | Tracer::Engine => None,
-        };
         let media = shader!("techniques.ray_tracing.media");
         Ok(Self {
-            begin: begin?,
-            of_cones,
-            plan: Kernel::new(gpu, &plan, "main", None)?,
-            advance: Kernel::new(gpu, &advance, "main", None)?,
+            begin: kernel(shader!("techniques.ray_tracing.begin"), own)?,
+            of_cones: match settings.tracer {
+                Tracer::Cones => Some([
+                    kernel(spheres, Some(&scene.ray_layout))?,
+                    kernel(groups, None)?,
+                ]),
+                Tracer::Bvh | Tracer::Engine => None,
+            },
+            plan: kernel(shader!("techniques.ray_tracing.plan"), None)?,
+            advance: kernel(shader!("techniques.ray_tracing.advance"), None)?,
             trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
             media: scene.ray_kernel(gpu, &media, &[])?,
-            shade: Kernel::with_constants(gpu, &shade, "main", layout, &media_constant)?,
-            add: add?,
+            shade: Kernel::with_constants(gpu, &shade, "main", own, &[scene.media_constant()])?,
+            add: kernel(shader!("techniques.ray_tracing.add"), None)?,
             in_flight: None,
             triangles: Stage::default(),
             no_media: Sources::none(gpu)?,
@@ -148,8 +140,7 @@ impl Passes {
             };
             let count = runs.last().map_or(0, |all| all[2]);
             let bytes = u64::from(count.max(1) + count.div_ceil(BLOCK)) * SPHERE_BYTES;
-            let storage = wgpu::BufferUsages::STORAGE;
-            let spheres = || gpu.buffer("ray-tracing.spheres [bytes]", bytes, storage);
+            let spheres = || gpu.room("ray-tracing.spheres [bytes]", bytes);
             Ok(Some(Triangles {
                 runs: gpu.storage("ray-tracing.triangles [bytes]", &runs)?,
                 count,
@@ -183,7 +174,9 @@ impl Passes {
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        self.settings = settings.clone();
+        if self.settings != *settings {
+            self.settings = settings.clone();
+        }
         let points = receiver.points.count;
         let most_rays = match settings.tracer {
             Tracer::Cones => most_rays.min(MOST_RAYS_OF_CONES),
@@ -355,7 +348,7 @@ impl InFlight {
     fn new(gpu: &Gpu, capacity: u32, tracer: Tracer) -> Result<Self, GpuError> {
         let storage = wgpu::BufferUsages::STORAGE;
         let bytes = size_of::<gpu::Header>() as u64 + u64::from(capacity) * RAY_BYTES;
-        let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
+        let rays = gpu.room("ray-tracing.rays [bytes]", bytes)?;
         let header = gpu::Header {
             capacity,
             ..gpu::Header::zeroed()
@@ -371,7 +364,7 @@ impl InFlight {
         let hits = SurfacePoints::room(gpu, label, size, view, output)?;
         let groups = u64::from(capacity) + 2 * u64::from(capacity / TILE * GROUPS_PER_TILE);
         let groups = (tracer == Tracer::Cones)
-            .then(|| gpu.buffer("ray-tracing.groups [bytes]", 4 * groups, storage))
+            .then(|| gpu.room("ray-tracing.groups [bytes]", 4 * groups))
             .transpose()?;
         Ok(Self {
             capacity,

@@ -57,7 +57,7 @@ impl Panes {
         let gpu = frame.gpu;
         let count = self.points.entries.entries.len() * COLUMN;
         let bytes = count as u64 * 4;
-        let columns = gpu.buffer("transfer [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let columns = gpu.room("transfer [bytes]", bytes)?;
         let sites = self.sites(gpu)?;
         let own: [Named<'_>; 2] = [("sites", &sites), ("columns", &columns)];
         let kernel = (&self.kernels.columns, Some(&scene.ray_bind_group));
