@@ -61,6 +61,21 @@ pub struct Info {
     pub lights_points: OwnPoints,
 }
 
+impl Info {
+    /// Error about what the technique cannot light, or not so.
+    pub fn refused(&self, reason: impl std::fmt::Display) -> GpuError {
+        GpuError::Pass {
+            pass: self.name.into(),
+            reason: reason.to_string(),
+        }
+    }
+
+    /// Error about saved progress of the technique.
+    pub fn unfit(&self, reason: impl std::fmt::Display) -> GpuError {
+        self.refused(format!("what was saved does not fit: {reason}"))
+    }
+}
+
 /// Points that a technique lights by those before it: cubes around objects, texels, probes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OwnPoints {

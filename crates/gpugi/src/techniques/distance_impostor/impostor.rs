@@ -226,11 +226,7 @@ impl Impostor {
     pub fn work(&self, earlier: &Earlier<'_>, is_brief: bool) -> u64 {
         let points = self.due.as_ref().map_or(0, |points| points.count);
         let points = u64::from(points) * u64::from(self.wanted.layers);
-        let gather = match is_brief {
-            true => earlier.light.work(points, true),
-            false => earlier.light.work(points, false),
-        };
-        self.due_pixels + gather
+        self.due_pixels + earlier.light.work(points, is_brief)
     }
 
     /// Sets what gathers read: with `renews`, surroundings as they are now, whose faces then have to be lit; otherwise

@@ -23,7 +23,7 @@ use super::{
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
-use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
+use crate::light_paths::{LightClass, LightPaths, SEEN_LIGHTS, shown};
 use crate::scene::{Claims, GpuScene, Object, has_smooth_objects};
 use crate::settings::{Kind, SettingSet, SettingValue};
 use crate::stage::Stage;
@@ -324,11 +324,7 @@ impl Technique for DistanceImpostor {
         let is_rough = has(GroupKind::Rough) || has(GroupKind::Surroundings);
         // A texture may make parts of a rough object ideal.
         let is_partly_smooth = all.iter().any(Group::has_ideal_lobes);
-        let lobes = match (is_smooth || is_partly_smooth, is_rough) {
-            (true, true) => "[GS]",
-            (false, _) => "G",
-            (true, false) => "S",
-        };
+        let lobes = [is_smooth || is_partly_smooth, is_rough];
         // A single refraction represents those on the way in and out.
         let own = if refracts {
             self.settings.bounces.max(1) + 1
@@ -342,14 +338,9 @@ impl Technique for DistanceImpostor {
         if !all.is_empty() {
             // Light on the surroundings, and lights seen directly; the latter only in smooth objects, and not in smooth
             // objects that rough ones show: those are caustics, which other techniques add.
-            let bounces = format!("{lobes}{{1,{most}}}");
-            paths.extend(covered.iter().map(|one| one.continued(&bounces)));
+            paths.extend(shown(covered, lobes, most));
             if is_smooth {
-                let bounces = format!("S{{1,{most}}}");
-                for class in [LightClass::Area, LightClass::Environment] {
-                    let one = LightPaths::new(class, SEEN_DIRECTLY);
-                    paths.push(one.continued(&bounces));
-                }
+                paths.extend(shown(&SEEN_LIGHTS, [true, false], most));
             }
         }
         Plan {

@@ -77,14 +77,6 @@ impl Default for LightPathMap {
     }
 }
 
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
-    }
-}
-
 impl LightPathMap {
     /// The panes that the scene's file holds, if they are wanted and still those of the scene.
     fn stored(&mut self, scene: &GpuScene) -> Option<Arc<LightPathPanes>> {
@@ -213,7 +205,7 @@ impl Precomputed for LightPathMap {
         atlas: Arc<Atlas>,
     ) -> Result<LightPathPanes, GpuError> {
         let maps = self.maps.get().filter(|maps| maps.panes.is_done());
-        let maps = maps.ok_or_else(|| unfit("the panes are not complete"))?;
+        let maps = maps.ok_or_else(|| INFO.unfit("the panes are not complete"))?;
         stored::finished(gpu, scene, atlas, maps)
     }
 }
@@ -225,13 +217,18 @@ impl Resume for LightPathMap {
             return Ok(None);
         };
         let panes = maps.panes.save(gpu)?;
-        postcard::to_allocvec(&panes).map(Some).map_err(unfit)
+        postcard::to_allocvec(&panes)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Vec<u32> = postcard::from_bytes(saved).map_err(unfit)?;
+        let saved: Vec<u32> = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
         match self.maps.get_mut() {
-            Some(maps) => maps.panes.resume(gpu, &saved).map_err(unfit),
+            Some(maps) => maps
+                .panes
+                .resume(gpu, &saved)
+                .map_err(|error| INFO.unfit(error)),
             None => Ok(false),
         }
     }

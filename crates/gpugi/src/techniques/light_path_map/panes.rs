@@ -11,7 +11,7 @@ use gpugi_scene::LightPathPanes;
 use super::entries::COLUMN;
 use super::entry_points::EntryPoints;
 use super::gpu::{Choice, LANES, NEAR_BYTES, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
-use super::{Settings, Store, Visibility, unfit};
+use super::{INFO, Settings, Store, Visibility};
 use crate::capture::atlas::{AtlasCapture, KeptTexels, tiles_of};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, Shader, join, read_buffer};
 use crate::scene::{GpuScene, Inputs, Versions};
@@ -325,7 +325,8 @@ impl Panes {
         if let Some(stored) = self.stored.clone()
             && self.steps == 1 + tiles
         {
-            self.resume(frame.gpu, &stored.panes).map_err(unfit)?;
+            self.resume(frame.gpu, &stored.panes)
+                .map_err(|error| INFO.unfit(error))?;
         }
         Ok(rays)
     }

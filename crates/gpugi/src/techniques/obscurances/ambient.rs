@@ -90,7 +90,7 @@ impl ObscuranceMaps {
     ) -> Result<Self, GpuError> {
         let host = scene
             .host()
-            .ok_or_else(|| refused("there is an atlas, but no scene that it is one of"))?;
+            .ok_or_else(|| INFO.refused("there is an atlas, but no scene that it is one of"))?;
         let settings = Settings {
             colored: settings.colored || settings.ambient == Ambient::Colored,
             ..settings.clone()
@@ -100,9 +100,7 @@ impl ObscuranceMaps {
             ..AtlasCaptureOptions::default()
         };
         let capture = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
-        let mut solution = Solution::new(gpu, host, scene, atlas, &capture, &settings)?;
-        // The frame that shows them need not wait for their shaders.
-        solution.pictures(gpu)?;
+        let solution = Solution::new(gpu, host, scene, atlas, &capture, &settings)?;
         let is_colored = settings.ambient == Ambient::Colored;
         let constants = [
             ("COLORED", f64::from(u8::from(is_colored))),
@@ -165,6 +163,18 @@ impl ObscuranceMaps {
         }
         self.escaped = Some(frame.read_back(&self.escapes, 8)?);
         Ok(())
+    }
+
+    /// What to know of ambient light in a scene that is not closed, once the rays are counted.
+    fn openness_warning(&self) -> Option<String> {
+        let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;
+        let share = counts[1] as f32 / counts[0].max(1) as f32;
+        (share > MOST_ESCAPES).then(|| {
+            format!(
+                "{:.0} % of the light that surfaces reflect leaves the scene: ambient light, which is made for closed scenes, is too bright",
+                share * 100.0
+            )
+        })
     }
 }
 
@@ -268,26 +278,5 @@ impl Technique for Obscurances {
             work_bytes: shared + direct.chain(states).sum::<u64>(),
             warnings: maps.openness_warning().into_iter().collect(),
         }
-    }
-}
-
-impl ObscuranceMaps {
-    /// What to know of ambient light in a scene that is not closed, once the rays are counted.
-    fn openness_warning(&self) -> Option<String> {
-        let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;
-        let share = counts[1] as f32 / counts[0].max(1) as f32;
-        (share > MOST_ESCAPES).then(|| {
-            format!(
-                "{:.0} % of the light that surfaces reflect leaves the scene: ambient light, which is made for closed scenes, is too bright",
-                share * 100.0
-            )
-        })
-    }
-}
-
-fn refused(reason: &str) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: reason.into(),
     }
 }

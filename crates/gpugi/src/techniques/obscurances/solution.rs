@@ -51,7 +51,7 @@ pub struct Solution {
     prepare: Kernel,
     average: Kernel,
     sampler: Sampler,
-    pictures: Option<Pictures>,
+    pictures: Pictures,
     /// Bounding box and area (m^2) of each instance's mesh in its own space.
     meshes: Vec<(Bounds, f64)>,
     /// The surfaces that it is computed for.
@@ -73,6 +73,16 @@ impl Sampler {
             Self::Rays(rays) => rays.tiles(),
             Self::Peeling(peeling) => u32::from(peeling.has_texels()),
         }
+    }
+
+    /// Constant of the pipelines that look up the sums.
+    fn least_samples(&self) -> (&'static str, f64) {
+        let least = match self {
+            // All texels have equally many samples.
+            Self::Rays(_) => 0,
+            Self::Peeling(peeling) => peeling.least_samples(),
+        };
+        ("LEAST_SAMPLES", f64::from(least))
     }
 
     /// Most samples per step.
@@ -97,7 +107,7 @@ struct State {
 
 /// The images of one page, and the maps made from them.
 #[derive(Debug)]
-pub(super) struct Pictures {
+struct Pictures {
     plain: Target,
     colored: Target,
     dilation: Dilation,
@@ -121,25 +131,17 @@ impl Solution {
         capture: &AtlasCapture,
         settings: &Settings,
     ) -> Result<Self, GpuError> {
-        let refused = |reason: String| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason,
-        };
-        settings
-            .check()
-            .map_err(|error| refused(error.to_string()))?;
-        atlas.check(scene).map_err(refused)?;
+        settings.check().map_err(|error| INFO.refused(error))?;
+        atlas.check(scene).map_err(|reason| INFO.refused(reason))?;
         if [capture.size, capture.pages] != [atlas.size, atlas.pages] {
-            return Err(refused("the points are of another atlas".into()));
+            return Err(INFO.refused("the points are of another atlas"));
         }
         match settings.mode {
             Mode::Rays if !on_gpu.has_rays() => {
-                return Err(refused("mode=rays needs a scene with rays".into()));
+                return Err(INFO.refused("mode=rays needs a scene with rays"));
             }
             Mode::Peeling if !on_gpu.has_captures() => {
-                return Err(refused(
-                    "mode=peeling needs a scene that captures see".into(),
-                ));
+                return Err(INFO.refused("mode=peeling needs a scene that captures see"));
             }
             _ => (),
         }
@@ -155,6 +157,10 @@ impl Solution {
                 Sampler::Peeling(Box::new(peeling))
             }
         };
+        let least = sampler.least_samples();
+        let pixels = atlas.size * atlas.size;
+        let plain =
+            |shader, constants: &[_]| Kernel::with_constants(gpu, &shader, "main", None, constants);
         let of_mesh = scene.meshes.iter();
         let of_mesh: Vec<_> = of_mesh.map(|mesh| (mesh.bounds(), mesh.area())).collect();
         Ok(Self {
@@ -171,7 +177,14 @@ impl Solution {
             prepare: kernel(shader!("techniques.obscurances.prepare"))?,
             average: kernel(shader!("techniques.obscurances.mean"))?,
             sampler,
-            pictures: None,
+            pictures: Pictures {
+                plain: Target::new(gpu, pixels)?,
+                colored: Target::new(gpu, pixels)?,
+                dilation: Dilation::new(gpu, [atlas.size; 2])?,
+                resolve: plain(shader!("techniques.obscurances.resolve"), &[least])?,
+                store: plain(shader!("techniques.obscurances.store"), &[])?,
+                maps: Vec::new(),
+            },
             meshes: scene
                 .instances
                 .iter()
@@ -189,12 +202,7 @@ impl Solution {
 
     /// Constant of the pipelines that look up the sums.
     pub(super) fn least_samples(&self) -> (&'static str, f64) {
-        let least = match &self.sampler {
-            // All texels have equally many samples.
-            Sampler::Rays(_) => 0,
-            Sampler::Peeling(peeling) => peeling.least_samples(),
-        };
-        ("LEAST_SAMPLES", f64::from(least))
+        self.sampler.least_samples()
     }
 
     /// Number of tiles, whose texels are sampled together.
@@ -415,33 +423,11 @@ impl Solution {
         boxes.collect()
     }
 
-    /// Images of one page, created on first use.
-    pub(super) fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
-        if self.pictures.is_none() {
-            let count = self.size * self.size;
-            self.pictures = Some(Pictures {
-                plain: Target::new(gpu, count)?,
-                colored: Target::new(gpu, count)?,
-                dilation: Dilation::new(gpu, [self.size; 2])?,
-                resolve: Kernel::with_constants(
-                    gpu,
-                    &shader!("techniques.obscurances.resolve"),
-                    "main",
-                    None,
-                    &[self.least_samples()],
-                )?,
-                store: Kernel::new(gpu, &shader!("techniques.obscurances.store"), "main", None)?,
-                maps: Vec::new(),
-            });
-        }
-        Ok(self.pictures.as_mut().expect("just made"))
-    }
-
     /// The present obscurances of all pages. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn pages(&mut self, gpu: &Gpu) -> Result<Vec<ObscurancePage>, GpuError> {
+    pub fn pages(&self, gpu: &Gpu) -> Result<Vec<ObscurancePage>, GpuError> {
         (0..self.pages).map(|page| self.page(gpu, page)).collect()
     }
 
@@ -449,13 +435,13 @@ impl Solution {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn page(&mut self, gpu: &Gpu, page: u32) -> Result<ObscurancePage, GpuError> {
+    pub fn page(&self, gpu: &Gpu, page: u32) -> Result<ObscurancePage, GpuError> {
         let mut frame = Frame::new(gpu, false);
         self.resolve(&mut frame, page)?;
         frame.submit()?;
         let is_colored = self.settings.colored;
         let count = u64::from(self.size) * u64::from(self.size);
-        let pictures = self.pictures(gpu)?;
+        let pictures = &self.pictures;
         let read = |image: &Target| -> Result<Vec<[f32; 4]>, GpuError> {
             read_buffer(gpu, &image.radiance, count * 16)
         };
@@ -472,23 +458,20 @@ impl Solution {
 
     /// Divides a page's sums by their sample counts, and fills empty texels: passes `obscurances.resolve` and
     /// `capture.atlas.dilate`.
-    fn resolve(&mut self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let size = self.size;
+    fn resolve(&self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
+        let (size, pictures) = (self.size, &self.pictures);
         let count = size * size;
-        let (texels, mean) = (self.texels.clone(), self.mean.clone());
-        let pictures = self.pictures(gpu)?;
         let of_page = PageUniform {
             first: page * count,
             count,
             side: size,
             padding: 0,
         };
-        let of_page = gpu.constant("page", &of_page)?;
+        let of_page = frame.gpu.constant("page", &of_page)?;
         let resources: [Named<'_>; 5] = [
             ("page", &of_page),
-            ("texels", &texels),
-            ("mean", &mean),
+            ("texels", &self.texels),
+            ("mean", &self.mean),
             ("plain", &pictures.plain),
             ("colored", &pictures.colored),
         ];
@@ -508,7 +491,7 @@ impl Solution {
         let size = self.size;
         for page in 0..self.pages {
             self.resolve(frame, page)?;
-            let pictures = self.pictures(gpu)?;
+            let pictures = &mut self.pictures;
             if pictures.maps.len() == page as usize {
                 pictures.maps.push(gpu.texture_2d(
                     "obscurances",
@@ -537,18 +520,15 @@ impl Solution {
             Sampler::Rays(_) => 0,
             Sampler::Peeling(peeling) => peeling.bytes(),
         };
-        let pictures = self.pictures.iter().map(|pictures| {
-            let images = [&pictures.plain, &pictures.colored];
-            let images = images.map(|image| image.radiance.size());
-            images.iter().sum::<u64>() + pictures.dilation.bytes()
-        });
-        sampler + pictures.sum::<u64>() + self.texels.size() + self.lookup.words.size()
+        let pictures = &self.pictures;
+        let images = pictures.plain.radiance.size() + pictures.colored.radiance.size();
+        let pictures = images + pictures.dilation.bytes();
+        sampler + pictures + self.texels.size() + self.lookup.words.size()
     }
 
     /// The maps that [`Solution::record_maps`] made, one per page: rgb colored, a plain.
     pub fn maps(&self) -> Vec<Map> {
-        let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
-        let named = maps.enumerate();
+        let named = self.pictures.maps.iter().enumerate();
         let named = named.map(|(page, map)| Map::of_texture(format!("{}.{page}", INFO.name), map));
         named.collect()
     }

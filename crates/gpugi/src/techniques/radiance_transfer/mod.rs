@@ -83,14 +83,6 @@ type TexelsKey = (
     Vec<GlossyObject>,
 );
 
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
-    }
-}
-
 impl RadianceTransfer {
     /// The transfer vectors that the scene's file holds, if they are wanted and nothing has moved since.
     fn stored(&mut self, scene: &GpuScene) -> Option<Arc<TransferVectors>> {
@@ -179,7 +171,7 @@ impl Technique for RadianceTransfer {
                 made.transfer.follow(scene);
                 let finished = stored::as_saved(stored);
                 let resumed = made.transfer.resume(gpu, &finished, false);
-                resumed.map_err(unfit)?;
+                resumed.map_err(|error| INFO.unfit(error))?;
             }
             Ok(made)
         })?;
@@ -265,7 +257,7 @@ impl Precomputed for RadianceTransfer {
             Some(texels) => texels.save(gpu)?,
             None => None,
         };
-        let saved = saved.ok_or_else(|| unfit("the transfer vectors are not complete"))?;
+        let saved = saved.ok_or_else(|| INFO.unfit("the transfer vectors are not complete"))?;
         stored::finished(gpu, scene, atlas, &self.settings, &saved.transfer)
     }
 }
@@ -278,15 +270,19 @@ impl Resume for RadianceTransfer {
         let Some(saved) = texels.save(gpu)? else {
             return Ok(None);
         };
-        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+        postcard::to_allocvec(&saved)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let saved: Saved = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
         let Some(texels) = self.texels.get_mut() else {
             return Ok(false);
         };
-        texels.resume(gpu, &saved).map_err(unfit)?;
+        texels
+            .resume(gpu, &saved)
+            .map_err(|error| INFO.unfit(error))?;
         Ok(true)
     }
 }

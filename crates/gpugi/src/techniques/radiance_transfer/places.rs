@@ -43,10 +43,8 @@ impl Places {
             let texels = KeptTexels::new(gpu, scene, &atlas, most)?;
             return Ok(Self::Texels(atlas, Box::new(texels)));
         }
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason: "the scene was uploaded without its meshes".into(),
-        })?;
+        let host = scene.host();
+        let host = host.ok_or_else(|| INFO.refused("the scene was uploaded without its meshes"))?;
         let vertices = Vertices::new(gpu, scene, host, settings)?;
         Ok(Self::Vertices(Box::new(vertices)))
     }

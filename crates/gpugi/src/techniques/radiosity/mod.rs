@@ -147,14 +147,6 @@ struct Saved {
     light: Vec<u32>,
 }
 
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
-    }
-}
-
 impl Default for Radiosity {
     fn default() -> Self {
         Self {
@@ -444,11 +436,13 @@ impl Resume for Radiosity {
             iterates: texels.solution.iterates,
             light: texels.solution.light(gpu)?,
         };
-        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+        postcard::to_allocvec(&saved)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
+        let saved: Saved = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
         let Some(texels) = self.texels.get_mut() else {
             return Ok(false);
         };
@@ -462,11 +456,11 @@ impl Resume for Radiosity {
             ..
         } = self.settings;
         if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
-            return Err(unfit("another number of iterates"));
+            return Err(INFO.unfit("another number of iterates"));
         }
         let solution = &mut texels.solution;
         if !solution.resume(gpu, saved.iterates, &saved.light) {
-            return Err(unfit("other texels, or light that is not finite"));
+            return Err(INFO.unfit("other texels, or light that is not finite"));
         }
         let mut frame = Frame::new(gpu, false);
         solution.average(&mut frame, &texels.kernels)?;

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
+use crate::light_paths::{LightPaths, SEEN_LIGHTS, shown};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 use crate::stage::Stage;
@@ -121,25 +121,16 @@ impl Technique for RayTracing {
         self.has_objects = traced().next().is_some();
         let is_smooth = traced().any(|object| object.is_smooth || object.least_roughness == 0.0);
         let is_rough = traced().any(|object| !object.is_smooth);
-        let lobes = match (is_smooth, is_rough) {
-            (true, true) => "[GS]",
-            (false, _) => "G",
-            (true, false) => "S",
-        };
         let most = self.settings.bounces;
         let mut paths = Vec::new();
         let sees_only_environment = self.settings.environment == SeenEnvironment::Only;
         if self.has_objects && !sees_only_environment {
-            let bounces = format!("{lobes}{{1,{most}}}");
-            paths.extend(covered.iter().map(|one| one.continued(&bounces)));
+            paths.extend(shown(covered, [is_smooth, is_rough], most));
         }
         if is_smooth {
             // Other techniques add lights on rough lobes.
-            let bounces = format!("S{{1,{most}}}");
-            let classes = [LightClass::Environment, LightClass::Area];
-            for &class in &classes[..if sees_only_environment { 1 } else { 2 }] {
-                paths.push(LightPaths::new(class, SEEN_DIRECTLY).continued(&bounces));
-            }
+            let lights = &SEEN_LIGHTS[..if sees_only_environment { 1 } else { 2 }];
+            paths.extend(shown(lights, [true, false], most));
         }
         Plan {
             paths,
