@@ -62,7 +62,7 @@ pub struct Solution {
 /// The method of sampling.
 #[derive(Debug)]
 enum Sampler {
-    Rays(Rays),
+    Rays(Box<Rays>),
     Peeling(Box<Peeling>),
 }
 
@@ -151,7 +151,10 @@ impl Solution {
         let texels = gpu.room("obscurances [bytes]", bytes)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
         let sampler = match settings.mode {
-            Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, &lookup)?),
+            Mode::Rays => {
+                let rays = Rays::new(gpu, on_gpu, capture, settings, &lookup)?;
+                Sampler::Rays(Box::new(rays))
+            }
             Mode::Peeling => {
                 let peeling = Peeling::new(gpu, on_gpu, capture, settings, &lookup)?;
                 Sampler::Peeling(Box::new(peeling))

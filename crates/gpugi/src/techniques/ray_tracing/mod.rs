@@ -78,6 +78,9 @@ crate::settings! {
 /// Beyond this many triangles, testing every one deserves a warning.
 const MOST_TRIANGLES: u32 = 100_000;
 
+/// Constants of the passes' shaders.
+type Constants = [(&'static str, f64); 3];
+
 /// Ray tracing.
 #[derive(Debug, Default)]
 pub struct RayTracing {
@@ -85,7 +88,7 @@ pub struct RayTracing {
     /// Whether any object is traced.
     has_objects: bool,
     /// By the constants and the tracer that they are compiled for.
-    passes: Stage<([(&'static str, f64); 3], Tracer), Passes>,
+    passes: Stage<(Constants, Tracer), Passes>,
     /// Most rays in flight, if not [`MOST_RAYS`].
     most_rays: Option<u64>,
 }
