@@ -10,6 +10,7 @@ use gpugi::gpu::{AdapterChoice, Frame, Gpu, GpuError, Shader};
 use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
+use gpugi::stage::Stage;
 use gpugi::techniques::{
     Earlier, Generated, Info, OwnPoints, Plan, Registration, Registry, Technique, Unready,
 };
@@ -49,11 +50,11 @@ fn main(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) workg
 }
 ";
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct SkyAmbient {
     settings: Settings,
-    /// The pass, and the strength that it was compiled for.
-    gather: Option<(f32, Gather)>,
+    /// The pass, by the strength that it is compiled for.
+    gather: Stage<f32, Gather>,
 }
 
 impl Technique for SkyAmbient {
@@ -81,14 +82,11 @@ impl Technique for SkyAmbient {
         _: &mut Earlier<'_>,
     ) -> Result<Generated, Unready> {
         let strength = self.settings.strength;
-        if self.gather.as_ref().is_none_or(|(of, _)| *of != strength) {
+        self.gather.compiled(frame, strength, |_| {
             let shader = Shader::gather("sky-ambient.gather", GATHER);
             let constants = [("STRENGTH", f64::from(strength))];
-            self.gather = Some((
-                strength,
-                Gather::new(frame.gpu, scene, &shader, &constants)?,
-            ));
-        }
+            Gather::new(frame.gpu, scene, &shader, &constants)
+        })?;
         Ok(Generated::FINAL)
     }
 
@@ -99,8 +97,8 @@ impl Technique for SkyAmbient {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.gather {
-            Some((_, gather)) => gather.record(frame, "sky-ambient.gather", scene, receiver, &[]),
+        match self.gather.get() {
+            Some(gather) => gather.record(frame, "sky-ambient.gather", scene, receiver, &[]),
             None => Ok(()),
         }
     }
@@ -121,12 +119,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Registration {
             info: &INFO,
             fields: Settings::fields,
-            make: |_, _| {
-                Ok(Box::new(SkyAmbient {
-                    settings: Settings::default(),
-                    gather: None,
-                }))
-            },
+            make: |_, _| Ok(Box::new(SkyAmbient::default())),
         },
     );
     let gpu = Gpu::open(&AdapterChoice::Best)?;

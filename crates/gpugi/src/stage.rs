@@ -57,7 +57,7 @@ pub fn shaders(frame: &Frame<'_>) -> Result<(), Unready> {
 #[derive(Debug)]
 pub struct Stage<Key, Value = ()> {
     begun: Option<Key>,
-    /// What the latest frame asked for.
+    /// What the latest frame asked for, unless that is the same.
     asked: Option<Key>,
     /// Whether the frame before it asked for something else.
     is_fresh: bool,
@@ -77,7 +77,7 @@ impl<Key, Value> Default for Stage<Key, Value> {
     }
 }
 
-impl<Key: PartialEq + Clone, Value> Stage<Key, Value> {
+impl<Key: PartialEq, Value> Stage<Key, Value> {
     /// The value for `key`: the one that is there if it was made for the same, else what `make` makes. It may take over
     /// parts of the one before.
     ///
@@ -93,7 +93,7 @@ impl<Key: PartialEq + Clone, Value> Stage<Key, Value> {
         let value = match before {
             Some(value) if self.is_current() => value,
             before => {
-                self.begun = None;
+                self.restart();
                 make(before)?
             }
         };
@@ -132,16 +132,15 @@ impl<Key: PartialEq + Clone, Value> Stage<Key, Value> {
 
     /// Says what the frame asks for; returns whether the one before asked for something else.
     pub fn ask(&mut self, key: Key) -> bool {
-        self.is_fresh = self.asked.as_ref() != Some(&key);
-        if self.is_fresh {
-            self.asked = Some(key);
-        }
+        let before = self.asked.as_ref().or(self.begun.as_ref());
+        self.is_fresh = before != Some(&key);
+        self.asked = (self.begun.as_ref() != Some(&key)).then_some(key);
         self.is_fresh
     }
 
     /// Whether the work is for what the frame asks for.
     pub fn is_current(&self) -> bool {
-        self.begun.is_some() && self.begun == self.asked
+        self.begun.is_some() && self.asked.is_none()
     }
 
     /// What the work is for.
@@ -151,14 +150,7 @@ impl<Key: PartialEq + Clone, Value> Stage<Key, Value> {
 
     /// The work is from now on for what the frame asks for.
     pub fn begin(&mut self) {
-        if !self.is_current() {
-            self.begun.clone_from(&self.asked);
-        }
-    }
-
-    /// The work has to begin again, whatever frames ask for.
-    pub fn restart(&mut self) {
-        self.begun = None;
+        self.begun = self.asked.take().or(self.begun.take());
     }
 
     /// What was made has become better. Users need to be told, unless they follow what this frame asks for anyway.
@@ -184,9 +176,16 @@ impl<Key, Value> Stage<Key, Value> {
         self.value.as_mut()
     }
 
+    /// The work has to begin again, whatever frames ask for.
+    pub fn restart(&mut self) {
+        self.asked = self.asked.take().or(self.begun.take());
+        self.begun = None;
+    }
+
     /// Drops the value.
     pub fn clear(&mut self) {
-        (self.value, self.begun) = (None, None);
+        self.restart();
+        self.value = None;
     }
 
     /// Counts how often what was made became better although nothing had changed.
@@ -203,12 +202,6 @@ impl<Key, Value> Stage<Key, Value> {
 /// A shared value as a key: the same only if it is that very value.
 #[derive(Debug)]
 pub struct Same<T>(pub Arc<T>);
-
-impl<T> Clone for Same<T> {
-    fn clone(&self) -> Self {
-        Self(self.0.clone())
-    }
-}
 
 impl<T> PartialEq for Same<T> {
     fn eq(&self, other: &Self) -> bool {
