@@ -12,7 +12,10 @@ use gpugi::light_paths::{LightClass, LightPaths};
 use gpugi::picture::Effects;
 use gpugi::scene::{Claims, GpuScene};
 use gpugi::settings::SettingSet;
-use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Registry, Role, Technique};
+use gpugi::stage::Stage;
+use gpugi::techniques::{
+    Earlier, Generated, Info, Plan, Registration, Registry, Role, Technique, Unready,
+};
 use gpugi::{Purpose, Renderer, default_set, settings};
 
 const INFO: Info = Info {
@@ -48,11 +51,11 @@ fn main(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) workg
 }
 ";
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct SkyAmbient {
     settings: Settings,
-    /// The pass, and the strength that it was compiled for.
-    gather: Option<(f32, Gather)>,
+    /// The pass, by the strength that it is compiled for.
+    gather: Stage<f32, Gather>,
 }
 
 impl Technique for SkyAmbient {
@@ -78,16 +81,13 @@ impl Technique for SkyAmbient {
         scene: &GpuScene,
         _: &View,
         _: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
         let strength = self.settings.strength;
-        if self.gather.as_ref().is_none_or(|(of, _)| *of != strength) {
+        self.gather.compiled(frame, strength, |_| {
             let shader = Shader::gather("sky-ambient.gather", GATHER);
             let constants = [("STRENGTH", f64::from(strength))];
-            self.gather = Some((
-                strength,
-                Gather::new(frame.gpu, scene, &shader, &constants)?,
-            ));
-        }
+            Gather::new(frame.gpu, scene, &shader, &constants)
+        })?;
         Ok(Generated::FINAL)
     }
 
@@ -98,8 +98,8 @@ impl Technique for SkyAmbient {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.gather {
-            Some((_, gather)) => gather.record(frame, "sky-ambient.gather", scene, receiver, &[]),
+        match self.gather.get() {
+            Some(gather) => gather.record(frame, "sky-ambient.gather", scene, receiver, &[]),
             None => Ok(()),
         }
     }
@@ -112,7 +112,7 @@ const REGISTRATION: Registration = Registration {
     make: |_, _| {
         Ok(Box::new(SkyAmbient {
             settings: Settings::default(),
-            gather: None,
+            gather: Stage::default(),
         }))
     },
     suits: |occasion| Some(occasion.has_lights(INFO.paths)),

@@ -39,6 +39,7 @@ mod sequences;
 pub mod settings;
 #[cfg(test)]
 mod shared;
+pub mod stage;
 pub mod techniques;
 #[cfg(test)]
 mod testing;

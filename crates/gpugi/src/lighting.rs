@@ -2,6 +2,7 @@
 //! [`Lighting::gather`] lights a receiver: a camera's pixels, texels of an atlas, probes. The renderer and the bake are
 //! thin loops around these two.
 
+mod schedule;
 #[cfg(test)]
 mod tests;
 
@@ -12,18 +13,15 @@ use gpugi_scene::names::check_names;
 
 use crate::capture::{CaptureKernels, Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::impostor::Impostors;
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::prefiltered::Environments;
-use crate::scene::{Claims, GpuScene, Versions, emit_light};
+use crate::scene::{Claims, GpuScene, emit_light};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
-    Earlier, Figure, Generated, Inspection, Map, Needs, OwnPoints, Plan, Registry, Slice, Technique,
+    Earlier, EarlierLight, Figure, Inspection, Map, Needs, OwnPoints, Plan, Registry, Shared,
+    Technique, Unready,
 };
-
-/// Frames that keep to their budget after one that does not, while the scene changes.
-const FRUGAL_FRAMES: u32 = 2;
+use schedule::Schedule;
 
 /// Lighting that cannot do what it was asked.
 #[derive(Debug, Clone, thiserror::Error, PartialEq)]
@@ -112,24 +110,17 @@ pub struct Lighting {
     gpu: Gpu,
     capture: CaptureKernels,
     emission: Emission,
-    impostors: Impostors,
-    environments: Environments,
+    shared: Shared,
     /// Where the techniques come from.
     registry: Registry,
     techniques: Vec<Box<dyn Technique>>,
     plans: Vec<Plan>,
-    generated: Vec<Generated>,
-    /// Frames for which each technique has waited for a step.
-    waited: Vec<u32>,
-    /// The scene of the last frame.
-    seen: Option<Versions>,
-    /// Frames that kept to their budget since the last one that did not.
-    frugal_frames: u32,
+    schedule: Schedule,
+    /// Whether the last frame lacked light.
+    is_pending: bool,
     /// Grows with every setting.
     settings_version: u64,
     lights_elsewhere: bool,
-    /// Work of the last [`Lighting::prepare`].
-    work: u64,
 }
 
 impl Lighting {
@@ -181,21 +172,17 @@ impl Lighting {
         let mut lighting = Self {
             gpu: gpu.clone(),
             emission: Emission::new(gpu, scene)?,
-            impostors: Impostors::new(gpu, scene, &capture)?,
+            shared: Shared::new(gpu, scene, &capture)?,
             capture,
-            environments: Environments::default(),
             registry: registry.clone(),
             plans: Vec::new(),
-            generated: vec![Generated::FINAL; techniques.len()],
-            waited: vec![0; techniques.len()],
-            seen: None,
-            frugal_frames: 0,
+            schedule: Schedule::new(techniques.len()),
+            is_pending: false,
             lights_elsewhere: techniques
                 .iter()
                 .any(|one| one.info().lights_points != OwnPoints::None),
             techniques,
             settings_version: 0,
-            work: 0,
         };
         lighting.validate(scene)?;
         Ok(lighting)
@@ -343,83 +330,61 @@ impl Lighting {
         budget: Budget,
     ) -> Result<Readiness, GpuError> {
         scene.merge(frame);
-        self.impostors.begin_frame();
-        self.environments.begin_frame();
-        self.work = 0;
-        let (mut revision, mut lookups, mut is_final) = (0, [1, 1], true);
+        self.shared.begin_frame();
         let waiting = self.techniques.iter().map(|one| one.waiting());
-        let waiting: Vec<u64> = waiting.collect();
-        let longest = self.waited.iter().copied().max().unwrap_or(0);
-        // While the scene changes, maps are never final: most frames had better be fast.
-        let is_changing = self.seen.replace(scene.versions) != Some(scene.versions);
-        let is_pending = self.generated.iter().any(|one| one.pending.is_some());
-        let has_turns = !is_changing || is_pending || self.frugal_frames >= FRUGAL_FRAMES;
-        self.frugal_frames = self.frugal_frames.saturating_add(1);
-        let mut waited = self.waited.iter();
-        let in_turn = waited.position(|&frames| has_turns && frames == longest);
+        self.schedule
+            .begin(budget, scene.versions, self.is_pending, waiting);
+        self.is_pending = true;
+        let (mut revision, mut lookups, mut final_progress) = (0, [1, 1], 1.0_f32);
         for index in 0..self.techniques.len() {
             let (techniques, rest) = self.techniques.split_at_mut(index);
-            let left = budget.after(self.work);
-            let left = if rest[0].info().lights_points != OwnPoints::None {
-                left.after(waiting[index + 1..].iter().sum())
-            } else {
-                left
+            let technique = &mut rest[0];
+            let lights_points = technique.info().lights_points != OwnPoints::None;
+            let mut earlier = Earlier {
+                light: EarlierLight {
+                    settings_version: self.settings_version,
+                    revision,
+                    is_final: final_progress >= 1.0,
+                    lights_elsewhere: self.lights_elsewhere,
+                    lookups,
+                    ..EarlierLight::new(&mut self.emission, techniques)
+                },
+                budget: self.schedule.slice(index, lights_points),
+                shared: &mut self.shared,
             };
-            let mut earlier = Earlier::new(
-                &mut self.emission,
-                techniques,
-                &mut self.impostors,
-                &mut self.environments,
-                self.settings_version,
-                revision,
-                self.lights_elsewhere,
-            )
-            .within(Slice::new(left, in_turn == Some(index)), lookups)
-            .refining(is_final);
-            let generated = rest[0].generate(frame, scene, view, &mut earlier)?;
-            let slice = earlier.into_slice();
-            self.work = self.work.saturating_add(slice.work());
-            if left.is_spent() && slice.work() > 0 {
-                self.frugal_frames = 0;
-            }
-            self.waited[index] = match slice.is_waiting() {
-                true => self.waited[index] + 1,
-                false => 0,
+            let generated = technique.generate(frame, scene, view, &mut earlier);
+            self.schedule.end(index, &earlier.budget);
+            let pending = match generated {
+                Err(Unready::Failed(error)) => return Err(error),
+                Err(Unready::Waits { progress, what }) => Err((progress, what)),
+                Ok(generated) => match generated.pending {
+                    Some(what) => Err((generated.progress, what)),
+                    // Those that a gather is yet to use.
+                    None if frame.awaits_shaders() => Err((0.0, "shaders")),
+                    None => Ok(generated),
+                },
             };
-            let generated = match frame.awaits_shaders() {
-                // Those that a gather is yet to use.
-                true if generated.pending.is_none() => Generated::WITHOUT_SHADERS,
-                _ => generated,
-            };
-            self.generated[index] = generated;
-            if let Some(what) = generated.pending {
+            let generated = match pending {
+                Ok(generated) => generated,
                 // Later techniques would take the light of maps that are stale.
-                return Ok(Readiness::Pending {
-                    progress: generated.progress,
-                    what,
-                });
-            }
-            is_final &= generated.progress >= 1.0;
+                Err((progress, what)) => return Ok(Readiness::Pending { progress, what }),
+            };
+            final_progress = final_progress.min(generated.progress);
             revision += generated.revision;
-            let (own, shared) = (self.plans[index].lookups, rest[0].shared_lookups());
+            let (own, shared) = (self.plans[index].lookups, technique.shared_lookups());
             lookups[0] += u64::from(own);
             lookups[1] += u64::from(own.saturating_sub(shared) + shared / 4);
         }
-        let progress = self
-            .generated
-            .iter()
-            .map(|one| one.progress)
-            .fold(1.0, f32::min);
-        Ok(if progress < 1.0 {
-            Readiness::Refining { progress }
-        } else {
-            Readiness::Ready
+        self.is_pending = false;
+        Ok(match final_progress {
+            1.0.. => Readiness::Ready,
+            progress => Readiness::Refining { progress },
         })
     }
 
     /// Work of the last [`Lighting::prepare`], in units of [`Budget`].
     pub fn work(&self) -> u64 {
-        self.work
+        self.schedule.work()
     }
 
     /// Lights a receiver: what emitters and the environment send straight to it, and what all techniques add.
@@ -446,15 +411,12 @@ impl Lighting {
         receiver: &Receiver,
         adds: impl Fn(&str) -> bool,
     ) -> Result<(), GpuError> {
-        let mut all = Earlier::new(
-            &mut self.emission,
-            &mut self.techniques,
-            &mut self.impostors,
-            &mut self.environments,
-            self.settings_version,
-            0,
-            self.lights_elsewhere,
-        );
+        let light = EarlierLight {
+            settings_version: self.settings_version,
+            lights_elsewhere: self.lights_elsewhere,
+            ..EarlierLight::new(&mut self.emission, &mut self.techniques)
+        };
+        let mut all = Earlier::unlimited(light, &mut self.shared);
         all.gather_some(frame, scene, receiver, true, adds)
     }
 

@@ -1,7 +1,7 @@
 //! Receivers that are seen through something: what gathers add is multiplied by a transmittance per point.
 
 use super::{PerReceiver, Receiver, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::shader;
 
 /// Gathers of such receivers add to a target of their own; at the end, one pass adds it, attenuated, to the receiver's.
@@ -9,14 +9,8 @@ use crate::shader;
 #[derive(Debug, Default)]
 pub(crate) struct Attenuation {
     kernel: Option<Kernel>,
-    kept: PerReceiver<Unattenuated>,
-}
-
-/// The same points with a target of their own, and bind groups 1 and 3 of the pass.
-#[derive(Debug)]
-struct Unattenuated {
-    receiver: Receiver,
-    groups: [wgpu::BindGroup; 2],
+    /// The same points with a target of their own.
+    unattenuated: PerReceiver<Receiver>,
 }
 
 impl Attenuation {
@@ -29,20 +23,17 @@ impl Attenuation {
         frame: &mut Frame<'_>,
         receiver: &Receiver,
     ) -> Result<Receiver, GpuError> {
-        let Some(transmittance) = &receiver.transmittance else {
+        if receiver.transmittance.is_none() {
             return Ok(receiver.clone());
-        };
-        let gpu = frame.gpu;
+        }
         let kernel = match self.kernel.take() {
             Some(kernel) => kernel,
-            None => Kernel::new(gpu, &shader!("capture.attenuation"), "main", None)?,
+            None => Kernel::new(frame.gpu, &shader!("capture.attenuation"), "main", None)?,
         };
-        let kernel = self.kernel.insert(kernel);
-        let made = self.kept.of(receiver, || {
-            Unattenuated::new(gpu, kernel, receiver, transmittance)
-        })?;
-        frame.clear(&made.receiver.target.radiance);
-        Ok(made.receiver.clone())
+        self.kernel = Some(kernel);
+        let unattenuated = self.of(frame.gpu, receiver)?;
+        frame.clear(&unattenuated.target.radiance);
+        Ok(unattenuated)
     }
 
     /// Adds the light that was gathered since [`Attenuation::begin`]: pass `frame.attenuation`, if `receiver` is seen
@@ -51,44 +42,31 @@ impl Attenuation {
     /// # Errors
     /// [`GpuError`].
     pub fn end(&mut self, frame: &mut Frame<'_>, receiver: &Receiver) -> Result<(), GpuError> {
-        let (Some(transmittance), Some(kernel)) = (&receiver.transmittance, &self.kernel) else {
+        let Some(transmittance) = &receiver.transmittance else {
             return Ok(());
         };
-        let gpu = frame.gpu;
-        let made = self.kept.of(receiver, || {
-            Unattenuated::new(gpu, kernel, receiver, transmittance)
-        })?;
-        let [seen, added] = &made.groups;
-        frame.compute("frame.attenuation", |pass| {
-            let points = [receiver.points.count, 1, 1];
-            kernel.dispatch(pass, &[(1, seen), (3, added)], points);
-        });
-        Ok(())
+        let gathered = self.of(frame.gpu, receiver)?.target;
+        let Some(kernel) = &self.kernel else {
+            return Ok(());
+        };
+        let resources: [Named<'_>; 4] = [
+            ("seen", &receiver.points.view),
+            ("transmittance", transmittance),
+            ("gathered", &gathered),
+            ("radiance", &receiver.target),
+        ];
+        let points = [receiver.points.count, 1, 1];
+        frame.run("frame.attenuation", kernel, None, &resources, points)
     }
-}
 
-impl Unattenuated {
-    fn new(
-        gpu: &Gpu,
-        kernel: &Kernel,
-        receiver: &Receiver,
-        transmittance: &wgpu::Buffer,
-    ) -> Result<Self, GpuError> {
+    fn of(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<Receiver, GpuError> {
         let Receiver { points, target, .. } = receiver;
         let size = target.radiance.size();
-        let radiance = gpu.buffer("gathered light [bytes]", size, wgpu::BufferUsages::STORAGE)?;
-        let seen = [("seen", points.view.as_entire_binding())];
-        let resources = [
-            ("transmittance", transmittance.as_entire_binding()),
-            ("gathered", radiance.as_entire_binding()),
-            ("radiance", target.radiance.as_entire_binding()),
-        ];
-        Ok(Self {
-            groups: [
-                kernel.bind(gpu, 1, &seen)?,
-                kernel.bind(gpu, 3, &resources)?,
-            ],
-            receiver: Receiver::new(points, &Target { radiance }),
-        })
+        let make = || {
+            let radiance =
+                gpu.buffer("gathered light [bytes]", size, wgpu::BufferUsages::STORAGE)?;
+            Ok(Receiver::new(points, &Target { radiance }))
+        };
+        self.unattenuated.of(receiver, make).cloned()
     }
 }

@@ -1,19 +1,25 @@
-//! A pass over the points of receivers.
+//! Passes over the points of receivers.
 
-use super::{PerReceiver, Receiver, ReceiverKernel};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use std::sync::OnceLock;
+
+use super::{Output, Receiver, Slots, SurfacePoints};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, Shader};
 use crate::scene::GpuScene;
 
-/// A kernel with one invocation per point, with bind groups 0 (scene), 1 (points), 2 (maps, if it has any) and 3
-/// (target). Bind groups 1 and 3 are kept per receiver.
+/// A kernel with one invocation per point of a receiver. It binds the scene, the points (`seen`, `points`), their `hits`
+/// and the target (`radiance`), as far as its shader declares them, and whatever else it is given by name. It is compiled
+/// for cameras and cubes; a general variant for all other receivers is compiled when one first needs it, or in advance if
+/// techniques of the scene's lighting will.
 #[derive(Debug)]
 pub struct Gather {
-    kernel: ReceiverKernel,
-    bound: PerReceiver<[wgpu::BindGroup; 2]>,
+    radiance: Kernel,
+    general: OnceLock<Kernel>,
+    traces_rays: bool,
 }
 
 impl Gather {
-    /// Compiles the entry point `main` of a shader, with values of its pipeline-overridable constants.
+    /// Compiles the entry point `main` of a shader that imports `capture::receiver`, with values of its
+    /// pipeline-overridable constants.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -40,44 +46,118 @@ impl Gather {
         shader: &Shader,
         options: &KernelOptions<'_>,
     ) -> Result<Self, GpuError> {
+        Self::over(gpu, scene, false, shader, options)
+    }
+
+    /// The same for a shader that traces rays in this scene, with `more` pipeline constants.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn tracing_rays(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shader: &Shader,
+        more: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[&scene.ray_constants(), more].concat(),
+            ..Default::default()
+        };
+        Self::over(gpu, scene, true, shader, &options)
+    }
+
+    fn over(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        traces_rays: bool,
+        shader: &Shader,
+        options: &KernelOptions<'_>,
+    ) -> Result<Self, GpuError> {
+        let layout = match traces_rays {
+            true => &scene.ray_layout,
+            false => &scene.layout,
+        };
+        let options = KernelOptions {
+            constants: &[options.constants, &[("IS_GENERAL", 0.0)]].concat(),
+            ..*options
+        };
+        let made = Self {
+            radiance: Kernel::with_options(gpu, shader, "main", Some(layout), &options)?,
+            general: OnceLock::new(),
+            traces_rays,
+        };
+        if scene.has_irradiance {
+            made.general(gpu)?;
+        }
+        Ok(made)
+    }
+
+    /// The same kernel with other values of some constants ([`Kernel::variant`]).
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when the shader has no such constant.
+    pub(crate) fn variant(&self, gpu: &Gpu, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
         Ok(Self {
-            kernel: ReceiverKernel::with_options(gpu, scene, shader, options)?,
-            bound: PerReceiver::default(),
+            radiance: self.radiance.variant(gpu, constants)?,
+            general: OnceLock::new(),
+            ..*self
         })
     }
 
-    /// The kernel, to bind maps as group 2.
-    pub fn kernel(&self) -> &Kernel {
-        self.kernel.to_bind()
-    }
-
-    /// Records the pass: one dispatch per group of maps, or one without maps.
+    /// Records the pass `name`, which binds `more` by their names in the shader.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn record(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
-        pass: &str,
+        name: &str,
         scene: &GpuScene,
         receiver: &Receiver,
-        maps: &[&wgpu::BindGroup],
+        more: &[Named<'_>],
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
-        let kernel = self.kernel.of(gpu, &receiver.points)?;
-        let [points, target] = self.bound.of(receiver, || receiver.bind(gpu, kernel))?;
-        frame.compute(pass, |pass| {
-            let mut groups = vec![(0, &scene.bind_group), (1, points), (3, target)];
-            let invocations = [receiver.points.count, 1, 1];
-            if maps.is_empty() {
-                kernel.dispatch(pass, &groups, invocations);
-            }
-            for maps in maps {
-                groups.truncate(3);
-                groups.push((2, maps));
-                kernel.dispatch(pass, &groups, invocations);
-            }
-        });
-        Ok(())
+        let count = receiver.points.count;
+        frame.compute(name, |pass| {
+            self.run(gpu, pass, scene, receiver, more, count)
+        })
+    }
+
+    /// Runs in a pass, for `count` of the points.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub(crate) fn run(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        more: &[Named<'_>],
+        count: u32,
+    ) -> Result<(), GpuError> {
+        let group = match self.traces_rays {
+            true => &scene.ray_bind_group,
+            false => &scene.bind_group,
+        };
+        let resources = [&receiver.resources()[..], more].concat();
+        let kernel = self.of(gpu, &receiver.points)?;
+        kernel.run(pass, Some(group), &resources, [count, 1, 1])
+    }
+
+    /// The kernel for `points`.
+    fn of(&self, gpu: &Gpu, points: &SurfacePoints) -> Result<&Kernel, GpuError> {
+        if points.output == Output::RadianceToEye && points.slots == Slots::default() {
+            return Ok(&self.radiance);
+        }
+        self.general(gpu)
+    }
+
+    fn general(&self, gpu: &Gpu) -> Result<&Kernel, GpuError> {
+        if let Some(general) = self.general.get() {
+            return Ok(general);
+        }
+        let general = self.radiance.variant(gpu, &[("IS_GENERAL", 1.0)])?;
+        Ok(self.general.get_or_init(|| general))
     }
 }

@@ -26,7 +26,7 @@ use hits::{HitKernels, Image, Matrices, depth_texture, hit_texture};
 pub use images::HitImages;
 pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
-pub use receiver::{Output, Probe, Receiver, ReceiverKernel, Slots};
+pub use receiver::{Output, Probe, Receiver, Slots};
 pub(crate) use view::ViewUniform;
 pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
@@ -36,7 +36,7 @@ use std::ops::Range;
 use glam::{Mat4, Vec4};
 use gpugi_scene::Bounds;
 
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::gpu::{Bind, Bound, Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 
@@ -63,6 +63,30 @@ pub struct SurfacePoints {
 }
 
 impl SurfacePoints {
+    /// Room for `width` x `rows` points that passes write, with their hit records.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub(crate) fn room(
+        gpu: &Gpu,
+        label: &str,
+        [width, rows]: [u32; 2],
+        view: wgpu::Buffer,
+        output: Output,
+    ) -> Result<Self, GpuError> {
+        let count = width * rows;
+        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
+        Ok(Self {
+            points: gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE)?,
+            view,
+            first: 0,
+            count,
+            hits: hits_of_points(gpu, [width, rows])?,
+            output,
+            slots: Slots::default(),
+        })
+    }
+
     /// Bind group 1 of a pass that reads the points.
     ///
     /// # Errors
@@ -73,6 +97,15 @@ impl SurfacePoints {
             ("points", self.points.as_entire_binding()),
         ];
         kernel.bind(gpu, 1, &resources)
+    }
+
+    /// What passes that read the points bind: `seen`, `points` and `hits`.
+    pub fn resources(&self) -> [Named<'_>; 3] {
+        [
+            ("seen", &self.view),
+            ("points", &self.points),
+            ("hits", &self.hits),
+        ]
     }
 
     /// Whether `other` are the same points in the same buffers, so that what was bound for one serves the other.
@@ -99,13 +132,11 @@ impl Target {
             radiance: gpu.buffer("radiance [bytes]", size, wgpu::BufferUsages::STORAGE)?,
         })
     }
+}
 
-    /// Bind group 3 of a pass that adds to the target and binds nothing else there.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
-        kernel.bind(gpu, 3, &[("radiance", self.radiance.as_entire_binding())])
+impl Bind for Target {
+    fn bound(&self) -> Bound<'_> {
+        self.radiance.bound()
     }
 }
 

@@ -3,7 +3,7 @@
 use super::Receiver;
 use crate::gpu::GpuError;
 
-/// What a pass keeps, such as bind groups, for each receiver that it runs on.
+/// What a pass keeps, such as buffers, for each receiver that it runs on.
 #[derive(Debug)]
 pub struct PerReceiver<T> {
     kept: Vec<Entry<T>>,

@@ -1,14 +1,11 @@
 //! Receivers: surface points, and where gathers add the light that arrives at them. A camera's pixels, the faces of a
 //! cube, texels of an atlas, vertices of a mesh, probes and particles are all receivers, lit by the same gathers.
 
-use std::sync::OnceLock;
-
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::{SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
-use crate::scene::GpuScene;
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::gpu::octahedral;
 
 /// The quantity that a gather computes at a point: the constants of capture/receiver.wesl.
@@ -115,130 +112,10 @@ impl Receiver {
         frame.clear_range(target, bytes);
     }
 
-    /// Bind groups 1 and 3 of a pass that reads the points, adds to the target, and binds nothing else there.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<[wgpu::BindGroup; 2], GpuError> {
-        Ok([
-            self.points.bind(gpu, kernel)?,
-            self.target.bind(gpu, kernel)?,
-        ])
-    }
-}
-
-/// A kernel over receivers' points. It is compiled for cameras and cubes; a general variant for all other receivers is
-/// compiled when one first needs it, or in advance if techniques of the scene's lighting will.
-#[derive(Debug)]
-pub struct ReceiverKernel {
-    radiance: Kernel,
-    general: OnceLock<Kernel>,
-}
-
-impl ReceiverKernel {
-    /// Compiles the entry point `main` of a shader that imports `capture::receiver`, with values for its
-    /// pipeline-overridable constants.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        shader: &Shader,
-        constants: &[(&str, f64)],
-    ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants,
-            ..Default::default()
-        };
-        Self::with_options(gpu, scene, shader, &options)
-    }
-
-    /// The same with all options.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub(crate) fn with_options(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        shader: &Shader,
-        options: &KernelOptions<'_>,
-    ) -> Result<Self, GpuError> {
-        Self::over(gpu, scene, &scene.layout, shader, options)
-    }
-
-    /// The same for a shader that traces rays in this scene, with `more` pipeline constants. Its bind group 0 is
-    /// [`GpuScene::ray_bind_group`].
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub(crate) fn tracing_rays(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        shader: &Shader,
-        more: &[(&str, f64)],
-    ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants: &[&scene.ray_constants(), more].concat(),
-            ..Default::default()
-        };
-        Self::over(gpu, scene, &scene.ray_layout, shader, &options)
-    }
-
-    fn over(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        layout: &wgpu::BindGroupLayout,
-        shader: &Shader,
-        options: &KernelOptions<'_>,
-    ) -> Result<Self, GpuError> {
-        let options = KernelOptions {
-            constants: &[options.constants, &[("IS_GENERAL", 0.0)]].concat(),
-            ..*options
-        };
-        let made = Self {
-            radiance: Kernel::with_options(gpu, shader, "main", Some(layout), &options)?,
-            general: OnceLock::new(),
-        };
-        if scene.has_irradiance {
-            made.general(gpu)?;
-        }
-        Ok(made)
-    }
-
-    /// The same kernel with other values of some constants ([`Kernel::variant`]).
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`] when the shader has no such constant.
-    pub fn variant(&self, gpu: &Gpu, constants: &[(&str, f64)]) -> Result<Self, GpuError> {
-        Ok(Self {
-            radiance: self.radiance.variant(gpu, constants)?,
-            general: OnceLock::new(),
-        })
-    }
-
-    /// The kernel to bind resources to, for all receivers.
-    pub fn to_bind(&self) -> &Kernel {
-        &self.radiance
-    }
-
-    /// The kernel to dispatch for `points`.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn of(&self, gpu: &Gpu, points: &SurfacePoints) -> Result<&Kernel, GpuError> {
-        if points.output == Output::RadianceToEye && points.slots == Slots::default() {
-            return Ok(&self.radiance);
-        }
-        self.general(gpu)
-    }
-
-    fn general(&self, gpu: &Gpu) -> Result<&Kernel, GpuError> {
-        if let Some(general) = self.general.get() {
-            return Ok(general);
-        }
-        let general = self.radiance.variant(gpu, &[("IS_GENERAL", 1.0)])?;
-        Ok(self.general.get_or_init(|| general))
+    /// What passes over the points bind: `seen`, `points` and `hits`, and `radiance`, to which they add.
+    pub fn resources(&self) -> [Named<'_>; 4] {
+        let [seen, points, hits] = self.points.resources();
+        [seen, points, hits, ("radiance", &self.target)]
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::read_back::{ReadBack, record_buffer};
-use super::{Gpu, GpuError, Quad};
+use super::{Gpu, GpuError, Kernel, Named, Quad};
 
 /// GPU time of one pass.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -147,6 +147,21 @@ impl<'a> Frame<'a> {
             }),
         };
         record(&mut self.encoder().begin_compute_pass(&descriptor))
+    }
+
+    /// Records a compute pass in which one kernel runs: see [`Kernel::run`].
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn run(
+        &mut self,
+        name: &str,
+        kernel: &Kernel,
+        scene: Option<&wgpu::BindGroup>,
+        resources: &[Named<'_>],
+        invocations: [u32; 3],
+    ) -> Result<(), GpuError> {
+        self.compute(name, |pass| kernel.run(pass, scene, resources, invocations))
     }
 
     /// Records a render pass that clears its targets: colours to all ones, depth to 0 (infinitely far).
@@ -354,6 +369,7 @@ impl<'a> Frame<'a> {
             });
         }
         gpu.submit(self.encoder.finish());
+        gpu.kept.end_frame();
         gpu.check()?;
         Ok(timings)
     }

@@ -1,7 +1,8 @@
 //! Pipelines whose bind-group layouts come from shader reflection, which keeps the host code of a pass to a few lines.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
+use super::bindings::{BindGroups, Named, bind_all};
 use super::lazy::Lazy;
 use super::shader::{BindingKind, Declared, Reflection, Shader, is_linked_name};
 use super::{Gpu, GpuError};
@@ -9,11 +10,16 @@ use super::{Gpu, GpuError};
 /// The part common to all pipelines: a module's resources as bind-group layouts.
 #[derive(Debug, Clone)]
 pub(super) struct Interface {
+    gpu: Gpu,
     name: String,
     declared: Vec<Declared>,
     /// Layout of each group; group 0 is the scene's if the pipeline reads the scene.
     layouts: Vec<Option<wgpu::BindGroupLayout>>,
     pub(super) pipeline_layout: wgpu::PipelineLayout,
+    /// Number of the resources in the scene's group, which are declared first.
+    of_scene: usize,
+    /// Shared by all pipelines of the interface.
+    groups: Arc<Mutex<BindGroups>>,
 }
 
 impl Interface {
@@ -64,11 +70,15 @@ impl Interface {
                 bind_group_layouts: &references,
                 immediate_size: 0,
             });
+        let is_of_scene = |one: &Declared| scene.is_some() && one.group == 0;
         let interface = Self {
             name: shader.name.to_owned(),
+            of_scene: declared.partition_point(is_of_scene),
             declared,
             layouts,
             pipeline_layout,
+            groups: gpu.kept.bind_groups(),
+            gpu: gpu.clone(),
         };
         Ok((interface, reflection))
     }
@@ -115,6 +125,31 @@ impl Interface {
             layout,
             entries: &entries,
         }))
+    }
+
+    /// Sets the bind groups of all resources but the scene's.
+    fn set(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        resources: &[Named<'_>],
+    ) -> Result<(), GpuError> {
+        let (gpu, declared) = (&self.gpu, &self.declared[self.of_scene..]);
+        let mut groups = self.groups.lock().unwrap_or_else(PoisonError::into_inner);
+        let set = groups.with(
+            gpu.kept.now(),
+            declared,
+            resources,
+            |found| bind_all(&gpu.device, &self.name, &self.layouts, declared, found),
+            |groups| {
+                for (index, group) in groups {
+                    pass.set_bind_group(*index, group, &[]);
+                }
+            },
+        );
+        set.map_err(|missing| GpuError::Pass {
+            pass: self.name.clone(),
+            reason: format!("nothing is bound to {missing:?}"),
+        })
     }
 }
 
@@ -235,6 +270,24 @@ impl Kernel {
         Self::with_options(gpu, shader, entry, scene, &KernelOptions::default())
     }
 
+    /// Like [`Kernel::new`], with values of pipeline-overridable constants, by their names in WESL modules.
+    ///
+    /// # Errors
+    /// As [`Kernel::with_options`].
+    pub fn with_constants(
+        gpu: &Gpu,
+        shader: &Shader,
+        entry: &str,
+        scene: Option<&wgpu::BindGroupLayout>,
+        constants: &[(&str, f64)],
+    ) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants,
+            ..Default::default()
+        };
+        Self::with_options(gpu, shader, entry, scene, &options)
+    }
+
     /// Like [`Kernel::new`], with options.
     ///
     /// # Errors
@@ -314,6 +367,57 @@ impl Kernel {
         invocations: [u32; 3],
     ) {
         self.set(pass, groups);
+        self.dispatch_workgroups(pass, invocations);
+    }
+
+    /// Binds `resources` by their names in the shader, and runs at least `invocations` as [`Kernel::dispatch`] does.
+    /// `scene`: bind group 0 if the kernel was made with the scene's layout. Resources that the shader does not declare
+    /// are ignored, so that passes which share some need only one list.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`] when a resource is missing.
+    pub fn run(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: Option<&wgpu::BindGroup>,
+        resources: &[Named<'_>],
+        invocations: [u32; 3],
+    ) -> Result<(), GpuError> {
+        self.begin(pass, scene, resources)?;
+        self.dispatch_workgroups(pass, invocations);
+        Ok(())
+    }
+
+    /// As [`Kernel::run`], for as many workgroups as [`Kernel::dispatch_indirect`] reads.
+    ///
+    /// # Errors
+    /// As [`Kernel::run`].
+    pub fn run_indirect(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: Option<&wgpu::BindGroup>,
+        resources: &[Named<'_>],
+        (arguments, offset): (&wgpu::Buffer, u64),
+    ) -> Result<(), GpuError> {
+        self.begin(pass, scene, resources)?;
+        pass.dispatch_workgroups_indirect(arguments, offset);
+        Ok(())
+    }
+
+    fn begin(
+        &self,
+        pass: &mut wgpu::ComputePass<'_>,
+        scene: Option<&wgpu::BindGroup>,
+        resources: &[Named<'_>],
+    ) -> Result<(), GpuError> {
+        pass.set_pipeline(self.pipeline.get(&self.interface.name));
+        if scene.is_some() {
+            pass.set_bind_group(0, scene, &[]);
+        }
+        self.interface.set(pass, resources)
+    }
+
+    fn dispatch_workgroups(&self, pass: &mut wgpu::ComputePass<'_>, invocations: [u32; 3]) {
         let [mut x, mut y, z] = std::array::from_fn(|axis| {
             invocations[axis].div_ceil(self.workgroup_size[axis]).max(1)
         });

@@ -2,6 +2,7 @@
 //! plumbing.
 
 mod adapter;
+mod bindings;
 mod blit;
 #[cfg(not(target_arch = "wasm32"))]
 mod ending;
@@ -17,6 +18,7 @@ mod tests;
 mod upload;
 
 pub use adapter::{AdapterChoice, AdapterSummary, instance_descriptor, list_adapters};
+pub use bindings::{Bind, Bound, Named, join};
 pub(crate) use blit::Blit;
 #[cfg(not(target_arch = "wasm32"))]
 pub use ending::AtWork;
@@ -70,6 +72,7 @@ pub struct Gpu {
     replaced: Arc<Mutex<Vec<Shader>>>,
     reflections: Arc<shader::Reflections>,
     uploads: Arc<Uploads>,
+    kept: Arc<bindings::Kept>,
 }
 
 /// Errors that the GPU API reports outside calls that could return them.
@@ -150,6 +153,7 @@ impl Gpu {
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
             reflections: Arc::default(),
+            kept: Arc::default(),
         }
     }
 
@@ -387,6 +391,7 @@ impl Gpu {
                 adapter: self.adapter.name.clone(),
             });
         }
+        self.kept.make_way(size);
         self.allocate(label, || {
             self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -437,6 +442,14 @@ impl Gpu {
         self.count_uploaded(texels);
     }
 
+    /// A zero-filled storage buffer of `size` bytes.
+    ///
+    /// # Errors
+    /// As [`Gpu::buffer`].
+    pub fn room(&self, label: &str, size: u64) -> Result<wgpu::Buffer, GpuError> {
+        self.buffer(label, size, wgpu::BufferUsages::STORAGE)
+    }
+
     /// A storage buffer that holds `data`.
     ///
     /// # Errors
@@ -465,6 +478,33 @@ impl Gpu {
         )
     }
 
+    /// A two-dimensional texture of `[width, height, layers]` texels and one level, as [`Gpu::texture`].
+    ///
+    /// # Errors
+    /// As [`Gpu::texture`].
+    pub fn texture_2d(
+        &self,
+        label: &str,
+        [width, height, layers]: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture, GpuError> {
+        self.texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: layers,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
     /// A texture, whose size is first checked against the device's limits.
     ///
     /// # Errors
@@ -490,6 +530,9 @@ impl Gpu {
                 });
             }
         }
+        let format = descriptor.format;
+        self.kept
+            .make_way(format.theoretical_memory_footprint(descriptor.size));
         self.allocate(label, || self.device.create_texture(descriptor))
     }
 }

@@ -18,11 +18,11 @@ use std::mem;
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use wgpu::BindingResource::{Sampler, TextureView};
+use wgpu::BindingResource::TextureView;
 
 use crate::capture::distance_pyramid::{DistancePyramid, PyramidKernels};
 use crate::capture::{Capture, CaptureKernels, CubeView, Faces, PeeledLayer, SurfacePoints};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Bind, Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::{Draw, DrawClass, GpuScene};
 use crate::shader;
 use renewal::{Begun, Due, RenewalKey};
@@ -96,47 +96,29 @@ pub struct Maps {
     pub distances: wgpu::Texture,
     /// Outward normals, if the object is a refractor.
     pub normals: Option<wgpu::Texture>,
-    surroundings: DistanceCube,
-    shape: DistanceCube,
+    shape: wgpu::Texture,
     shape_normals: wgpu::Texture,
-}
-
-/// Distances, and the pyramid with which they are searched.
-#[derive(Debug, Clone)]
-struct DistanceCube {
-    distances: wgpu::Texture,
-    pyramid: wgpu::Texture,
+    /// Distances and the pyramid with which they are searched, the same of the shape, and its normals.
+    views: [wgpu::TextureView; 5],
 }
 
 impl Maps {
-    /// Bind group 2 of a pass: the bindings of maps.wesl and refractor.wesl, and `more`.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(
-        &self,
-        gpu: &Gpu,
-        kernel: &Kernel,
-        of_object: &wgpu::Buffer,
-        sampler: &wgpu::Sampler,
-        more: &[(&str, wgpu::BindingResource<'_>)],
-    ) -> Result<wgpu::BindGroup, GpuError> {
-        let [distances, shape] =
-            [&self.surroundings, &self.shape].map(|one| layers(&one.distances));
-        let [pyramid, shape_pyramid] =
-            [&self.surroundings, &self.shape].map(|one| layers(&one.pyramid));
-        let normals = cube(&self.shape_normals);
-        let mut resources = vec![
-            ("of_object", of_object.as_entire_binding()),
-            ("map_sampler", Sampler(sampler)),
-            ("distances_unfilterable", TextureView(&distances)),
-            ("pyramid_unfilterable", TextureView(&pyramid)),
-            ("shape_unfilterable", TextureView(&shape)),
-            ("shape_pyramid_unfilterable", TextureView(&shape_pyramid)),
-            ("shape_normals", TextureView(&normals)),
-        ];
-        resources.extend_from_slice(more);
-        kernel.bind(gpu, 2, &resources)
+    /// What passes that import maps.wesl and refractor.wesl bind.
+    pub fn resources<'a>(
+        &'a self,
+        of_object: &'a dyn Bind,
+        sampler: &'a wgpu::Sampler,
+    ) -> [Named<'a>; 7] {
+        let [distances, pyramid, shape, shape_pyramid, normals] = &self.views;
+        [
+            ("of_object", of_object),
+            ("map_sampler", sampler),
+            ("distances_unfilterable", distances),
+            ("pyramid_unfilterable", pyramid),
+            ("shape_unfilterable", shape),
+            ("shape_pyramid_unfilterable", shape_pyramid),
+            ("shape_normals", normals),
+        ]
     }
 
     /// The points to light for some of [`Maps::points`]: those points, and the second layer behind them.
@@ -361,14 +343,14 @@ impl Impostors {
                 due_pixels: 0,
                 distances: surroundings.clone(),
                 normals: wanted.shape_side.is_some().then(|| shape_normals.clone()),
-                surroundings: DistanceCube {
-                    distances: surroundings,
-                    pyramid: pyramid.texture.clone(),
-                },
-                shape: DistanceCube {
-                    distances: shape,
-                    pyramid: shape_pyramid.texture.clone(),
-                },
+                views: [
+                    layers(&surroundings),
+                    layers(&pyramid.texture),
+                    layers(&shape),
+                    layers(&shape_pyramid.texture),
+                    cube(&shape_normals),
+                ],
+                shape,
                 shape_normals,
             },
             wanted,

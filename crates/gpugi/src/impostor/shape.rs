@@ -127,7 +127,7 @@ impl ObjectMaps {
         let stored = match &self.stored_shape {
             Some(stored) => stored,
             None => {
-                let [distances, normals] = [&self.maps.shape.distances, &self.maps.shape_normals];
+                let [distances, normals] = [&self.maps.shape, &self.maps.shape_normals];
                 let [distances, normals] = [distances, normals].map(layers);
                 let resources = [
                     ("distances", TextureView(&distances)),

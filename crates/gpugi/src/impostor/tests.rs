@@ -333,7 +333,7 @@ fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
                     renewal: Renewal::default(),
                 };
                 let (of, _) = impostors.renew(&mut frame, &on_gpu, &wanted, 0, 0).unwrap();
-                maps.push(of.shape.distances.clone());
+                maps.push(of.shape.clone());
             }
             frame.submit().unwrap();
         }

@@ -86,6 +86,27 @@ impl LightPaths {
     }
 }
 
+/// Light that comes from the environment or an area light straight to the eye.
+pub(crate) const SEEN_LIGHTS: [LightPaths; 2] = [
+    LightPaths::new(LightClass::Environment, SEEN_DIRECTLY),
+    LightPaths::new(LightClass::Area, SEEN_DIRECTLY),
+];
+
+/// The paths `before` as objects show them that have smooth lobes, rough ones or both, over 1 to `most` bounces.
+pub(crate) fn shown(
+    before: &[LightPaths],
+    [smooth, rough]: [bool; 2],
+    most: u32,
+) -> impl Iterator<Item = LightPaths> {
+    let lobes = match (smooth, rough) {
+        (true, true) => "[GS]",
+        (false, _) => "G",
+        (true, false) => "S",
+    };
+    let bounces = format!("{lobes}{{1,{most}}}");
+    before.iter().map(move |one| one.continued(&bounces))
+}
+
 /// The paths that a path tracer keeps. The default is all paths from a light to the eye.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PathFilter {

@@ -346,8 +346,8 @@ fn techniques_share_the_maps_of_the_environment() {
         renderer.set(technique, name, value).unwrap();
     }
     renderer.render_sample(&camera(), 1, None, false).unwrap();
-    assert_eq!(renderer.lighting().environments.len(), 1);
+    assert_eq!(renderer.lighting().shared.environments.len(), 1);
     renderer.set("environment-map", "resolution", "64").unwrap();
     renderer.render_sample(&camera(), 1, None, false).unwrap();
-    assert_eq!(renderer.lighting().environments.len(), 2);
+    assert_eq!(renderer.lighting().shared.environments.len(), 2);
 }

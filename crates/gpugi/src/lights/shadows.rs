@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::LightList;
 use super::gpu::{LightSample, table};
 use crate::capture::depth::{DepthAtlas, DepthKernels, clear_tiles};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, RasterKernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Named, RasterKernel};
 use crate::scene::{GpuScene, Versions};
 
 /// How much sooner than others a light's maps are drawn if the light itself has changed: moving lights show more than
@@ -50,8 +50,6 @@ struct Drawn {
 /// What [`Shadows::update`] did.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Updated {
-    /// Whether earlier results of [`Shadows::bind`] are stale.
-    pub is_rebound: bool,
     /// Whether there are maps to look up, or no lights.
     pub is_whole: bool,
     /// Share of the samples whose maps show the scene as it is (0 to 1).
@@ -85,8 +83,7 @@ impl Shadows {
         })
     }
 
-    /// Draws all maps of `list` in the pass `pass`, of the scene at the versions `of`; returns whether earlier results
-    /// of [`Shadows::bind`] are stale.
+    /// Draws all maps of `list` in the pass `pass`, of the scene at the versions `of`.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`] when the views do not fit one atlas.
@@ -97,18 +94,18 @@ impl Shadows {
         pass: &str,
         list: LightList,
         of: Versions,
-    ) -> Result<bool, GpuError> {
+    ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         self.next = None;
         if list.samples.is_empty() {
-            return Ok(self.maps.take().is_some());
+            self.maps = None;
+            return Ok(());
         }
         // A light that moved needs no new tiles: only their content changes.
         let reused = self.maps.take().and_then(|mut made| {
             let is_same = made.has_tiles_of(&list) && made.atlas.update(gpu, &list.views);
             is_same.then_some(made)
         });
-        let is_new = reused.is_none();
         let made = match reused {
             Some(mut made) => {
                 made.samples = list.samples;
@@ -121,7 +118,7 @@ impl Shadows {
             .record(frame, pass, &self.kernels, scene.casters());
         let made = self.maps.insert(made);
         made.drawn.fill(Some(Drawn { of, at: self.now }));
-        Ok(is_new)
+        Ok(())
     }
 
     /// As [`Shadows::generate`], but draws only maps that would change, and of those only the maps of as many samples
@@ -142,9 +139,8 @@ impl Shadows {
         self.now += 1;
         let now = self.now;
         if list.samples.is_empty() {
-            self.next = None;
+            (self.maps, self.next) = (None, None);
             return Ok(Updated {
-                is_rebound: self.maps.take().is_some(),
                 is_whole: true,
                 progress: 1.0,
             });
@@ -193,12 +189,10 @@ impl Shadows {
         }
         let (left, all) = (stale.len() - taken.len(), made.samples.len());
         let is_current = left == 0 && list.is_some();
-        let is_rebound = made.drawn.iter().all(Option::is_some) && self.next.is_some();
-        if is_rebound {
+        if made.drawn.iter().all(Option::is_some) && self.next.is_some() {
             self.maps = self.next.take();
         }
         Ok(Updated {
-            is_rebound,
             is_whole: self.maps.is_some(),
             progress: if is_current {
                 1.0
@@ -208,34 +202,16 @@ impl Shadows {
         })
     }
 
-    /// Bind group 2 of a kernel that imports table.wesl and uses group 2 for it alone; `None` without lights.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<Option<wgpu::BindGroup>, GpuError> {
-        let Some(made) = &self.maps else {
-            return Ok(None);
-        };
-        let resources = [
-            (
-                "shadow_atlas",
-                wgpu::BindingResource::TextureView(&made.atlas.view),
-            ),
-            (
-                "shadow_comparison",
-                wgpu::BindingResource::Sampler(&self.comparison),
-            ),
-            ("light_table", made.table.as_entire_binding()),
-            (
-                "shadow_transmittance",
-                wgpu::BindingResource::TextureView(made.atlas.transmittance()),
-            ),
-            (
-                "shadow_texels_unfilterable",
-                wgpu::BindingResource::Sampler(&self.texels),
-            ),
-        ];
-        kernel.bind(gpu, 2, &resources).map(Some)
+    /// What kernels that import table.wesl bind; `None` without lights.
+    pub fn resources(&self) -> Option<[Named<'_>; 5]> {
+        let made = self.maps.as_ref()?;
+        Some([
+            ("shadow_atlas", &made.atlas.view),
+            ("shadow_comparison", &self.comparison),
+            ("light_table", &made.table),
+            ("shadow_transmittance", made.atlas.transmittance()),
+            ("shadow_texels_unfilterable", &self.texels),
+        ])
     }
 
     /// Whether the maps hold the transmittance of see-through casters; kernels that look them up set the constant

@@ -3,9 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::Effects;
-use super::bound::Bound;
 use super::film::radiance_32;
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::shader;
 
 /// `Comparison` of comparison.wesl.
@@ -38,7 +37,6 @@ pub struct Comparison {
     reference: wgpu::Buffer,
     compared: wgpu::TextureView,
     uniform: HostBuffer,
-    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 3]>,
 }
 
 impl Comparison {
@@ -68,7 +66,6 @@ impl Comparison {
             reference: gpu.buffer("picture.reference", bytes, wgpu::BufferUsages::STORAGE)?,
             compared: radiance_32(gpu, size)?,
             uniform: HostBuffer::new(gpu, "comparison", uniform, wgpu::BufferUsages::UNIFORM)?,
-            bound: Bound::default(),
         })
     }
 
@@ -127,24 +124,16 @@ impl Comparison {
             },
         };
         self.uniform.write(gpu, &[uniform]);
-        let groups = self.bound.get(radiance, || {
-            let view = wgpu::BindingResource::TextureView;
-            let reference = [("reference", self.reference.as_entire_binding())];
-            let own = [
-                ("comparison", self.uniform.as_entire_binding()),
-                ("compared", view(&self.compared)),
-            ];
-            Ok([
-                self.kernel
-                    .bind(gpu, 1, &[("radiance_unfilterable", view(radiance))])?,
-                self.kernel.bind(gpu, 2, &reference)?,
-                self.kernel.bind(gpu, 3, &own)?,
-            ])
-        })?;
+        let resources: [Named<'_>; 4] = [
+            ("radiance_unfilterable", radiance),
+            ("reference", &self.reference),
+            ("comparison", &self.uniform),
+            ("compared", &self.compared),
+        ];
         frame.compute("picture.compare", |pass| {
-            let groups = [(1, &groups[0]), (2, &groups[1]), (3, &groups[2])];
-            self.kernel.dispatch(pass, &groups, [size[0], size[1], 1]);
-        });
+            self.kernel
+                .run(pass, None, &resources, [size[0], size[1], 1])
+        })?;
         Ok(&self.compared)
     }
 }

@@ -7,9 +7,8 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec4};
 
-use super::bound::Bound;
 use crate::capture::{Receiver, View};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
 
@@ -124,8 +123,6 @@ pub(super) struct Still {
     kernel: Kernel,
     /// Mean radiance: rgba32float.
     pub radiance: wgpu::TextureView,
-    /// By the strip's radiance, what was bound.
-    bound: Bound<wgpu::Buffer, (HostBuffer, [wgpu::BindGroup; 2])>,
 }
 
 impl Still {
@@ -133,7 +130,6 @@ impl Still {
         Ok(Self {
             kernel: Kernel::new(gpu, &shader!("picture.still"), "main", None)?,
             radiance: radiance_32(gpu, size)?,
-            bound: Bound::default(),
         })
     }
 
@@ -150,36 +146,24 @@ impl Still {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         for strip in strips {
-            let radiance = &strip.receiver.target.radiance;
-            let (uniform, groups) = self.bound.get(radiance, || {
-                let bytes = size_of::<StripUniform>() as u64;
-                let usage = wgpu::BufferUsages::UNIFORM;
-                let uniform = HostBuffer::new(gpu, "strip", bytes, usage)?;
-                let read = [("radiance", radiance.as_entire_binding())];
-                let own = [
-                    ("strip", uniform.as_entire_binding()),
-                    ("film", wgpu::BindingResource::TextureView(&self.radiance)),
-                ];
-                let groups = [
-                    self.kernel.bind(gpu, 1, &read)?,
-                    self.kernel.bind(gpu, 3, &own)?,
-                ];
-                Ok((uniform, groups))
-            })?;
             let pixel_count = width * (strip.rows.end - strip.rows.start);
-            uniform.write(
-                gpu,
-                &[StripUniform {
+            let uniform = gpu.constant(
+                "strip",
+                &StripUniform {
                     width,
                     first_row: strip.rows.start,
                     pixel_count,
                     scale: 1.0 / samples.max(1) as f32,
-                }],
-            );
+                },
+            )?;
+            let resources: [Named<'_>; 3] = [
+                ("radiance", &strip.receiver.target.radiance),
+                ("strip", &uniform),
+                ("film", &self.radiance),
+            ];
             frame.compute("picture.film", |pass| {
-                let groups = [(1, &groups[0]), (3, &groups[1])];
-                self.kernel.dispatch(pass, &groups, [pixel_count, 1, 1]);
-            });
+                self.kernel.run(pass, None, &resources, [pixel_count, 1, 1])
+            })?;
         }
         Ok(())
     }
@@ -208,14 +192,7 @@ pub(super) struct Live {
     images: [Image; 2],
     /// Which of them is this picture's.
     current: usize,
-    /// By the strip's points and the image, what was bound.
-    bound: Bound<(wgpu::Buffer, usize, [wgpu::Buffer; 2]), BoundStrip>,
-}
-
-#[derive(Debug, Clone)]
-struct BoundStrip {
     shots: HostBuffer,
-    groups: [wgpu::BindGroup; 3],
 }
 
 impl Live {
@@ -244,7 +221,12 @@ impl Live {
             motion: texture(gpu, "film.motion", wgpu::TextureFormat::Rgba32Uint, size)?,
             images: [image()?, image()?],
             current: 0,
-            bound: Bound::default(),
+            shots: HostBuffer::new(
+                gpu,
+                "shots",
+                size_of::<ShotsUniform>() as u64,
+                wgpu::BufferUsages::UNIFORM,
+            )?,
         })
     }
 
@@ -294,55 +276,27 @@ impl Live {
             has_moved: vertices_before.is_some().into(),
             padding: [0; 2],
         };
-        let vertices = [&scene.vertices, vertices_before.unwrap_or(&scene.vertices)];
+        self.shots.write(gpu, &[uniform]);
+        let scene_group = Some(&scene.bind_group);
         for strip in strips {
-            let bound = self.bind(gpu, strip, vertices)?;
-            bound.shots.write(gpu, &[uniform]);
-            let [seen, drawn, own] = &bound.groups;
-            let width = strip.receiver.points.count / (strip.rows.end - strip.rows.start).max(1);
+            let rows = strip.rows.end - strip.rows.start;
+            let own: [Named<'_>; 6] = [
+                ("vertices", &scene.vertices),
+                (
+                    "vertices_before",
+                    vertices_before.unwrap_or(&scene.vertices),
+                ),
+                ("shots", &self.shots),
+                ("radiance_mean", &self.radiance),
+                ("surfaces", &self.now().surfaces),
+                ("motion", &self.motion),
+            ];
+            let resources = join(&strip.receiver.resources(), &own);
+            let invocations = [strip.receiver.points.count / rows.max(1), rows, 1];
             frame.compute("picture.film", |pass| {
-                let groups = [(0, &scene.bind_group), (1, seen), (2, drawn), (3, own)];
-                let rows = strip.rows.end - strip.rows.start;
-                self.kernel.dispatch(pass, &groups, [width, rows, 1]);
-            });
+                self.kernel.run(pass, scene_group, &resources, invocations)
+            })?;
         }
         Ok(())
-    }
-
-    fn bind(
-        &self,
-        gpu: &Gpu,
-        strip: &Strip<'_>,
-        vertices: [&wgpu::Buffer; 2],
-    ) -> Result<BoundStrip, GpuError> {
-        let (points, target) = (&strip.receiver.points, &strip.receiver.target);
-        let key = (
-            points.points.clone(),
-            self.current,
-            vertices.map(Clone::clone),
-        );
-        self.bound.get(&key, || {
-            let bytes = size_of::<ShotsUniform>() as u64;
-            let shots = HostBuffer::new(gpu, "shots", bytes, wgpu::BufferUsages::UNIFORM)?;
-            let view = wgpu::BindingResource::TextureView;
-            let drawn = [
-                ("hits", view(&points.hits)),
-                ("vertices", vertices[0].as_entire_binding()),
-                ("vertices_before", vertices[1].as_entire_binding()),
-            ];
-            let own = [
-                ("shots", shots.as_entire_binding()),
-                ("radiance", target.radiance.as_entire_binding()),
-                ("radiance_mean", view(&self.radiance)),
-                ("surfaces", view(&self.now().surfaces)),
-                ("motion", view(&self.motion)),
-            ];
-            let groups = [
-                points.bind(gpu, &self.kernel)?,
-                self.kernel.bind(gpu, 2, &drawn)?,
-                self.kernel.bind(gpu, 3, &own)?,
-            ];
-            Ok(BoundStrip { shots, groups })
-        })
     }
 }

@@ -1,7 +1,6 @@
 //! The picture: from lit pixels to those of a display. A film collects radiance; effects change it in the order of
 //! [`Picture::record`]; the last one encodes it in 8 bits.
 
-mod bound;
 mod comparison;
 pub mod effects;
 mod film;

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::film::{Strip, radiance_32};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::shader;
 
 /// What is shown of each surface point. Where there is no surface, the picture is black.
@@ -120,7 +120,7 @@ impl Surfaces {
         }
         for strip in strips {
             let points = &strip.receiver.points;
-            let uniform = gpu.uniform(
+            let uniform = gpu.constant(
                 "surfaces",
                 &SurfacesUniform {
                     quantity: quantity as u32,
@@ -129,22 +129,16 @@ impl Surfaces {
                     pixel_count: points.count,
                 },
             )?;
-            let view = wgpu::BindingResource::TextureView;
-            let seen = [
-                ("points", points.points.as_entire_binding()),
-                ("hits", view(&points.hits)),
+            let resources: [Named<'_>; 4] = [
+                ("points", &points.points),
+                ("hits", &points.hits),
+                ("surfaces", &uniform),
+                ("colors", &self.colors),
             ];
-            let own = [
-                ("surfaces", uniform.as_entire_binding()),
-                ("colors", view(&self.colors)),
-            ];
-            let seen = self.kernel.bind(gpu, 1, &seen)?;
-            let own = self.kernel.bind(gpu, 3, &own)?;
             frame.compute("picture.surfaces", |pass| {
-                let groups = [(1, &seen), (3, &own)];
-                let invocations = [points.count, 1, 1];
-                self.kernel.dispatch(pass, &groups, invocations);
-            });
+                self.kernel
+                    .run(pass, None, &resources, [points.count, 1, 1])
+            })?;
         }
         Ok(&self.colors)
     }

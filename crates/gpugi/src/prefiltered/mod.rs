@@ -8,7 +8,7 @@ mod tests;
 use wgpu::BindingResource::{Sampler, TextureView};
 
 use self::gpu::{Lobe, LookupSettings};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -121,6 +121,8 @@ pub struct Prefiltered {
     pub glossy: [wgpu::Texture; 2],
     /// Albedos of glossy lobes.
     pub albedo: wgpu::Texture,
+    /// Irradiance, both glossy maps, and albedos.
+    views: [wgpu::TextureView; 4],
     sampler: wgpu::Sampler,
     wanted: Wanted,
 }
@@ -135,36 +137,32 @@ pub struct Lookup {
 }
 
 impl Prefiltered {
-    /// Bind group 2 of a pass that imports lookup.wesl: the maps, and `more` of the pass's own.
+    /// How passes that import lookup.wesl read the maps, for [`Prefiltered::resources`].
     ///
     /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(
-        &self,
-        gpu: &Gpu,
-        kernel: &Kernel,
-        lookup: Lookup,
-        more: &[(&str, wgpu::BindingResource<'_>)],
-    ) -> Result<wgpu::BindGroup, GpuError> {
-        let [ggx, phong] = &self.glossy;
+    /// [`GpuError::OutOfMemory`].
+    pub fn settings(&self, gpu: &Gpu, lookup: Lookup) -> Result<wgpu::Buffer, GpuError> {
         let settings = LookupSettings {
             irradiance: u32::from(lookup.from_harmonics),
             phong_cosine: u32::from(self.wanted.phong_cosine),
-            last_level: (ggx.mip_level_count() - 1) as f32,
+            last_level: (self.glossy[0].mip_level_count() - 1) as f32,
             approximate_metals: u32::from(lookup.approximate_metals),
         };
-        let settings = gpu.uniform("environment-map lookup settings", &settings)?;
-        let albedo = self.albedo.create_view(&Default::default());
-        let resources = [
-            ("lookup_settings", settings.as_entire_binding()),
-            ("map_sampler", Sampler(&self.sampler)),
-            ("irradiance_cube", TextureView(&cube_view(&self.irradiance))),
-            ("irradiance_harmonics", self.harmonics.as_entire_binding()),
-            ("ggx_cube", TextureView(&cube_view(ggx))),
-            ("phong_cube", TextureView(&cube_view(phong))),
-            ("albedo_table", TextureView(&albedo)),
-        ];
-        kernel.bind(gpu, 2, &[&resources[..], more].concat())
+        gpu.constant("environment-map lookup settings", &settings)
+    }
+
+    /// What these passes bind.
+    pub fn resources<'a>(&'a self, settings: &'a wgpu::Buffer) -> [Named<'a>; 7] {
+        let [irradiance, ggx, phong, albedo] = &self.views;
+        [
+            ("lookup_settings", settings),
+            ("map_sampler", &self.sampler),
+            ("irradiance_cube", irradiance),
+            ("irradiance_harmonics", &self.harmonics),
+            ("ggx_cube", ggx),
+            ("phong_cube", phong),
+            ("albedo_table", albedo),
+        ]
     }
 
     /// All maps that are textures.
@@ -406,6 +404,12 @@ impl Kept {
 
         Ok(Self {
             maps: Prefiltered {
+                views: [
+                    cube_view(&irradiance),
+                    cube_view(&ggx),
+                    cube_view(&phong),
+                    albedo.create_view(&Default::default()),
+                ],
                 radiance,
                 irradiance,
                 harmonics,

@@ -3,7 +3,7 @@
 
 use glam::{Vec3, vec3};
 
-use super::placing::{Placing, Reach, Stage};
+use super::placing::{Placing, Reach, Step};
 use crate::capture::{
     Capture, CaptureKernels, CubeView, Faces, Output, SURFACE_POINT_BYTES, SurfacePoints,
 };
@@ -164,9 +164,9 @@ impl<B> ProbeCubes<B> {
 
     /// Whether points have been moved out of solids once, and whether that was for the scene's present geometry.
     pub fn are_placed(&self, geometry: u64) -> [bool; 2] {
-        match self.placing.as_ref().map(|placing| &placing.stage) {
+        match self.placing.as_ref().map(|placing| &placing.step) {
             None => [true; 2],
-            Some(Stage::Placed(of)) => [true, *of == geometry],
+            Some(Step::Placed(of)) => [true, *of == geometry],
             Some(_) => [self.was_placed, false],
         }
     }
@@ -247,30 +247,30 @@ impl<B> ProbeCubes<B> {
         let mut places = None;
         // Points that were placed before are gathered while they wait for their new light.
         let unlit = self.was_placed.then_some(0);
-        match &placing.stage {
-            Stage::Placed(of) if *of != geometry && are_current => {
-                placing.stage = Stage::Home;
+        match &placing.step {
+            Step::Placed(of) if *of != geometry && are_current => {
+                placing.step = Step::Home;
                 places = Some(placing.home.clone());
             }
             // A scene that never rests does not put the first time off for ever.
-            Stage::Home if are_current || are_captured && !self.was_placed => {
+            Step::Home if are_current || are_captured && !self.was_placed => {
                 let bytes = 16 * self.positions.len() as u64;
                 let of = if are_current { geometry } else { 0 };
                 let read = Box::new(frame.read_back(ways_out, bytes)?);
-                placing.stage = Stage::Asked(read, of);
+                placing.step = Step::Asked(read, of);
             }
-            Stage::Asked(read, of) => {
+            Step::Asked(read, of) => {
                 if let Some(found) = read.get() {
                     let home = placing.home.iter();
                     let moved = home
                         .zip(found?)
                         .map(|(home, [x, y, z, _])| *home + vec3(x, y, z));
                     places = Some(moved.collect());
-                    placing.stage = Stage::Placed(*of);
+                    placing.step = Step::Placed(*of);
                     self.was_placed = true;
                 }
             }
-            Stage::Home | Stage::Placed(_) => (),
+            Step::Home | Step::Placed(_) => (),
         }
         let Some(places) = places else {
             return Ok(());

@@ -16,7 +16,7 @@ pub struct Placing {
     pub home: Vec<Vec3>,
     spacing: Vec3,
     bounds: Bounds,
-    pub stage: Stage,
+    pub step: Step,
 }
 
 /// Where a point may be moved: by half a cell, inside the scene.
@@ -31,7 +31,7 @@ pub struct Reach {
 
 /// How far the search is.
 #[derive(Debug)]
-pub enum Stage {
+pub enum Step {
     /// All points lie in the grid, or will once they are captured there.
     Home,
     /// The ways out are being read back; they were found at this version of the scene's geometry.
@@ -46,7 +46,7 @@ impl Placing {
             home: grid.points().collect(),
             spacing: grid.spacing,
             bounds: *bounds,
-            stage: Stage::Home,
+            step: Step::Home,
         }
     }
 

@@ -28,6 +28,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod versions;
 
 use std::sync::Arc;
 
@@ -54,6 +55,7 @@ pub(crate) use objects::{DELTA_ROUGHNESS, has_glossy_objects, has_smooth_objects
 use rays::Rays;
 use tables::Tables;
 use upload::Bindings;
+pub use versions::{Inputs, Versions};
 
 /// How captures draw an instance. Merged triangles are sorted in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -97,31 +99,6 @@ pub struct Draw {
     pub bounds: Bounds,
     /// Bounding box of the mesh in mesh space.
     pub mesh_bounds: Bounds,
-}
-
-/// Counters that increase when something changes: a map made at other counts is stale.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
-pub struct Versions {
-    /// Meshes and the instances' placements.
-    pub geometry: u64,
-    /// Materials.
-    pub materials: u64,
-    /// Punctual lights and emitters.
-    pub lights: u64,
-    /// How the environment is turned, and its intensity.
-    pub sky: u64,
-    /// Only the environment's texels.
-    pub environment: u64,
-    /// [`GpuScene::media`].
-    pub media: u64,
-    /// Which triangles there are and how they are drawn, however they move.
-    pub topology: u64,
-    /// Which triangles each instance has, however it moves and whatever it is made of.
-    pub meshes: u64,
-    /// Which instances there are, of which mesh and material, however they move and deform.
-    pub instances: u64,
-    /// [`GpuScene::objects`]: what techniques know of instances before they claim them.
-    pub objects: u64,
 }
 
 /// Names and values of [`GpuScene::ray_constants`].
@@ -255,6 +232,18 @@ impl GpuScene {
                 "{setting} needs a technique beside it for which scenes are uploaded with rays, such as radiosity or \
                  ray-tracing; in the library, GpuScene::with_texels"
             ),
+        })
+    }
+
+    /// # Errors
+    /// [`GpuError::Pass`] if shaders may not trace rays, which a technique always does.
+    pub(crate) fn expect_rays(&self, technique: &str) -> Result<(), GpuError> {
+        if self.has_rays() {
+            return Ok(());
+        }
+        Err(GpuError::Pass {
+            pass: technique.into(),
+            reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
         })
     }
 

@@ -52,7 +52,7 @@ impl Budget {
 
 /// A technique's part of a frame's budget.
 #[derive(Debug, Clone)]
-pub(crate) struct Slice {
+pub struct Slice {
     budget: Budget,
     /// Whether it is the technique's turn: its first step does not depend on the budget.
     is_in_turn: bool,
@@ -75,7 +75,13 @@ impl Slice {
         }
     }
 
-    /// Whether it may begin another step after `work` that it is going to do beside what it has done.
+    /// Whether the technique may begin another step in this frame. To be asked only if it would; one that is refused its
+    /// first gets its turn in a later frame.
+    pub fn may_step(&self) -> bool {
+        self.may_step_after(0)
+    }
+
+    /// As [`Slice::may_step`], after further work that the technique is going to do in this frame.
     pub(crate) fn may_step_after(&self, work: u64) -> bool {
         let work = self.work.saturating_add(work);
         let may_step = (self.is_in_turn && work == 0) || work < self.budget.0;
@@ -83,24 +89,65 @@ impl Slice {
         may_step
     }
 
-    pub(crate) fn count(&mut self, work: u64) {
+    /// Counts work of the technique's own: rays traced, lookups at points, or pixels drawn. [`super::Earlier::gather`]
+    /// counts by itself.
+    pub fn count(&mut self, work: u64) {
         self.work = self.work.saturating_add(work.max(1));
     }
 
+    /// Counts the work of a step, if it may be taken; whether it may.
+    pub(crate) fn takes(&mut self, work: u64) -> bool {
+        let may_step = self.may_step();
+        if may_step {
+            self.count(work);
+        }
+        may_step
+    }
+
+    /// Takes up to `most` steps of `work`, as long as it is not done and the slice allows them. `step` returns the work
+    /// of one.
+    ///
+    /// # Errors
+    /// Those of `step`.
+    pub fn steps<W, E>(
+        &mut self,
+        most: u32,
+        work: &mut W,
+        is_done: impl Fn(&W) -> bool,
+        mut step: impl FnMut(&mut W) -> Result<u64, E>,
+    ) -> Result<(), E> {
+        for _ in 0..most {
+            if is_done(work) || !self.may_step() {
+                break;
+            }
+            let done = step(work)?;
+            self.count(done);
+        }
+        Ok(())
+    }
+
+    /// Work that it has done so far in this frame.
     pub(crate) fn work(&self) -> u64 {
         self.work
     }
 
+    /// What is left of it.
     pub(crate) fn left(&self) -> u64 {
         self.budget.after(self.work).0
     }
 
-    pub(crate) fn is_limited(&self) -> bool {
+    /// Whether the frame has a budget: work that would otherwise be done at once is cut into steps.
+    pub fn is_limited(&self) -> bool {
         self.budget.is_limited()
     }
 
     /// Whether it wanted a step and took none.
     pub(crate) fn is_waiting(&self) -> bool {
         self.work == 0 && self.was_refused.get()
+    }
+
+    /// Whether it stepped although nothing was left of the budget when its turn came.
+    pub(crate) fn has_exceeded(&self) -> bool {
+        self.budget.is_spent() && self.work > 0
     }
 }

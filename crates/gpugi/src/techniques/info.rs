@@ -2,6 +2,7 @@
 //! provide.
 
 use super::Purpose;
+use crate::gpu::GpuError;
 use crate::light_paths::LightPaths;
 
 /// Describes a technique.
@@ -30,6 +31,19 @@ pub struct Info {
 }
 
 impl Info {
+    /// Error about what the technique cannot light, or not so.
+    pub fn refused(&self, reason: impl std::fmt::Display) -> GpuError {
+        GpuError::Pass {
+            pass: self.name.into(),
+            reason: reason.to_string(),
+        }
+    }
+
+    /// Error about saved progress of the technique.
+    pub fn unfit(&self, reason: impl std::fmt::Display) -> GpuError {
+        self.refused(format!("what was saved does not fit: {reason}"))
+    }
+
     /// What most techniques have in common: they follow frames in motion, need nothing, light no points of their own, add
     /// light at surfaces, and provide nothing else.
     pub const BASE: Self = Self {

@@ -73,6 +73,46 @@ enum Encoding {
 }
 
 impl Map {
+    /// A texture.
+    pub fn of_texture(name: impl Into<String>, texture: &wgpu::Texture) -> Self {
+        Self {
+            name: name.into(),
+            texels: Texels::Texture(texture.clone()),
+        }
+    }
+
+    /// A buffer of `size` colours, `stride` bytes apart.
+    pub fn of_colors(
+        name: impl Into<String>,
+        buffer: &wgpu::Buffer,
+        size: [u32; 2],
+        stride: u64,
+    ) -> Self {
+        Self {
+            name: name.into(),
+            texels: Texels::Buffer {
+                buffer: buffer.clone(),
+                size,
+                stride,
+                is_number: false,
+            },
+        }
+    }
+
+    /// The same of numbers.
+    pub fn of_numbers(
+        name: impl Into<String>,
+        buffer: &wgpu::Buffer,
+        size: [u32; 2],
+        stride: u64,
+    ) -> Self {
+        let mut map = Self::of_colors(name, buffer, size, stride);
+        if let Texels::Buffer { is_number, .. } = &mut map.texels {
+            *is_number = true;
+        }
+        map
+    }
+
     /// The texture, if it is one.
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.texels {

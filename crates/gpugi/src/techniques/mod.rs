@@ -6,6 +6,7 @@
 mod budget;
 pub mod caustics;
 pub mod distance_impostor;
+mod earlier;
 pub mod environment_map;
 pub mod final_gather;
 pub mod image_based_lighting;
@@ -23,8 +24,9 @@ pub mod ray_tracing;
 mod registry;
 pub mod shadow_map;
 
-pub use budget::Budget;
-pub(crate) use budget::Slice;
+pub use budget::{Budget, Slice};
+pub(crate) use earlier::LightState;
+pub use earlier::{Earlier, EarlierLight, Shared};
 pub use info::{Cost, Info, Layer, Needs, OwnPoints, Provided, Role};
 pub use map::{Map, MapRead, Texels};
 pub use occasion::{Occasion, Purpose, Speed, Values};
@@ -34,14 +36,17 @@ pub use precomputed::Precomputed;
 pub use registry::{Registration, Registry};
 
 use std::any::Any;
+use std::sync::Arc;
 
-use crate::capture::{Emission, Receiver, View};
+use gpugi_scene::Atlas;
+
+use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::impostor::{Impostors, Maps, Wanted as WantedImpostor};
 use crate::light_paths::LightPaths;
-use crate::prefiltered::{Environments, Filled, Prefiltered, Wanted};
+use crate::prefiltered::Filled;
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
+pub use crate::stage::Unready;
 
 /// The part of a technique in a scene, given its settings and the techniques before it in the frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,22 +91,6 @@ pub struct Generated {
 }
 
 impl Generated {
-    /// Nothing yet: the technique's atlas is being laid out.
-    pub(crate) fn without_atlas(scene: &GpuScene) -> Self {
-        Self {
-            revision: 0,
-            progress: scene.atlas_progress(),
-            pending: Some("texture atlas"),
-        }
-    }
-
-    /// Nothing yet: the technique's shaders are being compiled.
-    pub const WITHOUT_SHADERS: Self = Self {
-        revision: 0,
-        progress: 0.0,
-        pending: Some("shaders"),
-    };
-
     /// Those of the environment's maps.
     pub(crate) fn of_environment(filled: Filled) -> Self {
         Self {
@@ -128,6 +117,16 @@ pub struct Inspection {
     pub work_bytes: u64,
     /// Warnings about the picture beyond its light paths, one sentence each.
     pub warnings: Vec<String>,
+}
+
+impl Inspection {
+    /// Maps, and nothing beside.
+    pub fn of(maps: impl IntoIterator<Item = Map>) -> Self {
+        Self {
+            maps: maps.into_iter().collect(),
+            ..Self::default()
+        }
+    }
 }
 
 /// A number about a technique's work, for measurements.
@@ -179,17 +178,18 @@ pub trait Technique: std::fmt::Debug + Any + Send + Sync {
     /// that the techniques before it add; `claimed`: what they claim of each object.
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], claimed: &[Claims]) -> Plan;
 
-    /// Updates the technique's maps for what `view` sees; does nothing if they are current. Never waits for the GPU.
+    /// Updates the technique's maps for what `view` sees: a list of stages ([`crate::stage::Stage`]), which do nothing
+    /// if they are current. Never waits for the GPU.
     ///
     /// # Errors
-    /// [`GpuError`].
+    /// [`Unready`]: it failed, or waits for something without which no light can be gathered.
     fn generate(
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError>;
+    ) -> Result<Generated, Unready>;
 
     /// Adds the technique's light at the receiver's points to its target. A technique whose rays go on from these points
     /// has `earlier` light what they hit.
@@ -275,290 +275,54 @@ pub trait Resume {
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError>;
 }
 
-/// The light of emitters and of the techniques earlier in the frame, whose maps are current. Techniques that light
-/// points of their own gather it.
-#[derive(Debug)]
-pub struct Earlier<'a> {
-    emission: &'a mut Emission,
-    techniques: &'a mut [Box<dyn Technique>],
-    /// The maps around objects.
-    pub impostors: &'a mut Impostors,
-    environments: &'a mut Environments,
-    /// Grows when a setting of any technique changes: earlier captures are stale.
-    pub settings_version: u64,
-    /// Grows when the light of these techniques improves although nothing has changed.
-    pub revision: u64,
-    /// Whether the light of these techniques is final, as long as nothing changes.
-    pub is_final: bool,
-    /// Whether points outside the camera's view are lit: maps that follow the camera do not cover them.
-    pub lights_elsewhere: bool,
-    /// The technique's part of the frame's budget.
-    slice: Slice,
-    /// What a gather of these techniques looks up per point: where its light stays, and where it is brief.
-    lookups: [u64; 2],
-}
+/// The value of settings that leaves the choice of objects, or of a point, to gpugi.
+pub(crate) const AUTO: &str = "auto";
 
-impl<'a> Earlier<'a> {
-    /// Light of emitters and of `techniques`.
-    pub(crate) fn new(
-        emission: &'a mut Emission,
-        techniques: &'a mut [Box<dyn Technique>],
-        impostors: &'a mut Impostors,
-        environments: &'a mut Environments,
-        settings_version: u64,
-        revision: u64,
-        lights_elsewhere: bool,
-    ) -> Self {
-        Self {
-            emission,
-            techniques,
-            impostors,
-            environments,
-            settings_version,
-            revision,
-            is_final: true,
-            lights_elsewhere,
-            slice: Slice::unlimited(),
-            lookups: [1; 2],
-        }
-    }
-
-    /// How open the scene is at its surfaces, as the last technique knows that provides it.
-    pub fn openness(&self) -> Option<&dyn Openness> {
-        let mut techniques = self.techniques.iter().rev();
-        techniques.find_map(|technique| technique.openness())
-    }
-
-    /// What rays meet in media, as the last technique knows that provides it.
-    pub fn media_sources(&self) -> Option<MediaSources> {
-        let mut techniques = self.techniques.iter().rev();
-        techniques.find_map(|technique| technique.media_sources())
-    }
-
-    /// The same with a limit on the technique's work. `lookups`: what a gather of the techniques looks up per point, where
-    /// its light stays, and where it is brief.
-    pub(crate) fn within(self, slice: Slice, lookups: [u64; 2]) -> Self {
-        Self {
-            slice,
-            lookups,
-            ..self
-        }
-    }
-
-    /// The same, with light that may not be final.
-    pub(crate) fn refining(self, is_final: bool) -> Self {
-        Self { is_final, ..self }
-    }
-
-    /// Whether the technique may begin another step in this frame. To be asked only if it would; one that is refused its
-    /// first gets its turn in a later frame.
-    pub fn may_step(&self) -> bool {
-        self.slice.may_step_after(0)
-    }
-
-    /// What is left of the technique's budget in this frame.
-    pub(crate) fn left(&self) -> u64 {
-        self.slice.left()
-    }
-
-    /// Whether the frame has a budget: work that would otherwise be done at once is cut into steps.
-    pub fn is_limited(&self) -> bool {
-        self.slice.is_limited()
-    }
-
-    /// As [`Earlier::may_step`], after further work that the technique is going to do in this frame.
-    pub(crate) fn may_step_after(&self, work: u64) -> bool {
-        self.slice.may_step_after(work)
-    }
-
-    /// Work of a gather at the points.
-    pub(crate) fn gather_work(&self, points: u64) -> u64 {
-        points * self.lookups[0]
-    }
-
-    /// Work of a gather at the points, if it is brief ([`Receiver::briefly`]).
-    pub(crate) fn brief_gather_work(&self, points: u64) -> u64 {
-        points * self.lookups[1]
-    }
-
-    /// Counts work of the technique's own: rays traced, lookups at points, or pixels drawn. [`Earlier::gather`] counts by
-    /// itself.
-    pub fn count(&mut self, work: u64) {
-        self.slice.count(work);
-    }
-
-    /// Ends the technique's part of the frame.
-    pub(crate) fn into_slice(self) -> Slice {
-        self.slice
-    }
-
-    /// The maps `wanted` around objects, renewed as far as that is due; counts the pixels drawn. Afterwards
-    /// [`Maps::renewed`] tells which points to relight. `seed` as in [`Impostors::follow`].
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub(crate) fn renew(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        wanted: &WantedImpostor,
-        seed: u32,
-    ) -> Result<Maps, GpuError> {
-        let settings = self.settings_version;
-        let (maps, pixels) = self.impostors.renew(frame, scene, wanted, settings, seed)?;
-        let maps = maps.clone();
-        if pixels > 0 {
-            self.count(pixels);
-        }
-        Ok(maps)
-    }
-
-    /// The maps `wanted` of the scene's environment, and their state. `is_read`: they are filled, as far as this
-    /// frame may; otherwise they are only bound.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn prefiltered(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        wanted: Wanted,
-        is_read: bool,
-    ) -> Result<(&Prefiltered, Generated), GpuError> {
-        let (gpu, never_waits, slice) = (frame.gpu, frame.never_waits(), &mut self.slice);
-        let takes = |step: u64| {
-            let awaits_shaders = never_waits && gpu.is_compiling();
-            let may_step = !awaits_shaders && slice.may_step_after(0);
-            if may_step {
-                slice.count(step);
-            }
-            may_step
-        };
-        let generated = if is_read {
-            Generated::of_environment(self.environments.fill(frame, scene, wanted, takes)?)
-        } else {
-            Generated::FINAL
-        };
-        let maps = self.environments.of(frame.gpu, scene, wanted)?;
-        Ok((maps, generated))
-    }
-
-    /// Writes the light at the receiver's points to its target; `with_emission`: also light straight from emitters and
-    /// the environment.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn gather(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        receiver: &Receiver,
-        with_emission: bool,
-    ) -> Result<(), GpuError> {
-        let points = receiver.points.count.into();
-        self.count(match receiver.is_brief {
-            true => self.brief_gather_work(points),
-            false => self.gather_work(points),
-        });
-        self.gather_some(frame, scene, receiver, with_emission, |_| true)
-    }
-
-    /// As [`Earlier::gather`], of the techniques whose names `adds` accepts.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub(crate) fn gather_some(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        receiver: &Receiver,
-        with_emission: bool,
-        adds: impl Fn(&str) -> bool,
-    ) -> Result<(), GpuError> {
-        let attenuated = self.emission.attenuation.begin(frame, receiver)?;
-        // From the eye on, what lies before surfaces has all else gathered behind it.
-        let techniques = self.techniques.iter().enumerate();
-        let layers = techniques.map(|(index, one)| (one.info().layer, index));
-        let mut before: Vec<_> = layers
-            .filter(|&(layer, index)| layer > Layer::Surfaces && adds(self.name(index)))
-            .collect();
-        before.sort_unstable_by(|a, b| b.cmp(a));
-        let mut farthest = attenuated.clone();
-        let mut nearer = Vec::new();
-        for (_, index) in before {
-            if let Some(behind) = self.techniques[index].behind(frame, &farthest)? {
-                nearer.push((index, std::mem::replace(&mut farthest, behind)));
-            }
-        }
-        if with_emission {
-            self.emission.record(frame, scene, &farthest)?;
-        } else {
-            attenuated.clear(frame);
-        }
-        for index in 0..self.techniques.len() {
-            if adds(self.name(index)) && !nearer.iter().any(|(one, _)| *one == index) {
-                self.gather_by(index, frame, scene, &farthest)?;
-            }
-        }
-        for (index, receiver) in nearer.iter().rev() {
-            self.gather_by(*index, frame, scene, receiver)?;
-        }
-        self.emission.attenuation.end(frame, receiver)
-    }
-
-    /// Adds the light of one of the techniques.
-    fn gather_by(
-        &mut self,
-        index: usize,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        receiver: &Receiver,
-    ) -> Result<(), GpuError> {
-        let (techniques, rest) = self.techniques.split_at_mut(index);
-        let mut earlier = Earlier::new(
-            self.emission,
-            techniques,
-            self.impostors,
-            self.environments,
-            self.settings_version,
-            self.revision,
-            self.lights_elsewhere,
-        );
-        rest[0].gather(frame, scene, receiver, &mut earlier)
-    }
-
-    fn name(&self, index: usize) -> &'static str {
-        self.techniques[index].info().name
+/// [`Plan::object_names`] of such a setting.
+pub(crate) fn named(objects: &str) -> String {
+    match objects {
+        AUTO => String::new(),
+        list => list.to_owned(),
     }
 }
 
-/// The inputs of per-object maps: other settings or other kinds of objects need other maps.
-#[derive(Debug)]
-pub(crate) struct ObjectMapsKey<S> {
-    settings: S,
-    claimed: Vec<u32>,
-    objects: Vec<Object>,
-}
+/// Objects that have maps of their own, by number: other objects, or other kinds of them, need other maps.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Claimed(Arc<[(u32, Object)]>);
 
-impl<S: PartialEq + Clone> ObjectMapsKey<S> {
-    /// For the objects with the numbers `claimed`.
-    pub fn new(settings: &S, claimed: &[u32], scene: &GpuScene) -> Self {
-        let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
-        Self {
-            settings: settings.clone(),
-            claimed: claimed.to_vec(),
-            objects: objects.cloned().collect(),
-        }
-    }
-
-    /// Whether the maps are also valid for these settings and objects.
-    pub fn serves(&self, settings: &S, claimed: &[u32], scene: &GpuScene) -> bool {
-        let objects = claimed.iter().map(|&one| &scene.objects[one as usize]);
-        self.settings == *settings && self.claimed == claimed && self.objects.iter().eq(objects)
+impl Claimed {
+    /// The objects with these numbers.
+    pub fn new(numbers: &[u32], scene: &GpuScene) -> Self {
+        let objects = numbers.iter();
+        let objects = objects.map(|&number| (number, scene.objects[number as usize].clone()));
+        Self(objects.collect())
     }
 
     /// The objects, and their numbers.
-    pub fn objects(&self) -> impl Iterator<Item = (u32, &Object)> {
-        self.claimed.iter().copied().zip(&self.objects)
+    pub fn objects(&self) -> &[(u32, Object)] {
+        &self.0
     }
+
+    /// Their numbers.
+    pub fn numbers(&self) -> impl Iterator<Item = u32> {
+        self.0.iter().map(|(number, _)| *number)
+    }
+}
+
+/// The atlas in which the technique `name` keeps light: [`GpuScene::atlas`].
+///
+/// # Errors
+/// [`Unready`], also while it is being laid out.
+pub(crate) fn atlas(
+    gpu: &Gpu,
+    scene: &GpuScene,
+    name: &'static str,
+    (size, density): (u32, f32),
+    bytes_per_texel: u64,
+) -> Result<Arc<Atlas>, Unready> {
+    let atlas = scene.atlas(gpu, name, size, density, bytes_per_texel)?;
+    atlas.ok_or_else(|| Unready::Waits {
+        progress: scene.atlas_progress(),
+        what: "texture atlas",
+    })
 }

@@ -3,6 +3,7 @@
 use crate::capture::Receiver;
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
+use crate::stage::Stage;
 
 /// Maps of openness.
 pub trait Openness {
@@ -18,9 +19,6 @@ pub trait Openness {
 
 /// A pass that looks openness up at the points of receivers.
 pub trait OpennessLookup: std::fmt::Debug + Send + Sync {
-    /// [`Openness::map`] of the maps that it reads.
-    fn map(&self) -> &wgpu::Buffer;
-
     /// Four floats per point of the receiver, in the order of the points: the mean open direction, a unit vector, times
     /// the share of a uniform sky's irradiance that arrives (0 to 1), and the factor on ambient light from near surfaces
     /// (0 to 1). The normal and 1 where nothing is known. Other receivers overwrite it.
@@ -35,21 +33,20 @@ pub trait OpennessLookup: std::fmt::Debug + Send + Sync {
     ) -> Result<&wgpu::Buffer, GpuError>;
 }
 
-/// The lookup `kept`, if it is one of `openness`, or else a new one; none without openness.
+/// Has the lookup read the present `openness`, if there is any.
 ///
 /// # Errors
 /// [`GpuError::Pass`].
-pub(super) fn following(
-    kept: Option<Box<dyn OpennessLookup>>,
+pub(super) fn follow(
+    lookup: &mut Stage<wgpu::Buffer, Box<dyn OpennessLookup>>,
     openness: Option<&dyn Openness>,
     gpu: &Gpu,
     scene: &GpuScene,
-) -> Result<Option<Box<dyn OpennessLookup>>, GpuError> {
+) -> Result<(), GpuError> {
     let Some(openness) = openness else {
-        return Ok(None);
+        lookup.clear();
+        return Ok(());
     };
-    match kept.filter(|one| one.map() == openness.map()) {
-        Some(kept) => Ok(Some(kept)),
-        None => openness.lookup(gpu, scene).map(Some),
-    }
+    let made = lookup.keep(openness.map().clone(), |_| openness.lookup(gpu, scene));
+    made.map(drop)
 }

@@ -1,11 +1,14 @@
 //! What techniques compute once for a still scene, and files hold.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 
 use gpugi_scene::{Atlas, Scene};
 
 use super::{Info, Technique};
 use crate::gpu::{Gpu, GpuError};
+use crate::scene::Versions;
+use crate::stage::Stage;
 
 /// A technique that computes maps of a still scene's texels, which files hold. Its settings include `resolution`,
 /// `density`, and `stored`: whether maps of the scene's file are used.
@@ -31,37 +34,28 @@ pub trait Precomputed: Technique {
     ) -> Result<Self::Stored, GpuError>;
 }
 
-/// Whether what a scene's file holds fits the scene as it is now; checked again when one of `N` versions changes.
-#[derive(Debug)]
-pub(super) struct Fit<const N: usize>(Option<([u64; N], Result<(), String>)>);
+/// Whether what a scene's file holds fits the scene as it is now.
+#[derive(Debug, Default)]
+pub(super) struct Fit(Stage<Versions, Result<(), String>>);
 
-impl<const N: usize> Default for Fit<N> {
-    fn default() -> Self {
-        Self(None)
-    }
-}
-
-impl<const N: usize> Fit<N> {
-    /// Whether it fits at these versions, according to `check`.
-    pub fn holds(
+impl Fit {
+    /// What the file holds, if it is wanted and fits, according to `check`, the scene at these versions.
+    pub fn of<T>(
         &mut self,
-        versions: [u64; N],
-        check: impl FnOnce() -> Result<(), String>,
-    ) -> bool {
-        if self.0.as_ref().is_none_or(|(known, _)| *known != versions) {
-            self.0 = Some((versions, check()));
-        }
-        self.reason().is_none()
-    }
-
-    /// Forgets what was checked.
-    pub fn forget(&mut self) {
-        self.0 = None;
+        stored: Option<&Arc<T>>,
+        versions: Versions,
+        check: impl FnOnce(&T) -> Result<(), String>,
+    ) -> Option<Arc<T>> {
+        let Some(stored) = stored else {
+            self.0.clear();
+            return None;
+        };
+        let Ok(fits) = (self.0).keep(versions, |_| Ok::<_, Infallible>(check(stored)));
+        fits.is_ok().then(|| Arc::clone(stored))
     }
 
     /// Why it does not fit.
     pub fn reason(&self) -> Option<&str> {
-        let (_, fits) = self.0.as_ref()?;
-        fits.as_ref().err().map(String::as_str)
+        self.0.get()?.as_ref().err().map(String::as_str)
     }
 }

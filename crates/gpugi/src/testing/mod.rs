@@ -11,6 +11,7 @@ pub(crate) use points::{Point, read_points};
 use std::sync::OnceLock;
 
 use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffer};
+use crate::techniques::{Generated, Unready};
 
 /// The adapter that tests run on: the one named by `GPUGI_TEST_ADAPTER`, otherwise the best. All tests of the process
 /// share one device. `None`, in which case the test should return, only if `GPUGI_SKIP_GPU=1`.
@@ -40,6 +41,19 @@ pub(crate) fn own_test_gpu() -> Option<Gpu> {
             "tests need a GPU adapter, a software one will do (GPUGI_SKIP_GPU=1 skips them)",
         ),
     )
+}
+
+/// The state of a technique's maps, also while it waits for something else.
+pub(crate) fn settled(generated: Result<Generated, Unready>) -> Result<Generated, GpuError> {
+    match generated {
+        Ok(generated) => Ok(generated),
+        Err(Unready::Waits { progress, what }) => Ok(Generated {
+            revision: 0,
+            progress,
+            pending: Some(what),
+        }),
+        Err(Unready::Failed(error)) => Err(error),
+    }
 }
 
 /// Runs a kernel whose group 0 holds the buffers `inputs` by name and `output`, and returns the output's `count` items.

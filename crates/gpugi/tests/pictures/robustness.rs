@@ -295,7 +295,7 @@ mod planner {
     use gpugi::light_paths::LightPaths;
     use gpugi::scene::{Claims, GpuScene};
     use gpugi::settings::SettingSet;
-    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique};
+    use gpugi::techniques::{Earlier, Generated, Info, Plan, Registration, Technique, Unready};
 
     pub static PLANS: AtomicU32 = AtomicU32::new(0);
 
@@ -351,7 +351,7 @@ mod planner {
             _: &GpuScene,
             _: &View,
             _: &mut Earlier<'_>,
-        ) -> Result<Generated, GpuError> {
+        ) -> Result<Generated, Unready> {
             Ok(Generated::FINAL)
         }
 

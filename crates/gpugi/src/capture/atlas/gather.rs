@@ -4,24 +4,20 @@
 use std::sync::OnceLock;
 
 use super::AtlasCapture;
-use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
-use crate::gpu::{Frame, Gpu, GpuError, Shader};
+use crate::capture::{Gather, Receiver};
+use crate::gpu::{Frame, Gpu, GpuError, Named, Shader};
 use crate::scene::GpuScene;
 
 /// A pass over points that reads texels of an atlas.
 #[derive(Debug)]
 pub(crate) struct TexelGather {
-    kernel: ReceiverKernel,
+    gather: Gather,
     /// For points that are the atlas's own texels, compiled when first needed.
-    own: OnceLock<ReceiverKernel>,
-    /// The atlas, and the data in its texels.
-    kept: wgpu::BindGroup,
-    bound: PerReceiver<[wgpu::BindGroup; 2]>,
+    own: OnceLock<Gather>,
 }
 
 impl TexelGather {
-    /// The pass of a shader with these bind groups: 1 the points; 2 `kept`, which is an atlas and the data in its
-    /// texels; 3 `radiance` and `hits`.
+    /// The pass of a shader.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -30,67 +26,41 @@ impl TexelGather {
         scene: &GpuScene,
         shader: &Shader,
         constants: &[(&str, f64)],
-        kept: &[(&str, wgpu::BindingResource<'_>)],
     ) -> Result<Self, GpuError> {
-        let kernel = ReceiverKernel::new(gpu, scene, shader, constants)?;
         Ok(Self {
-            kept: kernel.to_bind().bind(gpu, 2, kept)?,
+            gather: Gather::new(gpu, scene, shader, constants)?,
             own: OnceLock::new(),
-            kernel,
-            bound: PerReceiver::default(),
         })
     }
 
     /// Adds the light at the receiver's points to its target, in the pass `name`. `texels` is the capture of the atlas, if
-    /// its own points may be lit.
+    /// its own points may be lit; `kept`: the atlas, and the data in its texels.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn record(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         name: &str,
         scene: &GpuScene,
         texels: Option<&AtlasCapture>,
         receiver: &Receiver,
+        kept: &[Named<'_>],
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let Receiver { points, target, .. } = receiver;
         let mut pieces = texels.into_iter().flat_map(AtlasCapture::pieces);
-        let kernel = if pieces.any(|piece| piece.points.points == points.points) {
-            own_variant(&self.own, &self.kernel, gpu)?.of(gpu, points)?
+        let gather = if pieces.any(|piece| piece.points.points == receiver.points.points) {
+            self.own(frame.gpu)?
         } else {
-            self.kernel.of(gpu, points)?
+            &self.gather
         };
-        let [seen, added] = self.bound.of(receiver, || {
-            let resources = [
-                ("radiance", target.radiance.as_entire_binding()),
-                ("hits", wgpu::BindingResource::TextureView(&points.hits)),
-            ];
-            Ok([points.bind(gpu, kernel)?, kernel.bind(gpu, 3, &resources)?])
-        })?;
-        frame.compute(name, |pass| {
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &self.kept),
-                (3, added),
-            ];
-            kernel.dispatch(pass, &groups, [points.count, 1, 1]);
-        });
-        Ok(())
+        gather.record(frame, name, scene, receiver, kept)
     }
-}
 
-/// The variant of `kernel` for points that are the atlas's own texels.
-fn own_variant<'a>(
-    own: &'a OnceLock<ReceiverKernel>,
-    kernel: &ReceiverKernel,
-    gpu: &Gpu,
-) -> Result<&'a ReceiverKernel, GpuError> {
-    if let Some(own) = own.get() {
-        return Ok(own);
+    fn own(&self, gpu: &Gpu) -> Result<&Gather, GpuError> {
+        if let Some(own) = self.own.get() {
+            return Ok(own);
+        }
+        let own = self.gather.variant(gpu, &[("IS_OWN", 1.0)])?;
+        Ok(self.own.get_or_init(|| own))
     }
-    let made = kernel.variant(gpu, &[("IS_OWN", 1.0)])?;
-    Ok(own.get_or_init(|| made))
 }

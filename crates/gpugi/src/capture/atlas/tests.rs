@@ -15,11 +15,9 @@ use gpugi_scene::{
 use super::{AtlasCapture, AtlasCaptureOptions};
 use crate::capture::{CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
-use crate::techniques::{Earlier, Technique};
+use crate::techniques::{Earlier, EarlierLight, Shared, Technique};
 use crate::testing::{Point, Random, read_points, test_gpu};
 
 const NONE: u32 = u32::MAX;
@@ -391,8 +389,7 @@ fn lit(
     let mut on_gpu = GpuScene::new(gpu, scene).unwrap();
     let mut capture = AtlasCapture::new(gpu, scene, &on_gpu, atlas, options).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
-    let mut environments = Environments::default();
+    let mut shared = Shared::new(gpu, &on_gpu, &kernels).unwrap();
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let mut technique = ShadowMap::new(gpu, &on_gpu).unwrap();
     let view = View::new(
@@ -407,15 +404,7 @@ fn lit(
     on_gpu.merge(&mut frame);
     capture.record(&mut frame, &on_gpu).unwrap();
     let mut unused = Emission::new(gpu, &on_gpu).unwrap();
-    let mut nothing = Earlier::new(
-        &mut unused,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut nothing = Earlier::unlimited(EarlierLight::new(&mut unused, &mut []), &mut shared);
     technique
         .generate(&mut frame, &on_gpu, &view, &mut nothing)
         .unwrap();

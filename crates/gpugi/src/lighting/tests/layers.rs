@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::capture::{Gather, PerReceiver, Target};
-use crate::gpu::Shader;
+use crate::gpu::{Named, Shader};
 use crate::settings::SettingSet;
-use crate::techniques::{Info, Layer, Registration};
+use crate::techniques::{Generated, Info, Layer, Registration, Unready};
 
 crate::settings! {
     /// Settings, of which there must be one.
@@ -23,13 +23,7 @@ struct Veil {
     glow: f64,
     settings: Settings,
     gather: Option<Gather>,
-    behind: PerReceiver<Behind>,
-}
-
-#[derive(Debug, Clone)]
-struct Behind {
-    receiver: Receiver,
-    group: wgpu::BindGroup,
+    behind: PerReceiver<Receiver>,
 }
 
 const GATHER: &str = "
@@ -49,15 +43,10 @@ fn main(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) workg
 ";
 
 impl Veil {
-    fn of(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<Behind, GpuError> {
-        let kernel = self.gather.as_ref().unwrap().kernel();
+    fn of(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<Receiver, GpuError> {
         let behind = self.behind.of(receiver, || {
             let target = Target::new(gpu, receiver.points.count)?;
-            let resources = [("behind", target.radiance.as_entire_binding())];
-            Ok::<_, GpuError>(Behind {
-                group: kernel.bind(gpu, 2, &resources)?,
-                receiver: Receiver::new(&receiver.points, &target),
-            })
+            Ok::<_, GpuError>(Receiver::new(&receiver.points, &target))
         });
         behind.cloned()
     }
@@ -86,7 +75,7 @@ impl Technique for Veil {
         scene: &GpuScene,
         _: &View,
         _: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
         if self.gather.is_none() {
             let shader = Shader::gather("veil.gather", GATHER);
             let constants = [("DIM", self.dim), ("GLOW", self.glow)];
@@ -100,7 +89,7 @@ impl Technique for Veil {
         frame: &mut Frame<'_>,
         receiver: &Receiver,
     ) -> Result<Option<Receiver>, GpuError> {
-        let behind = self.of(frame.gpu, receiver)?.receiver;
+        let behind = self.of(frame.gpu, receiver)?;
         frame.clear(&behind.target.radiance);
         Ok(Some(behind))
     }
@@ -112,9 +101,10 @@ impl Technique for Veil {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let group = self.of(frame.gpu, receiver)?.group;
+        let behind = self.of(frame.gpu, receiver)?.target;
         let gather = self.gather.as_mut().unwrap();
-        gather.record(frame, "veil.gather", scene, receiver, &[&group])
+        let behind: Named<'_> = ("behind", &behind.radiance);
+        gather.record(frame, "veil.gather", scene, receiver, &[behind])
     }
 }
 

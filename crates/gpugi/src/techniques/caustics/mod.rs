@@ -11,17 +11,18 @@ mod object;
 mod tests;
 
 use super::{
-    Earlier, Generated, Info, Inspection, ObjectMapsKey, Plan, Purpose, Registration, Role, Speed,
-    Technique,
+    AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, Plan, Purpose, Registration,
+    Role, Speed, Technique, Unready, named,
 };
-use crate::capture::{PerReceiver, Receiver, ReceiverKernel, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::capture::{Gather, Receiver, View};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, Versions, has_smooth_objects};
+use crate::scene::{Claims, GpuScene, has_smooth_objects};
 use crate::settings::SettingSet;
 use crate::shader;
+use crate::stage::Stage;
 use object::{Caustic, Making};
 
 /// Name, summary, source and light paths of the technique.
@@ -91,8 +92,6 @@ crate::settings! {
     }
 }
 
-/// The value of [`Settings::objects`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
 /// Most objects with caustics that `auto` chooses, and most that may be named.
 const MOST: usize = 16;
 const MOST_NAMED: usize = 32;
@@ -108,22 +107,15 @@ const MOST_FURTHER: u32 = 8;
 /// invocations that maps with few photons, whose kernels are large, also fill the GPU.
 const SPLAT_INVOCATIONS: u32 = 1 << 21;
 
-/// The pass that follows photons.
-#[derive(Debug)]
-struct Trace {
-    kernel: Kernel,
-    tracer: Tracer,
-    /// With which it is compiled.
-    constants: Vec<(&'static str, f64)>,
-}
+/// What the pass that follows photons is compiled for: the tracer, and constants.
+type TraceKey = (Tracer, Vec<(&'static str, f64)>);
 
 /// The passes of caustics.
 #[derive(Debug)]
 struct Kernels {
-    trace: Option<Trace>,
     splat: Kernel,
     irradiance: Kernel,
-    gather: ReceiverKernel,
+    gather: Gather,
     sampler: wgpu::Sampler,
     /// Fewest and most invocations that share the texels of a photon: powers of two, at most 64, the size of a
     /// workgroup.
@@ -134,10 +126,9 @@ impl Kernels {
     fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         Ok(Self {
-            trace: None,
             splat: kernel(shader!("techniques.caustics.splat"))?,
             irradiance: kernel(shader!("techniques.caustics.irradiance"))?,
-            gather: ReceiverKernel::new(gpu, scene, &shader!("techniques.caustics.gather"), &[])?,
+            gather: Gather::new(gpu, scene, &shader!("techniques.caustics.gather"), &[])?,
             sampler: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("refractor normals"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -153,45 +144,6 @@ impl Kernels {
         })
     }
 
-    /// Compiles the pass of a tracer, unless it is there. Returns whether bind groups of another one are stale.
-    fn choose(&mut self, gpu: &Gpu, scene: &GpuScene, tracer: Tracer) -> Result<bool, GpuError> {
-        let mut constants = vec![scene.media_constant()];
-        if tracer == Tracer::Rays {
-            constants.extend(scene.ray_constants());
-        }
-        let is_it = |made: &Trace| made.tracer == tracer && made.constants == constants;
-        if self.trace.as_ref().is_some_and(is_it) {
-            return Ok(false);
-        }
-        let kernel = match tracer {
-            Tracer::Maps => {
-                let options = KernelOptions {
-                    constants: &constants,
-                    ..Default::default()
-                };
-                let shader = shader!("techniques.caustics.maps");
-                Kernel::with_options(gpu, &shader, "main", Some(&scene.layout), &options)?
-            }
-            Tracer::Rays => {
-                scene.check_rays(INFO.name, "tracer=rays")?;
-                let shader = shader!("techniques.caustics.rays");
-                scene.ray_kernel(gpu, &shader, &[scene.media_constant()])?
-            }
-        };
-        self.trace = Some(Trace {
-            kernel,
-            tracer,
-            constants,
-        });
-        Ok(true)
-    }
-
-    /// The pass of the tracer that was chosen.
-    fn trace(&self) -> (&Kernel, Tracer) {
-        let chosen = self.trace.as_ref().expect("chosen before maps are made");
-        (&chosen.kernel, chosen.tracer)
-    }
-
     /// Invocations that share the texels of one photon of each of `maps` maps of `side` x `side` pixels.
     fn lanes(&self, side: u32, maps: u32) -> u32 {
         let [fewest, most] = self.splat_lanes;
@@ -200,26 +152,35 @@ impl Kernels {
     }
 }
 
+/// Compiles the pass that follows photons.
+fn trace(gpu: &Gpu, scene: &GpuScene, (tracer, constants): &TraceKey) -> Result<Kernel, GpuError> {
+    let (shader, layout) = match tracer {
+        Tracer::Maps => (shader!("techniques.caustics.maps"), &scene.layout),
+        Tracer::Rays => {
+            scene.check_rays(INFO.name, "tracer=rays")?;
+            (shader!("techniques.caustics.rays"), &scene.ray_layout)
+        }
+    };
+    Kernel::with_constants(gpu, &shader, "main", Some(layout), constants)
+}
+
 /// Caustics.
 #[derive(Debug)]
 pub struct Caustics {
     settings: Settings,
     kernels: Kernels,
-    /// Instances that cast caustics.
-    claimed: Vec<u32>,
-    made: Option<CausticMaps>,
-    bound: PerReceiver<[wgpu::BindGroup; 2]>,
+    trace: Stage<TraceKey, Kernel>,
+    /// Objects that cast caustics.
+    claimed: Claimed,
+    maps: Stage<(Settings, Claimed), CausticMaps>,
 }
 
-/// The caustics of all objects, and what they were made for.
+/// The caustics of all objects.
 #[derive(Debug)]
 struct CausticMaps {
-    of: ObjectMapsKey<Settings>,
     caustics: Vec<Caustic>,
-    /// Versions of the scene, and of the settings of techniques, that the photons of `frames` frames were followed in.
-    followed: Option<(Versions, u64)>,
-    /// Those of the latest frame, whose photons may have yet to be followed.
-    seen: Option<(Versions, u64)>,
+    /// The light whose photons `frames` frames followed.
+    photons: Stage<LightState>,
     frames: u32,
     /// The object whose photons of the next frame are followed next.
     next: usize,
@@ -229,7 +190,22 @@ struct CausticMaps {
     lights: Vec<Vec<LightSample>>,
     /// Index of the first sample point on an emitter among them.
     first_area: usize,
-    revision: u64,
+}
+
+impl Settings {
+    /// The lights of all frames.
+    fn lights(&self, scene: &GpuScene) -> Vec<Vec<LightSample>> {
+        let of_frame = |turn| {
+            let samples = on_emitters(&scene.emitters, self.area_samples, turn);
+            // The points of all frames share the emitters: each represents a part of the area.
+            let samples = samples.into_iter().map(|sample| LightSample {
+                area: sample.area / self.frames as f32,
+                ..sample
+            });
+            scene.lights.iter().map(punctual).chain(samples).collect()
+        };
+        (0..self.frames).map(of_frame).collect()
+    }
 }
 
 impl Caustics {
@@ -241,15 +217,32 @@ impl Caustics {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            claimed: Vec::new(),
-            made: None,
-            bound: PerReceiver::default(),
+            trace: Stage::default(),
+            claimed: Claimed::default(),
+            maps: Stage::default(),
+        })
+    }
+}
+
+impl CausticMaps {
+    fn new(gpu: &Gpu, settings: &Settings, claimed: &Claimed) -> Result<Self, GpuError> {
+        let objects = claimed.objects().iter();
+        let caustics = objects.map(|object| Caustic::new(gpu, settings, object, claimed));
+        Ok(Self {
+            caustics: caustics.collect::<Result<_, _>>()?,
+            photons: Stage::default(),
+            frames: 0,
+            next: 0,
+            is_complete: false,
+            lights: Vec::new(),
+            first_area: 0,
         })
     }
 
     /// Returns an error if too many objects or maps are needed.
-    fn check_counts(&self, gpu: &Gpu, lights: usize) -> Result<(), GpuError> {
-        let objects = self.claimed.len();
+    fn check_counts(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        let objects = self.caustics.len();
+        let lights = self.lights.first().map_or(0, Vec::len);
         for (what, needed, limit) in [
             ("objects with caustics (name fewer)", objects, MOST_NAMED),
             (
@@ -269,54 +262,6 @@ impl Caustics {
         }
         Ok(())
     }
-
-    /// The lights of all frames.
-    fn lights(&self, scene: &GpuScene) -> Vec<Vec<LightSample>> {
-        let Settings {
-            area_samples,
-            frames,
-            ..
-        } = self.settings;
-        let of_frame = |turn| {
-            let samples = on_emitters(&scene.emitters, area_samples, turn);
-            // The points of all frames share the emitters: each represents a part of the area.
-            let samples = samples.into_iter().map(|sample| LightSample {
-                area: sample.area / frames as f32,
-                ..sample
-            });
-            scene.lights.iter().map(punctual).chain(samples).collect()
-        };
-        (0..frames).map(of_frame).collect()
-    }
-
-    fn make(&self, gpu: &Gpu, scene: &GpuScene) -> Result<CausticMaps, GpuError> {
-        let of = ObjectMapsKey::new(&self.settings, &self.claimed, scene);
-        let caustics = of
-            .objects()
-            .map(|(one, object)| {
-                Caustic::new(
-                    gpu,
-                    &self.kernels,
-                    &self.settings,
-                    one,
-                    object,
-                    &self.claimed,
-                )
-            })
-            .collect::<Result<_, _>>()?;
-        Ok(CausticMaps {
-            of,
-            caustics,
-            followed: None,
-            seen: None,
-            frames: 0,
-            next: 0,
-            is_complete: false,
-            lights: Vec::new(),
-            first_area: 0,
-            revision: 0,
-        })
-    }
 }
 
 impl Technique for Caustics {
@@ -326,19 +271,19 @@ impl Technique for Caustics {
 
     fn plan(&mut self, scene: &GpuScene, _: &[LightPaths], _: &[Claims]) -> Plan {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
-        self.claimed.clear();
+        let mut claimed: Vec<u32> = Vec::new();
         let mut most = 0;
         let lights = scene.lights.len() + self.settings.area_samples as usize;
         for (index, object) in scene.objects.iter().enumerate() {
             let is_mine = match self.settings.objects.as_str() {
-                AUTO => self.claimed.len() < MOST && (self.claimed.len() + 1) * lights <= MOST_MAPS,
+                AUTO => claimed.len() < MOST && (claimed.len() + 1) * lights <= MOST_MAPS,
                 list => object.is_named_by(list),
             };
             // Only ideal reflection and refraction make caustics.
             if !(is_mine && object.is_smooth) {
                 continue;
             }
-            self.claimed.push(index as u32);
+            claimed.push(index as u32);
             claims[index] = Claims::SHADOW;
             most = most.max(match (object.is_transmissive, object.is_solid) {
                 (true, true) => self.settings.bounces.max(1) + 1,
@@ -349,20 +294,18 @@ impl Technique for Caustics {
             most += MOST_FURTHER;
         }
         let mut paths = Vec::new();
-        if !self.claimed.is_empty() {
+        if !claimed.is_empty() {
             for class in [LightClass::Punctual, LightClass::Area] {
                 let light = LightPaths::new(class, "LE");
                 paths.push(light.continued(&format!("S{{1,{most}}}[DG]")));
             }
         }
+        self.claimed = Claimed::new(&claimed, scene);
         Plan {
             paths,
             claims,
-            object_names: match self.settings.objects.as_str() {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
-            lookups: self.claimed.len() as u32,
+            object_names: named(&self.settings.objects),
+            lookups: claimed.len() as u32,
             needs: None,
         }
     }
@@ -381,85 +324,80 @@ impl Technique for Caustics {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
         let has_lights = !(scene.lights.is_empty() && scene.emitters.is_empty());
-        if self.claimed.is_empty() || !has_lights {
-            self.made = None;
+        if self.claimed.objects().is_empty() || !has_lights {
+            self.maps.clear();
             return Ok(Generated::FINAL);
         }
-        if self
-            .kernels
-            .choose(frame.gpu, scene, self.settings.tracer)?
-        {
-            self.made = None;
-            if frame.awaits_shaders() {
-                return Ok(Generated::WITHOUT_SHADERS);
-            }
+        let (gpu, settings, claimed) = (frame.gpu, &self.settings, &self.claimed);
+        let mut constants = vec![scene.media_constant()];
+        if settings.tracer == Tracer::Rays {
+            constants.extend(scene.ray_constants());
         }
-        let is_made = |made: &CausticMaps| made.of.serves(&self.settings, &self.claimed, scene);
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
-            None => self.make(frame.gpu, scene)?,
-        };
-        let now = Some((scene.versions, earlier.settings_version));
-        let is_fresh = made.seen != now;
-        made.seen = now;
+        let key = (settings.tracer, constants);
+        let trace = self
+            .trace
+            .compiled(frame, key.clone(), |_| trace(gpu, scene, &key))?;
+        let maps = self.maps.keep((settings.clone(), claimed.clone()), |_| {
+            CausticMaps::new(gpu, settings, claimed)
+        })?;
+        maps.photons
+            .ask(earlier.light.state(scene).however_refined());
         // Photons of all objects first: small budgets would never reach the last objects if changes came faster.
-        if made.followed != now && made.next == 0 {
-            made.followed = now;
-            made.frames = 0;
-            made.next = 0;
-            for caustic in &mut made.caustics {
+        if !maps.photons.is_current() && maps.next == 0 {
+            maps.photons.begin();
+            maps.frames = 0;
+            for caustic in &mut maps.caustics {
                 caustic.restart();
             }
-            made.lights = self.lights(scene);
-            made.first_area = scene.lights.len();
-            self.check_counts(frame.gpu, made.lights.first().map_or(0, Vec::len))?;
+            maps.lights = settings.lights(scene);
+            maps.first_area = scene.lights.len();
+            maps.check_counts(gpu)?;
         }
-        if made.frames < self.settings.frames {
+        if maps.frames < settings.frames {
             let making = Making {
                 scene,
                 kernels: &self.kernels,
-                settings: &self.settings,
-                lights: &made.lights,
-                first_area: made.first_area,
-                objects: made.caustics.len(),
-                settings_version: earlier.settings_version,
+                trace,
+                settings,
+                lights: &maps.lights,
+                first_area: maps.first_area,
+                objects: maps.caustics.len(),
+                settings_version: earlier.light.settings_version,
             };
-            while let Some(caustic) = made.caustics.get_mut(made.next)
-                && earlier.may_step()
+            let impostors = &mut earlier.shared.impostors;
+            while let Some(caustic) = maps.caustics.get_mut(maps.next)
+                && earlier.budget.may_step()
             {
-                let pixels = caustic.surround(frame, making, earlier.impostors)?;
+                let pixels = caustic.surround(frame, making, impostors)?;
                 if pixels > 0 {
-                    earlier.count(pixels);
+                    earlier.budget.count(pixels);
                     continue;
                 }
-                let photons = caustic.generate(frame, making, earlier.impostors)?;
-                earlier.count(photons);
-                made.next += 1;
+                let photons = caustic.generate(frame, making, impostors)?;
+                earlier.budget.count(photons);
+                maps.next += 1;
             }
             // Maps that nobody asks for are dropped: those of objects that wait must stay.
-            for waiting in &made.caustics[made.next..] {
-                waiting.keep_maps(frame.gpu, making, earlier.impostors)?;
+            for waiting in &maps.caustics[maps.next..] {
+                waiting.keep_maps(gpu, making, impostors)?;
             }
-            if made.next == made.caustics.len() {
-                made.next = 0;
-                made.frames += 1;
-                made.is_complete = true;
+            if maps.next == maps.caustics.len() {
+                maps.next = 0;
+                maps.frames += 1;
+                maps.is_complete = true;
                 // Dependents need not follow every step.
-                let is_step = made.frames.is_power_of_two() || made.frames == self.settings.frames;
-                made.revision += u64::from(is_step && !is_fresh);
+                if maps.frames.is_power_of_two() || maps.frames == settings.frames {
+                    maps.photons.improve();
+                }
             }
         }
-        let is_stale = made.followed != now;
-        let generated = Generated {
-            revision: made.revision,
-            // Below 1 while the photons are those of an earlier scene.
-            progress: made.frames as f32 / (self.settings.frames + u32::from(is_stale)) as f32,
-            pending: (!made.is_complete).then_some("the photons of all objects"),
-        };
-        self.made = Some(made);
-        Ok(generated)
+        Ok(Generated {
+            revision: maps.photons.revision(),
+            progress: maps.photons.progress(maps.frames, settings.frames),
+            pending: (!maps.is_complete).then_some("the photons of all objects"),
+        })
     }
 
     fn gather(
@@ -469,22 +407,21 @@ impl Technique for Caustics {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Some(made) = self.made.as_ref().filter(|made| !made.caustics.is_empty()) else {
+        let (gpu, gather, count) = (frame.gpu, &self.kernels.gather, receiver.points.count);
+        let Some(maps) = self.maps.get() else {
             return Ok(());
         };
-        let gpu = frame.gpu;
-        let kernel = self.kernels.gather.of(gpu, &receiver.points)?;
-        let groups = self.bound.of(receiver, || receiver.bind(gpu, kernel))?;
         frame.compute("caustics.gather", |pass| {
-            for caustic in &made.caustics {
-                caustic.gather(pass, scene, kernel, groups, &receiver.points);
-            }
-        });
-        Ok(())
+            let mut caustics = maps.caustics.iter();
+            caustics.try_for_each(|caustic| {
+                let cube = caustic.resources();
+                gather.run(gpu, pass, scene, receiver, &cube, count)
+            })
+        })
     }
 
     fn inspect(&self) -> Inspection {
-        let caustics = || self.made.iter().flat_map(|made| &made.caustics);
+        let caustics = || self.maps.get().into_iter().flat_map(|maps| &maps.caustics);
         Inspection {
             maps: caustics().map(Caustic::map).collect(),
             work_bytes: caustics().map(Caustic::work_bytes).sum(),

@@ -8,13 +8,13 @@ use glam::Vec2;
 use super::gpu::{Batch, COUNTER_BYTES, CausticMap, LIT_TEXEL_BYTES, LitCube, PHOTON_BYTES};
 use super::lights::{Framing, LightView};
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings, Tracer};
-use crate::capture::{CaptureKernels, HitImages, SurfacePoints};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
-use crate::impostor::{Impostors, Maps, Renewal, Wanted, gpu as impostor_gpu};
+use crate::capture::{CaptureKernels, HitImages};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
+use crate::impostor::{Impostors, Renewal, Wanted, gpu as impostor_gpu};
 use crate::lights::gpu::LightSample;
 use crate::scene::{Claims, GpuScene, Object};
 use crate::sequences::low_discrepancy;
-use crate::techniques::{Map, Texels};
+use crate::techniques::{Claimed, Map};
 
 /// Most bytes of photons at a time, unless one per pixel of a single map takes more: others follow in further batches.
 const PHOTONS_AT_ONCE: u64 = 64 << 20;
@@ -32,9 +32,6 @@ pub struct Caustic {
     of_object: HostBuffer,
     lit_cube: HostBuffer,
     count_flux: HostBuffer,
-    /// Bind group 2 of the gather.
-    group: wgpu::BindGroup,
-    bound: Option<PhotonGroups>,
     caustic_maps: Option<CausticMaps>,
     /// Whether the maps around the object are renewed for the next frame's photons.
     is_surrounded: bool,
@@ -44,26 +41,14 @@ pub struct Caustic {
     step: f64,
 }
 
-/// The maps around the object, and the bind groups that refer to them.
-#[derive(Debug)]
-struct PhotonGroups {
-    maps: Maps,
-    /// Bind group 2 of tracer `maps`.
-    trace: Option<wgpu::BindGroup>,
-    seen: wgpu::BindGroup,
-    counted: wgpu::BindGroup,
-}
-
 /// The caustic maps of all lights.
 #[derive(Debug)]
 struct CausticMaps {
     images: HitImages,
-    /// The scene's merged vertices and the bind group with them. The scene replaces the vertices when it changes.
-    seen: Option<(wgpu::Buffer, wgpu::BindGroup)>,
     uniforms: HostBuffer,
     batches: Vec<BatchOf>,
-    /// Bytes of the photon buffer, which all batches share.
-    photon_bytes: u64,
+    /// All batches share it.
+    photons: wgpu::Buffer,
 }
 
 /// A light's view of the object, in a map of `side` x `side` pixels; `None` if it does not shine on the object.
@@ -79,9 +64,6 @@ struct BatchOf {
     maps: Range<usize>,
     /// Numbers of the photons.
     numbers: Range<u32>,
-    uniform: HostBuffer,
-    trace: wgpu::BindGroup,
-    splat: wgpu::BindGroup,
 }
 
 /// Inputs shared by the caustics of all objects.
@@ -89,6 +71,8 @@ struct BatchOf {
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
+    /// The pass that follows photons.
+    pub trace: &'a Kernel,
     pub settings: &'a Settings,
     /// Lights of each frame.
     pub lights: &'a [Vec<LightSample>],
@@ -107,25 +91,15 @@ impl Caustic {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        kernels: &Kernels,
         settings: &Settings,
-        instance: u32,
-        object: &Object,
-        claimed: &[u32],
+        (instance, object): &(u32, Object),
+        claimed: &Claimed,
     ) -> Result<Self, GpuError> {
         let side = settings.cube_resolution;
         let texels = 6 * u64::from(side) * u64::from(side);
-        let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
-        let lit_texels = gpu.buffer("caustics [bytes]", texels * LIT_TEXEL_BYTES, storage)?;
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let lit_texels = gpu.room("caustics [bytes]", texels * LIT_TEXEL_BYTES)?;
         let lit_cube = HostBuffer::new(gpu, "lit cube", size_of::<LitCube>() as u64, uniform)?;
-        let group = kernels.gather.to_bind().bind(
-            gpu,
-            2,
-            &[
-                ("lit_cube", lit_cube.as_entire_binding()),
-                ("lit_texels", lit_texels.as_entire_binding()),
-            ],
-        )?;
         let is_refracting = object.is_transmissive && object.is_solid && settings.bounces > 0;
         let photons = match (object.is_transmissive, is_refracting) {
             (false, _) => 1,
@@ -133,12 +107,12 @@ impl Caustic {
             (true, true) => 1 + settings.bounces,
         };
         Ok(Self {
-            instance,
+            instance: *instance,
             wanted: Wanted {
                 // Rays pass by what casts caustics: what lies behind it must be seen.
                 instances: match settings.tracer {
-                    Tracer::Maps => [instance].into(),
-                    Tracer::Rays => claimed.into(),
+                    Tracer::Maps => [*instance].into(),
+                    Tracer::Rays => claimed.numbers().collect(),
                 },
                 side,
                 shape_side: (is_refracting && settings.tracer == Tracer::Maps)
@@ -149,7 +123,7 @@ impl Caustic {
             },
             bounces: if is_refracting { settings.bounces } else { 0 },
             photons,
-            counters: gpu.buffer("caustic counters [bytes]", texels * COUNTER_BYTES, storage)?,
+            counters: gpu.room("caustic counters [bytes]", texels * COUNTER_BYTES)?,
             lit_texels,
             of_object: HostBuffer::new(
                 gpu,
@@ -159,8 +133,6 @@ impl Caustic {
             )?,
             lit_cube,
             count_flux: HostBuffer::new(gpu, "flux of a count [W]", 4, uniform)?,
-            group,
-            bound: None,
             caustic_maps: None,
             is_surrounded: false,
             frames: 0,
@@ -241,7 +213,6 @@ impl Caustic {
         let version = making.settings_version;
         let maps = impostors.follow(gpu, scene, &self.wanted, version, 0)?;
         let maps = maps.clone();
-        self.bind(gpu, kernels, &maps)?;
         if self.frames == 0 {
             frame.clear(&self.counters);
             // The finest step at which the sums of all frames still fit 31 bits and a sign.
@@ -277,20 +248,24 @@ impl Caustic {
         let count_flux = (step / f64::from(self.frames)) as f32;
         self.count_flux
             .write(gpu, std::slice::from_ref(&count_flux));
-        self.resize(gpu, kernels, impostors.capture_kernels(), &maps, &views)?;
-        let Some(bound) = &self.bound else {
-            return Ok(0);
-        };
+        self.resize(gpu, impostors.capture_kernels(), &views)?;
+        let own: [Named<'_>; 5] = [
+            ("receivers", &maps.points.points),
+            ("counters", &self.counters),
+            ("count_flux", &self.count_flux),
+            ("lit_texels", &self.lit_texels),
+            ("merged", &scene.vertices),
+        ];
+        let of_maps = maps.resources(&self.of_object, &kernels.sampler);
+        let resources = [&own[..], &of_maps, &maps.points.resources()].concat();
         // Without a light that shines on the object there are no maps, and the irradiance becomes that of no photons.
-        if let Some(caustic_maps) = &mut self.caustic_maps {
-            caustic_maps.follow_photons(frame, making, self.instance, &views, bound)?;
-            caustic_maps.write(gpu, kernels, &views, step, &lit_cube, self.bounces);
+        if let Some(caustic_maps) = &self.caustic_maps {
+            caustic_maps.write(gpu, &views, step);
+            let of_cube = (&lit_cube, self.bounces);
+            caustic_maps.follow_photons(frame, making, of_cube, &views, &resources)?;
         }
-        frame.compute("caustics.irradiance", |pass| {
-            let groups = [(1, &bound.seen), (3, &bound.counted)];
-            let side = self.wanted.side;
-            kernels.irradiance.dispatch(pass, &groups, [side, side, 6]);
-        });
+        let (name, texels) = ("caustics.irradiance", [lit_cube.side, lit_cube.side, 6]);
+        frame.run(name, &kernels.irradiance, None, &resources, texels)?;
         let pixels = views.iter().map(|seen| u64::from(seen.side).pow(2));
         Ok(pixels.sum::<u64>() * (1 + u64::from(self.photons)))
     }
@@ -355,40 +330,11 @@ impl Caustic {
         views.collect()
     }
 
-    fn bind(&mut self, gpu: &Gpu, kernels: &Kernels, maps: &Maps) -> Result<(), GpuError> {
-        if let Some(bound) = &mut self.bound
-            && bound.maps.is_same(maps)
-        {
-            bound.maps = maps.clone();
-            return Ok(());
-        }
-        self.caustic_maps = None;
-        let counted = [
-            ("count_flux", self.count_flux.as_entire_binding()),
-            ("counters", self.counters.as_entire_binding()),
-            ("lit_texels", self.lit_texels.as_entire_binding()),
-        ];
-        self.bound = Some(PhotonGroups {
-            trace: match kernels.trace() {
-                (_, Tracer::Rays) => None,
-                (trace, Tracer::Maps) => {
-                    Some(maps.bind(gpu, trace, &self.of_object, &kernels.sampler, &[])?)
-                }
-            },
-            seen: maps.points.bind(gpu, &kernels.irradiance)?,
-            counted: kernels.irradiance.bind(gpu, 3, &counted)?,
-            maps: maps.clone(),
-        });
-        Ok(())
-    }
-
     /// Allocates the views' caustic maps and photon buffer, unless those that exist have the right sizes.
     fn resize(
         &mut self,
         gpu: &Gpu,
-        kernels: &Kernels,
         capture_kernels: &CaptureKernels,
-        maps: &Maps,
         views: &[Seen],
     ) -> Result<(), GpuError> {
         let sides: Vec<u32> = views.iter().map(|seen| seen.side).collect();
@@ -415,94 +361,60 @@ impl Caustic {
         let photons = gpu.buffer("photons [bytes]", photon_bytes, usage)?;
         let size = (sides.len() * size_of::<CausticMap>()) as u64;
         let uniforms = HostBuffer::new(gpu, "caustic maps", size, usage)?;
-        let batches = parts.into_iter().map(|(of, numbers)| {
-            let size = size_of::<Batch>() as u64;
-            let uniform = HostBuffer::new(gpu, "photon batch", size, wgpu::BufferUsages::UNIFORM)?;
-            let resources = [
-                ("batch", uniform.as_entire_binding()),
-                ("caustic_maps", uniforms.as_entire_binding()),
-                ("photons", photons.as_entire_binding()),
-                ("receivers", maps.points.points.as_entire_binding()),
-                ("counters", self.counters.as_entire_binding()),
-            ];
-            let (trace, tracer) = kernels.trace();
-            let of_trace = match tracer {
-                Tracer::Maps => &resources[..4],
-                Tracer::Rays => &resources[..3],
-            };
-            let trace = trace.bind(gpu, 3, of_trace)?;
-            Ok(BatchOf {
-                maps: of,
-                numbers,
-                trace,
-                splat: kernels.splat.bind(gpu, 3, &resources)?,
-                uniform,
-            })
-        });
+        let batch = |(maps, numbers)| BatchOf { maps, numbers };
         self.caustic_maps = Some(CausticMaps {
-            batches: batches.collect::<Result<_, GpuError>>()?,
+            batches: parts.into_iter().map(batch).collect(),
             images: HitImages::new(gpu, capture_kernels, sides)?,
-            seen: None,
             uniforms,
-            photon_bytes,
+            photons,
         });
         Ok(())
     }
 
     /// Irradiance in the cube, the six faces stacked vertically.
     pub fn map(&self) -> Map {
-        let side = self.wanted.side;
-        Map {
-            name: format!("caustics.{}.irradiance", self.instance),
-            texels: Texels::Buffer {
-                buffer: self.lit_texels.clone(),
-                size: [side, 6 * side],
-                stride: LIT_TEXEL_BYTES,
-                is_number: false,
-            },
-        }
+        let size = [self.wanted.side, 6 * self.wanted.side];
+        let name = format!("caustics.{}.irradiance", self.instance);
+        Map::of_colors(name, &self.lit_texels, size, LIT_TEXEL_BYTES)
     }
 
     /// Bytes that are not in maps: counters, photons, and caustic maps with their depth.
     pub fn work_bytes(&self) -> u64 {
         let maps = self.caustic_maps.iter().map(|made| {
             let pixels = made.images.pixels * (4 + 4);
-            pixels + made.uniforms.size() + made.photon_bytes
+            pixels + made.uniforms.size() + made.photons.size()
         });
         self.counters.size() + maps.sum::<u64>()
     }
 
-    /// Adds the caustics at `points`; `groups`: points and target.
-    pub fn gather(
-        &self,
-        pass: &mut wgpu::ComputePass<'_>,
-        scene: &GpuScene,
-        gather: &Kernel,
-        groups: &[wgpu::BindGroup; 2],
-        points: &SurfacePoints,
-    ) {
-        let [seen, added] = groups;
-        let groups = [
-            (0, &scene.bind_group),
-            (1, seen),
-            (2, &self.group),
-            (3, added),
-        ];
-        gather.dispatch(pass, &groups, [points.count, 1, 1]);
+    /// What the gather binds.
+    pub fn resources(&self) -> [Named<'_>; 2] {
+        [
+            ("lit_cube", &self.lit_cube),
+            ("lit_texels", &self.lit_texels),
+        ]
     }
 }
 
 impl CausticMaps {
-    /// Records the passes that follow the photons of all maps around `instance`.
+    /// Records the passes that follow the photons of all maps around an object, into a cube.
     fn follow_photons(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
-        instance: u32,
+        (cube, bounces): (&LitCube, u32),
         views: &[Seen],
-        bound: &PhotonGroups,
+        resources: &[Named<'_>],
     ) -> Result<(), GpuError> {
-        let Making { scene, kernels, .. } = making;
+        let Making {
+            scene,
+            kernels,
+            settings,
+            trace,
+            ..
+        } = making;
+        let gpu = frame.gpu;
+        let instance = cube.instance;
         let lit = views.iter().map(|seen| Some(&seen.view.as_ref()?.view));
         let lit: Vec<_> = lit.collect();
         self.images.record(frame, scene, &lit, |draw| {
@@ -519,62 +431,45 @@ impl CausticMaps {
                 draw.seen.from_both_sides()
             }
         });
-        let seen = self.seen(frame.gpu, kernels, scene)?;
+        let of_scene = Some(match settings.tracer {
+            Tracer::Maps => &scene.bind_group,
+            Tracer::Rays => &scene.ray_bind_group,
+        });
         for batch in &self.batches {
             let side = self.images.sides[batch.maps.start];
             let maps = batch.maps.len() as u32;
-            frame.compute("caustics.trace", |pass| {
-                let (trace, tracer) = kernels.trace();
-                let of_scene = match tracer {
-                    Tracer::Maps => &scene.bind_group,
-                    Tracer::Rays => &scene.ray_bind_group,
-                };
-                let mut groups = vec![(0, of_scene), (1, &seen), (3, &batch.trace)];
-                groups.extend(bound.trace.iter().map(|group| (2, group)));
-                trace.dispatch(pass, &groups, [side, side, maps]);
-            });
-            frame.compute("caustics.splat", |pass| {
-                let lanes = kernels.lanes(side, maps);
-                let invocations = side * side * batch.numbers.len() as u32 * lanes;
-                let groups = [(3, &batch.splat)];
-                kernels
-                    .splat
-                    .dispatch(pass, &groups, [invocations, 1, maps]);
-            });
+            let lanes = kernels.lanes(side, maps);
+            let values = Batch {
+                reference: cube.reference,
+                cube_side: cube.side,
+                first_map: batch.maps.start as u32,
+                side,
+                first: batch.numbers.start,
+                end: batch.numbers.end,
+                lanes,
+                instance,
+                bounces,
+                padding: 0,
+            };
+            let values = gpu.constant("photon batch", &values)?;
+            let own: [Named<'_>; 4] = [
+                ("batch", &values),
+                ("caustic_maps", &self.uniforms),
+                ("photons", &self.photons),
+                ("hits", &self.images.hits),
+            ];
+            let resources = join(resources, &own);
+            let pixels = [side, side, maps];
+            frame.run("caustics.trace", trace, of_scene, &resources, pixels)?;
+            let photons = side * side * batch.numbers.len() as u32;
+            let (splat, invocations) = (&kernels.splat, [photons * lanes, 1, maps]);
+            frame.run("caustics.splat", splat, None, &resources, invocations)?;
         }
         Ok(())
     }
 
-    /// Bind group 1 of the trace: hit records, and the merged vertices that they refer to.
-    fn seen(
-        &mut self,
-        gpu: &Gpu,
-        kernels: &Kernels,
-        scene: &GpuScene,
-    ) -> Result<wgpu::BindGroup, GpuError> {
-        if let Some((vertices, group)) = &self.seen
-            && *vertices == scene.vertices
-        {
-            return Ok(group.clone());
-        }
-        let hits = wgpu::BindingResource::TextureView(&self.images.hits);
-        let merged = scene.vertices.as_entire_binding();
-        let (trace, _) = kernels.trace();
-        let group = trace.bind(gpu, 1, &[("hits", hits), ("merged", merged)])?;
-        self.seen = Some((scene.vertices.clone(), group.clone()));
-        Ok(group)
-    }
-
-    /// Writes what the photon passes read. `step`: flux per count (W).
-    fn write(
-        &self,
-        gpu: &Gpu,
-        kernels: &Kernels,
-        views: &[Seen],
-        step: f64,
-        cube: &LitCube,
-        bounces: u32,
-    ) {
+    /// Writes what the photon passes read of the maps. `step`: flux per count (W).
+    fn write(&self, gpu: &Gpu, views: &[Seen], step: f64) {
         let uniforms = views.iter().zip(&self.images.corners);
         let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
             Some(LightView { map, .. }) => CausticMap {
@@ -585,22 +480,6 @@ impl CausticMaps {
             None => bytemuck::Zeroable::zeroed(),
         });
         self.uniforms.write(gpu, &uniforms.collect::<Vec<_>>());
-        for batch in &self.batches {
-            let side = self.images.sides[batch.maps.start];
-            let uniform = Batch {
-                reference: cube.reference,
-                cube_side: cube.side,
-                first_map: batch.maps.start as u32,
-                side,
-                first: batch.numbers.start,
-                end: batch.numbers.end,
-                lanes: kernels.lanes(side, batch.maps.len() as u32),
-                instance: cube.instance,
-                bounces,
-                padding: 0,
-            };
-            batch.uniform.write(gpu, std::slice::from_ref(&uniform));
-        }
     }
 }
 

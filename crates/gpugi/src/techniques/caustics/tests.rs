@@ -9,10 +9,8 @@ use gpugi_scene::{Camera, Light, LightKind, Material, Scene, Volume};
 use super::{Caustics, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
-use crate::techniques::{Earlier, Texels};
+use crate::techniques::{Earlier, EarlierLight, Shared, Texels};
 use crate::testing::test_gpu;
 
 const CENTER: Vec3 = vec3(0.2, -0.3, 0.1);
@@ -64,10 +62,8 @@ fn flux(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> DVe
 
 /// Flux in each object's cube after `frames` frames.
 fn fluxes(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)], frames: u32) -> Vec<DVec3> {
-    let caustics = generated(gpu, scene, settings, frames)
-        .made
-        .unwrap()
-        .caustics;
+    let technique = generated(gpu, scene, settings, frames);
+    let caustics = &technique.maps.get().unwrap().caustics;
     caustics.iter().map(|caustic| caustic.flux(gpu)).collect()
 }
 
@@ -105,20 +101,11 @@ fn generated_by(
     let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut environments = Environments::default();
+    let mut shared = Shared::new(gpu, &scene, &kernels).unwrap();
     for _ in 0..frames {
         let mut frame = Frame::new(gpu, false);
         scene.merge(&mut frame);
-        let mut lit = Earlier::new(
-            &mut emission,
-            &mut [],
-            &mut impostors,
-            &mut environments,
-            0,
-            0,
-            true,
-        );
+        let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
         technique
             .generate(&mut frame, &scene, &view, &mut lit)
             .unwrap();
@@ -230,7 +217,7 @@ fn flux_does_not_depend_on_how_many_share_a_photon() {
     let [one, several] = [[1, 1], [4, 64]].map(|splat_lanes| {
         let technique = generated_by(&gpu, &scene, &settings, 1, Some(splat_lanes));
         assert_eq!(technique.kernels.lanes(64, 1), splat_lanes[1]);
-        technique.made.unwrap().caustics[0].flux(&gpu)
+        technique.maps.get().unwrap().caustics[0].flux(&gpu)
     });
     check("several invocations", several, one, 1e-3);
     let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;

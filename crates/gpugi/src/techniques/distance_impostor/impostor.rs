@@ -2,12 +2,11 @@
 //! own shape.
 
 use glam::Vec3;
-use wgpu::BindingResource::TextureView;
 
 use super::groups::{Group, Kind};
 use super::{Lobes, Search, Settings, Show};
-use crate::capture::{PerReceiver, Receiver, SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::{Receiver, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
 use crate::impostor::{Maps, Wanted, cube_texture, cubes, gpu, layers_of_cube, layers_of_level};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -100,13 +99,13 @@ pub struct Impostor {
     wanted: Wanted,
     pub kind: Kind,
     radiance: wgpu::Texture,
-    coarser: Vec<(wgpu::BindGroup, u32)>,
+    /// The cubes of its layers, the layers of its levels, and all as cube maps.
+    stored: Vec<wgpu::TextureView>,
+    levels: Vec<wgpu::TextureView>,
+    cubes: wgpu::TextureView,
     target: Target,
-    uniform: wgpu::Buffer,
-    /// Contents of the uniform.
-    written: Option<gpu::Impostor>,
-    maps: Option<BoundMaps>,
-    seen: PerReceiver<wgpu::BindGroup>,
+    uniform: HostBuffer,
+    maps: Option<Maps>,
     /// Whether the whole cube holds light.
     pub is_lit: bool,
     /// The faces to light.
@@ -123,16 +122,6 @@ pub struct Impostor {
     pub next_turn: usize,
 }
 
-/// The maps around the object, and the bind groups that refer to them.
-#[derive(Debug)]
-struct BoundMaps {
-    maps: Maps,
-    /// One per layer.
-    stored: Vec<wgpu::BindGroup>,
-    /// Bind group 2 of the gather.
-    group: wgpu::BindGroup,
-}
-
 impl Impostor {
     /// An empty cube for the group.
     ///
@@ -140,7 +129,6 @@ impl Impostor {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        kernels: &Kernels,
         settings: &Settings,
         number: u32,
         group: &Group,
@@ -155,21 +143,7 @@ impl Impostor {
         let layers = settings.layers_searched();
         let name = "distance-impostor.radiance";
         let radiance = cube_texture(gpu, name, format, side, levels, layers)?;
-        let coarser = (1..levels)
-            .map(|level| {
-                let [finer, this] = [level - 1, level].map(|one| layers_of_level(&radiance, one));
-                let resources = [
-                    ("finer", TextureView(&finer)),
-                    ("coarser", TextureView(&this)),
-                ];
-                Ok((kernels.coarser.bind(gpu, 3, &resources)?, side >> level))
-            })
-            .collect::<Result<_, GpuError>>()?;
-        let uniform = gpu.buffer(
-            "impostor",
-            size_of::<gpu::Impostor>() as u64,
-            wgpu::BufferUsages::UNIFORM,
-        )?;
+        let bytes = size_of::<gpu::Impostor>() as u64;
         Ok(Self {
             number,
             instance: group.members[0],
@@ -183,13 +157,17 @@ impl Impostor {
                 renewal: settings.renewal(),
             },
             kind: group.kind,
+            stored: (0..layers)
+                .map(|layer| layers_of_cube(&radiance, layer))
+                .collect(),
+            levels: (0..levels)
+                .map(|level| layers_of_level(&radiance, level))
+                .collect(),
+            cubes: cubes(&radiance),
             radiance,
-            coarser,
             target: Target::new(gpu, 6 * side * side)?,
-            uniform,
-            written: None,
+            uniform: HostBuffer::new(gpu, "impostor", bytes, wgpu::BufferUsages::UNIFORM)?,
             maps: None,
-            seen: PerReceiver::default(),
             is_lit: false,
             due: None,
             due_pixels: 0,
@@ -213,7 +191,7 @@ impl Impostor {
         let Making {
             scene, seed, eye, ..
         } = making;
-        let settings = earlier.settings_version;
+        let settings = earlier.light.settings_version;
         if self.kind == Kind::Surroundings && making.settings.reference.0.is_none() {
             // A cube elsewhere needs new maps, so that it follows the eye in steps.
             let step = EYE_STEP * scene.diagonal();
@@ -223,7 +201,7 @@ impl Impostor {
                 Some(before) => self.next_reference = is_far(before).then_some(eye),
             }
         }
-        let impostors = &mut *earlier.impostors;
+        let impostors = &mut earlier.shared.impostors;
         let maps = impostors.follow(gpu, scene, &self.wanted, settings, seed)?;
         // Maps that were not requested for some frames are gone.
         self.is_lit &= maps.renewals > 0;
@@ -248,11 +226,7 @@ impl Impostor {
     pub fn work(&self, earlier: &Earlier<'_>, is_brief: bool) -> u64 {
         let points = self.due.as_ref().map_or(0, |points| points.count);
         let points = u64::from(points) * u64::from(self.wanted.layers);
-        let gather = match is_brief {
-            true => earlier.brief_gather_work(points),
-            false => earlier.gather_work(points),
-        };
-        self.due_pixels + gather
+        self.due_pixels + earlier.light.work(points, is_brief)
     }
 
     /// Sets what gathers read: with `renews`, surroundings as they are now, whose faces then have to be lit; otherwise
@@ -269,7 +243,6 @@ impl Impostor {
     ) -> Result<(), GpuError> {
         let Making {
             scene,
-            kernels,
             settings,
             seed,
             ..
@@ -289,35 +262,28 @@ impl Impostor {
             self.renewals = maps.renewals;
             maps
         } else {
-            let version = earlier.settings_version;
-            let impostors = &mut *earlier.impostors;
+            let version = earlier.light.settings_version;
+            let impostors = &mut earlier.shared.impostors;
             let maps = impostors.follow(gpu, scene, &self.wanted, version, seed)?;
             maps.clone()
         };
-        let bound = match self.maps.take() {
-            Some(bound) if bound.maps.is_same(&maps) => BoundMaps { maps, ..bound },
-            _ => self.bind(gpu, kernels, settings.show, maps)?,
-        };
         let uniform = gpu::Impostor {
-            reference: bound.maps.reference.to_array(),
+            reference: maps.reference.to_array(),
             instance: self.instance,
-            center: bound.maps.center.to_array(),
+            center: maps.center.to_array(),
             search: settings.search.number(),
             iterations: settings.iterations,
             bounces: settings.bounces,
             is_refracting: u32::from(self.wanted.shape_side.is_some() && settings.bounces > 0),
             is_classical: u32::from(settings.search == Search::None),
-            world_from_shape: bound.maps.world_from_shape.to_array(),
+            world_from_shape: maps.world_from_shape.to_array(),
             number: self.number,
             is_rough: u32::from(!self.kind.is_smooth()),
             draws_lobes: u32::from(settings.lobes == Lobes::Drawn),
             is_shared: u32::from(self.is_shared),
         };
-        if self.written != Some(uniform) {
-            gpu.write(&self.uniform, 0, std::slice::from_ref(&uniform));
-            self.written = Some(uniform);
-        }
-        self.maps = Some(bound);
+        self.uniform.write(gpu, std::slice::from_ref(&uniform));
+        self.maps = Some(maps);
         Ok(())
     }
 
@@ -334,12 +300,12 @@ impl Impostor {
 
     /// Makes all faces due.
     pub fn light_whole(&mut self) {
-        self.due = self.maps.as_ref().map(|bound| bound.maps.points.clone());
+        self.due = self.maps.as_ref().map(|maps| maps.points.clone());
     }
 
     /// Makes the faces of the next turn due a second time; none once all turns were.
     pub fn once_more(&mut self) {
-        let turns = self.maps.as_ref().map(|bound| &bound.maps.turns);
+        let turns = self.maps.as_ref().map(|maps| &maps.turns);
         self.due = turns.and_then(|turns| turns.get(self.next_turn)).cloned();
         self.next_turn = self.next_turn.saturating_add(1);
     }
@@ -358,12 +324,10 @@ impl Impostor {
         mut add_others: impl FnMut(&mut Frame<'_>, &Receiver) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
         let Making { scene, kernels, .. } = making;
-        let (Some(points), Some(bound)) = (&self.due, &self.maps) else {
+        let (Some(points), Some(maps)) = (&self.due, &self.maps) else {
             return Ok(());
         };
-        let gpu = frame.gpu;
-        let layers = bound.maps.layers(points);
-        for (points, stored) in layers.iter().zip(&bound.stored) {
+        for (points, stored) in maps.layers(points).iter().zip(&self.stored) {
             let mut receiver = Receiver::new(points, &self.target);
             if is_brief {
                 receiver = receiver.briefly();
@@ -371,84 +335,53 @@ impl Impostor {
             // Other techniques add the light of emitters to rough lobes.
             earlier.gather(frame, scene, &receiver, self.kind.is_smooth())?;
             add_others(frame, &receiver)?;
-            let seen = self
-                .seen
-                .of(&receiver, || points.bind(gpu, &kernels.store))?;
-            frame.compute("distance-impostor.store", |pass| {
-                let groups = [(0, &scene.bind_group), (1, seen), (3, stored)];
-                let side = self.wanted.side;
-                let faces = points.count / (side * side);
-                kernels.store.dispatch(pass, &groups, [side, side, faces]);
-            });
+            let resources = join(&receiver.resources(), &[("stored", stored)]);
+            let side = self.wanted.side;
+            let texels = [side, side, points.count / (side * side)];
+            let (name, scene) = ("distance-impostor.store", Some(&scene.bind_group));
+            frame.run(name, &kernels.store, scene, &resources, texels)?;
         }
-        if !self.coarser.is_empty() {
+        if self.levels.len() > 1 {
             frame.compute("distance-impostor.levels", |pass| {
-                for (group, side) in &self.coarser {
-                    let invocations = [*side, *side, 6 * self.wanted.layers];
-                    kernels.coarser.dispatch(pass, &[(3, group)], invocations);
+                for (level, pair) in (1..).zip(self.levels.windows(2)) {
+                    let side = self.wanted.side >> level;
+                    let resources: [Named<'_>; 2] = [("finer", &pair[0]), ("coarser", &pair[1])];
+                    let texels = [side, side, 6 * self.wanted.layers];
+                    kernels.coarser.run(pass, None, &resources, texels)?;
                 }
-            });
+                Ok::<_, GpuError>(())
+            })?;
         }
         self.is_lit = true;
         Ok(())
     }
 
-    fn bind(
-        &self,
-        gpu: &Gpu,
-        kernels: &Kernels,
-        show: Show,
-        maps: Maps,
-    ) -> Result<BoundMaps, GpuError> {
-        let stored = (0..self.wanted.layers).map(|layer| {
-            let stored = [
-                ("radiance", self.target.radiance.as_entire_binding()),
-                (
-                    "stored",
-                    TextureView(&layers_of_cube(&self.radiance, layer)),
-                ),
-            ];
-            kernels.store.bind(gpu, 3, &stored)
-        });
-        let radiance = cubes(&self.radiance);
-        let radiance = ("radiance_cubes", TextureView(&radiance));
-        let more = match show {
-            Show::Light => std::slice::from_ref(&radiance),
-            Show::Certainty => &[],
-        };
-        let gather = kernels.gather(show);
-        Ok(BoundMaps {
-            stored: stored.collect::<Result<_, _>>()?,
-            group: maps.bind(gpu, gather, &self.uniform, &kernels.sampler, more)?,
-            maps,
-        })
-    }
-
-    /// Adds what the objects reflect and refract at `points`; `groups`: points and target.
+    /// Adds what the objects reflect and refract at the receiver's points.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
     pub fn gather(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
         scene: &GpuScene,
+        kernels: &Kernels,
         gather: &Kernel,
-        groups: &[wgpu::BindGroup; 2],
-        points: &SurfacePoints,
-    ) {
-        let [seen, added] = groups;
-        if let Some(bound) = &self.maps {
-            let groups = [
-                (0, &scene.bind_group),
-                (1, seen),
-                (2, &bound.group),
-                (3, added),
-            ];
-            gather.dispatch(pass, &groups, [points.count, 1, 1]);
-        }
+        receiver: &Receiver,
+    ) -> Result<(), GpuError> {
+        let Some(maps) = &self.maps else {
+            return Ok(());
+        };
+        let maps = maps.resources(&self.uniform, &kernels.sampler);
+        let own: [Named<'_>; 1] = [("radiance_cubes", &self.cubes)];
+        let resources = [&receiver.resources()[..], &maps, &own].concat();
+        let count = [receiver.points.count, 1, 1];
+        gather.run(pass, Some(&scene.bind_group), &resources, count)
     }
 
     /// Names and textures: radiance and distances of the surroundings, and a refractor's normals.
     pub fn textures(&self) -> Vec<(String, &wgpu::Texture)> {
         let mut textures = vec![("radiance", &self.radiance)];
-        if let Some(BoundMaps { maps, .. }) = &self.maps {
+        if let Some(maps) = &self.maps {
             textures.push(("distances", &maps.distances));
             textures.extend(maps.normals.iter().map(|normals| ("normals", normals)));
         }

@@ -12,20 +12,22 @@ mod impostor;
 mod tests;
 
 use std::collections::VecDeque;
+use std::convert::Infallible;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, ObjectMapsKey, OwnPoints, Plan, Registration, Role,
-    Technique, Texels,
+    AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, Map, OwnPoints, Plan,
+    Registration, Role, Technique, Unready, named,
 };
-use crate::capture::{Output, PerReceiver, Receiver, View};
+use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
 use crate::impostor::{Renew, Renewal};
-use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
-use crate::scene::{Claims, GpuScene, Object, Versions};
+use crate::light_paths::{LightClass, LightPaths, SEEN_LIGHTS, shown};
+use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::{Kind, SettingSet, SettingValue};
+use crate::stage::Stage;
 use groups::{Group, Kind as GroupKind};
 use impostor::{Impostor, Kernels, Making};
 
@@ -230,8 +232,6 @@ impl Settings {
     }
 }
 
-/// The value of [`Settings::objects`] and [`Settings::reference`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
 /// How often the cubes of several objects are lit when the scene changed: those lit first do not show yet what the
 /// others reflect.
 const ROUNDS: u32 = 2;
@@ -243,23 +243,19 @@ const MOST_BOUNCES: u32 = 32;
 pub struct DistanceImpostor {
     settings: Settings,
     kernels: Kernels,
-    /// Instances that are to have an impostor.
-    wanted: Vec<u32>,
-    groups: Vec<Group>,
-    /// What the groups were formed of: they stay while objects move.
-    grouped: Option<ObjectMapsKey<u32>>,
-    made: Option<ImpostorSet>,
-    bound: PerReceiver<[wgpu::BindGroup; 2]>,
+    /// Objects that are to have an impostor.
+    wanted: Claimed,
+    /// By the most there may be; they stay while objects move.
+    groups: Stage<(u32, Claimed), Vec<Group>>,
+    set: Stage<(Settings, Claimed, Vec<Group>), ImpostorSet>,
 }
 
-/// The impostors, and what they were made for.
-#[derive(Debug)]
+/// The impostors, and the order in which they are lit.
+#[derive(Debug, Default)]
 struct ImpostorSet {
-    of: ObjectMapsKey<Settings>,
-    groups: Vec<Group>,
-    /// Versions of the scene, and of the settings of techniques, in the last frame.
-    seen: Option<(Versions, u64)>,
-    /// [`Earlier::revision`] of the last frame.
+    /// The light of other techniques in the last frame.
+    light: Stage<LightState>,
+    /// [`crate::techniques::EarlierLight::revision`] of the last frame.
     revision: u64,
     impostors: Vec<Impostor>,
     /// Indices of the impostors to light, in order; what a frame's budget does not allow stays for the next.
@@ -283,12 +279,14 @@ impl DistanceImpostor {
         Ok(Self {
             settings: Settings::default(),
             kernels: Kernels::new(gpu, scene)?,
-            wanted: Vec::new(),
-            groups: Vec::new(),
-            grouped: None,
-            made: None,
-            bound: PerReceiver::default(),
+            wanted: Claimed::default(),
+            groups: Stage::default(),
+            set: Stage::default(),
         })
+    }
+
+    fn impostors(&self) -> impl Iterator<Item = &Impostor> {
+        self.set.get().into_iter().flat_map(|set| &set.impostors)
     }
 }
 
@@ -309,15 +307,14 @@ impl Technique for DistanceImpostor {
             claims.is_some_and(|claims| claims.contains(Claims::RAYS))
         };
         let wanted = objects.filter(|(index, object)| is_wanted(object) && !is_traced(*index));
-        self.wanted = wanted.map(|(index, _)| index as u32).collect();
-        let cubes = self.settings.cubes;
-        let is_grouped = |grouped: &ObjectMapsKey<u32>| grouped.serves(&cubes, &self.wanted, scene);
-        if !self.grouped.as_ref().is_some_and(is_grouped) {
-            self.groups = groups::groups(&self.wanted, scene, cubes as usize);
-            self.grouped = Some(ObjectMapsKey::new(&cubes, &self.wanted, scene));
-        }
+        let wanted: Vec<u32> = wanted.map(|(index, _)| index as u32).collect();
+        self.wanted = Claimed::new(&wanted, scene);
+        let most = self.settings.cubes;
+        let Ok(all) = self.groups.keep((most, self.wanted.clone()), |_| {
+            Ok::<_, Infallible>(groups::groups(&wanted, scene, most as usize))
+        });
         let mut claims = vec![Claims::NONE; scene.objects.len()];
-        for (number, group) in (1..).zip(&self.groups) {
+        for (number, group) in (1..).zip(&*all) {
             // The cubes of rough objects hold no emitters, so transmission through rough objects is left to other
             // techniques.
             let claim = match group.kind {
@@ -331,17 +328,13 @@ impl Technique for DistanceImpostor {
                 claims[member as usize] = claim.with_impostor(number);
             }
         }
-        let has = |kind| self.groups.iter().any(|group| group.kind == kind);
+        let has = |kind| all.iter().any(|group| group.kind == kind);
         let refracts = has(GroupKind::Refractor);
         let is_smooth = refracts || has(GroupKind::Mirror);
         let is_rough = has(GroupKind::Rough) || has(GroupKind::Surroundings);
         // A texture may make parts of a rough object ideal.
-        let is_partly_smooth = self.groups.iter().any(Group::has_ideal_lobes);
-        let lobes = match (is_smooth || is_partly_smooth, is_rough) {
-            (true, true) => "[GS]",
-            (false, _) => "G",
-            (true, false) => "S",
-        };
+        let is_partly_smooth = all.iter().any(Group::has_ideal_lobes);
+        let lobes = [is_smooth || is_partly_smooth, is_rough];
         // A single refraction represents those on the way in and out.
         let own = if refracts {
             self.settings.bounces.max(1) + 1
@@ -349,30 +342,22 @@ impl Technique for DistanceImpostor {
             1
         };
         // Cubes show other objects, whose cubes in turn show this one.
-        let rounds = if self.groups.len() > 1 { ROUNDS + 1 } else { 1 };
+        let rounds = if all.len() > 1 { ROUNDS + 1 } else { 1 };
         let most = (own * rounds).min(MOST_BOUNCES);
         let mut paths = Vec::new();
-        if !self.groups.is_empty() {
+        if !all.is_empty() {
             // Light on the surroundings, and lights seen directly; the latter only in smooth objects, and not in smooth
             // objects that rough ones show: those are caustics, which other techniques add.
-            let bounces = format!("{lobes}{{1,{most}}}");
-            paths.extend(covered.iter().map(|one| one.continued(&bounces)));
+            paths.extend(shown(covered, lobes, most));
             if is_smooth {
-                let bounces = format!("S{{1,{most}}}");
-                for class in [LightClass::Area, LightClass::Environment] {
-                    let one = LightPaths::new(class, SEEN_DIRECTLY);
-                    paths.push(one.continued(&bounces));
-                }
+                paths.extend(shown(&SEEN_LIGHTS, [true, false], most));
             }
         }
         Plan {
             paths,
             claims,
-            object_names: match self.settings.objects.as_str() {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
-            lookups: self.groups.len() as u32,
+            object_names: named(&self.settings.objects),
+            lookups: all.len() as u32,
             needs: None,
         }
     }
@@ -391,31 +376,18 @@ impl Technique for DistanceImpostor {
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        let is_made = |made: &ImpostorSet| {
-            made.groups == self.groups && made.of.serves(&self.settings, &self.wanted, scene)
-        };
-        if !self.made.as_ref().is_some_and(is_made) {
-            let groups = (1..).zip(&self.groups);
-            let impostors = groups.map(|(number, group)| {
-                Impostor::new(frame.gpu, &self.kernels, &self.settings, number, group)
-            });
-            self.made = Some(ImpostorSet {
+    ) -> Result<Generated, Unready> {
+        let groups = self.groups.get().map_or(&[][..], Vec::as_slice);
+        let key = (self.settings.clone(), self.wanted.clone(), groups.to_vec());
+        let set = self.set.keep(key, |_| {
+            let groups = (1..).zip(groups);
+            let impostors = groups
+                .map(|(number, group)| Impostor::new(frame.gpu, &self.settings, number, group));
+            Ok::<_, GpuError>(ImpostorSet {
                 impostors: impostors.collect::<Result<_, _>>()?,
-                of: ObjectMapsKey::new(&self.settings, &self.wanted, scene),
-                groups: self.groups.clone(),
-                seen: None,
-                revision: 0,
-                queue: VecDeque::new(),
-                queued: 0,
-                next: 0,
-                finished: 0,
-                waiting: 0,
-            });
-        }
-        let Some(made) = &mut self.made else {
-            return Ok(Generated::FINAL);
-        };
+                ..ImpostorSet::default()
+            })
+        })?;
         let is_every_frame = self.settings.renew.0 == Renew::EveryFrame;
         // A different seed in every frame, so that random decisions vary.
         let seed = if is_every_frame {
@@ -425,8 +397,10 @@ impl Technique for DistanceImpostor {
         } else {
             0
         };
-        let is_refined = made.revision != earlier.revision;
-        made.revision = earlier.revision;
+        let light = earlier.light.state(scene);
+        let is_refined = set.revision != light.revision;
+        set.revision = light.revision;
+        let is_changed = set.light.ask(light.however_refined());
         let making = Making {
             scene,
             kernels: &self.kernels,
@@ -435,9 +409,6 @@ impl Technique for DistanceImpostor {
             eye: Vec3::from_array(view.uniform.origin),
             is_refined,
         };
-        let now = Some((scene.versions, earlier.settings_version));
-        let is_changed = made.seen != now;
-        made.seen = now;
         let ImpostorSet {
             impostors,
             queue,
@@ -446,7 +417,7 @@ impl Technique for DistanceImpostor {
             finished,
             waiting,
             ..
-        } = made;
+        } = set;
         for impostor in &mut *impostors {
             impostor.follow(frame.gpu, making, earlier)?;
         }
@@ -497,7 +468,7 @@ impl Technique for DistanceImpostor {
         // the earlier ones of both. One that is in the queue again is lit briefly.
         let (mut taken, mut work) = (Vec::new(), 0_u64);
         while let Some(&index) = queue.front()
-            && earlier.may_step_after(work)
+            && earlier.budget.may_step_after(work)
         {
             queue.pop_front();
             let is_brief = queue.contains(&index);
@@ -523,11 +494,10 @@ impl Technique for DistanceImpostor {
                 break;
             };
             let kernel = self.kernels.gather_into(this.kind, self.settings.show);
-            let bound = &mut self.bound;
             this.light(frame, making, earlier, is_brief, |frame, receiver| {
                 let others = before.iter().chain(&*after);
                 let others = others.filter(|one| one.is_lit);
-                add(frame, scene, kernel, bound, receiver, others)
+                add(frame, scene, (&self.kernels, kernel), receiver, others)
             })?;
         }
         if queue.is_empty() {
@@ -558,53 +528,30 @@ impl Technique for DistanceImpostor {
         if receiver.points.output != Output::RadianceToEye {
             return Ok(());
         }
-        let impostors = self.made.iter().flat_map(|made| &made.impostors);
-        add(
-            frame,
-            scene,
-            self.kernels.gather(self.settings.show),
-            &mut self.bound,
-            receiver,
-            impostors,
-        )
+        let kernels = (&self.kernels, self.kernels.gather(self.settings.show));
+        add(frame, scene, kernels, receiver, self.impostors())
     }
 
     fn waiting(&self) -> u64 {
-        self.made.as_ref().map_or(0, |made| made.waiting)
+        self.set.get().map_or(0, |set| set.waiting)
     }
 
     fn inspect(&self) -> Inspection {
-        let impostors = self.made.iter().flat_map(|made| &made.impostors);
-        let maps = impostors
-            .flat_map(|impostor| {
-                impostor.textures().into_iter().map(|(name, texture)| Map {
-                    name,
-                    texels: Texels::Texture(texture.clone()),
-                })
-            })
-            .collect();
-        Inspection {
-            maps,
-            ..Inspection::default()
-        }
+        let textures = self.impostors().flat_map(Impostor::textures);
+        let maps = textures.map(|(name, texture)| Map::of_texture(name, texture));
+        Inspection::of(maps)
     }
 }
 
-/// Adds what the objects of `impostors` mirror and refract, with the pass `kernel`.
+/// Adds what the objects of `impostors` mirror and refract, with the last of the passes.
 fn add<'a>(
     frame: &mut Frame<'_>,
     scene: &GpuScene,
-    kernel: &Kernel,
-    bound: &mut PerReceiver<[wgpu::BindGroup; 2]>,
+    (kernels, gather): (&Kernels, &Kernel),
     receiver: &Receiver,
-    impostors: impl Iterator<Item = &'a Impostor>,
+    mut impostors: impl Iterator<Item = &'a Impostor>,
 ) -> Result<(), GpuError> {
-    let gpu = frame.gpu;
-    let groups = bound.of(receiver, || receiver.bind(gpu, kernel))?;
     frame.compute("distance-impostor.gather", |pass| {
-        for impostor in impostors {
-            impostor.gather(pass, scene, kernel, groups, &receiver.points);
-        }
-    });
-    Ok(())
+        impostors.try_for_each(|one| one.gather(pass, scene, kernels, gather, receiver))
+    })
 }

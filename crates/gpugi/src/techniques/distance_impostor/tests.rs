@@ -7,11 +7,9 @@ use gpugi_scene::{Camera, Material, MaterialModel, Scene, Volume};
 use super::{DistanceImpostor, Search, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::Earlier;
+use crate::techniques::{Earlier, EarlierLight, Shared};
 use crate::testing::{constant, on_face, test_gpu};
 
 const SIDE: usize = 32;
@@ -69,17 +67,8 @@ fn generated(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> DistanceImp
     let mut frame = Frame::new(gpu, false);
     scene.merge(&mut frame);
     let mut emission = Emission::new(gpu, &scene).unwrap();
-    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut environments = Environments::default();
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut shared = Shared::new(gpu, &scene, &kernels).unwrap();
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();

@@ -13,18 +13,19 @@ mod export_tests;
 #[cfg(test)]
 mod tests;
 
-use super::openness::following;
+use super::openness::follow;
 use super::{
-    Earlier, Generated, Info, Inspection, Map, OpennessLookup, Plan, Provided, Registration, Role,
-    Technique, Texels,
+    AUTO, Earlier, Generated, Info, Inspection, Map, OpennessLookup, Plan, Provided, Registration,
+    Role, Technique, Unready, named,
 };
 use crate::capture::{Gather, Output, Receiver, View};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, join};
 use crate::light_paths::{LightClass, LightPaths, overlap};
 use crate::prefiltered::{Lookup, Prefiltered, Wanted};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use crate::shader;
+use crate::stage::Stage;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -103,14 +104,12 @@ crate::settings! {
     }
 }
 
-/// The value of [`Settings::objects`] for which the choice depends on the other techniques.
-const AUTO: &str = "auto";
-
 /// Environment mapping.
 #[derive(Debug)]
 pub struct EnvironmentMap {
     settings: Settings,
-    gather: Gather,
+    /// The pass that adds the light, by whether something hides it.
+    gather: Stage<bool, Gather>,
     /// Whether all of the environment's light is left to this technique.
     is_whole: bool,
     /// Whether any object needs more than the environment's image.
@@ -118,18 +117,9 @@ pub struct EnvironmentMap {
     /// The environment's maps, once generated.
     maps: Option<(Prefiltered, Lookup)>,
     /// With [`Settings::occlusion`], what hides them.
-    occlusion: Option<Box<dyn OpennessLookup>>,
+    occlusion: Stage<wgpu::Buffer, Box<dyn OpennessLookup>>,
     /// Stands in for what `occlusion` finds.
     unhidden: wgpu::Buffer,
-    bound: Option<BoundMaps>,
-}
-
-/// The environment's maps and what hides them, and bind group 2 of the gather with both.
-#[derive(Debug)]
-struct BoundMaps {
-    maps: (Prefiltered, Lookup),
-    openness: wgpu::Buffer,
-    group: wgpu::BindGroup,
 }
 
 impl Settings {
@@ -155,32 +145,17 @@ impl EnvironmentMap {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        Ok(Self {
+        let mut made = Self {
             settings: Settings::default(),
-            gather: gather(gpu, scene, false)?,
+            gather: Stage::default(),
             is_whole: true,
             needs_maps: true,
             maps: None,
-            occlusion: None,
-            unhidden: gpu.buffer("openness of no point", 16, wgpu::BufferUsages::STORAGE)?,
-            bound: None,
-        })
-    }
-
-    /// Reads the present openness.
-    fn follow_openness(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        earlier: &Earlier<'_>,
-    ) -> Result<(), GpuError> {
-        let openness = earlier.openness().filter(|_| self.settings.occlusion);
-        if openness.is_some() != self.occlusion.is_some() {
-            self.gather = gather(gpu, scene, openness.is_some())?;
-            self.bound = None;
-        }
-        self.occlusion = following(self.occlusion.take(), openness, gpu, scene)?;
-        Ok(())
+            occlusion: Stage::default(),
+            unhidden: gpu.room("openness of no point", 16)?,
+        };
+        made.gather.keep(false, |_| gather(gpu, scene, false))?;
+        Ok(made)
     }
 
     /// Radiance of the environment in spherical harmonics, 9 x 4 floats in the order of
@@ -240,7 +215,7 @@ impl Technique for EnvironmentMap {
         Plan {
             paths: if self.is_whole { INFO.paths } else { MIRRORS }.to_vec(),
             claims,
-            object_names: chosen(&self.settings.objects),
+            object_names: named(&self.settings.objects),
             lookups: 1,
             needs: self
                 .settings
@@ -263,14 +238,18 @@ impl Technique for EnvironmentMap {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
         if scene.environment.is_none() {
             return Ok(Generated::FINAL);
         }
         let (wanted, lookup) = (self.settings.wanted(), self.settings.lookup());
         let (maps, generated) = earlier.prefiltered(frame, scene, wanted, self.needs_maps)?;
         self.maps = Some((maps.clone(), lookup));
-        self.follow_openness(frame.gpu, scene, earlier)?;
+        let openness = earlier.openness().filter(|_| self.settings.occlusion);
+        let is_hidden = openness.is_some();
+        follow(&mut self.occlusion, openness, frame.gpu, scene)?;
+        self.gather
+            .keep(is_hidden, |_| gather(frame.gpu, scene, is_hidden))?;
         Ok(generated)
     }
 
@@ -286,54 +265,23 @@ impl Technique for EnvironmentMap {
         if scene.environment.is_none() || !is_lit {
             return Ok(());
         }
-        let Some(maps) = &self.maps else {
+        let (Some((maps, lookup)), Some(gather)) = (&self.maps, self.gather.get()) else {
             return Ok(());
         };
-        let openness = match &mut self.occlusion {
+        let openness = match self.occlusion.get_mut() {
             Some(occlusion) => occlusion.record(frame, scene, receiver)?,
             None => &self.unhidden,
         };
-        let bound = match self.bound.take() {
-            Some(bound) if bound.maps == *maps && bound.openness == *openness => bound,
-            _ => BoundMaps {
-                group: maps.0.bind(
-                    frame.gpu,
-                    self.gather.kernel(),
-                    maps.1,
-                    &[("openness", openness.as_entire_binding())],
-                )?,
-                maps: maps.clone(),
-                openness: openness.clone(),
-            },
-        };
-        let groups = [&self.bound.insert(bound).group];
-        self.gather
-            .record(frame, "environment-map.gather", scene, receiver, &groups)
+        let settings = maps.settings(frame.gpu, *lookup)?;
+        let more = join(&maps.resources(&settings), &[("openness", openness)]);
+        gather.record(frame, "environment-map.gather", scene, receiver, &more)
     }
 
     fn inspect(&self) -> Inspection {
         let textures = self.maps.iter().flat_map(|(maps, _)| maps.textures());
         let names = ["radiance", "irradiance", "ggx", "phong", "albedo"];
-        let maps = names
-            .iter()
-            .zip(textures)
-            .map(|(name, texture)| Map {
-                name: format!("environment-map.{name}"),
-                texels: Texels::Texture(texture.clone()),
-            })
-            .collect();
-        Inspection {
-            maps,
-            ..Inspection::default()
-        }
-    }
-}
-
-/// The objects that the setting names; none where gpugi chooses.
-fn chosen(objects: &str) -> String {
-    if objects == AUTO {
-        String::new()
-    } else {
-        objects.to_owned()
+        let maps = names.iter().zip(textures);
+        let maps = maps.map(|(name, map)| Map::of_texture(format!("environment-map.{name}"), map));
+        Inspection::of(maps)
     }
 }

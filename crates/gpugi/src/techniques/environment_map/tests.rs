@@ -10,11 +10,11 @@ use gpugi_scene::{Camera, Environment, Image, Pixels, Scene};
 use super::{Earlier, EnvironmentMap, Technique};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
-use crate::impostor::Impostors;
-use crate::prefiltered::{Environments, IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
+use crate::prefiltered::{IRRADIANCE_SIDE, TABLE_SIDE, level_roughness};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::shared::cpu::Case;
+use crate::techniques::{EarlierLight, Shared};
 use crate::testing::{Random, on_face, run_kernel, test_gpu};
 
 /// An environment of `width` x `height` texels.
@@ -71,17 +71,8 @@ pub(super) fn generated(
     let mut frame = Frame::new(gpu, false);
     let mut emission = Emission::new(gpu, &scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &scene).unwrap();
-    let mut impostors = Impostors::new(gpu, &scene, &kernels).unwrap();
-    let mut environments = Environments::default();
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut shared = Shared::new(gpu, &scene, &kernels).unwrap();
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
     technique
         .generate(&mut frame, &scene, &view, &mut lit)
         .unwrap();
@@ -526,21 +517,12 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     technique.settings_mut().set("resolution", "8").unwrap();
     let camera = Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0);
     let view = View::new(&camera, [1, 1], Vec2::ZERO, 0, 0, 1.0);
-    let mut environments = Environments::default();
+    let kernels = CaptureKernels::new(&gpu, &scene).unwrap();
+    let mut shared = Shared::new(&gpu, &scene, &kernels).unwrap();
     let mut passes = |technique: &mut EnvironmentMap, scene: &GpuScene| {
         let mut frame = Frame::new(&gpu, true);
         let mut emission = Emission::new(&gpu, scene).unwrap();
-        let kernels = CaptureKernels::new(&gpu, scene).unwrap();
-        let mut impostors = Impostors::new(&gpu, scene, &kernels).unwrap();
-        let mut lit = Earlier::new(
-            &mut emission,
-            &mut [],
-            &mut impostors,
-            &mut environments,
-            0,
-            0,
-            true,
-        );
+        let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
         technique
             .generate(&mut frame, scene, &view, &mut lit)
             .unwrap();

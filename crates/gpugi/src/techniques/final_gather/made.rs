@@ -8,13 +8,14 @@ use super::maps::{Bench, Kernels, Making, Maps};
 use super::objects::ObjectPoint;
 use super::places::Places;
 use super::settings::{Settings, Visibility};
-use crate::capture::{Output, Receiver};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::capture::{CaptureKernels, Output, Receiver};
+use crate::gpu::{Frame, Gpu, GpuError, join};
 use crate::probes::{Grid, Placing, ProbeCubes};
-use crate::scene::{GpuScene, Versions};
-use crate::techniques::openness::following;
+use crate::scene::GpuScene;
+use crate::stage::Stage;
+use crate::techniques::openness::follow;
 use crate::techniques::{
-    Earlier, Generated, Inspection, Map, ObjectMapsKey, OpennessLookup, Texels,
+    Claimed, Earlier, Generated, Inspection, LightState, Map, OpennessLookup, Slice,
 };
 
 /// Most reference points of a grid, and most objects with one.
@@ -25,20 +26,23 @@ const BOUNCES_AT_ONCE: u32 = 16;
 /// Widest map of distances (texels): WebGPU promises this much.
 const WIDEST: u32 = 8192;
 
-/// The reference points and their lights, and what they were made for.
+/// What reference points and their lights are made for: settings, what the plan decides, whether passes look for media,
+/// and where the points are.
+pub type Key = (Settings, Own, bool, Layout);
+
+/// The reference points and their lights.
 #[derive(Debug)]
 pub struct Made {
     settings: Settings,
     own: Own,
-    /// Whether the passes look for media.
-    knows_media: bool,
-    of: Layout,
+    layout: Layout,
     kernels: Kernels,
     maps: Maps,
     cubes: Cubes,
     /// With `occlusion`, what multiplies the light.
-    openness: Option<Box<dyn OpennessLookup>>,
-    lit_as: Option<LitAs>,
+    openness: Stage<wgpu::Buffer, Box<dyn OpennessLookup>>,
+    /// The light in the cubes, seen from the camera if they are.
+    light: Stage<(LightState, Option<Vec3>)>,
     /// Bounces since the light last changed.
     bounced: u32,
     /// Whether the lights have been complete once, so that they can be gathered.
@@ -47,11 +51,11 @@ pub struct Made {
 }
 
 /// Where the reference points are.
-#[derive(Debug)]
-enum Layout {
+#[derive(Debug, Clone, PartialEq)]
+pub enum Layout {
     /// In a grid, in these bounds.
     Grid(Bounds, Grid),
-    Objects(ObjectMapsKey<Settings>),
+    Objects(Claimed),
     Camera,
 }
 
@@ -74,42 +78,31 @@ impl Cubes {
     }
 }
 
-/// Everything that the light in the cubes depends on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct LitAs {
-    versions: Versions,
-    settings: u64,
-    revision: u64,
-    eye: Option<Vec3>,
-}
-
 impl Layout {
-    fn new(settings: &Settings, places: Places, claimed: &[u32], scene: &GpuScene) -> Self {
-        match places {
-            Places::Grid => {
-                let grid = Grid::new(&scene.core, settings.density);
-                Self::Grid(scene.core, grid)
+    /// Where points belong. A grid stays where it was `before`, with the same settings, while the scene does not leave its
+    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all points.
+    fn new(
+        settings: &Settings,
+        places: Places,
+        claimed: &Claimed,
+        scene: &GpuScene,
+        before: Option<&Self>,
+    ) -> Self {
+        let now = &scene.core;
+        let is_near = |bounds: &Bounds| {
+            let slack = bounds.diagonal() * 1e-3;
+            *now == *bounds
+                || now.min.cmpge(bounds.min - slack).all()
+                    && now.max.cmple(bounds.max + slack).all()
+                    && now.diagonal() > bounds.diagonal() * 0.5
+        };
+        match (places, before) {
+            (Places::Grid, Some(Self::Grid(bounds, grid))) if is_near(bounds) => {
+                Self::Grid(*bounds, *grid)
             }
-            Places::Objects => Self::Objects(ObjectMapsKey::new(settings, claimed, scene)),
-            Places::Camera => Self::Camera,
-        }
-    }
-
-    /// Whether it serves the scene as it is, with the same settings. A grid stays while the scene does not leave its
-    /// bounds, nor shrink to less than half of them: otherwise whatever moves at the scene's border would move all
-    /// points.
-    fn serves(&self, settings: &Settings, claimed: &[u32], scene: &GpuScene) -> bool {
-        match self {
-            Self::Grid(bounds, _) => {
-                let now = &scene.core;
-                let slack = bounds.diagonal() * 1e-3;
-                *now == *bounds
-                    || now.min.cmpge(bounds.min - slack).all()
-                        && now.max.cmple(bounds.max + slack).all()
-                        && now.diagonal() > bounds.diagonal() * 0.5
-            }
-            Self::Objects(key) => key.serves(settings, claimed, scene),
-            Self::Camera => true,
+            (Places::Grid, _) => Self::Grid(*now, Grid::new(now, settings.density)),
+            (Places::Objects, _) => Self::Objects(claimed.clone()),
+            (Places::Camera, _) => Self::Camera,
         }
     }
 
@@ -150,8 +143,8 @@ impl Layout {
                 count: within(grid.len(), MOST_POINTS)?,
                 ..probes
             },
-            Self::Objects(key) => gpu::Probes {
-                count: within(key.objects().count() as u64, MOST_OBJECTS)?,
+            Self::Objects(claimed) => gpu::Probes {
+                count: within(claimed.objects().len() as u64, MOST_OBJECTS)?,
                 own: u32::from(settings.own_surface && settings.localize),
                 ..probes
             },
@@ -172,22 +165,33 @@ pub struct Own {
     pub bounces: bool,
 }
 
+/// What is to be made; `before`: what was made last.
+pub fn key(
+    settings: &Settings,
+    own: Own,
+    claimed: &Claimed,
+    scene: &GpuScene,
+    before: Option<&Key>,
+) -> Key {
+    let before = before.filter(|(of, ..)| of == settings);
+    let before = before.map(|(.., layout)| layout);
+    let layout = Layout::new(settings, own.places, claimed, scene, before);
+    (settings.clone(), own, !scene.media.is_empty(), layout)
+}
+
 impl Made {
-    /// Nothing is lit yet. `claimed`: the instances with a reference point, if objects have them.
+    /// Nothing is lit yet.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn new(
         gpu: &Gpu,
         scene: &GpuScene,
-        earlier: &Earlier<'_>,
-        settings: &Settings,
-        own: Own,
-        claimed: &[u32],
+        capture: &CaptureKernels,
+        (settings, own, _, layout): Key,
     ) -> Result<Self, GpuError> {
-        let of = Layout::new(settings, own.places, claimed, scene);
-        let probes = of.probes(settings, scene).map_err(|(needed, limit)| {
-            let what = match of {
+        let probes = layout.probes(&settings, scene).map_err(|(needed, limit)| {
+            let what = match layout {
                 Layout::Objects(_) => "objects with reference points (name fewer)",
                 _ => "reference points (lower final-gather.density)",
             };
@@ -198,52 +202,37 @@ impl Made {
                 adapter: gpu.adapter.name.clone(),
             }
         })?;
-        let kernels = Kernels::new(gpu, scene, settings, probes.own == 1)?;
-        let maps = Maps::new(gpu, &kernels, settings, probes)?;
-        let capture = earlier.impostors.capture_kernels();
-        let own_cubes = |points: Vec<Vec3>, placing: Option<Placing>| {
-            let side = maps.probes.resolution;
-            let at_once = settings.faces_per_frame;
-            let bench = || Bench::new(gpu, &kernels, &maps, side);
+        let has_own = probes.own == 1;
+        let points = |points, placing| {
+            let (side, at_once) = (settings.resolution, settings.faces_per_frame);
+            let bench = || Bench::new(gpu, side);
             ProbeCubes::new(gpu, capture, side, points, placing, at_once, bench).map(Cubes::Own)
         };
-        let cubes = match &of {
-            Layout::Objects(key) => {
-                let objects = key.objects().map(|(instance, _)| {
-                    ObjectPoint::new(gpu, capture, &kernels, &maps, settings, instance)
-                });
-                Cubes::OfObjects {
-                    objects: objects.collect::<Result<_, _>>()?,
-                    next: 0,
-                }
-            }
-            Layout::Grid(bounds, grid) => {
-                own_cubes(grid.points().collect(), Some(Placing::new(grid, bounds)))?
-            }
-            Layout::Camera => own_cubes(vec![Vec3::ZERO], None)?,
-        };
         Ok(Self {
-            settings: settings.clone(),
+            cubes: match &layout {
+                Layout::Objects(claimed) => {
+                    let point = |one| ObjectPoint::new(gpu, capture, &settings, one, has_own);
+                    Cubes::OfObjects {
+                        objects: claimed.numbers().map(point).collect::<Result<_, _>>()?,
+                        next: 0,
+                    }
+                }
+                Layout::Grid(bounds, grid) => {
+                    points(grid.points().collect(), Some(Placing::new(grid, bounds)))?
+                }
+                Layout::Camera => points(vec![Vec3::ZERO], None)?,
+            },
+            kernels: Kernels::new(gpu, scene, &settings, has_own)?,
+            maps: Maps::new(gpu, &settings, probes)?,
+            settings,
             own,
-            knows_media: !scene.media.is_empty(),
-            of,
-            kernels,
-            maps,
-            cubes,
-            openness: None,
-            lit_as: None,
+            layout,
+            openness: Stage::default(),
+            light: Stage::default(),
             bounced: 0,
             is_complete: false,
             revision: 0,
         })
-    }
-
-    /// Whether it serves these settings and the scene as it is.
-    pub fn serves(&self, settings: &Settings, own: Own, claimed: &[u32], scene: &GpuScene) -> bool {
-        self.settings == *settings
-            && self.own == own
-            && self.knows_media != scene.media.is_empty()
-            && self.of.serves(settings, claimed, scene)
     }
 
     /// Captures, lights and lets light bounce, as far as a frame may.
@@ -258,7 +247,7 @@ impl Made {
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         let openness = earlier.openness().filter(|_| self.settings.occlusion);
-        self.openness = following(self.openness.take(), openness, frame.gpu, scene)?;
+        follow(&mut self.openness, openness, frame.gpu, scene)?;
         let is_lit = self.light(frame, scene, eye, earlier)?;
         if is_lit {
             self.bounced = 0;
@@ -269,7 +258,7 @@ impl Made {
             Cubes::OfObjects { .. } => [true; 2],
         };
         let is_lit_once = never == 0 && was_placed;
-        let has_bounced = is_lit_once && self.bounce(frame, scene, earlier);
+        let has_bounced = is_lit_once && self.bounce(frame, scene, &mut earlier.budget)?;
         let all = self.bounces();
         let done = (turns - stale) as f32 + self.bounced as f32 + f32::from(u8::from(is_placed));
         let is_first = !self.is_complete;
@@ -293,31 +282,24 @@ impl Made {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let openness = match &mut self.openness {
-            Some(openness) => Some(openness.record(frame, scene, receiver)?),
-            None => None,
-        };
-        let gathered = self.maps.gathered(frame.gpu, &self.kernels, openness)?;
-        let gather = &mut self.kernels.gather;
-        gather.record(frame, "final-gather.gather", scene, receiver, &[gathered])
+        let maps = self.maps.resources();
+        let (name, gather) = ("final-gather.gather", &self.kernels.gather);
+        match self.openness.get_mut() {
+            Some(openness) => {
+                let factors = openness.record(frame, scene, receiver)?;
+                let maps = join(&maps, &[("obscurances", factors)]);
+                gather.record(frame, name, scene, receiver, &maps)
+            }
+            None => gather.record(frame, name, scene, receiver, &maps),
+        }
     }
 
     /// The lights, the distances, and the memory that it takes to make them.
     pub fn inspect(&self) -> Inspection {
         let maps = &self.maps;
-        let lights = Map {
-            name: "final-gather.lights".into(),
-            texels: Texels::Buffer {
-                buffer: maps.sources.clone(),
-                size: [6 * maps.probes.side * maps.probes.side, maps.probes.count],
-                stride: 32,
-                is_number: false,
-            },
-        };
-        let distances = Map {
-            name: "final-gather.distances".into(),
-            texels: Texels::Texture(maps.distances.clone()),
-        };
+        let size = [6 * maps.probes.side * maps.probes.side, maps.probes.count];
+        let lights = Map::of_colors("final-gather.lights", &maps.sources, size, 32);
+        let distances = Map::of_texture("final-gather.distances", &maps.distances);
         let has_distances = self.settings.visibility == Visibility::Distance;
         let distances = has_distances.then_some(distances);
         Inspection {
@@ -335,14 +317,8 @@ impl Made {
         eye: Vec3,
         earlier: &mut Earlier<'_>,
     ) -> Result<bool, GpuError> {
-        let now = LitAs {
-            versions: scene.versions,
-            settings: earlier.settings_version,
-            revision: earlier.revision,
-            eye: matches!(self.of, Layout::Camera).then_some(eye),
-        };
-        let is_stale = self.lit_as != Some(now);
-        self.lit_as = Some(now);
+        let from = matches!(self.layout, Layout::Camera).then_some(eye);
+        let is_stale = self.light.renew((earlier.light.state(scene), from));
         let output = if self.settings.glossy {
             Output::RadianceToEye
         } else {
@@ -367,6 +343,7 @@ impl Made {
         let making = Making {
             scene,
             kernels: &self.kernels,
+            maps: &self.maps,
             output,
             work,
         };
@@ -375,12 +352,12 @@ impl Made {
                 if is_stale {
                     points.invalidate();
                 }
-                if matches!(self.of, Layout::Camera) {
+                if matches!(self.layout, Layout::Camera) {
                     points.positions[0] = eye;
                 }
                 let due = points.due(frame, scene, &self.maps.ways_out)?;
                 for &turn in &due {
-                    if !earlier.may_step() {
+                    if !earlier.budget.may_step() {
                         break;
                     }
                     let faces = points.capture(frame, scene, output, turn)?;
@@ -421,21 +398,26 @@ impl Made {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        earlier: &mut Earlier<'_>,
-    ) -> bool {
+        budget: &mut Slice,
+    ) -> Result<bool, GpuError> {
         let all = self.bounces();
         let most = if self.is_complete { 1 } else { BOUNCES_AT_ONCE };
         let most = most.min(all - self.bounced.min(all));
         let mut times = 0;
-        while times < most && earlier.may_step() {
-            earlier.count(self.maps.lookups_of_bounce());
-            times += 1;
-        }
+        budget.steps(
+            most,
+            &mut times,
+            |_| false,
+            |times| {
+                *times += 1;
+                Ok::<_, GpuError>(self.maps.lookups_of_bounce())
+            },
+        )?;
         if times > 0 {
-            self.maps.bounce(frame, scene, &self.kernels, times);
+            self.maps.bounce(frame, scene, &self.kernels, times)?;
             self.bounced += times;
         }
-        times > 0
+        Ok(times > 0)
     }
 
     fn bounces(&self) -> u32 {

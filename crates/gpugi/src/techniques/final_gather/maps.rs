@@ -1,12 +1,10 @@
 //! The area lights of all reference points, and the passes that write and read them.
 
-use wgpu::BindingResource::TextureView;
-
 use super::gpu;
 use super::places::Places;
 use super::settings::{Settings, Visibility};
-use crate::capture::{Gather, Output, PerReceiver, Receiver, SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::capture::{Gather, Output, Receiver, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
@@ -45,11 +43,7 @@ impl Kernels {
         let has_own = ("OWN", flag(has_own));
         let media = scene.media_constant();
         let kernel = |shader, entry, constants| {
-            let options = KernelOptions {
-                constants,
-                ..Default::default()
-            };
-            Kernel::with_options(gpu, shader, entry, layout, &options)
+            Kernel::with_constants(gpu, shader, entry, layout, constants)
         };
         let downsample = shader!("techniques.final_gather.downsample");
         let bounce = shader!("techniques.final_gather.bounce");
@@ -98,11 +92,10 @@ pub struct Maps {
     pub ways_out: wgpu::Buffer,
     /// Distance cubes of all reference points, side by side; one texel where nothing asks for them.
     pub distances: wgpu::Texture,
-    /// Bind group 2 of the gather, and the obscurances in it.
-    gathered: (wgpu::BindGroup, wgpu::Buffer),
+    distances_view: wgpu::TextureView,
     uniform: wgpu::Buffer,
-    bounced: [wgpu::BindGroup; 2],
-    lit: [wgpu::BindGroup; 2],
+    /// Stands in for obscurances; nothing reads it.
+    unattenuated: wgpu::Buffer,
 }
 
 impl Maps {
@@ -110,19 +103,13 @@ impl Maps {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-    pub fn new(
-        gpu: &Gpu,
-        kernels: &Kernels,
-        settings: &Settings,
-        probes: gpu::Probes,
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, settings: &Settings, probes: gpu::Probes) -> Result<Self, GpuError> {
         let count = u64::from(probes.count);
-        let storage = wgpu::BufferUsages::STORAGE;
         let bytes = probes.light_bytes();
-        let lights = gpu.buffer("final-gather.lights [bytes]", bytes, storage)?;
+        let lights = gpu.room("final-gather.lights [bytes]", bytes)?;
         let bytes = probes.source_bytes();
-        let sources = gpu.buffer("final-gather.sources [bytes]", bytes, storage)?;
-        let ways_out = gpu.buffer("final-gather.ways-out", 16 * count, storage)?;
+        let sources = gpu.room("final-gather.sources [bytes]", bytes)?;
+        let ways_out = gpu.room("final-gather.ways-out", 16 * count)?;
         let cube = [6 * probes.resolution, probes.resolution];
         let [width, height] = match settings.visibility {
             Visibility::None => [1, 1],
@@ -131,43 +118,19 @@ impl Maps {
                 cube[1] * probes.count.div_ceil(probes.cubes_per_row),
             ],
         };
-        let distances = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("final-gather.distances"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
+        let distances = gpu.texture_2d(
+            "final-gather.distances",
+            [width, height, 1],
+            wgpu::TextureFormat::R32Float,
+            wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::STORAGE_BINDING
                 | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
-        let uniform = gpu.uniform("reference points", &probes)?;
-        let view = distances.create_view(&Default::default());
-        let read = read(&uniform, &lights, &view);
-        // Nothing reads it.
-        let obscurances = gpu.buffer("no obscurances", 16, storage)?;
-        let of_gather = [("obscurances", obscurances.as_entire_binding())];
-        let of_gather = [&read[..], &of_gather].concat();
-        let gather = kernels.gather.kernel();
-        let [bounce, light_points] = [&kernels.bounce, &kernels.light_points];
-        let source = ("sources", sources.as_entire_binding());
-        let probes_alone = [("probes", uniform.as_entire_binding())];
-        let stored = [source.clone(), ("stored", lights.as_entire_binding())];
+        )?;
         Ok(Self {
-            gathered: (gather.bind(gpu, 2, &of_gather)?, obscurances),
-            bounced: [bounce.bind(gpu, 2, &read)?, bounce.bind(gpu, 3, &[source])?],
-            lit: [
-                light_points.bind(gpu, 2, &probes_alone)?,
-                light_points.bind(gpu, 3, &stored)?,
-            ],
+            uniform: gpu.uniform("reference points", &probes)?,
+            unattenuated: gpu.room("no obscurances", 16)?,
+            distances_view: distances.create_view(&Default::default()),
             probes,
-            uniform: uniform.clone(),
             lights,
             sources,
             ways_out,
@@ -175,27 +138,18 @@ impl Maps {
         })
     }
 
-    /// Bind group 2 of the gather.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn gathered(
-        &mut self,
-        gpu: &Gpu,
-        kernels: &Kernels,
-        obscurances: Option<&wgpu::Buffer>,
-    ) -> Result<&wgpu::BindGroup, GpuError> {
-        if let Some(obscurances) = obscurances
-            && self.gathered.1 != *obscurances
-        {
-            let view = self.distances.create_view(&Default::default());
-            let read = read(&self.uniform, &self.lights, &view);
-            let more = [("obscurances", obscurances.as_entire_binding())];
-            let resources = [&read[..], &more].concat();
-            let group = kernels.gather.kernel().bind(gpu, 2, &resources)?;
-            self.gathered = (group, obscurances.clone());
-        }
-        Ok(&self.gathered.0)
+    /// What passes bind. Some write the lights and distances that others read.
+    pub fn resources(&self) -> [Named<'_>; 8] {
+        [
+            ("probes", &self.uniform),
+            ("lights_of_points", &self.lights),
+            ("stored", &self.lights),
+            ("sources", &self.sources),
+            ("ways_out", &self.ways_out),
+            ("distances", &self.distances_view),
+            ("distances_unfilterable", &self.distances_view),
+            ("obscurances", &self.unattenuated),
+        ]
     }
 
     /// Lights that one bounce looks up: each light those of one or eight reference points.
@@ -210,69 +164,41 @@ impl Maps {
     }
 
     /// Lets light bounce this often between all lights: pass `final-gather.bounce`.
-    pub fn bounce(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels, times: u32) {
-        let count = self.probes.surfaces();
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn bounce(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+        times: u32,
+    ) -> Result<(), GpuError> {
+        let (count, scene) = (self.probes.surfaces(), Some(&scene.bind_group));
+        let resources = self.resources();
         frame.compute("final-gather.bounce", |pass| {
             for _ in 0..times {
-                for (kernel, [read, written], invocations) in [
-                    (&kernels.bounce, &self.bounced, BOUNCE_LANES * count),
-                    (&kernels.light_points, &self.lit, count),
-                ] {
-                    let groups = [(0, &scene.bind_group), (2, read), (3, written)];
-                    kernel.dispatch(pass, &groups, [invocations, 1, 1]);
-                }
+                let lanes = [BOUNCE_LANES * count, 1, 1];
+                kernels.bounce.run(pass, scene, &resources, lanes)?;
+                let lights = [count, 1, 1];
+                kernels.light_points.run(pass, scene, &resources, lights)?;
             }
-        });
+            Ok(())
+        })
     }
-}
-
-/// What passes that sum over lights read.
-fn read<'a>(
-    uniform: &'a wgpu::Buffer,
-    lights: &'a wgpu::Buffer,
-    distances: &'a wgpu::TextureView,
-) -> [(&'static str, wgpu::BindingResource<'a>); 3] {
-    [
-        ("probes", uniform.as_entire_binding()),
-        ("lights_of_points", lights.as_entire_binding()),
-        ("distances_unfilterable", TextureView(distances)),
-    ]
 }
 
 /// What it takes to light faces that were captured, and to downsample them.
 #[derive(Debug)]
-pub struct Bench {
-    target: Target,
-    /// What is to be made of the faces.
-    pub work: wgpu::Buffer,
-    written: wgpu::BindGroup,
-    seen: PerReceiver<wgpu::BindGroup>,
-}
+pub struct Bench(Target);
 
 impl Bench {
     /// A bench for cubes with faces of `side` x `side` texels.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-    pub fn new(gpu: &Gpu, kernels: &Kernels, maps: &Maps, side: u32) -> Result<Self, GpuError> {
-        let target = Target::new(gpu, 6 * side * side)?;
-        let bytes = size_of::<gpu::Work>() as u64;
-        let work = gpu.buffer("work", bytes, wgpu::BufferUsages::UNIFORM)?;
-        let distances = maps.distances.create_view(&Default::default());
-        let resources = [
-            ("to_do", work.as_entire_binding()),
-            ("radiance", target.radiance.as_entire_binding()),
-            ("stored", maps.lights.as_entire_binding()),
-            ("sources", maps.sources.as_entire_binding()),
-            ("distances", TextureView(&distances)),
-            ("ways_out", maps.ways_out.as_entire_binding()),
-        ];
-        Ok(Self {
-            written: kernels.downsample.bind(gpu, 3, &resources)?,
-            work,
-            target,
-            seen: PerReceiver::default(),
-        })
+    pub fn new(gpu: &Gpu, side: u32) -> Result<Self, GpuError> {
+        Target::new(gpu, 6 * side * side).map(Self)
     }
 
     /// Lights the points of some faces by the techniques before this one, and downsamples them: pass
@@ -281,35 +207,37 @@ impl Bench {
     /// # Errors
     /// [`GpuError`].
     pub fn light(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         making: Making<'_>,
         earlier: &mut Earlier<'_>,
         points: &SurfacePoints,
         work: &gpu::Work,
     ) -> Result<(), GpuError> {
-        let Making { scene, kernels, .. } = making;
-        let receiver = Receiver::new(points, &self.target);
+        let Making {
+            scene,
+            kernels,
+            maps,
+            ..
+        } = making;
+        let receiver = Receiver::new(points, &self.0);
         earlier.gather(frame, scene, &receiver, false)?;
-        let gpu = frame.gpu;
-        gpu.write(&self.work, 0, std::slice::from_ref(work));
-        let seen = self
-            .seen
-            .of(&receiver, || points.bind(gpu, &kernels.downsample))?;
+        let to_do = frame.gpu.constant("work", work)?;
+        let own: [Named<'_>; 1] = [("to_do", &to_do)];
+        let resources = [&receiver.resources()[..], &maps.resources(), &own].concat();
         let faces = points.count / (work.resolution * work.resolution);
+        let scene = Some(&scene.bind_group);
         frame.compute("final-gather.downsample", |pass| {
-            let groups = [(0, &scene.bind_group), (1, seen), (3, &self.written)];
             // A workgroup of 64 per light.
             let lights = [64 * work.side, work.side, faces];
-            kernels.downsample.dispatch(pass, &groups, lights);
-            kernels.state.dispatch(pass, &groups, [1, 1, 1]);
-        });
-        Ok(())
+            kernels.downsample.run(pass, scene, &resources, lights)?;
+            kernels.state.run(pass, scene, &resources, [1, 1, 1])
+        })
     }
 
     /// Bytes of the light of a cube's points.
     pub fn bytes(&self) -> u64 {
-        self.target.radiance.size()
+        self.0.radiance.size()
     }
 }
 
@@ -318,6 +246,7 @@ impl Bench {
 pub struct Making<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
+    pub maps: &'a Maps,
     /// What the techniques before this one are asked for at the cubes' points.
     pub output: Output,
     /// What is the same for all cubes.

@@ -13,14 +13,15 @@ mod places;
 mod settings;
 
 use super::{
-    Earlier, Generated, Info, Inspection, OwnPoints, Plan, Provided, Purpose, Registration, Role,
-    Technique,
+    Claimed, Earlier, Generated, Info, Inspection, OwnPoints, Plan, Provided, Purpose,
+    Registration, Role, Technique, Unready,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
+use crate::stage::Stage;
 use made::{Made, Own};
 use places::Places;
 pub use settings::{Blend, ReferencePoints, Settings, SolidAngle, Visibility};
@@ -65,10 +66,10 @@ pub const REGISTRATION: Registration = Registration {
 pub struct FinalGather {
     settings: Settings,
     own: Own,
-    /// Instances with a reference point, and the number of those that got none.
-    claimed: Vec<u32>,
+    /// Objects with a reference point, and the number of those that got none.
+    claimed: Claimed,
     left_over: usize,
-    made: Option<Made>,
+    lights: Stage<made::Key, Made>,
 }
 
 impl FinalGather {
@@ -116,9 +117,9 @@ impl FinalGather {
         let list = &self.settings.objects;
         let named = scene.objects.iter().enumerate();
         let named = named.filter(|(_, object)| object.is_named_by(list));
-        self.claimed.extend(named.map(|(index, _)| index as u32));
+        let mut claimed: Vec<u32> = named.map(|(index, _)| index as u32).collect();
         let most = made::MOST_OBJECTS as usize;
-        if list == settings::ALL && self.claimed.len() > most {
+        if list == settings::ALL && claimed.len() > most {
             // Rotations do not change the diagonal of a mesh's box, so what turns does not change the choice.
             let mut size = vec![0.0; scene.objects.len()];
             for draw in &scene.draws {
@@ -128,12 +129,12 @@ impl FinalGather {
                 size[index] = world_from_mesh.transform_vector3(extent).length();
             }
             let size_of = |index: &u32| size[*index as usize];
-            self.claimed
-                .sort_by(|a, b| f32::total_cmp(&size_of(b), &size_of(a)));
-            self.left_over = self.claimed.len() - most;
-            self.claimed.truncate(most);
-            self.claimed.sort_unstable();
+            claimed.sort_by(|a, b| f32::total_cmp(&size_of(b), &size_of(a)));
+            self.left_over = claimed.len() - most;
+            claimed.truncate(most);
+            claimed.sort_unstable();
         }
+        self.claimed = Claimed::new(&claimed, scene);
     }
 
     /// Says how many objects have no reference point.
@@ -141,8 +142,8 @@ impl FinalGather {
         (self.left_over > 0).then(|| {
             format!(
                 "only the {} largest of {} objects have reference points: final-gather.objects names others",
-                self.claimed.len(),
-                self.claimed.len() + self.left_over
+                self.claimed.objects().len(),
+                self.claimed.objects().len() + self.left_over
             )
         })
     }
@@ -177,7 +178,7 @@ impl Technique for FinalGather {
         for class in LightClass::ALL {
             paths.extend(self.paths(class, covered));
         }
-        self.claimed.clear();
+        self.claimed = Claimed::default();
         let lights = 6 * self.settings.size * self.settings.size;
         let points = match (places, self.settings.blend) {
             (Places::Grid, Blend::All) => 8,
@@ -193,7 +194,7 @@ impl Technique for FinalGather {
         self.left_over = 0;
         if places == Places::Objects {
             self.claim(scene);
-            for &index in &self.claimed {
+            for index in self.claimed.numbers() {
                 plan.claims[index as usize] = Claims::INDIRECT;
             }
             if self.settings.objects != settings::ALL {
@@ -217,28 +218,19 @@ impl Technique for FinalGather {
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        if self.claimed.is_empty() && self.own.places == Places::Objects {
-            self.made = None;
+    ) -> Result<Generated, Unready> {
+        if self.claimed.objects().is_empty() && self.own.places == Places::Objects {
+            self.lights.clear();
             return Ok(Generated::FINAL);
         }
-        let (settings, own, claimed) = (&self.settings, self.own, &self.claimed);
-        let is_made = |made: &Made| made.serves(settings, own, claimed, scene);
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
-            None => {
-                let made = Made::new(frame.gpu, scene, earlier, settings, own, claimed)?;
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
-            }
-        };
+        let (gpu, before) = (frame.gpu, self.lights.begun());
+        let key = made::key(&self.settings, self.own, &self.claimed, scene, before);
+        let capture = earlier.shared.impostors.capture_kernels();
+        let lights = self
+            .lights
+            .compiled(frame, key.clone(), |_| Made::new(gpu, scene, capture, key))?;
         let eye = view.world_from_view.w_axis.truncate();
-        let generated = made.generate(frame, scene, eye, earlier)?;
-        self.made = Some(made);
-        Ok(generated)
+        Ok(lights.generate(frame, scene, eye, earlier)?)
     }
 
     fn gather(
@@ -248,15 +240,17 @@ impl Technique for FinalGather {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.made {
-            Some(made) => made.gather(frame, scene, receiver),
+        match self.lights.get_mut() {
+            Some(lights) => lights.gather(frame, scene, receiver),
             None => Ok(()),
         }
     }
 
     fn inspect(&self) -> Inspection {
-        let made = self.made.as_ref();
-        let inspection = made.map_or_else(Inspection::default, Made::inspect);
+        let inspection = self
+            .lights
+            .get()
+            .map_or_else(Inspection::default, Made::inspect);
         Inspection {
             warnings: self.left_over_warning().into_iter().collect(),
             ..inspection

@@ -1,7 +1,7 @@
 //! Reference points in the centres of objects, whose surroundings are captured by the impostors that techniques share.
 
 use super::gpu::Work;
-use super::maps::{Bench, Kernels, Making, Maps};
+use super::maps::{Bench, Making};
 use super::own::OwnSurface;
 use super::settings::Settings;
 use crate::capture::{CaptureKernels, CubeView, SurfacePoints, ViewUniform};
@@ -27,24 +27,20 @@ pub struct ObjectPoint {
 }
 
 impl ObjectPoint {
-    /// The point of an instance, which nothing has lit yet.
+    /// The point of an instance, which nothing has lit yet. `has_own`: its own surface is a light, too.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
         capture: &CaptureKernels,
-        kernels: &Kernels,
-        maps: &Maps,
         settings: &Settings,
         instance: u32,
+        has_own: bool,
     ) -> Result<Self, GpuError> {
         let side = settings.resolution;
         let bytes = size_of::<ViewUniform>() as u64;
-        let bench = Bench::new(gpu, kernels, maps, side)?;
-        let own = (maps.probes.own == 1)
-            .then(|| OwnSurface::new(gpu, capture, kernels, maps, &bench.work, side))
-            .transpose()?;
+        let own = has_own.then(|| OwnSurface::new(gpu, capture, side));
         Ok(Self {
             instance,
             wanted: Wanted {
@@ -59,8 +55,8 @@ impl ObjectPoint {
                     faces: settings.faces_per_frame.min(6),
                 },
             },
-            bench,
-            own,
+            bench: Bench::new(gpu, side)?,
+            own: own.transpose()?,
             view: gpu.buffer("view", bytes, wgpu::BufferUsages::UNIFORM)?,
             is_stale: true,
             renewals: 0,
@@ -81,11 +77,11 @@ impl ObjectPoint {
         point: u32,
     ) -> Result<bool, GpuError> {
         let Making { scene, output, .. } = making;
-        let settings = earlier.settings_version;
-        let impostors = &mut *earlier.impostors;
+        let settings = earlier.light.settings_version;
+        let impostors = &mut earlier.shared.impostors;
         let maps = impostors.follow(frame.gpu, scene, &self.wanted, settings, 0)?;
         self.is_stale |= maps.due.is_some() || maps.renewals != self.renewals;
-        if !self.is_stale || !earlier.may_step() {
+        if !self.is_stale || !earlier.budget.may_step() {
             return Ok(false);
         }
         (self.is_stale, self.is_lit) = (false, true);

@@ -1,11 +1,9 @@
 //! The own surface of an object, whose lit parts light its other parts.
 
 use super::gpu::Work;
-use super::maps::{Kernels, Making, Maps};
-use crate::capture::{
-    Capture, CaptureKernels, CubeView, Output, PerReceiver, Receiver, SurfacePoints, Target,
-};
-use crate::gpu::{Frame, Gpu, GpuError};
+use super::maps::Making;
+use crate::capture::{Capture, CaptureKernels, CubeView, Output, Receiver, SurfacePoints, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::techniques::Earlier;
 
 /// Captures an object from outside, from the six sides of its box, and makes area lights of what is seen.
@@ -13,37 +11,17 @@ use crate::techniques::Earlier;
 pub struct OwnSurface {
     capture: Capture,
     target: Target,
-    /// Bind group 3 of the pass that makes the lights.
-    written: wgpu::BindGroup,
-    seen: PerReceiver<wgpu::BindGroup>,
 }
 
 impl OwnSurface {
-    /// Allocates a capture with `side` x `side` texels per face. `work`: the uniform that says which reference point it
-    /// is.
+    /// Allocates a capture with `side` x `side` texels per face.
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-    pub fn new(
-        gpu: &Gpu,
-        capture: &CaptureKernels,
-        kernels: &Kernels,
-        maps: &Maps,
-        work: &wgpu::Buffer,
-        side: u32,
-    ) -> Result<Self, GpuError> {
-        let target = Target::new(gpu, 6 * side * side)?;
-        let resources = [
-            ("to_do", work.as_entire_binding()),
-            ("radiance", target.radiance.as_entire_binding()),
-            ("stored", maps.lights.as_entire_binding()),
-            ("sources", maps.sources.as_entire_binding()),
-        ];
+    pub fn new(gpu: &Gpu, capture: &CaptureKernels, side: u32) -> Result<Self, GpuError> {
         Ok(Self {
             capture: Capture::of_cube(gpu, capture, side)?,
-            written: kernels.own.bind(gpu, 3, &resources)?,
-            target,
-            seen: PerReceiver::default(),
+            target: Target::new(gpu, 6 * side * side)?,
         })
     }
 
@@ -59,7 +37,12 @@ impl OwnSurface {
         earlier: &mut Earlier<'_>,
         work: &Work,
     ) -> Result<(), GpuError> {
-        let Making { scene, kernels, .. } = making;
+        let Making {
+            scene,
+            kernels,
+            maps,
+            ..
+        } = making;
         let output = Output::Irradiance;
         let is_own = |instance: u32| instance == work.instance;
         let draws = scene.draws.iter().filter(|draw| is_own(draw.instance));
@@ -77,16 +60,13 @@ impl OwnSurface {
         };
         let receiver = Receiver::new(&points, &self.target);
         earlier.gather(frame, scene, &receiver, false)?;
-        let gpu = frame.gpu;
-        let seen = self.seen.of(&receiver, || points.bind(gpu, &kernels.own))?;
-        frame.compute("final-gather.own", |pass| {
-            let groups = [(0, &scene.bind_group), (1, seen), (3, &self.written)];
-            // A workgroup of 64 per light.
-            kernels
-                .own
-                .dispatch(pass, &groups, [64 * work.side, work.side, 6]);
-        });
-        Ok(())
+        let to_do = frame.gpu.constant("work", work)?;
+        let own: [Named<'_>; 1] = [("to_do", &to_do)];
+        let resources = [&receiver.resources()[..], &maps.resources(), &own].concat();
+        // A workgroup of 64 per light.
+        let lights = [64 * work.side, work.side, 6];
+        let (name, scene) = ("final-gather.own", Some(&scene.bind_group));
+        frame.run(name, &kernels.own, scene, &resources, lights)
     }
 
     /// Bytes of the light of its points.

@@ -1,12 +1,14 @@
 //! Batches of directions, each with an atlas of depth maps, and the gather over them.
 
+use std::ops::Range;
+
 use super::Reflectivity;
-use super::gpu::{Direction, DirectionMap, Range};
+use super::gpu::{self, Direction, DirectionMap};
 use crate::capture::depth::{
     DepthAtlas, DepthDrawing, DepthRasterizer, DepthViewSpec, TRANSMITTANCE_BYTES,
 };
-use crate::capture::{PerReceiver, Receiver, ReceiverKernel};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::{Gather, Receiver};
+use crate::gpu::{Frame, Gpu, GpuError, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -68,16 +70,13 @@ impl Plan {
 /// Directions with their depth maps, and the passes over them.
 #[derive(Debug)]
 pub struct Batches {
-    /// Form of reflectivity that the gather is compiled for.
-    pub reflectivity: Reflectivity,
-    /// Whether the gather looks for media.
-    pub knows_media: bool,
+    /// Most direction x point products per dispatch.
+    work: u64,
     rasterizer: DepthRasterizer,
-    gather: ReceiverKernel,
+    gather: Gather,
     /// Gathers four texels of an atlas.
     texels: wgpu::Sampler,
     made: Option<DirectionMaps>,
-    bound: PerReceiver<ReceiverGroups>,
 }
 
 /// Resources for a number of directions.
@@ -94,17 +93,61 @@ struct DirectionMaps {
 /// Directions whose depth maps share an atlas.
 #[derive(Debug)]
 struct Batch {
-    directions: std::ops::Range<u32>,
+    directions: Range<u32>,
     atlas: DepthAtlas,
-    group: wgpu::BindGroup,
 }
 
-/// Bind groups for one set of points and one target.
-#[derive(Debug)]
-struct ReceiverGroups {
-    group: wgpu::BindGroup,
-    /// For each batch, one bind group per dispatch.
-    ranges: Vec<Vec<wgpu::BindGroup>>,
+/// Directions, in ranges short enough for any driver's watchdog.
+pub struct Ranges {
+    all: Range<u32>,
+    at_once: usize,
+}
+
+impl Ranges {
+    /// With at most `work` direction x point products each.
+    pub fn new(all: Range<u32>, receiver: &Receiver, work: u64) -> Self {
+        let at_once = work / u64::from(receiver.points.count.max(1));
+        Self {
+            all,
+            at_once: at_once.max(1) as usize,
+        }
+    }
+
+    /// Adds the light of the directions to the receiver's target: pass `image-based-lighting.gather`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        self,
+        frame: &mut Frame<'_>,
+        gather: &Gather,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        maps: &[Named<'_>],
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        frame.compute("image-based-lighting.gather", |pass| {
+            for first in self.all.clone().step_by(self.at_once) {
+                let end = (first + self.at_once as u32).min(self.all.end);
+                let range = range(gpu, first..end)?;
+                let own = [("range", &range as _), ("sums", &receiver.target as _)];
+                let more = join(maps, &own);
+                gather.run(gpu, pass, scene, receiver, &more, receiver.points.count)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// A range of directions, for shaders.
+pub fn range(gpu: &Gpu, directions: Range<u32>) -> Result<wgpu::Buffer, GpuError> {
+    let range = gpu::Range {
+        first: directions.start,
+        end: directions.end,
+        padding_0: 0,
+        padding_1: 0,
+    };
+    gpu.constant("range of directions", &range)
 }
 
 impl Batches {
@@ -122,16 +165,17 @@ impl Batches {
             scene.media_constant(),
         ];
         Ok(Self {
-            reflectivity,
-            knows_media: !scene.media.is_empty(),
+            work: match scene.media.is_empty() {
+                true => DISPATCH_WORK,
+                false => DISPATCH_WORK / MEDIA_LOOKUPS,
+            },
             rasterizer,
-            gather: ReceiverKernel::new(gpu, scene, &gather, &constants)?,
+            gather: Gather::new(gpu, scene, &gather, &constants)?,
             texels: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("texels of depth maps"),
                 ..Default::default()
             }),
             made: None,
-            bound: PerReceiver::default(),
         })
     }
 
@@ -171,7 +215,6 @@ impl Batches {
         let count = directions.len() as u32;
         let Some(side) = views.first().map(|view| view.size[0]) else {
             self.made = None;
-            self.bound.clear();
             return Ok(());
         };
         let texel = if self.has_transmittance() {
@@ -194,7 +237,6 @@ impl Batches {
         if !reused {
             // Frees the old resources first.
             self.made = None;
-            self.bound.clear();
             self.made = Some(self.make(gpu, plan, drawing, views)?);
         }
         let Some(made) = &mut self.made else {
@@ -223,7 +265,7 @@ impl Batches {
     ) -> Result<DirectionMaps, GpuError> {
         let storage = |label: &str, size: usize| {
             let size = (views.len() * size) as u64;
-            gpu.buffer(label, size, wgpu::BufferUsages::STORAGE)
+            gpu.room(label, size)
         };
         let directions = storage("directions [bytes]", size_of::<Direction>())?;
         let maps = storage("direction maps [bytes]", size_of::<DirectionMap>())?;
@@ -239,30 +281,9 @@ impl Batches {
                 }
                 _ => DepthAtlas::new(gpu, &self.rasterizer.kernels, views)?,
             };
-            let group = self.gather.to_bind().bind(
-                gpu,
-                2,
-                &[
-                    ("direction_maps", maps.as_entire_binding()),
-                    (
-                        "depth_atlas",
-                        wgpu::BindingResource::TextureView(&atlas.view),
-                    ),
-                    ("directions", directions.as_entire_binding()),
-                    (
-                        "transmittance_unfilterable",
-                        wgpu::BindingResource::TextureView(atlas.transmittance()),
-                    ),
-                    (
-                        "texels_unfilterable",
-                        wgpu::BindingResource::Sampler(&self.texels),
-                    ),
-                ],
-            )?;
             batches.push(Batch {
                 directions: first..end,
                 atlas,
-                group,
             });
             first = end;
         }
@@ -282,11 +303,19 @@ impl Batches {
         made.batches.first().map(|batch| &batch.atlas)
     }
 
-    /// The directions whose depth maps share an atlas, and bind group 2 of passes that look these maps up, with the
-    /// resources of gather.wesl; if all are kept.
-    pub fn maps(&self) -> impl Iterator<Item = (std::ops::Range<u32>, &wgpu::BindGroup)> {
-        let made = self.made.iter().flat_map(|made| &made.batches);
-        made.map(|batch| (batch.directions.clone(), &batch.group))
+    /// The directions whose depth maps share an atlas, and what passes bind that look these maps up, with the resources
+    /// of gather.wesl; if all are kept.
+    pub fn maps(&self) -> impl Iterator<Item = (Range<u32>, [Named<'_>; 5])> {
+        let made = self.made.iter();
+        made.flat_map(|made| {
+            let batches = made.batches.iter();
+            batches.map(|batch| {
+                (
+                    batch.directions.clone(),
+                    made.resources(batch, &self.texels),
+                )
+            })
+        })
     }
 
     /// Adds the light of every direction to the receiver's target: see gather.wesl.
@@ -302,31 +331,28 @@ impl Batches {
         let Some(made) = &mut self.made else {
             return Ok(());
         };
-        let gpu = frame.gpu;
-        let gather = self.gather.of(gpu, &receiver.points)?;
-        let bound = self.bound.of(receiver, || {
-            bind(gpu, gather, made, receiver, self.knows_media)
-        })?;
-        for (batch, ranges) in made.batches.iter_mut().zip(&bound.ranges) {
+        for index in 0..made.batches.len() {
+            let batch = &mut made.batches[index];
             if !made.plan.is_kept {
                 batch.draw(frame, &mut self.rasterizer, made.drawing, scene)?;
             }
-            frame.compute("image-based-lighting.gather", |pass| {
-                for range in ranges {
-                    gather.dispatch(
-                        pass,
-                        &[
-                            (0, &scene.bind_group),
-                            (1, &bound.group),
-                            (2, &batch.group),
-                            (3, range),
-                        ],
-                        [receiver.points.count, 1, 1],
-                    );
-                }
-            });
+            let ranges = Ranges::new(batch.directions.clone(), receiver, self.work);
+            let maps = made.resources(&made.batches[index], &self.texels);
+            ranges.record(frame, &self.gather, scene, receiver, &maps)?;
         }
         Ok(())
+    }
+}
+
+impl DirectionMaps {
+    fn resources<'a>(&'a self, batch: &'a Batch, texels: &'a wgpu::Sampler) -> [Named<'a>; 5] {
+        [
+            ("direction_maps", &self.maps),
+            ("depth_atlas", &batch.atlas.view),
+            ("directions", &self.directions),
+            ("transmittance_unfilterable", batch.atlas.transmittance()),
+            ("texels_unfilterable", texels),
+        ]
     }
 }
 
@@ -359,42 +385,4 @@ impl Batch {
             }
         })
     }
-}
-
-/// Splits directions x points into dispatches short enough for any driver's watchdog.
-fn bind(
-    gpu: &Gpu,
-    gather: &Kernel,
-    made: &DirectionMaps,
-    receiver: &Receiver,
-    knows_media: bool,
-) -> Result<ReceiverGroups, GpuError> {
-    let Receiver { points, target, .. } = receiver;
-    let group = points.bind(gpu, gather)?;
-    let lookups = if knows_media { MEDIA_LOOKUPS } else { 1 };
-    let at_once = DISPATCH_WORK / lookups / u64::from(points.count.max(1));
-    let at_once = at_once.max(1) as usize;
-    let mut ranges = Vec::new();
-    for batch in &made.batches {
-        let mut of_batch = Vec::new();
-        for first in batch.directions.clone().step_by(at_once) {
-            let range = Range {
-                first,
-                end: (first + at_once as u32).min(batch.directions.end),
-                padding_0: 0,
-                padding_1: 0,
-            };
-            let range = gpu.uniform("range of directions", &range)?;
-            of_batch.push(gather.bind(
-                gpu,
-                3,
-                &[
-                    ("range", range.as_entire_binding()),
-                    ("sums", target.radiance.as_entire_binding()),
-                ],
-            )?);
-        }
-        ranges.push(of_batch);
-    }
-    Ok(ReceiverGroups { group, ranges })
 }

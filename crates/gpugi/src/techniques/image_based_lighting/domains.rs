@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::draws::CellsOnTheWay;
 use super::gpu;
 use super::{Settings, Spread};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -98,13 +98,14 @@ struct DecompositionBuffers {
     settings: Settings,
     grid: gpu::Grid,
     side: u32,
-    uniform: wgpu::Buffer,
+    zones: wgpu::Buffer,
     cells: wgpu::Buffer,
+    tiles: wgpu::Buffer,
+    samples: wgpu::Buffer,
     owners: wgpu::Buffer,
     domains: wgpu::Buffer,
+    state: wgpu::Buffer,
     texture: wgpu::Texture,
-    reduce_group: wgpu::BindGroup,
-    group: wgpu::BindGroup,
     /// Whether the samples are those of an earlier map.
     warm: bool,
 }
@@ -169,15 +170,9 @@ impl Decomposition {
         }
         let made = match self.made.take() {
             Some(made) => made,
-            None => DecompositionBuffers::new(
-                frame.gpu,
-                &self.reduce,
-                &self.steps.assign,
-                map,
-                settings,
-            )?,
+            None => DecompositionBuffers::new(frame.gpu, map, settings)?,
         };
-        self.record(frame, scene, &made);
+        self.record(frame, scene, &made)?;
         let rows = frame.read_back(&made.domains, made.domains.size())?;
         self.made = Some(DecompositionBuffers { warm: true, ..made });
         Ok(Some(DomainsOnTheWay {
@@ -199,7 +194,12 @@ impl Decomposition {
         Ok(Some(CellsOnTheWay { grid, rows }))
     }
 
-    fn record(&self, frame: &mut Frame<'_>, scene: &GpuScene, made: &DecompositionBuffers) {
+    fn record(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        made: &DecompositionBuffers,
+    ) -> Result<(), GpuError> {
         let count = made.settings.samples;
         // The mean area of a domain is 4 pi / N.
         let tolerance = LITTLE * LITTLE * 4.0 * std::f32::consts::PI / count as f32;
@@ -213,41 +213,49 @@ impl Decomposition {
             warm: u32::from(made.warm),
             tolerance,
         };
-        frame
-            .gpu
-            .write(&made.uniform, 0, std::slice::from_ref(&settings));
+        let grid = frame.gpu.constant("grid of the environment", &made.grid)?;
+        let settings = frame.gpu.constant("settings of decomposition", &settings)?;
+        let resources: [Named<'_>; 9] = [
+            ("grid", &grid),
+            ("zones", &made.zones),
+            ("settings", &settings),
+            ("cells", &made.cells),
+            ("tiles", &made.tiles),
+            ("samples", &made.samples),
+            ("owners", &made.owners),
+            ("domains", &made.domains),
+            ("state", &made.state),
+        ];
         let cells = made.grid.stride * made.grid.height;
         let tiled = 2 * made.side * made.side;
         let steps = &self.steps;
         frame.compute("image-based-lighting.decompose", |pass| {
-            self.reduce.dispatch(
-                pass,
-                &[(0, &scene.bind_group), (3, &made.reduce_group)],
-                [cells, 1, 1],
-            );
-            let mut run = |kernel: &Kernel, invocations: u32| {
-                kernel.dispatch(pass, &[(3, &made.group)], [invocations, 1, 1]);
+            let mut run = |kernel: &Kernel, scene: Option<&wgpu::BindGroup>, invocations: u32| {
+                kernel.run(pass, scene, &resources, [invocations, 1, 1])
             };
-            run(&steps.start, 1);
+            run(&self.reduce, Some(&scene.bind_group), cells)?;
+            let mut run = |kernel: &Kernel, invocations: u32| run(kernel, None, invocations);
+            run(&steps.start, 1)?;
             for round in 0..SHARE_ROUNDS {
                 if round > 0 {
-                    run(&steps.limit, 1);
+                    run(&steps.limit, 1)?;
                 }
-                run(&steps.sum_tile, tiled);
-                run(&steps.share_out, LANES);
+                run(&steps.sum_tile, tiled)?;
+                run(&steps.share_out, LANES)?;
             }
-            run(&steps.draw, count);
-            run(&steps.wake, 1);
+            run(&steps.draw, count)?;
+            run(&steps.wake, 1)?;
             for _ in 0..made.settings.iterations {
-                run(&steps.assign, cells);
-                run(&steps.relax, count * LANES);
-                run(&steps.settle, 1);
+                run(&steps.assign, cells)?;
+                run(&steps.relax, count * LANES)?;
+                run(&steps.settle, 1)?;
             }
-            run(&steps.wake, 1);
-            run(&steps.assign, cells);
-            run(&steps.sum_domain, count * LANES);
-        });
+            run(&steps.wake, 1)?;
+            run(&steps.assign, cells)?;
+            run(&steps.sum_domain, count * LANES)
+        })?;
         frame.fill(&made.texture, &made.owners, made.grid.stride * 4);
+        Ok(())
     }
 
     /// The number of the domain of each cell of the map, once decomposed.
@@ -260,13 +268,7 @@ impl Decomposition {
 const LANES: u32 = 256;
 
 impl DecompositionBuffers {
-    fn new(
-        gpu: &Gpu,
-        reduce: &Kernel,
-        step: &Kernel,
-        map: [u32; 2],
-        settings: &Settings,
-    ) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, map: [u32; 2], settings: &Settings) -> Result<Self, GpuError> {
         let [width, height] = [0, 1].map(|axis| {
             let parts = FEWEST_CELLS[axis].div_ceil(map[axis]);
             (map[axis] * parts).min(MOST_CELLS[axis])
@@ -281,7 +283,7 @@ impl DecompositionBuffers {
         let side = width.div_ceil(2).max(height).next_power_of_two().max(16);
         let cell_count = u64::from(grid.stride * height);
         let count = u64::from(settings.samples);
-        let storage = |label: &str, size: u64| gpu.buffer(label, size, wgpu::BufferUsages::STORAGE);
+        let storage = |label: &str, size: u64| gpu.room(label, size);
         let cells = storage("cells of the environment [bytes]", cell_count * 16)?;
         let tiles = storage(
             "tiles of the environment [bytes]",
@@ -295,62 +297,27 @@ impl DecompositionBuffers {
             size_of::<gpu::State>() as u64,
         )?;
         let zones = gpu.storage("zones [bytes]", &zones(map[1], height))?;
-        let grid_uniform = gpu.uniform("grid of the environment", &grid)?;
-        let uniform = gpu.buffer(
-            "settings of decomposition",
-            size_of::<gpu::Settings>() as u64,
-            wgpu::BufferUsages::UNIFORM,
-        )?;
-        let texture = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("domains of the environment"),
-            size: wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::R32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
+        let texture = gpu.texture_2d(
+            "domains of the environment",
+            [width, height, 1],
+            wgpu::TextureFormat::R32Uint,
+            wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::COPY_DST
                 | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
-        let reduce_group = reduce.bind(
-            gpu,
-            3,
-            &[
-                ("grid", grid_uniform.as_entire_binding()),
-                ("zones", zones.as_entire_binding()),
-                ("cells", cells.as_entire_binding()),
-            ],
-        )?;
-        let group = step.bind(
-            gpu,
-            3,
-            &[
-                ("settings", uniform.as_entire_binding()),
-                ("cells", cells.as_entire_binding()),
-                ("tiles", tiles.as_entire_binding()),
-                ("samples", samples.as_entire_binding()),
-                ("owners", owners.as_entire_binding()),
-                ("domains", domains.as_entire_binding()),
-                ("state", state.as_entire_binding()),
-            ],
         )?;
         Ok(Self {
             map,
             settings: settings.clone(),
             grid,
             side,
-            uniform,
+            zones,
             cells,
+            tiles,
+            samples,
             owners,
             domains,
+            state,
             texture,
-            reduce_group,
-            group,
             warm: false,
         })
     }

@@ -22,19 +22,20 @@ pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use draws::{CellsOfSky, CellsOnTheWay};
 use glam::{Mat3, Vec3};
 use ratio::RatioPass;
-use rays::RayGather;
+use rays::{RayGather, Variant};
 use survey::Survey;
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Unready,
 };
 use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer};
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::prefiltered::Wanted;
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::prefiltered::{Prefiltered, Wanted};
+use crate::scene::{Claims, GpuScene, Inputs, Versions};
 use crate::settings::SettingSet;
+use crate::stage::Stage;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -130,33 +131,37 @@ pub struct ImageBasedLighting {
     settings: Settings,
     decomposition: Decomposition,
     /// Where the light comes from.
-    found: Option<Sources>,
+    sources: Stage<SourcesKey, Sources>,
     /// The same, on its way from the GPU.
     on_the_way: Option<SourcesOnTheWay>,
-    batches: Batches,
+    batches: Stage<BatchesKey, Batches>,
     /// For [`Visibility::Rays`], once generated.
-    rays: Option<RayGather>,
-    /// With [`Settings::per_sample`], what the camera sees of the environment.
-    survey: Survey,
+    rays: Stage<Variant, RayGather>,
+    /// With [`Settings::per_sample`], what the camera sees of the environment; by whether casters let light through.
+    survey: Stage<bool, Survey>,
     /// Largest side of an atlas (texels).
     atlas_side: u32,
     /// For [`Reflectivity::Ratio`], once generated.
-    ratio: Option<RatioPass>,
-    /// What the maps were generated for, with the sample of the picture if each has its own.
-    made: Option<(Versions, Settings, Option<u32>)>,
-    /// Counts how often maps of a changed scene were made in a later frame.
-    revision: u64,
-    /// Whether the maps wait for something since an earlier frame.
-    is_late: bool,
+    ratio: Stage<Prefiltered, RatioPass>,
+    /// The maps, with the sample of the picture if each has its own.
+    maps: Stage<(Versions, Settings, Option<u32>)>,
 }
 
-/// The version of the environment's texels and the settings for which sources were computed.
+/// What the passes over maps are compiled for: reflectivity, whether casters let light through, and whether there are
+/// media.
+type BatchesKey = (Reflectivity, bool, bool);
+
+fn batches_key(scene: &GpuScene, reflectivity: Reflectivity) -> BatchesKey {
+    let is_see_through = scene.has_see_through(Claims::NONE);
+    (reflectivity, is_see_through, !scene.media.is_empty())
+}
+
+/// The version of the environment's texels and the settings for which sources are computed.
 type SourcesKey = (u64, Settings);
 
 /// Where the light of an environment comes from.
 #[derive(Debug)]
 struct Sources {
-    of: SourcesKey,
     /// For all samples of a picture alike.
     domains: Vec<Domain>,
     /// With [`Settings::per_sample`], what is drawn from for each sample.
@@ -181,7 +186,6 @@ impl SourcesOnTheWay {
         };
         Some(domains.and_then(|domains| {
             Ok(Sources {
-                of: self.of.clone(),
                 domains,
                 cells: cells.transpose()?,
             })
@@ -189,65 +193,10 @@ impl SourcesOnTheWay {
     }
 }
 
-impl ImageBasedLighting {
-    /// Compiles the technique's passes.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let settings = Settings::default();
-        let batches = Batches::new(gpu, scene, settings.reflectivity)?;
-        Ok(Self {
-            decomposition: Decomposition::new(gpu, scene)?,
-            found: None,
-            on_the_way: None,
-            survey: Survey::new(gpu, batches.has_transmittance())?,
-            batches,
-            rays: None,
-            atlas_side: ATLAS_SIDE,
-            ratio: None,
-            settings,
-            made: None,
-            revision: 0,
-            is_late: false,
-        })
-    }
-
-    /// Computes where the light comes from; again only when texels or settings have changed: a new rotation or intensity
-    /// keeps it. False while it is on its way from the GPU.
-    fn find_sources(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<bool, GpuError> {
-        let key = (scene.versions.environment, self.settings.clone());
-        if scene.environment.is_none() {
-            self.found = None;
-            return Ok(true);
-        }
-        if self.found.as_ref().is_some_and(|found| found.of == key) {
-            return Ok(true);
-        }
-        let Some(on_the_way) = self.on_the_way.take_if(|one| one.of == key) else {
-            let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
-            let cells = match self.settings.per_sample {
-                true => self.decomposition.cells(frame)?,
-                false => None,
-            };
-            self.on_the_way = domains.map(|domains| SourcesOnTheWay {
-                of: key,
-                domains,
-                cells,
-            });
-            return Ok(false);
-        };
-        let Some(found) = on_the_way.get() else {
-            self.on_the_way = Some(on_the_way);
-            return Ok(false);
-        };
-        self.found = Some(found?);
-        Ok(true)
-    }
-
+impl Settings {
     /// Each direction that has light, in world space, and the view of its depth map.
     fn directions(&self, scene: &GpuScene, domains: &[Domain]) -> DirectionsAndViews {
-        let side = self.settings.resolution;
+        let side = self.resolution;
         let Some(environment) = &scene.environment else {
             return Default::default();
         };
@@ -267,6 +216,68 @@ impl ImageBasedLighting {
             })
         });
         lit.unzip()
+    }
+}
+
+impl ImageBasedLighting {
+    /// Compiles the technique's passes.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let settings = Settings::default();
+        let mut made = Self {
+            decomposition: Decomposition::new(gpu, scene)?,
+            sources: Stage::default(),
+            on_the_way: None,
+            batches: Stage::default(),
+            rays: Stage::default(),
+            survey: Stage::default(),
+            atlas_side: ATLAS_SIDE,
+            ratio: Stage::default(),
+            settings,
+            maps: Stage::default(),
+        };
+        let key @ (reflectivity, is_see_through, _) =
+            batches_key(scene, made.settings.reflectivity);
+        made.batches
+            .keep(key, |_| Batches::new(gpu, scene, reflectivity))?;
+        made.survey
+            .keep(is_see_through, |_| Survey::new(gpu, is_see_through))?;
+        Ok(made)
+    }
+
+    /// Computes where the light comes from; again only when texels or settings have changed: a new rotation or intensity
+    /// keeps it. False while it is on its way from the GPU.
+    fn find_sources(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<bool, GpuError> {
+        if scene.environment.is_none() {
+            self.sources.clear();
+            return Ok(true);
+        }
+        let key = (scene.versions.environment, self.settings.clone());
+        self.sources.ask(key.clone());
+        if self.sources.is_current() {
+            return Ok(true);
+        }
+        let Some(on_the_way) = self.on_the_way.take_if(|one| one.of == key) else {
+            let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
+            let cells = match self.settings.per_sample {
+                true => self.decomposition.cells(frame)?,
+                false => None,
+            };
+            self.on_the_way = domains.map(|domains| SourcesOnTheWay {
+                of: key,
+                domains,
+                cells,
+            });
+            return Ok(false);
+        };
+        let Some(found) = on_the_way.get() else {
+            self.on_the_way = Some(on_the_way);
+            return Ok(false);
+        };
+        self.sources.keep(key, |_| found)?;
+        Ok(true)
     }
 }
 
@@ -302,56 +313,41 @@ impl Technique for ImageBasedLighting {
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        let versions = Versions {
-            lights: 0,
-            ..scene.versions
-        };
+    ) -> Result<Generated, Unready> {
+        let gpu = frame.gpu;
+        let versions = scene.versions.of(Inputs::LIGHTS.without());
         // What is lit for all samples, such as texels, takes the domains after `Renderer::converge`. Without it, it is
         // lit in a picture's samples, from the directions of the sample in which it is lit.
         let sample = view.uniform.sample_index;
         let turn = (self.settings.per_sample && sample != View::NO_SAMPLE).then_some(sample);
-        let made = (versions, self.settings.clone(), turn);
+        self.maps.ask((versions, self.settings.clone(), turn));
         let reflectivity = self.settings.reflectivity;
         let mut of_maps = Generated::FINAL;
         if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
-            self.ratio = None;
+            self.ratio.clear();
         } else {
-            let found = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
-            of_maps = found.1;
-            if !self
-                .ratio
-                .as_ref()
-                .is_some_and(|ratio| ratio.reads(found.0))
-            {
-                self.ratio = Some(RatioPass::new(frame.gpu, scene, found.0)?);
-            }
+            let (found, generated) = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
+            self.ratio
+                .keep(found.clone(), |_| RatioPass::new(gpu, scene, found))?;
+            of_maps = generated;
         }
-        of_maps.revision += self.revision;
-        if of_maps.pending.is_some() {
+        let of_environment = of_maps.revision;
+        of_maps.revision += self.maps.revision();
+        if of_maps.pending.is_some() || self.maps.is_current() {
             return Ok(of_maps);
         }
-        if self.made.as_ref() == Some(&made) {
-            self.is_late = false;
-            return Ok(of_maps);
-        }
-        let has_see_through = scene.has_see_through(Claims::NONE);
-        if self.batches.reflectivity != reflectivity
-            || self.batches.has_transmittance() != has_see_through
-            || self.batches.knows_media == scene.media.is_empty()
-        {
-            self.batches = Batches::new(frame.gpu, scene, reflectivity)?;
-            self.survey = Survey::new(frame.gpu, has_see_through)?;
-        }
-        let traces_rays = self.settings.visibility == Visibility::Rays;
-        if !traces_rays {
-            self.rays = None;
-        } else if !self
-            .rays
-            .as_ref()
-            .is_some_and(|rays| rays.suits(scene, reflectivity))
-        {
-            self.rays = Some(RayGather::new(frame.gpu, scene, reflectivity)?);
+        let key @ (_, is_see_through, _) = batches_key(scene, reflectivity);
+        let batches = self
+            .batches
+            .compiled(frame, key, |_| Batches::new(gpu, scene, reflectivity))?;
+        self.survey
+            .compiled(frame, is_see_through, |_| Survey::new(gpu, is_see_through))?;
+        if self.settings.visibility == Visibility::Rays {
+            let variant = Variant::new(scene, reflectivity);
+            self.rays
+                .compiled(frame, variant, |_| RayGather::new(gpu, scene, variant))?;
+        } else {
+            self.rays.clear();
         }
         let maps = DepthMaps {
             atlas_side: self.atlas_side,
@@ -361,38 +357,41 @@ impl Technique for ImageBasedLighting {
                 caster_detail: self.settings.caster_detail,
             },
         };
+        let are_cast = batches.prepare(frame, scene, &maps.drawing)?;
+        let are_found = self.find_sources(frame, scene)?;
         // Live views keep the earlier maps; but ratios are of prefiltered light, which has changed already.
-        let has_maps =
-            earlier.is_limited() && reflectivity != Reflectivity::Ratio && self.made.is_some();
+        let has_maps = earlier.budget.is_limited()
+            && reflectivity != Reflectivity::Ratio
+            && self.maps.begun().is_some();
         let waiting = |what| Generated {
             progress: 0.0,
             pending: (!has_maps).then_some(what),
             ..of_maps
         };
-        let was_late = std::mem::replace(&mut self.is_late, has_maps);
-        if !self.find_sources(frame, scene)? {
+        if !are_found {
             return Ok(waiting("the domains of the environment"));
         }
-        if !self.batches.prepare(frame, scene, &maps.drawing)? {
+        if !are_cast {
             return Ok(waiting("simplified casters"));
         }
-        let sources = self.found.as_ref();
+        let (Some(batches), Some(survey)) = (self.batches.get_mut(), self.survey.get_mut()) else {
+            return Ok(of_maps);
+        };
+        let sources = self.sources.get();
         let mut domains = sources.map_or(&[][..], |sources| &sources.domains);
         let of_sample;
         if let Some(cells) = sources.and_then(|sources| sources.cells.as_ref()) {
             let key = survey::Key::new(versions, &self.settings, view);
             // Survey maps replace those that a live view shows.
-            let draws = if earlier.is_limited() {
-                self.survey.latest(key, cells)
+            let draws = if earlier.budget.is_limited() {
+                survey.latest(key, cells)
             } else {
-                let kernels = earlier.impostors.capture_kernels();
-                if !self.survey.is_current(&key) {
-                    self.made = None;
+                let kernels = earlier.shared.impostors.capture_kernels();
+                if !survey.is_current(&key) {
+                    self.maps.restart();
                 }
-                let maps = (&mut self.batches, &maps);
-                let draws = self
-                    .survey
-                    .draws(frame, scene, (key, view), cells, maps, kernels)?;
+                let maps = (&mut *batches, &maps);
+                let draws = survey.draws(frame, scene, (key, view), cells, maps, kernels)?;
                 let Some(draws) = draws else {
                     return Ok(waiting("a survey of the environment"));
                 };
@@ -403,20 +402,17 @@ impl Technique for ImageBasedLighting {
                 domains = &of_sample;
             }
         }
-        let (directions, views) = self.directions(scene, domains);
-        self.is_late = false;
-        if was_late {
-            self.revision += 1;
-            of_maps.revision += 1;
+        let (directions, views) = self.settings.directions(scene, domains);
+        match self.rays.get_mut() {
+            Some(rays) => rays.set(gpu, &directions)?,
+            None => batches.generate(frame, scene, &directions, &views, &maps)?,
         }
-        if let Some(rays) = &mut self.rays {
-            rays.set(frame.gpu, &directions)?;
-        } else {
-            self.batches
-                .generate(frame, scene, &directions, &views, &maps)?;
-        }
-        self.made = Some(made);
-        Ok(of_maps)
+        self.maps.begin();
+        self.maps.improve();
+        Ok(Generated {
+            revision: of_environment + self.maps.revision(),
+            ..of_maps
+        })
     }
 
     fn gather(
@@ -426,37 +422,30 @@ impl Technique for ImageBasedLighting {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let sums = match &mut self.ratio {
+        let sums = match self.ratio.get_mut() {
             Some(ratio) => &ratio.begin(frame, receiver)?,
             None => receiver,
         };
-        match &mut self.rays {
-            Some(rays) => rays.gather(frame, scene, sums)?,
-            None => self.batches.gather(frame, scene, sums)?,
+        match (self.rays.get(), self.batches.get_mut()) {
+            (Some(rays), _) => rays.gather(frame, scene, sums)?,
+            (None, Some(batches)) => batches.gather(frame, scene, sums)?,
+            (None, None) => (),
         }
-        if let Some(ratio) = &mut self.ratio {
-            ratio.apply(frame, scene, receiver)?;
+        match self.ratio.get_mut() {
+            Some(ratio) => ratio.apply(frame, scene, receiver),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn inspect(&self) -> Inspection {
-        let atlas = self.batches.atlas().map(|atlas| &atlas.texture);
+        let atlas = self.batches.get().and_then(Batches::atlas);
         let maps = [
-            ("image-based-lighting.atlas", atlas),
-            ("image-based-lighting.domains", self.decomposition.owners()),
-        ]
-        .into_iter()
-        .filter_map(|(name, texture)| {
-            Some(Map {
-                name: name.into(),
-                texels: Texels::Texture(texture?.clone()),
-            })
-        })
-        .collect();
-        Inspection {
-            maps,
-            ..Inspection::default()
-        }
+            ("atlas", atlas.map(|atlas| &atlas.texture)),
+            ("domains", self.decomposition.owners()),
+        ];
+        let map = |(name, texture): (&str, Option<&_>)| {
+            Some(Map::of_texture(format!("{}.{name}", INFO.name), texture?))
+        };
+        Inspection::of(maps.into_iter().filter_map(map))
     }
 }

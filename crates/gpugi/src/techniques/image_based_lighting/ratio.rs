@@ -2,7 +2,7 @@
 
 use super::gpu::LobeSums;
 use crate::capture::{PerReceiver, Receiver, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::prefiltered::{Lookup, Prefiltered};
 use crate::scene::GpuScene;
 use crate::shader;
@@ -12,15 +12,7 @@ use crate::shader;
 pub struct RatioPass {
     apply: Kernel,
     maps: Prefiltered,
-    group: wgpu::BindGroup,
-    bound: PerReceiver<LobeSumTarget>,
-}
-
-/// Sums and bind groups for one set of points and one target.
-#[derive(Debug)]
-struct LobeSumTarget {
-    sums: Target,
-    groups: [wgpu::BindGroup; 2],
+    sums: PerReceiver<Target>,
 }
 
 impl RatioPass {
@@ -29,23 +21,12 @@ impl RatioPass {
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, maps: &Prefiltered) -> Result<Self, GpuError> {
-        let apply = Kernel::new(
-            gpu,
-            &shader!("techniques.image_based_lighting.ratio"),
-            "main",
-            Some(&scene.layout),
-        )?;
+        let shader = shader!("techniques.image_based_lighting.ratio");
         Ok(Self {
-            group: maps.bind(gpu, &apply, Lookup::default(), &[])?,
+            apply: Kernel::new(gpu, &shader, "main", Some(&scene.layout))?,
             maps: maps.clone(),
-            apply,
-            bound: PerReceiver::default(),
+            sums: PerReceiver::default(),
         })
-    }
-
-    /// Whether it reads these maps.
-    pub fn reads(&self, maps: &Prefiltered) -> bool {
-        self.maps == *maps
     }
 
     /// The receiver's points with a cleared target for the sums of each: see lobe_sums.wesl.
@@ -57,9 +38,9 @@ impl RatioPass {
         frame: &mut Frame<'_>,
         receiver: &Receiver,
     ) -> Result<Receiver, GpuError> {
-        let sums = self.bound(frame.gpu, receiver)?.sums.clone();
+        let sums = self.sums(frame.gpu, receiver)?;
         frame.clear(&sums.radiance);
-        Ok(Receiver::new(&receiver.points, &sums))
+        Ok(Receiver::new(&receiver.points, sums))
     }
 
     /// Adds the product, once the sums are complete.
@@ -72,38 +53,22 @@ impl RatioPass {
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let [seen, added] = self.bound(frame.gpu, receiver)?.groups.clone();
-        let groups = [
-            (0, &scene.bind_group),
-            (1, &seen),
-            (2, &self.group),
-            (3, &added),
-        ];
-        frame.compute("image-based-lighting.apply", |pass| {
-            self.apply
-                .dispatch(pass, &groups, [receiver.points.count, 1, 1]);
-        });
-        Ok(())
+        let sums = self.sums(frame.gpu, receiver)?.clone();
+        let settings = self.maps.settings(frame.gpu, Lookup::default())?;
+        let own: [Named<'_>; 1] = [("sums", &sums)];
+        let maps = self.maps.resources(&settings);
+        let resources = [&receiver.resources()[..], &maps, &own].concat();
+        let (name, scene) = ("image-based-lighting.apply", Some(&scene.bind_group));
+        let count = [receiver.points.count, 1, 1];
+        frame.run(name, &self.apply, scene, &resources, count)
     }
 
-    fn bound(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&LobeSumTarget, GpuError> {
-        let Receiver { points, target, .. } = receiver;
-        self.bound.of(receiver, || {
-            let size = u64::from(points.count) * size_of::<LobeSums>() as u64;
-            let usage = wgpu::BufferUsages::STORAGE;
+    fn sums(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<&Target, GpuError> {
+        let size = u64::from(receiver.points.count) * size_of::<LobeSums>() as u64;
+        let usage = wgpu::BufferUsages::STORAGE;
+        self.sums.of(receiver, || {
             let radiance = gpu.buffer("sums over directions [bytes]", size, usage)?;
-            let resources = [
-                ("sums", radiance.as_entire_binding()),
-                ("radiance", target.radiance.as_entire_binding()),
-            ];
-            let groups = [
-                points.bind(gpu, &self.apply)?,
-                self.apply.bind(gpu, 3, &resources)?,
-            ];
-            Ok(LobeSumTarget {
-                sums: Target { radiance },
-                groups,
-            })
+            Ok(Target { radiance })
         })
     }
 }

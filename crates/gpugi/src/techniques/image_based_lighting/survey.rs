@@ -5,12 +5,12 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{Mat3, Vec3};
 
-use super::batches::{Batches, DepthMaps, GUTTER};
+use super::batches::{self, Batches, DepthMaps, GUTTER};
 use super::draws::{CellsOfSky, Draws};
 use super::{Settings, gpu};
 use crate::capture::depth::DepthViewSpec;
 use crate::capture::{Capture, CaptureKernels, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, join};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
 
@@ -68,13 +68,9 @@ impl Survey {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, has_transmittance: bool) -> Result<Self, GpuError> {
         let constants = [("HAS_TRANSMITTANCE", has_transmittance.into())];
-        let options = KernelOptions {
-            constants: &constants,
-            ..Default::default()
-        };
         let kernel = |entry| {
             let shader = shader!("techniques.image_based_lighting.survey");
-            Kernel::with_options(gpu, &shader, entry, None, &options)
+            Kernel::with_constants(gpu, &shader, entry, None, &constants)
         };
         Ok(Self {
             light: kernel("light")?,
@@ -191,43 +187,29 @@ impl Survey {
         };
         batches.generate(frame, scene, &directions, &views, &maps)?;
 
-        let storage =
-            |label, count| gpu.buffer(label, 4 * count as u64, wgpu::BufferUsages::STORAGE);
+        let storage = |label, count| gpu.room(label, 4 * count as u64);
         let arriving = storage(
             "light of surveyed points [bytes]",
             (size[0] * size[1]) as usize,
         )?;
         let importance = storage("importance of directions [bytes]", directions.len())?;
         frame.clear(&arriving);
-        let points = [("points", capture.points.points.as_entire_binding())];
-        let points = self.light.bind(gpu, 1, &points)?;
         for (kernel, is_per_point) in [(&self.light, true), (&self.weigh, false)] {
-            for (range, maps) in batches.maps() {
-                let count = range.len() as u32;
-                let uniform = gpu.uniform(
-                    "range of directions",
-                    &gpu::Range {
-                        first: range.start,
-                        end: range.end,
-                        padding_0: 0,
-                        padding_1: 0,
-                    },
-                )?;
-                let resources = [
-                    ("range", uniform.as_entire_binding()),
-                    ("arriving", arriving.as_entire_binding()),
-                    ("importance", importance.as_entire_binding()),
-                ];
-                let sums = kernel.bind(gpu, 3, &resources)?;
-                let invocations = if is_per_point {
-                    capture.points.count
-                } else {
-                    count * LANES
+            for (directions, maps) in batches.maps() {
+                let invocations = match is_per_point {
+                    true => capture.points.count,
+                    false => directions.len() as u32 * LANES,
                 };
-                frame.compute("image-based-lighting.survey", |pass| {
-                    let groups = [(1, &points), (2, maps), (3, &sums)];
-                    kernel.dispatch(pass, &groups, [invocations, 1, 1]);
-                });
+                let range = batches::range(gpu, directions)?;
+                let own: [Named<'_>; 4] = [
+                    ("points", &capture.points.points),
+                    ("range", &range),
+                    ("arriving", &arriving),
+                    ("importance", &importance),
+                ];
+                let resources = join(&maps, &own);
+                let name = "image-based-lighting.survey";
+                frame.run(name, kernel, None, &resources, [invocations, 1, 1])?;
             }
         }
         self.capture = Some(capture);

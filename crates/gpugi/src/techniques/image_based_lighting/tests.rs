@@ -16,10 +16,8 @@ use super::draws::{CellsOfSky, Draws};
 use super::{Decomposition, Domain, ImageBasedLighting, Reflectivity, Settings, Spread};
 use crate::capture::{Capture, CaptureKernels, Emission, Receiver, Target, View};
 use crate::gpu::{Frame, Gpu, TextureAspect, read_buffer, read_texture};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
-use crate::techniques::{Earlier, Technique as _};
+use crate::techniques::{Earlier, EarlierLight, Shared, Technique as _};
 use crate::testing::{Random, test_gpu};
 
 /// A scene with nothing but an environment.
@@ -83,8 +81,8 @@ fn directions(
         let is_found = technique.find_sources(&mut frame, scene).unwrap();
         frame.submit().unwrap();
         if is_found {
-            let domains = technique.found.as_ref().map(|sources| &sources.domains);
-            return technique.directions(scene, domains.unwrap()).0;
+            let domains = technique.sources.get().map(|sources| &sources.domains);
+            return technique.settings.directions(scene, domains.unwrap()).0;
         }
         gpu.wait().unwrap();
     }
@@ -542,17 +540,9 @@ impl Sight {
             .record(&mut frame, scene, &self.view, |draw| draw.seen)
             .unwrap();
         let kernels = CaptureKernels::new(gpu, scene).unwrap();
-        let mut impostors = Impostors::new(gpu, scene, &kernels).unwrap();
-        let mut environments = Environments::default();
-        let mut earlier = Earlier::new(
-            &mut self.emission,
-            &mut [],
-            &mut impostors,
-            &mut environments,
-            0,
-            0,
-            true,
-        );
+        let mut shared = Shared::new(gpu, scene, &kernels).unwrap();
+        let mut earlier =
+            Earlier::unlimited(EarlierLight::new(&mut self.emission, &mut []), &mut shared);
         while technique
             .generate(&mut frame, scene, &self.view, &mut earlier)
             .unwrap()

@@ -6,10 +6,8 @@ use gpugi_scene::LightPathPanes;
 
 use super::entries::{COLUMN, Entries};
 use super::{Settings, stored};
-use crate::capture::{
-    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
-};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -26,17 +24,14 @@ pub(super) struct EntryPoints {
     /// First entry point of each cluster, and behind the last one the end of all; then the same of light samples.
     pub firsts: wgpu::Buffer,
     places: wgpu::Buffer,
-    hits: wgpu::TextureView,
     resolve: Kernel,
 }
 
 impl EntryPoints {
     /// Room for the entry points of a scene.
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let storage = wgpu::BufferUsages::STORAGE;
         let rows = (settings.entries * settings.light_samples).div_ceil(WIDTH);
         let count = WIDTH * rows;
-        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let mut view = ViewUniform {
             width: WIDTH,
             height: rows,
@@ -45,27 +40,15 @@ impl EntryPoints {
         };
         let output = Output::Irradiance;
         output.write(&mut view);
-        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let points = SurfacePoints {
-            points: gpu.buffer("entry points [bytes]", bytes, storage)?,
-            view: gpu.uniform("view of entry points", &view)?,
-            first: 0,
-            count,
-            hits: hits.clone(),
-            output,
-            slots: Default::default(),
-        };
+        let view = gpu.uniform("view of entry points", &view)?;
+        let label = "entry points [bytes]";
+        let points = SurfacePoints::room(gpu, label, [WIDTH, rows], view, output)?;
         let firsts = 2 * (u64::from(settings.clusters) + 1) * 4;
         Ok(Self {
             entries: Entries::default(),
             receiver: Receiver::new(&points, &Target::new(gpu, count)?),
-            firsts: gpu.buffer("clusters of entry points [bytes]", firsts, storage)?,
-            places: gpu.buffer(
-                "places of entry points [bytes]",
-                u64::from(count) * 16,
-                storage,
-            )?,
-            hits,
+            firsts: gpu.room("clusters of entry points [bytes]", firsts)?,
+            places: gpu.room("places of entry points [bytes]", u64::from(count) * 16)?,
             resolve: Kernel::new(
                 gpu,
                 &shader!("techniques.light_path_map.entries"),
@@ -130,22 +113,10 @@ impl EntryPoints {
         scene: &GpuScene,
         work: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let SurfacePoints { points, count, .. } = &self.receiver.points;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("places", self.places.as_entire_binding()),
-        ];
-        let to = [
-            ("points", points.as_entire_binding()),
-            ("hits", wgpu::BindingResource::TextureView(&self.hits)),
-        ];
-        let from = self.resolve.bind(gpu, 1, &from)?;
-        let to = self.resolve.bind(gpu, 3, &to)?;
-        frame.compute("light-path-map.entries", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &from), (3, &to)];
-            self.resolve.dispatch(pass, &groups, [*count, 1, 1]);
-        });
-        Ok(())
+        let points = &self.receiver.points;
+        let own: [Named<'_>; 2] = [("work", work), ("places", &self.places)];
+        let resources = join(&points.resources(), &own);
+        let (name, scene) = ("light-path-map.entries", Some(&scene.bind_group));
+        frame.run(name, &self.resolve, scene, &resources, [points.count, 1, 1])
     }
 }

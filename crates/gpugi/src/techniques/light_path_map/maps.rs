@@ -2,53 +2,34 @@
 
 use std::sync::Arc;
 
-use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, LightPathPanes};
 
 use super::gpu::{CHOOSING_LANES, Choice, LANES, SLOT_BYTES};
 use super::panes::{Panes, count_tiles, of_panes};
 use super::{INFO, Settings, Store, entry_points};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, Dilation, LeakTest, SeamFilter, TexelGather,
-};
-use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::scene::{GpuScene, Versions};
+use crate::capture::atlas::{KeptIrradiance, KeptTexels};
+use crate::capture::{Receiver, SURFACE_POINT_BYTES};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
+use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::{Earlier, Generated, Map, Texels};
-
-/// What the light at the entry points depends on.
-#[derive(Debug, Clone, PartialEq)]
-struct LitAs {
-    versions: Versions,
-    settings: u64,
-    revision: u64,
-}
+use crate::stage::Stage;
+use crate::techniques::{Earlier, Generated, LightState, Map, Texels};
 
 /// Panes, and the light that they give.
 #[derive(Debug)]
 pub(super) struct LightPathMaps {
-    atlas: Arc<Atlas>,
-    /// [`GpuScene::ray_features`] that the passes were compiled for.
-    ray_features: [bool; 3],
-    pub capture: AtlasCapture,
-    leaks: LeakTest,
+    pub texels: KeptTexels,
     pub panes: Panes,
     /// Mean irradiance of each cluster (W/m^2).
     pub weights: wgpu::Buffer,
     /// `Slot` of sum.wesl: the panes that are added, tile by tile.
     pub slots: wgpu::Buffer,
-    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
-    pub irradiance: Target,
-    lookup_bytes: u64,
+    pub irradiance: KeptIrradiance,
     weigh: Kernel,
     choose: Kernel,
     relight: Kernel,
-    dilation: Dilation,
-    seams: SeamFilter,
-    gather: TexelGather,
     /// The light of the irradiance.
-    lit: Option<LitAs>,
+    lit: Stage<LightState>,
     revision: u64,
 }
 
@@ -57,38 +38,20 @@ impl LightPathMaps {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        atlas: Arc<Atlas>,
+        atlas: &Atlas,
         stored: Option<Arc<LightPathPanes>>,
         most_texels: u32,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason: "there is an atlas, but no scene that it is one of".into(),
-        })?;
-        let options = AtlasCaptureOptions {
-            most_texels,
-            ..AtlasCaptureOptions::default()
-        };
-        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, &atlas)?;
-        let size = [atlas.size, atlas.size * atlas.pages];
-        let irradiance = Target::new(gpu, size[0] * size[1])?;
+        let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
-        let kept = [
-            ("atlas", lookup.words.as_entire_binding()),
-            ("irradiance", irradiance.radiance.as_entire_binding()),
-        ];
         let clusters = u64::from(settings.clusters);
-        let buffer =
-            |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+        let buffer = |label: &str, bytes: u64| gpu.room(label, bytes);
         Ok(Self {
-            ray_features: scene.ray_features(),
-            leaks: LeakTest::new(gpu, scene, &capture)?,
-            panes: Panes::new(gpu, scene, settings, &capture, &lookup, stored)?,
+            panes: Panes::new(gpu, scene, settings, &texels, stored)?,
             weights: buffer("weights of clusters [bytes]", clusters * 16)?,
             slots: buffer(
                 "panes to add [bytes]",
-                count_tiles(&capture) * (clusters + 1) * SLOT_BYTES,
+                count_tiles(&texels.capture) * (clusters + 1) * SLOT_BYTES,
             )?,
             weigh: kernel(shader!("techniques.light_path_map.weigh"))?,
             choose: kernel(shader!("techniques.light_path_map.choose"))?,
@@ -98,23 +61,11 @@ impl LightPathMaps {
                 "main",
                 settings,
             )?,
-            dilation: Dilation::new(gpu, size)?,
-            seams: SeamFilter::new(gpu, &Seams::new(host, &atlas), &irradiance)?,
-            gather: TexelGather::new(gpu, scene, &shader!("capture.atlas.gather"), &[], &kept)?,
-            lookup_bytes: lookup.words.size(),
-            irradiance,
-            capture,
-            atlas,
-            lit: None,
+            irradiance: KeptIrradiance::new(gpu, scene, texels.size(), Some(atlas), &[])?,
+            texels,
+            lit: Stage::default(),
             revision: 0,
         })
-    }
-
-    /// Whether these are maps of the settings in the atlas.
-    pub fn serves(&self, settings: &Settings, scene: &GpuScene, atlas: &Arc<Atlas>) -> bool {
-        Arc::ptr_eq(&self.atlas, atlas)
-            && self.ray_features == scene.ray_features()
-            && self.panes.is_of(settings)
     }
 
     /// Takes steps toward the panes; lights the texels by them if these or the light have changed.
@@ -125,38 +76,32 @@ impl LightPathMaps {
         settings: &Settings,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
-        self.capture.record(frame, scene)?;
-        self.leaks.record(frame, scene, &self.capture);
-        self.panes.follow(frame.gpu, scene)?;
-        for _ in 0..settings.steps {
-            if self.panes.is_done() || !earlier.may_step() {
-                break;
-            }
-            earlier.count(self.panes.step(frame, scene, &self.capture)?);
-            if self.panes.is_done() {
-                self.complete(frame)?;
-                // What texels hold now is no light: it is replaced below.
-                self.lit = None;
-                self.revision += 1;
-            }
+        self.texels.record(frame, scene)?;
+        self.panes.follow(frame.gpu, scene);
+        let was_done = self.panes.is_done();
+        let (panes, capture) = (&mut self.panes, &self.texels.capture);
+        let step = |panes: &mut Panes| panes.step(frame, scene, capture);
+        let budget = &mut earlier.budget;
+        budget.steps(settings.steps, panes, Panes::is_done, step)?;
+        let is_done = self.panes.is_done();
+        if is_done && !was_done {
+            self.complete(frame)?;
+            // What texels hold now is no light: it is replaced below.
+            self.lit.restart();
+            self.revision += 1;
         }
-        let now = LitAs {
-            versions: scene.versions,
-            settings: earlier.settings_version,
-            revision: earlier.revision,
-        };
-        let mut is_current = self.panes.is_done() && self.lit.as_ref() == Some(&now);
-        if self.panes.is_done() && !is_current && (self.lit.is_none() || earlier.may_step()) {
+        self.lit.ask(earlier.light.state(scene));
+        let may_light = || self.lit.begun().is_none() || earlier.budget.may_step();
+        if is_done && !self.lit.is_current() && may_light() {
             let entries = &self.panes.points.receiver;
             earlier.gather(frame, scene, entries, false)?;
             self.weigh(frame)?;
             self.relight(frame, settings)?;
-            self.dilation.record(frame, &self.irradiance)?;
-            self.seams.record(frame);
-            earlier.count(u64::from(self.panes.texels));
-            self.lit = Some(now);
-            is_current = true;
+            self.irradiance.finish(frame)?;
+            earlier.budget.count(u64::from(self.panes.texels));
+            self.lit.begin();
         }
+        let is_current = is_done && self.lit.is_current();
         let done = self.panes.progress();
         Ok(Generated {
             revision: self.revision,
@@ -173,7 +118,7 @@ impl LightPathMaps {
         let ones: Vec<[f32; 4]> = ones.collect();
         let ones = frame.gpu.storage("all panes [bytes]", &ones)?;
         self.sum(frame, &ones, clusters, 0)?;
-        self.panes.complete(frame, &self.irradiance.radiance)
+        self.panes.complete(frame, &self.irradiance.target.radiance)
     }
 
     /// Fills the texels of all panes that have no point from those around them, so that any bilinear filter may read
@@ -187,9 +132,9 @@ impl LightPathMaps {
             let alone = [1.0, 1.0, 1.0, f32::from_bits(pane)];
             let alone = gpu.storage("one pane [bytes]", &[alone])?;
             self.sum(&mut frame, &alone, 1, 0)?;
-            self.dilation.record(&mut frame, &self.irradiance)?;
+            self.irradiance.fill(&mut frame)?;
             self.panes
-                .store(&mut frame, pane, &self.irradiance.radiance)?;
+                .store(&mut frame, pane, &self.irradiance.target.radiance)?;
             frame.submit()?;
             gpu.wait()?;
         }
@@ -198,50 +143,27 @@ impl LightPathMaps {
 
     /// Weighs the clusters by the light at their entry points: pass `light-path-map.weigh`.
     fn weigh(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let points = &self.panes.points;
-        let from = [
-            ("points", points.receiver.points.points.as_entire_binding()),
-            ("firsts", points.firsts.as_entire_binding()),
-            (
-                "irradiance",
-                points.receiver.target.radiance.as_entire_binding(),
-            ),
-        ];
-        let from = self.weigh.bind(gpu, 1, &from)?;
-        let to = [("weights", self.weights.as_entire_binding())];
-        let to = self.weigh.bind(gpu, 3, &to)?;
-        let clusters = points.entries.clusters();
-        frame.compute("light-path-map.weigh", |pass| {
-            let lanes = clusters * LANES;
-            self.weigh
-                .dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
-        });
-        Ok(())
+        let resources = join(&self.panes.resources(), &[("weights", &self.weights)]);
+        let lanes = [self.panes.points.entries.clusters() * LANES, 1, 1];
+        frame.run("light-path-map.weigh", &self.weigh, None, &resources, lanes)
     }
 
     /// Chooses the panes to add in each tile: pass `light-path-map.choose`.
     fn choose(&self, frame: &mut Frame<'_>, settings: &Settings) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
         let chosen = Choice {
             clusters: self.panes.points.entries.clusters(),
             panes: self.added(settings),
             left_out: settings.left_out,
         };
-        let chosen = gpu.uniform("choice of panes", &chosen)?;
-        let from = [
-            ("chosen", chosen.as_entire_binding()),
-            ("weights", self.weights.as_entire_binding()),
-            ("energies", self.panes.energies.as_entire_binding()),
+        let chosen = frame.gpu.constant("choice of panes", &chosen)?;
+        let own: [Named<'_>; 3] = [
+            ("chosen", &chosen),
+            ("weights", &self.weights),
+            ("slots", &self.slots),
         ];
-        let from = self.choose.bind(gpu, 1, &from)?;
-        let to = [("slots", self.slots.as_entire_binding())];
-        let to = self.choose.bind(gpu, 3, &to)?;
-        frame.compute("light-path-map.choose", |pass| {
-            let lanes = self.panes.lanes(CHOOSING_LANES);
-            self.choose.dispatch(pass, &[(1, &from), (3, &to)], lanes);
-        });
-        Ok(())
+        let resources = join(&self.panes.resources(), &own);
+        let (name, lanes) = ("light-path-map.choose", self.panes.lanes(CHOOSING_LANES));
+        frame.run(name, &self.choose, None, &resources, lanes)
     }
 
     /// Panes of clusters that are added in a tile, at most.
@@ -271,50 +193,42 @@ impl LightPathMaps {
         count: u32,
         stride: u32,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
         for sheet in &self.panes.sheets {
-            let of_sheet = gpu.uniform("sheet", &self.panes.sum_of(sheet, count, stride))?;
-            let from = [
-                ("sheet", of_sheet.as_entire_binding()),
-                ("slots", slots.as_entire_binding()),
-                ("panes", sheet.words.as_entire_binding()),
-                ("areas", self.panes.areas.as_entire_binding()),
+            let of_sheet = self.panes.sum_of(sheet, count, stride);
+            let of_sheet = frame.gpu.constant("sheet", &of_sheet)?;
+            let own: [Named<'_>; 4] = [
+                ("sheet", &of_sheet),
+                ("slots", slots),
+                ("panes", &sheet.words),
+                ("irradiance", &self.irradiance.target),
             ];
-            let from = self.relight.bind(gpu, 1, &from)?;
-            let to = [("irradiance", self.irradiance.radiance.as_entire_binding())];
-            let to = self.relight.bind(gpu, 3, &to)?;
-            frame.compute("light-path-map.relight", |pass| {
-                let lanes = self.panes.lanes(LANES);
-                self.relight.dispatch(pass, &[(1, &from), (3, &to)], lanes);
-            });
+            let resources = join(&self.panes.resources(), &own);
+            let (name, lanes) = ("light-path-map.relight", self.panes.lanes(LANES));
+            frame.run(name, &self.relight, None, &resources, lanes)?;
         }
         Ok(())
     }
 
     /// Adds the light at the receiver's points: pass `light-path-map.gather`.
     pub fn gather(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (name, texels) = ("light-path-map.gather", Some(&self.capture));
-        self.gather.record(frame, name, scene, texels, receiver)
+        let found = (Some(&self.texels.capture), &self.texels.lookup.words);
+        let name = "light-path-map.gather";
+        self.irradiance.gather(frame, name, scene, receiver, found)
     }
 
     /// Positions of entry points, irradiance of all rows, weights of clusters, clusters of texels, and panes below each
     /// other, sheet by sheet.
     pub fn maps(&self) -> Vec<Map> {
-        let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| Map {
-            name: format!("{}.{name}", INFO.name),
-            texels: Texels::Buffer {
-                buffer: buffer.clone(),
-                size,
-                stride,
-                is_number: name == "clusters",
-            },
+        let name = |name: &str| format!("{}.{name}", INFO.name);
+        let map = |map: &str, buffer: &wgpu::Buffer, size: [u32; 2], stride: u64| {
+            Map::of_colors(name(map), buffer, size, stride)
         };
-        let size = [self.capture.size, self.capture.size * self.capture.pages];
+        let size = self.texels.size();
         let clusters = (self.weights.size() / 16) as u32;
         let entries = &self.panes.points.receiver.points.points;
         let count = self.panes.points.entries.entries.len() as u32;
@@ -325,21 +239,21 @@ impl LightPathMaps {
         let mut maps = vec![
             // A surface point begins with its position.
             map("entries", entries, of_entries, SURFACE_POINT_BYTES),
-            map("irradiance", &self.irradiance.radiance, size, 16),
+            map("irradiance", &self.irradiance.target.radiance, size, 16),
             map("weights", &self.weights, [clusters, 1], 16),
-            map("clusters", &self.panes.owners, size, 4),
+            Map::of_numbers(name("clusters"), &self.panes.owners, size, 4),
         ];
         for sheet in &self.panes.sheets {
-            let name = format!("panes-{}", sheet.panes.start);
+            let panes = format!("panes-{}", sheet.panes.start);
             let count = sheet.panes.len() as u32;
             let store = self.panes.stored_as();
             let texels = [size[0], size[1] * count];
             maps.push(match store {
                 Store::Rgb9e5 | Store::Half => {
-                    map(&name, &sheet.words, texels, 4 * u64::from(store.words()))
+                    map(&panes, &sheet.words, texels, 4 * u64::from(store.words()))
                 }
                 Store::Bc6h => Map {
-                    name: format!("{}.{name}", INFO.name),
+                    name: name(&panes),
                     texels: Texels::Blocks {
                         buffer: sheet.words.clone(),
                         size: [size[0], size[1].next_multiple_of(4) * count],
@@ -352,8 +266,7 @@ impl LightPathMaps {
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
-        let states = self.leaks.states().map(wgpu::Buffer::size).sum::<u64>();
-        let around = self.dilation.bytes() + self.seams.bytes + self.lookup_bytes + states;
-        self.capture.bytes + self.panes.work_bytes() + self.slots.size() + around
+        let around = self.irradiance.work_bytes();
+        self.texels.bytes() + self.panes.work_bytes() + self.slots.size() + around
     }
 }

@@ -24,13 +24,14 @@ use gpugi_scene::{Atlas, LightPathPanes, Scene};
 use super::precomputed::Fit;
 use super::{
     Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Precomputed, Registration,
-    Resume, Role, Technique,
+    Resume, Role, Technique, Unready, atlas,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Inputs};
 use crate::settings::SettingSet;
+use crate::stage::{Same, Stage};
 use maps::LightPathMaps;
 pub use settings::{Clustering, Settings, Store, Visibility};
 
@@ -67,9 +68,10 @@ pub const REGISTRATION: Registration = Registration {
 #[derive(Debug)]
 pub struct LightPathMap {
     settings: Settings,
-    made: Option<LightPathMaps>,
-    /// Whether the panes of the scene's file fit it, by versions of geometry, instances and materials.
-    fit: Fit<3>,
+    /// In an atlas, by [`Settings::of_panes`] and [`GpuScene::ray_features`].
+    maps: Stage<(Settings, Same<Atlas>, [bool; 3]), LightPathMaps>,
+    /// Whether the panes of the scene's file fit it.
+    fit: Fit,
     /// Most texels per buffer of points.
     most_texels: u32,
 }
@@ -78,18 +80,10 @@ impl Default for LightPathMap {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
-            made: None,
+            maps: Stage::default(),
             fit: Fit::default(),
             most_texels: u32::MAX,
         }
-    }
-}
-
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
     }
 }
 
@@ -97,14 +91,9 @@ impl LightPathMap {
     /// The panes that the scene's file holds, if they are wanted and still those of the scene.
     fn stored(&mut self, scene: &GpuScene) -> Option<Arc<LightPathPanes>> {
         let host = scene.host()?;
-        let Some(panes) = host.panes.as_ref().filter(|_| self.settings.stored) else {
-            self.fit.forget();
-            return None;
-        };
-        let now = &scene.versions;
-        let now = [now.geometry, now.instances, now.materials];
-        let fits = self.fit.holds(now, || panes.check(host));
-        fits.then(|| Arc::clone(panes))
+        let panes = host.panes.as_ref().filter(|_| self.settings.stored);
+        let now = scene.versions.of(Inputs::SURFACES | Inputs::INSTANCES);
+        self.fit.of(panes, now, |panes| panes.check(host))
     }
 }
 
@@ -151,40 +140,28 @@ impl Technique for LightPathMap {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
+        let gpu = frame.gpu;
         let stored = self.stored(scene);
         let settings = &self.settings.with(stored.as_deref());
         let atlas = match &stored {
-            Some(stored) => Some(Arc::clone(&stored.atlas)),
-            None => scene.atlas(
-                frame.gpu,
-                INFO.name,
-                settings.resolution,
-                settings.density,
-                // Or four floats, of irradiance.
-                (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16),
-            )?,
-        };
-        let Some(atlas) = atlas else {
-            return Ok(Generated::without_atlas(scene));
-        };
-        let is_made = |made: &LightPathMaps| made.serves(settings, scene, &atlas);
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
+            Some(stored) => Arc::clone(&stored.atlas),
             None => {
-                let most_texels = self.most_texels;
-                let made =
-                    LightPathMaps::new(frame.gpu, scene, settings, atlas, stored, most_texels)?;
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
+                // Or four floats, of irradiance.
+                let bytes = (u64::from(settings.near_rays) * gpu::NEAR_BYTES).max(16);
+                let size = (settings.resolution, settings.density);
+                atlas(gpu, scene, INFO.name, size, bytes)?
             }
         };
-        let generated = made.generate(frame, scene, settings, earlier)?;
-        self.made = Some(made);
-        Ok(generated)
+        let key = (
+            settings.of_panes(),
+            Same(atlas.clone()),
+            scene.ray_features(),
+        );
+        let maps = self.maps.compiled(frame, key, |_| {
+            LightPathMaps::new(gpu, scene, settings, &atlas, stored, self.most_texels)
+        })?;
+        Ok(maps.generate(frame, scene, settings, earlier)?)
     }
 
     fn gather(
@@ -194,8 +171,8 @@ impl Technique for LightPathMap {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.made {
-            Some(made) => made.gather(frame, scene, receiver),
+        match self.maps.get() {
+            Some(maps) => maps.gather(frame, scene, receiver),
             None => Ok(()),
         }
     }
@@ -204,11 +181,11 @@ impl Technique for LightPathMap {
         let unfit = self.fit.reason().map(|reason| {
             format!("new panes are computed, because those of the file do not fit: {reason}")
         });
-        self.made
-            .as_ref()
-            .map_or_else(Inspection::default, |made| Inspection {
-                maps: made.maps(),
-                work_bytes: made.work_bytes(),
+        self.maps
+            .get()
+            .map_or_else(Inspection::default, |maps| Inspection {
+                maps: maps.maps(),
+                work_bytes: maps.work_bytes(),
                 warnings: unfit.into_iter().collect(),
             })
     }
@@ -237,29 +214,31 @@ impl Precomputed for LightPathMap {
         scene: &Scene,
         atlas: Arc<Atlas>,
     ) -> Result<LightPathPanes, GpuError> {
-        let made = self.made.as_ref().filter(|made| made.panes.is_done());
-        let made = made.ok_or_else(|| unfit("the panes are not complete"))?;
-        stored::finished(gpu, scene, atlas, made)
+        let maps = self.maps.get().filter(|maps| maps.panes.is_done());
+        let maps = maps.ok_or_else(|| INFO.unfit("the panes are not complete"))?;
+        stored::finished(gpu, scene, atlas, maps)
     }
 }
 
 impl Resume for LightPathMap {
     fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(made) = self
-            .made
-            .as_ref()
-            .filter(|made| made.panes.panes_done() > 0)
-        else {
+        let maps = self.maps.get();
+        let Some(maps) = maps.filter(|maps| maps.panes.panes_done() > 0) else {
             return Ok(None);
         };
-        let panes = made.panes.save(gpu)?;
-        postcard::to_allocvec(&panes).map(Some).map_err(unfit)
+        let panes = maps.panes.save(gpu)?;
+        postcard::to_allocvec(&panes)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Vec<u32> = postcard::from_bytes(saved).map_err(unfit)?;
-        match &mut self.made {
-            Some(made) => made.panes.resume(gpu, &saved).map_err(unfit),
+        let saved: Vec<u32> = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
+        match self.maps.get_mut() {
+            Some(maps) => maps
+                .panes
+                .resume(gpu, &saved)
+                .map_err(|error| INFO.unfit(error)),
             None => Ok(false),
         }
     }

@@ -11,11 +11,12 @@ use gpugi_scene::LightPathPanes;
 use super::entries::COLUMN;
 use super::entry_points::EntryPoints;
 use super::gpu::{Choice, LANES, NEAR_BYTES, Sum, TILE, VIRTUAL_LIGHT_BYTES, Work};
-use super::{Settings, Store, Visibility, unfit};
-use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, Shader, read_buffer};
-use crate::scene::GpuScene;
+use super::{INFO, Settings, Store, Visibility};
+use crate::capture::atlas::{AtlasCapture, KeptTexels, tiles_of};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, Shader, join, read_buffer};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
+use crate::stage::Stage;
 
 /// Rays per step, roughly: about 40 ms on a small GPU.
 const RAYS_OF_STEP: u64 = 1 << 22;
@@ -71,8 +72,8 @@ pub(super) struct Panes {
     pub texels: u32,
     size: u32,
     kernels: Kernels,
-    /// Bind group of the atlas lookup in `near`.
-    corners: wgpu::BindGroup,
+    /// Where triangles find their texels.
+    atlas: wgpu::Buffer,
     pub points: EntryPoints,
     lights: wgpu::Buffer,
     /// Depth maps of the virtual lights of `mapped_at_once` entry points.
@@ -92,8 +93,8 @@ pub(super) struct Panes {
     tiles: Vec<(usize, Range<u32>)>,
     /// Panes of a file, instead of new ones.
     stored: Option<Arc<LightPathPanes>>,
-    /// Versions of geometry and materials that they are made for.
-    made: Option<[u64; 2]>,
+    /// The surfaces that they are made for.
+    surfaces: Stage<Versions>,
     /// Steps that are done.
     steps: usize,
     /// Transfer of the entry points, by which they will be clustered, on its way to the host.
@@ -105,16 +106,13 @@ impl Panes {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        capture: &AtlasCapture,
-        lookup: &AtlasLookup,
+        KeptTexels {
+            capture, lookup, ..
+        }: &KeptTexels,
         stored: Option<Arc<LightPathPanes>>,
     ) -> Result<Self, GpuError> {
-        let kernels = Kernels::new(gpu, scene, settings)?;
-        let corners = [("atlas", lookup.words.as_entire_binding())];
         let texels = capture.size * capture.size * capture.pages;
-        let buffer = |label: &str, count: u64, bytes: u64| {
-            gpu.buffer(label, count * bytes, wgpu::BufferUsages::STORAGE)
-        };
+        let buffer = |label: &str, count: u64, bytes: u64| gpu.room(label, count * bytes);
         let per_entry = 1 + u64::from(settings.walks) * u64::from(settings.depth);
         let light = || buffer("light of a cluster [bytes]", texels.into(), 16);
         let entries = u64::from(settings.entries);
@@ -133,17 +131,12 @@ impl Panes {
             }
         };
         let at_once = (RAYS_OF_STEP / rays.max(settings.near_rays.into())).clamp(64, 1 << 20);
-        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
-            let count = piece.points.count;
-            let firsts = (0..count).step_by(at_once as usize);
-            firsts.map(move |first| (number, first..count.min(first + at_once as u32)))
-        };
         Ok(Self {
             settings: settings.clone(),
             texels,
             size: capture.size,
-            corners: kernels.near.bind(gpu, 2, &corners)?,
-            kernels,
+            atlas: lookup.words.clone(),
+            kernels: Kernels::new(gpu, scene, settings)?,
             points: EntryPoints::new(gpu, scene, settings)?,
             lights: buffer(
                 "virtual lights [bytes]",
@@ -172,22 +165,45 @@ impl Panes {
                 count_tiles(capture) * u64::from(settings.clusters + 1),
                 16,
             )?,
-            tiles: capture
-                .pieces()
-                .iter()
-                .enumerate()
-                .flat_map(tiles_of)
-                .collect(),
+            tiles: tiles_of(capture.points().map(|points| points.count), at_once as u32),
             stored,
-            made: None,
+            surfaces: Stage::default(),
             steps: 0,
             columns: None,
         })
     }
 
-    /// Whether these are the panes of the settings.
-    pub fn is_of(&self, settings: &Settings) -> bool {
-        self.settings.has_panes_of(settings)
+    /// What passes bind, unless they name others: all buffers, the entry points and their light.
+    pub fn resources(&self) -> [Named<'_>; 11] {
+        let points = &self.points;
+        [
+            ("atlas", &self.atlas),
+            ("points", &points.receiver.points.points),
+            ("irradiance", &points.receiver.target),
+            ("firsts", &points.firsts),
+            ("lights", &self.lights),
+            ("depths", &self.depths),
+            ("owners", &self.owners),
+            ("areas", &self.areas),
+            ("near", &self.near),
+            ("energies", &self.energies),
+            ("lit", &self.lit[0]),
+        ]
+    }
+
+    /// Runs `kernel` with the parameters `work`, in which case it also binds `more`: pass `light-path-map.NAME`.
+    fn run(
+        &self,
+        frame: &mut Frame<'_>,
+        name: &str,
+        (kernel, scene): (&Kernel, Option<&wgpu::BindGroup>),
+        (work, more): (Work, &[Named<'_>]),
+        invocations: u32,
+    ) -> Result<(), GpuError> {
+        let work = frame.gpu.constant("light path map", &work)?;
+        let own: [Named<'_>; 1] = [("work", &work)];
+        let resources = [&self.resources()[..], &own, more].concat();
+        frame.run(name, kernel, scene, &resources, [invocations, 1, 1])
     }
 
     /// Most surfaces that walks visit after their entry points.
@@ -230,7 +246,7 @@ impl Panes {
 
     /// Whether all panes are done.
     pub fn is_done(&self) -> bool {
-        self.made.is_some() && self.steps >= self.all_steps()
+        self.surfaces.begun().is_some() && self.steps >= self.all_steps()
     }
 
     /// Part of the work that is done (0 to 1).
@@ -246,19 +262,13 @@ impl Panes {
     }
 
     /// Starts again if geometry or materials have changed.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
-        let now = Some([scene.versions.geometry, scene.versions.materials]);
-        if self.made != now {
+    pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        if self.surfaces.renew(scene.versions.of(Inputs::SURFACES)) {
             self.points
                 .choose(gpu, scene, &self.settings, self.stored.as_deref());
-            self.made = now;
             self.steps = 0;
             self.columns = None;
         }
-        Ok(())
     }
 
     /// Parameters of all passes.
@@ -315,7 +325,8 @@ impl Panes {
         if let Some(stored) = self.stored.clone()
             && self.steps == 1 + tiles
         {
-            self.resume(frame.gpu, &stored.panes).map_err(unfit)?;
+            self.resume(frame.gpu, &stored.panes)
+                .map_err(|error| INFO.unfit(error))?;
         }
         Ok(rays)
     }
@@ -330,7 +341,6 @@ impl Panes {
         pane: u32,
         lit: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
         let Some(sheet) = self.sheets.iter().find(|sheet| sheet.panes.contains(&pane)) else {
             return Ok(());
         };
@@ -338,23 +348,13 @@ impl Panes {
             first_word: (pane - sheet.panes.start) * self.words(),
             ..self.work()
         };
-        let work = gpu.uniform("light path map", &work)?;
-        let kernel = &self.kernels.store;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("lit", lit.as_entire_binding()),
-            ("areas", self.areas.as_entire_binding()),
-        ];
-        let from = kernel.bind(gpu, 1, &from)?;
-        let to = kernel.bind(gpu, 3, &[("panes", sheet.words.as_entire_binding())])?;
+        let own: [Named<'_>; 2] = [("lit", lit), ("panes", &sheet.words)];
         let lanes = match self.settings.store {
             Store::Bc6h => self.words() / self.settings.store.words(),
             Store::Rgb9e5 | Store::Half => self.texels,
         };
-        frame.compute("light-path-map.store", |pass| {
-            kernel.dispatch(pass, &[(1, &from), (3, &to)], [lanes, 1, 1]);
-        });
-        Ok(())
+        let (name, store) = ("light-path-map.store", &self.kernels.store);
+        self.run(frame, name, (store, None), (work, &own), lanes)
     }
 
     /// Stores the sum of all panes, which `sum` holds, behind them, and finds what each brings to each tile: passes
@@ -370,27 +370,22 @@ impl Panes {
             clusters,
             ..Choice::zeroed()
         };
-        let chosen = gpu.uniform("clusters", &chosen)?;
-        let kernel = &self.kernels.energy;
+        let chosen = gpu.constant("clusters", &chosen)?;
         for sheet in &self.sheets {
-            let of_sheet = gpu.uniform("sheet", &self.sum_of(sheet, 0, 0))?;
-            let from = [
-                ("sheet", of_sheet.as_entire_binding()),
-                ("chosen", chosen.as_entire_binding()),
-                ("areas", self.areas.as_entire_binding()),
-                ("panes", sheet.words.as_entire_binding()),
-                ("all", sum.as_entire_binding()),
+            let of_sheet = gpu.constant("sheet", &self.sum_of(sheet, 0, 0))?;
+            let own: [Named<'_>; 4] = [
+                ("sheet", &of_sheet),
+                ("chosen", &chosen),
+                ("panes", &sheet.words),
+                ("all", sum),
             ];
-            let from = kernel.bind(gpu, 1, &from)?;
-            let to = [("energies", self.energies.as_entire_binding())];
-            let to = kernel.bind(gpu, 3, &to)?;
             let [x, y, _] = self.lanes(LANES);
             // The scene may have fewer clusters than there is room for.
             let panes = sheet.panes.end.min(clusters + 1) - sheet.panes.start.min(clusters + 1);
             if panes > 0 {
-                frame.compute("light-path-map.energy", |pass| {
-                    kernel.dispatch(pass, &[(1, &from), (3, &to)], [x, y, panes]);
-                });
+                let (name, energy) = ("light-path-map.energy", &self.kernels.energy);
+                let resources = join(&self.resources(), &own);
+                frame.run(name, energy, None, &resources, [x, y, panes])?;
             }
         }
         Ok(())
@@ -496,11 +491,8 @@ pub(super) fn of_panes(
     entry: &str,
     settings: &Settings,
 ) -> Result<Kernel, GpuError> {
-    let options = KernelOptions {
-        constants: &[("WORDS", settings.store.words().into())],
-        ..Default::default()
-    };
-    Kernel::with_options(gpu, shader, entry, None, &options)
+    let words = [("WORDS", settings.store.words().into())];
+    Kernel::with_constants(gpu, shader, entry, None, &words)
 }
 
 /// Columns and rows of tiles.
@@ -527,11 +519,7 @@ fn sheets(gpu: &Gpu, words: u32, panes: u32) -> Result<Vec<Sheet>, GpuError> {
         .map(|first| {
             let panes = first..panes.min(first + at_once);
             Ok(Sheet {
-                words: gpu.buffer(
-                    "light path map [bytes]",
-                    panes.len() as u64 * bytes,
-                    wgpu::BufferUsages::STORAGE,
-                )?,
+                words: gpu.room("light path map [bytes]", panes.len() as u64 * bytes)?,
                 panes,
             })
         })

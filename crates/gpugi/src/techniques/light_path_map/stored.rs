@@ -7,9 +7,9 @@ use glam::{Mat3, Vec2};
 use gpugi_scene::provoking::{ProvokingMesh, provoking_order};
 use gpugi_scene::{Atlas, LightPathPanes, Scene, SurfacePlace};
 
+use super::INFO;
 use super::entries::{Entries, Entry, normal_scale, surface_area};
 use super::maps::LightPathMaps;
-use super::unfit;
 use crate::gpu::{Gpu, GpuError};
 
 /// By how many corners the scene's tables turn triangles, which begin with their provoking vertex.
@@ -101,7 +101,7 @@ pub(super) fn finished(
         ..
     } = &made.panes.points.entries;
     if entries.is_empty() {
-        return Err(unfit("the scene has no surface"));
+        return Err(INFO.unfit("the scene has no surface"));
     }
     made.fill(gpu)?;
     let mut turns = Turns::new(scene);

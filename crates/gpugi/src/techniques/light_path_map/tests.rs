@@ -10,11 +10,9 @@ use super::LightPathMap;
 use super::entries::{COLUMN, Entries, Entry};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::{Edit, GpuScene};
-use crate::techniques::{Earlier, Generated, Resume, Technique};
-use crate::testing::{Point, read_points, test_gpu};
+use crate::techniques::{Earlier, EarlierLight, Generated, Resume, Shared, Technique};
+use crate::testing::{Point, read_points, settled, test_gpu};
 
 /// A scene of matt meshes.
 fn scene_of(meshes: impl IntoIterator<Item = (Mesh, f32)>) -> Scene {
@@ -46,8 +44,7 @@ struct Solver {
     scene: GpuScene,
     technique: LightPathMap,
     emission: Emission,
-    impostors: Impostors,
-    environments: Environments,
+    shared: Shared,
 }
 
 impl Solver {
@@ -67,8 +64,7 @@ impl Solver {
         let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
         Self {
             emission: Emission::new(gpu, &on_gpu).unwrap(),
-            impostors: Impostors::new(gpu, &on_gpu, &kernels).unwrap(),
-            environments: Environments::default(),
+            shared: Shared::new(gpu, &on_gpu, &kernels).unwrap(),
             gpu: gpu.clone(),
             scene: on_gpu,
             technique,
@@ -82,18 +78,13 @@ impl Solver {
         let view = View::new(&camera, [8, 8], Vec2::ZERO, 0, 0, 1.0);
         let mut frame = Frame::new(&self.gpu, false);
         self.scene.merge(&mut frame);
-        let mut earlier = Earlier::new(
-            &mut self.emission,
-            &mut [],
-            &mut self.impostors,
-            &mut self.environments,
-            0,
-            0,
-            true,
+        let mut earlier = Earlier::unlimited(
+            EarlierLight::new(&mut self.emission, &mut []),
+            &mut self.shared,
         );
         let (technique, scene) = (&mut self.technique, &self.scene);
         let generated = technique.generate(&mut frame, scene, &view, &mut earlier);
-        let generated = generated.unwrap();
+        let generated = settled(generated).unwrap();
         frame.submit().unwrap();
         generated
     }
@@ -106,7 +97,7 @@ impl Solver {
 
     /// The words of all panes, sheet by sheet.
     fn words(&self) -> Vec<u32> {
-        let sheets = &self.technique.made.as_ref().unwrap().panes.sheets;
+        let sheets = &self.technique.maps.get().unwrap().panes.sheets;
         let words = sheets.iter();
         words
             .flat_map(|sheet| read_buffer(&self.gpu, &sheet.words, sheet.words.size()).unwrap())
@@ -115,15 +106,15 @@ impl Solver {
 
     /// All texels.
     fn points(&self) -> Vec<Point> {
-        let made = self.technique.made.as_ref().unwrap();
-        let points = made.capture.points();
+        let made = self.technique.maps.get().unwrap();
+        let points = made.texels.capture.points();
         let points = points.flat_map(|points| read_points(&self.gpu, &self.scene, points));
         points.collect()
     }
 
     /// The texels that have points, with the red irradiance of the sum of all panes.
     fn sum(&self) -> Vec<(Point, f32)> {
-        let panes = &self.technique.made.as_ref().unwrap().panes;
+        let panes = &self.technique.maps.get().unwrap().panes;
         let (texels, clusters) = (panes.texels, panes.points.entries.clusters());
         let words = self.words();
         let sum = &words[(texels * clusters) as usize..][..texels as usize];
@@ -139,12 +130,12 @@ impl Solver {
         let settings = self.technique.settings_mut();
         settings.set("panes", &panes.to_string()).unwrap();
         let settings = &self.technique.settings;
-        let made = self.technique.made.as_ref().unwrap();
+        let made = self.technique.maps.get().unwrap();
         self.gpu.write(&made.weights, 0, weights);
         let mut frame = Frame::new(&self.gpu, false);
         made.relight(&mut frame, settings).unwrap();
         frame.submit().unwrap();
-        let irradiance = &made.irradiance.radiance;
+        let irradiance = &made.irradiance.target.radiance;
         read_buffer(&self.gpu, irradiance, irradiance.size()).unwrap()
     }
 }
@@ -226,7 +217,7 @@ fn depth_maps_see_what_rays_see() {
                 ("visibility", visibility),
             ];
             let solver = Solver::new(&gpu, &scene, &settings).solve();
-            let texels = solver.technique.made.as_ref().unwrap().panes.texels as usize;
+            let texels = solver.technique.maps.get().unwrap().panes.texels as usize;
             let areas: Vec<f32> = solver.points().iter().map(|point| point.area).collect();
             let panes = solver.words()[..8 * texels].to_vec();
             let lit = panes.iter().zip(areas.iter().cycle());
@@ -323,8 +314,8 @@ fn clusters_by_transfer_hold_the_same_light() {
         ];
         let solver = Solver::new(&gpu, &closed_box(0.5), &settings).solve();
         let [mean, _] = errors(&solver.sum(), |_| 1.0);
-        let entries = solver.technique.made.unwrap().panes.points.entries;
-        (mean, entries.firsts)
+        let entries = &solver.technique.maps.get().unwrap().panes.points.entries;
+        (mean, entries.firsts.clone())
     };
     let [by_place, by_transfer] = ["kmeans", "transfer"].map(mean);
     println!("{by_place:?} {by_transfer:?}");
@@ -372,7 +363,7 @@ fn tiles_leave_out_panes_up_to_a_bound() {
             assert!(wrong <= (bound + 0.003) * light, "{bound} {wrong} {light}");
             assert!((found - light).abs() <= 0.003 * light, "{found} {light}");
         }
-        let slots = &solver.technique.made.as_ref().unwrap().slots;
+        let slots = &solver.technique.maps.get().unwrap().slots;
         let slots: Vec<[u32; 4]> = read_buffer(&gpu, slots, 16 * 33 * 16).unwrap();
         let added = slots.chunks(33).map(|tile| {
             let end = tile.iter().position(|slot| slot[3] == u32::MAX);
@@ -505,7 +496,7 @@ fn panes_are_the_same_bits_however_they_are_made() {
     let mut first = Solver::new(&gpu, &scene, &step_by_step);
     for stop in [1, 4, 8] {
         while first.technique.save(&gpu).unwrap().is_none()
-            || first.technique.made.as_ref().unwrap().panes.panes_done() < stop
+            || first.technique.maps.get().unwrap().panes.panes_done() < stop
         {
             first.frame();
         }
@@ -518,7 +509,7 @@ fn panes_are_the_same_bits_however_they_are_made() {
                 break;
             }
         }
-        assert!(rest.technique.made.as_ref().unwrap().panes.panes_done() >= stop);
+        assert!(rest.technique.maps.get().unwrap().panes.panes_done() >= stop);
         assert!(rest.solve().words() == whole, "from {stop} panes on");
         for unfit in [&saved[..saved.len() - 3], &[200][..], &[1, 7][..]] {
             assert!(first.technique.resume(&gpu, unfit).is_err());
@@ -556,7 +547,7 @@ fn panes_follow_the_scene() {
 fn nothing_to_light_is_done_at_once() {
     let Some(gpu) = test_gpu() else { return };
     let solver = Solver::new(&gpu, &Scene::new("empty"), &[]).solve();
-    let made = solver.technique.made.as_ref().unwrap();
+    let made = solver.technique.maps.get().unwrap();
     assert!(made.panes.is_done());
     assert_eq!(made.panes.points.entries.clusters(), 0);
 }

@@ -1,8 +1,6 @@
 //! Obscurances in a renderer: computed in the texels of an atlas of their own, a few steps per frame; and the ambient
 //! term.
 
-use std::sync::Arc;
-
 use bytemuck::Zeroable;
 use gpugi_scene::Atlas;
 
@@ -10,14 +8,15 @@ use super::gpu::{SettingsUniform, TEXEL_BYTES};
 use super::{Ambient, Settings, Solution};
 use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, LeakTest, TexelGather};
 use crate::capture::{Receiver, Target, View};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, join};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use crate::shader;
+use crate::stage::{Same, Stage};
 use crate::techniques::{
-    Cost, Earlier, Generated, Info, Inspection, Needs, Openness, OwnPoints, Plan, Provided,
-    Registration, Role, Technique,
+    Cost, Earlier, Generated, Info, Inspection, LightState, Needs, Openness, OwnPoints, Plan,
+    Provided, Registration, Role, Technique, Unready, atlas,
 };
 
 /// Name, summary, source and light paths. Obscurances add light only when their ambient term is enabled.
@@ -59,18 +58,15 @@ const MOST_ESCAPES: f32 = 0.02;
 #[derive(Debug, Default)]
 pub struct Obscurances {
     settings: Settings,
-    pub(super) made: Option<ObscuranceMaps>,
+    /// In an atlas, by [`GpuScene::ray_features`].
+    pub(super) maps: Stage<(Settings, Same<Atlas>, [bool; 3]), ObscuranceMaps>,
     /// Most texels per buffer; `None`: as many as fit.
     pub(super) most_texels: Option<u32>,
 }
 
-/// The obscurances of a scene, and what they were computed for.
+/// The obscurances of a scene.
 #[derive(Debug)]
 pub(super) struct ObscuranceMaps {
-    settings: Settings,
-    atlas: Arc<Atlas>,
-    /// [`GpuScene::ray_features`] that the passes were compiled for.
-    ray_features: [bool; 3],
     solution: Solution,
     pub(super) capture: AtlasCapture,
     leaks: LeakTest,
@@ -83,40 +79,41 @@ pub(super) struct ObscuranceMaps {
     escapes: wgpu::Buffer,
     /// The same, on their way to the host.
     escaped: Option<ReadBack<Vec<u32>>>,
-    lit: Option<(Versions, u64, u64)>,
+    /// The direct light that was summed.
+    lit: Stage<LightState>,
     revision: u64,
     /// Whether the maps contain all samples.
     is_shown: bool,
 }
 
 impl Obscurances {
-    fn make(
-        &self,
+    /// The obscurances, once generated.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.maps.get().map(|maps| &maps.solution)
+    }
+}
+
+impl ObscuranceMaps {
+    fn new(
         gpu: &Gpu,
         scene: &GpuScene,
-        atlas: Arc<Atlas>,
-    ) -> Result<ObscuranceMaps, GpuError> {
+        atlas: &Atlas,
+        settings: &Settings,
+        most_texels: Option<u32>,
+    ) -> Result<Self, GpuError> {
         let host = scene
             .host()
-            .ok_or_else(|| refused("there is an atlas, but no scene that it is one of"))?;
+            .ok_or_else(|| INFO.refused("there is an atlas, but no scene that it is one of"))?;
         let settings = Settings {
-            colored: self.settings.colored || self.settings.ambient == Ambient::Colored,
-            ..self.settings.clone()
+            colored: settings.colored || settings.ambient == Ambient::Colored,
+            ..settings.clone()
         };
         let options = AtlasCaptureOptions {
-            most_texels: self.most_texels.unwrap_or(u32::MAX),
+            most_texels: most_texels.unwrap_or(u32::MAX),
             ..AtlasCaptureOptions::default()
         };
-        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        let mut solution = Solution::new(gpu, host, scene, &atlas, &capture, &settings)?;
-        // The frame that shows them need not wait for their shaders.
-        solution.pictures(gpu)?;
-        let [texels, mean] = solution.buffers();
-        let kept = [
-            ("atlas", solution.lookup.words.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-            ("mean", mean.as_entire_binding()),
-        ];
+        let capture = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
+        let solution = Solution::new(gpu, host, scene, atlas, &capture, &settings)?;
         let is_colored = settings.ambient == Ambient::Colored;
         let constants = [
             ("COLORED", f64::from(u8::from(is_colored))),
@@ -127,10 +124,8 @@ impl Obscurances {
         let gather = shader!("techniques.obscurances.gather");
         let is_lit = settings.ambient != Ambient::Off;
         let direct = capture.points().filter(|_| is_lit);
-        Ok(ObscuranceMaps {
-            settings: self.settings.clone(),
-            ray_features: scene.ray_features(),
-            gather: TexelGather::new(gpu, scene, &gather, &constants, &kept)?,
+        Ok(Self {
+            gather: TexelGather::new(gpu, scene, &gather, &constants)?,
             light: Kernel::new(gpu, &light, "main", Some(&scene.layout))?,
             openness: scene.ray_kernel(gpu, &openness, &[])?,
             leaks: LeakTest::new(gpu, scene, &capture)?,
@@ -139,10 +134,9 @@ impl Obscurances {
                 .collect::<Result<_, _>>()?,
             solution,
             capture,
-            atlas,
-            escapes: gpu.buffer("rays that get out", 16, wgpu::BufferUsages::STORAGE)?,
+            escapes: gpu.room("rays that get out", 16)?,
             escaped: None,
-            lit: None,
+            lit: Stage::default(),
             revision: 0,
             is_shown: false,
         })
@@ -151,46 +145,49 @@ impl Obscurances {
     /// Sums the direct light that surfaces reflect, and counts the rays that leave the scene: passes
     /// `obscurances.light` and `obscurances.openness`.
     fn sum_light(
-        &self,
+        &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        made: &ObscuranceMaps,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let [_, mean] = made.solution.buffers();
-        frame.clear(&made.escapes);
-        for (piece, direct) in made.capture.pieces().iter().zip(&made.direct) {
-            let points = &piece.points;
-            earlier.gather(frame, scene, &Receiver::new(points, direct), false)?;
-            let uniform = SettingsUniform {
-                first_texel: piece.rows.start * made.capture.size,
-                end_point: points.count,
+        let [_, mean] = self.solution.buffers();
+        frame.clear(&self.escapes);
+        for (piece, direct) in self.capture.pieces().iter().zip(&self.direct) {
+            let receiver = Receiver::new(&piece.points, direct);
+            earlier.gather(frame, scene, &receiver, false)?;
+            let settings = SettingsUniform {
+                first_texel: piece.rows.start * self.capture.size,
+                end_point: piece.points.count,
                 end_sample: OPENNESS_RAYS,
                 ..Zeroable::zeroed()
             };
-            let uniform = gpu.uniform("obscurances", &uniform)?;
-            let settings = ("settings", uniform.as_entire_binding());
-            let of_points = ("points", points.points.as_entire_binding());
-            let resources = [
-                settings.clone(),
-                of_points.clone(),
-                ("radiance", direct.radiance.as_entire_binding()),
-                ("mean", mean.as_entire_binding()),
+            let settings = frame.gpu.constant("obscurances", &settings)?;
+            let own: [Named<'_>; 3] = [
+                ("settings", &settings),
+                ("mean", mean),
+                ("counts", &self.escapes),
             ];
-            let group = made.light.bind(gpu, 1, &resources)?;
-            frame.compute("obscurances.light", |pass| {
-                let groups = [(0, &scene.bind_group), (1, &group)];
-                made.light.dispatch(pass, &groups, [1, 1, 1]);
-            });
-            let counts = ("counts", made.escapes.as_entire_binding());
-            let group = made.openness.bind(gpu, 1, &[settings, of_points, counts])?;
-            frame.compute("obscurances.openness", |pass| {
-                let groups = [(0, &scene.ray_bind_group), (1, &group)];
-                made.openness.dispatch(pass, &groups, [OPENNESS_RAYS, 1, 1]);
-            });
+            let resources = join(&receiver.resources(), &own);
+            let (name, own) = ("obscurances.light", Some(&scene.bind_group));
+            frame.run(name, &self.light, own, &resources, [1, 1, 1])?;
+            let (name, rays) = ("obscurances.openness", Some(&scene.ray_bind_group));
+            let count = [OPENNESS_RAYS, 1, 1];
+            frame.run(name, &self.openness, rays, &resources, count)?;
         }
+        self.escaped = Some(frame.read_back(&self.escapes, 8)?);
         Ok(())
+    }
+
+    /// What to know of ambient light in a scene that is not closed, once the rays are counted.
+    fn openness_warning(&self) -> Option<String> {
+        let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;
+        let share = counts[1] as f32 / counts[0].max(1) as f32;
+        (share > MOST_ESCAPES).then(|| {
+            format!(
+                "{:.0} % of the light that surfaces reflect leaves the scene: ambient light, which is made for closed scenes, is too bright",
+                share * 100.0
+            )
+        })
     }
 }
 
@@ -224,59 +221,40 @@ impl Technique for Obscurances {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        let Settings {
-            resolution,
-            density,
-            ..
-        } = self.settings;
-        let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, TEXEL_BYTES)?;
-        let Some(atlas) = atlas else {
-            return Ok(Generated::without_atlas(scene));
-        };
-        let is_made = |made: &ObscuranceMaps| {
-            made.settings == self.settings
-                && made.ray_features == scene.ray_features()
-                && Arc::ptr_eq(&made.atlas, &atlas)
-        };
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
-            None => {
-                let made = self.make(frame.gpu, scene, atlas)?;
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
-            }
-        };
-        made.capture.record(frame, scene)?;
-        made.leaks.record(frame, scene, &made.capture);
-        for step in 0..self.settings.steps {
-            if step > 0 && made.solution.is_done() || !earlier.may_step() {
-                break;
-            }
-            earlier.count(made.solution.record(frame, scene, &made.capture)?);
+    ) -> Result<Generated, Unready> {
+        let (gpu, settings) = (frame.gpu, &self.settings);
+        let size = (settings.resolution, settings.density);
+        let atlas = atlas(gpu, scene, INFO.name, size, TEXEL_BYTES)?;
+        let key = (settings.clone(), Same(atlas.clone()), scene.ray_features());
+        let maps = self.maps.compiled(frame, key, |_| {
+            ObscuranceMaps::new(gpu, scene, &atlas, settings, self.most_texels)
+        })?;
+        let ObscuranceMaps {
+            solution, capture, ..
+        } = maps;
+        capture.record(frame, scene)?;
+        maps.leaks.record(frame, scene, capture);
+        earlier.budget.steps(
+            settings.steps,
+            solution,
+            |solution| solution.is_done_for(scene),
+            |solution| solution.record(frame, scene, capture),
+        )?;
+        let is_done = solution.is_done();
+        if is_done && !maps.is_shown {
+            solution.record_maps(frame)?;
+            maps.revision += 1;
         }
-        let is_done = made.solution.is_done();
-        if is_done && !made.is_shown {
-            made.solution.record_maps(frame)?;
-            made.revision += 1;
+        maps.is_shown = is_done;
+        let is_lit = settings.ambient != Ambient::Off;
+        if is_lit && maps.lit.renew(earlier.light.state(scene)) {
+            maps.sum_light(frame, scene, earlier)?;
         }
-        made.is_shown = is_done;
-        let now = Some((scene.versions, earlier.settings_version, earlier.revision));
-        if self.settings.ambient != Ambient::Off && made.lit != now {
-            made.lit = now;
-            self.sum_light(frame, scene, &made, earlier)?;
-            made.escaped = Some(frame.read_back(&made.escapes, 8)?);
-        }
-        let generated = Generated {
-            revision: made.revision,
-            progress: made.solution.progress(),
+        Ok(Generated {
+            revision: maps.revision,
+            progress: maps.solution.progress(),
             pending: None,
-        };
-        self.made = Some(made);
-        Ok(generated)
+        })
     }
 
     fn gather(
@@ -286,53 +264,37 @@ impl Technique for Obscurances {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Some(made) = &mut self.made else {
+        let maps = self.maps.get();
+        let Some(maps) = maps.filter(|_| self.settings.ambient != Ambient::Off) else {
             return Ok(());
         };
-        if self.settings.ambient == Ambient::Off {
-            return Ok(());
-        }
-        let (name, texels) = ("obscurances.gather", Some(&made.capture));
-        made.gather.record(frame, name, scene, texels, receiver)
+        let [texels, mean] = maps.solution.buffers();
+        let kept: [Named<'_>; 3] = [
+            ("atlas", &maps.solution.lookup.words),
+            ("texels", texels),
+            ("mean", mean),
+        ];
+        let (name, captured) = ("obscurances.gather", Some(&maps.capture));
+        maps.gather
+            .record(frame, name, scene, captured, receiver, &kept)
     }
 
     fn openness(&self) -> Option<&dyn Openness> {
-        let made = self.made.as_ref()?;
-        Some(&made.solution)
+        let maps = self.maps.get()?;
+        Some(&maps.solution)
     }
 
     fn inspect(&self) -> Inspection {
-        let Some(made) = &self.made else {
+        let Some(maps) = self.maps.get() else {
             return Inspection::default();
         };
-        let direct = made.direct.iter().map(|direct| direct.radiance.size());
-        let states = made.leaks.states().map(wgpu::Buffer::size);
-        let shared = made.capture.bytes + made.solution.work_bytes();
+        let direct = maps.direct.iter().map(|direct| direct.radiance.size());
+        let states = maps.leaks.states().map(wgpu::Buffer::size);
+        let shared = maps.capture.bytes + maps.solution.work_bytes();
         Inspection {
-            maps: made.solution.maps(),
+            maps: maps.solution.maps(),
             work_bytes: shared + direct.chain(states).sum::<u64>(),
-            warnings: made.openness_warning().into_iter().collect(),
+            warnings: maps.openness_warning().into_iter().collect(),
         }
-    }
-}
-
-impl ObscuranceMaps {
-    /// What to know of ambient light in a scene that is not closed, once the rays are counted.
-    fn openness_warning(&self) -> Option<String> {
-        let counts: Vec<u32> = self.escaped.as_ref()?.get()?.ok()?;
-        let share = counts[1] as f32 / counts[0].max(1) as f32;
-        (share > MOST_ESCAPES).then(|| {
-            format!(
-                "{:.0} % of the light that surfaces reflect leaves the scene: ambient light, which is made for closed scenes, is too bright",
-                share * 100.0
-            )
-        })
-    }
-}
-
-fn refused(reason: &str) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: reason.into(),
     }
 }

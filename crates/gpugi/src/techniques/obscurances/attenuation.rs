@@ -3,7 +3,7 @@
 use super::Solution;
 use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, SURFACE_POINT_BYTES, Target};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::{Openness, OpennessLookup};
@@ -11,8 +11,9 @@ use crate::techniques::{Openness, OpennessLookup};
 /// Looks W and the open directions up at the points of receivers.
 #[derive(Debug)]
 struct Attenuation {
-    /// The texels that it reads.
+    /// The texels that it reads, and where triangles find them.
     texels: wgpu::Buffer,
+    atlas: wgpu::Buffer,
     gather: TexelGather,
     factors: Target,
 }
@@ -24,25 +25,18 @@ impl Openness for Solution {
     }
 
     fn lookup(&self, gpu: &Gpu, scene: &GpuScene) -> Result<Box<dyn OpennessLookup>, GpuError> {
-        let kept = [
-            ("atlas", self.lookup.words.as_entire_binding()),
-            ("texels", self.map().as_entire_binding()),
-        ];
         let constants = [self.least_samples()];
         let shader = shader!("techniques.obscurances.factor");
         Ok(Box::new(Attenuation {
-            gather: TexelGather::new(gpu, scene, &shader, &constants, &kept)?,
+            gather: TexelGather::new(gpu, scene, &shader, &constants)?,
             texels: self.map().clone(),
+            atlas: self.lookup.words.clone(),
             factors: Target::new(gpu, 1)?,
         }))
     }
 }
 
 impl OpennessLookup for Attenuation {
-    fn map(&self) -> &wgpu::Buffer {
-        &self.texels
-    }
-
     /// Pass `obscurances.factor`.
     fn record(
         &mut self,
@@ -55,8 +49,10 @@ impl OpennessLookup for Attenuation {
             self.factors = Target::new(frame.gpu, points as u32)?;
         }
         let receiver = Receiver::new(&receiver.points, &self.factors);
-        let name = "obscurances.factor";
-        self.gather.record(frame, name, scene, None, &receiver)?;
+        let (name, atlas) = ("obscurances.factor", &self.atlas);
+        let kept: [Named<'_>; 2] = [("atlas", atlas), ("texels", &self.texels)];
+        self.gather
+            .record(frame, name, scene, None, &receiver, &kept)?;
         Ok(&self.factors.radiance)
     }
 }

@@ -11,7 +11,7 @@ use super::gpu::{Bundle, PeelView, SettingsUniform};
 use crate::capture::atlas::{AtlasCapture, AtlasLookup};
 use crate::capture::orthographic_reverse;
 use crate::gpu::{
-    DepthTest, Frame, Gpu, GpuError, Keeps, Kernel, KernelOptions, RasterKernel, RasterState,
+    DepthTest, Frame, Gpu, GpuError, Keeps, Kernel, Named, RasterKernel, RasterState,
 };
 use crate::scene::{DrawClass, GpuScene};
 use crate::sequences::{GOLDEN_RATIO, R2, low_discrepancy};
@@ -28,8 +28,8 @@ pub(super) struct Peeling {
     /// For opaque surfaces, and for those with alpha.
     peel: [RasterKernel; 2],
     transfer: Kernel,
-    /// Bind group of the atlas lookup in `transfer`.
-    corners: wgpu::BindGroup,
+    /// Where triangles find their texels.
+    atlas: wgpu::Buffer,
     side: u32,
     /// Lines per bundle that meet a texel of mean size facing them.
     lines_of_texel: f32,
@@ -69,38 +69,21 @@ impl Peeling {
             .most_lines
             .min(gpu.limits().max_texture_dimension_2d);
         let side = ((texels * settings.lines).ceil().min(65_536.0) as u32).clamp(LEAST_SIDE, most);
-        let target = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("bundle of lines"),
-            size: wgpu::Extent3d {
-                width: side,
-                height: side,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Depth32Float,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        })?;
-        let transfer = Kernel::with_options(
-            gpu,
-            &shader!("techniques.obscurances.transfer"),
-            "main",
-            Some(&scene.layout),
-            &KernelOptions {
-                constants: &[super::solution::colored(settings)],
-                ..Default::default()
-            },
+        let target = gpu.texture_2d(
+            "bundle of lines",
+            [side, side, 1],
+            wgpu::TextureFormat::Depth32Float,
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
         )?;
-        let corners = transfer.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?;
+        let transfer = shader!("techniques.obscurances.transfer");
+        let (layout, colored) = (Some(&scene.layout), [super::solution::colored(settings)]);
         Ok(Self {
             peel: [
                 raster(shader!("techniques.obscurances.peel"))?,
                 raster(shader!("techniques.obscurances.peel_alpha"))?,
             ],
-            transfer,
-            corners,
+            transfer: Kernel::with_constants(gpu, &transfer, "main", layout, &colored)?,
+            atlas: lookup.words.clone(),
             side,
             lines_of_texel: (side as f32 / texels.max(1.0)).powi(2),
             hits: None,
@@ -146,7 +129,7 @@ impl Peeling {
         }
         let words = 1 + u64::from(self.side).pow(2) + u64::from(most) * HIT_WORDS;
         let label = "what lines meet, fewer with a lower obscurances.most-lines [bytes]";
-        let buffer = gpu.buffer(label, words * 4, wgpu::BufferUsages::STORAGE)?;
+        let buffer = gpu.room(label, words * 4)?;
         self.hits = Some((buffer, most));
         Ok(())
     }
@@ -178,7 +161,7 @@ impl Peeling {
         if width == 0 || height == 0 {
             return Ok(());
         }
-        let settings = gpu.uniform("obscurances", &settings)?;
+        let settings = gpu.constant("obscurances", &settings)?;
         let alpha = |class: DrawClass| class >= DrawClass::Alpha;
         let of_kind = |is_alpha: bool| {
             let draws = scene
@@ -225,15 +208,6 @@ impl Peeling {
             ("first_triangles", first_triangles.as_entire_binding()),
             ("hits", hits.as_entire_binding()),
         ];
-        let transfer = [
-            ("settings", settings.as_entire_binding()),
-            ("lines", bundle.as_entire_binding()),
-            ("hits", hits.as_entire_binding()),
-            ("indices", scene.indices.as_entire_binding()),
-            ("merged", scene.vertices.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-        ];
-        let transfer = self.transfer.bind(gpu, 1, &transfer)?;
         let peel = [
             self.peel[0].bind(gpu, 1, &peel)?,
             self.peel[1].bind(gpu, 1, &peel)?,
@@ -253,11 +227,17 @@ impl Peeling {
                 }
             }
         });
-        frame.compute("obscurances.transfer", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &transfer), (2, &self.corners)];
-            self.transfer.dispatch(pass, &groups, [width, height, 1]);
-        });
-        Ok(())
+        let transfer: [Named<'_>; 7] = [
+            ("settings", &settings),
+            ("lines", &bundle),
+            ("hits", hits),
+            ("indices", &scene.indices),
+            ("merged", &scene.vertices),
+            ("texels", texels),
+            ("atlas", &self.atlas),
+        ];
+        let (name, own) = ("obscurances.transfer", Some(&scene.bind_group));
+        frame.run(name, &self.transfer, own, &transfer, [width, height, 1])
     }
 }
 

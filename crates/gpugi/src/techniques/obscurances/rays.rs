@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use super::Settings;
 use super::gpu::SettingsUniform;
-use crate::capture::atlas::{AtlasCapture, AtlasLookup, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::capture::atlas::{AtlasCapture, AtlasLookup, tiles_of};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -18,8 +18,8 @@ const MOST_RAYS: u32 = 256;
 #[derive(Debug)]
 pub(super) struct Rays {
     kernel: Kernel,
-    /// Bind group of the atlas lookup, for the texels that are hit.
-    corners: wgpu::BindGroup,
+    /// Where triangles find the texels that are hit.
+    atlas: wgpu::Buffer,
     /// Number of a piece and range of its points, per tile.
     tiles: Vec<(usize, Range<u32>)>,
     /// Rays per point and step.
@@ -38,20 +38,11 @@ impl Rays {
         let transmits = ("SCENE_TRANSMITS", f64::from(u8::from(transmits)));
         let constants = [transmits, super::solution::colored(settings)];
         let kernel = scene.ray_kernel(gpu, &shader!("techniques.obscurances.rays"), &constants)?;
-        let tiles_of = |(number, piece): (usize, &AtlasPiece)| {
-            let count = piece.points.count;
-            let firsts = (0..count).step_by(RAYS_OF_STEP as usize);
-            firsts.map(move |first| (number, first..count.min(first + RAYS_OF_STEP)))
-        };
-        let tiles: Vec<_> = capture
-            .pieces()
-            .iter()
-            .enumerate()
-            .flat_map(tiles_of)
-            .collect();
+        let pieces = capture.points().map(|points| points.count);
+        let tiles = tiles_of(pieces, RAYS_OF_STEP);
         let most = tiles.iter().map(|(_, points)| points.len() as u32).max();
         Ok(Self {
-            corners: kernel.bind(gpu, 2, &[("atlas", lookup.words.as_entire_binding())])?,
+            atlas: lookup.words.clone(),
             kernel,
             tiles,
             at_once: (RAYS_OF_STEP / most.unwrap_or(1).max(1))
@@ -97,18 +88,16 @@ impl Rays {
             end_sample: samples.end,
             ..base
         };
-        let settings = gpu.uniform("obscurances", &settings)?;
-        let resources = [
-            ("settings", settings.as_entire_binding()),
-            ("points", piece.points.points.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
+        let settings = gpu.constant("obscurances", &settings)?;
+        let resources: [Named<'_>; 4] = [
+            ("settings", &settings),
+            ("points", &piece.points.points),
+            ("texels", texels),
+            ("atlas", &self.atlas),
         ];
-        let group = self.kernel.bind(gpu, 1, &resources)?;
-        frame.compute("obscurances.rays", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &group), (2, &self.corners)];
-            self.kernel
-                .dispatch(pass, &groups, [points.len() as u32, 1, 1]);
-        });
+        let (name, scene) = ("obscurances.rays", Some(&scene.ray_bind_group));
+        let count = [points.len() as u32, 1, 1];
+        frame.run(name, &self.kernel, scene, &resources, count)?;
         Ok(points.len() as u64 * samples.len() as u64)
     }
 }

@@ -12,11 +12,12 @@ use super::rays::Rays;
 use super::{INFO, Mode, Settings};
 use crate::capture::Target;
 use crate::capture::atlas::{AtlasCapture, AtlasLookup, Dilation};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
-use crate::scene::GpuScene;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, read_buffer};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::settings::SettingSet;
 use crate::shader;
-use crate::techniques::{Map, Texels};
+use crate::stage::Stage;
+use crate::techniques::Map;
 
 /// Rounding error of positions, relative to the scene's size.
 const ROUNDING: f32 = 1e-6;
@@ -50,16 +51,18 @@ pub struct Solution {
     prepare: Kernel,
     average: Kernel,
     sampler: Sampler,
-    pictures: Option<Pictures>,
+    pictures: Pictures,
     /// Bounding box and area (m^2) of each instance's mesh in its own space.
     meshes: Vec<(Bounds, f64)>,
+    /// The surfaces that it is computed for.
+    surfaces: Stage<Versions>,
     state: State,
 }
 
 /// The method of sampling.
 #[derive(Debug)]
 enum Sampler {
-    Rays(Rays),
+    Rays(Box<Rays>),
     Peeling(Box<Peeling>),
 }
 
@@ -70,6 +73,16 @@ impl Sampler {
             Self::Rays(rays) => rays.tiles(),
             Self::Peeling(peeling) => u32::from(peeling.has_texels()),
         }
+    }
+
+    /// Constant of the pipelines that look up the sums.
+    fn least_samples(&self) -> (&'static str, f64) {
+        let least = match self {
+            // All texels have equally many samples.
+            Self::Rays(_) => 0,
+            Self::Peeling(peeling) => peeling.least_samples(),
+        };
+        ("LEAST_SAMPLES", f64::from(least))
     }
 
     /// Most samples per step.
@@ -84,8 +97,6 @@ impl Sampler {
 /// What was computed, and how far it has progressed.
 #[derive(Debug, Default)]
 struct State {
-    /// Versions of geometry and materials that it was computed for.
-    made: Option<[u64; 2]>,
     /// World-space box of each instance at that time.
     bounds: Vec<Bounds>,
     /// Box around the texels that are computed; `None` if all are.
@@ -96,7 +107,7 @@ struct State {
 
 /// The images of one page, and the maps made from them.
 #[derive(Debug)]
-pub(super) struct Pictures {
+struct Pictures {
     plain: Target,
     colored: Target,
     dilation: Dilation,
@@ -120,40 +131,39 @@ impl Solution {
         capture: &AtlasCapture,
         settings: &Settings,
     ) -> Result<Self, GpuError> {
-        let refused = |reason: String| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason,
-        };
-        settings
-            .check()
-            .map_err(|error| refused(error.to_string()))?;
-        atlas.check(scene).map_err(refused)?;
+        settings.check().map_err(|error| INFO.refused(error))?;
+        atlas.check(scene).map_err(|reason| INFO.refused(reason))?;
         if [capture.size, capture.pages] != [atlas.size, atlas.pages] {
-            return Err(refused("the points are of another atlas".into()));
+            return Err(INFO.refused("the points are of another atlas"));
         }
         match settings.mode {
             Mode::Rays if !on_gpu.has_rays() => {
-                return Err(refused("mode=rays needs a scene with rays".into()));
+                return Err(INFO.refused("mode=rays needs a scene with rays"));
             }
             Mode::Peeling if !on_gpu.has_captures() => {
-                return Err(refused(
-                    "mode=peeling needs a scene that captures see".into(),
-                ));
+                return Err(INFO.refused("mode=peeling needs a scene that captures see"));
             }
             _ => (),
         }
         let lookup = AtlasLookup::new(gpu, scene, atlas)?;
         let count = u64::from(atlas.pages) * u64::from(atlas.size) * u64::from(atlas.size);
         let bytes = count.max(1) * TEXEL_BYTES;
-        let texels = gpu.buffer("obscurances [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let texels = gpu.room("obscurances [bytes]", bytes)?;
         let kernel = |shader| Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout));
         let sampler = match settings.mode {
-            Mode::Rays => Sampler::Rays(Rays::new(gpu, on_gpu, capture, settings, &lookup)?),
+            Mode::Rays => {
+                let rays = Rays::new(gpu, on_gpu, capture, settings, &lookup)?;
+                Sampler::Rays(Box::new(rays))
+            }
             Mode::Peeling => {
                 let peeling = Peeling::new(gpu, on_gpu, capture, settings, &lookup)?;
                 Sampler::Peeling(Box::new(peeling))
             }
         };
+        let least = sampler.least_samples();
+        let pixels = atlas.size * atlas.size;
+        let plain =
+            |shader, constants: &[_]| Kernel::with_constants(gpu, &shader, "main", None, constants);
         let of_mesh = scene.meshes.iter();
         let of_mesh: Vec<_> = of_mesh.map(|mesh| (mesh.bounds(), mesh.area())).collect();
         Ok(Self {
@@ -170,12 +180,20 @@ impl Solution {
             prepare: kernel(shader!("techniques.obscurances.prepare"))?,
             average: kernel(shader!("techniques.obscurances.mean"))?,
             sampler,
-            pictures: None,
+            pictures: Pictures {
+                plain: Target::new(gpu, pixels)?,
+                colored: Target::new(gpu, pixels)?,
+                dilation: Dilation::new(gpu, [atlas.size; 2])?,
+                resolve: plain(shader!("techniques.obscurances.resolve"), &[least])?,
+                store: plain(shader!("techniques.obscurances.store"), &[])?,
+                maps: Vec::new(),
+            },
             meshes: scene
                 .instances
                 .iter()
                 .map(|instance| of_mesh[instance.mesh])
                 .collect(),
+            surfaces: Stage::default(),
             state: State::default(),
         })
     }
@@ -187,12 +205,7 @@ impl Solution {
 
     /// Constant of the pipelines that look up the sums.
     pub(super) fn least_samples(&self) -> (&'static str, f64) {
-        let least = match &self.sampler {
-            // All texels have equally many samples.
-            Sampler::Rays(_) => 0,
-            Sampler::Peeling(peeling) => peeling.least_samples(),
-        };
-        ("LEAST_SAMPLES", f64::from(least))
+        self.sampler.least_samples()
     }
 
     /// Number of tiles, whose texels are sampled together.
@@ -217,7 +230,7 @@ impl Solution {
     /// Share of the work done (0 to 1).
     pub fn progress(&self) -> f32 {
         let all = self.steps();
-        match self.state.made {
+        match self.surfaces.begun() {
             None => 0.0,
             Some(_) if all == 0 => 1.0,
             Some(_) => self.state.steps as f32 / all as f32,
@@ -226,7 +239,13 @@ impl Solution {
 
     /// Whether every texel has all its samples, for the scene as it was last recorded.
     pub fn is_done(&self) -> bool {
-        self.state.made.is_some() && self.state.steps >= self.steps()
+        self.surfaces.begun().is_some() && self.state.steps >= self.steps()
+    }
+
+    /// The same, for the scene as it is.
+    pub(super) fn is_done_for(&self, scene: &GpuScene) -> bool {
+        let now = scene.versions.of(Inputs::SURFACES);
+        self.surfaces.begun() == Some(&now) && self.is_done()
     }
 
     /// Takes one step, and returns the number of its rays or lines: passes `obscurances.prepare`, if the scene has
@@ -268,8 +287,8 @@ impl Solution {
         scene: &GpuScene,
         capture: &AtlasCapture,
     ) -> Result<(), GpuError> {
-        let now = [scene.versions.geometry, scene.versions.materials];
-        if self.state.made != Some(now) {
+        self.surfaces.ask(scene.versions.of(Inputs::SURFACES));
+        if !self.surfaces.is_current() {
             self.begin(frame, scene, capture)?;
         }
         Ok(())
@@ -339,11 +358,9 @@ impl Solution {
                 placed.map(|((_, area), place)| area * most_stretch(&place.world_from_mesh));
             peeling.make_room(gpu, scene, areas.sum())?;
         }
-        let [geometry, materials] = [scene.versions.geometry, scene.versions.materials];
-        let changed = match self.state.made {
-            Some([before, same]) if same == materials => Some(self.changed(scene, before, &bounds)),
-            _ => None,
-        };
+        let before = self.surfaces.begun();
+        let before = before.filter(|before| before.materials == scene.versions.materials);
+        let changed = before.map(|before| self.changed(scene, before.geometry, &bounds));
         let changed = changed.filter(|boxes| boxes.len() <= MOST_BOXES);
         let was_done = self.is_done();
         let renewal = Renewal {
@@ -355,7 +372,7 @@ impl Solution {
         let mut boxes: Vec<BoxRow> = changed.iter().flatten().map(BoxRow::new).collect();
         // A buffer needs at least one element.
         boxes.resize(boxes.len().max(1), BoxRow::new(&Bounds::EMPTY));
-        let renewal = gpu.uniform("what is computed anew", &renewal)?;
+        let renewal = gpu.constant("what is computed anew", &renewal)?;
         let boxes = gpu.storage("boxes around what changed [bytes]", &boxes)?;
         frame.clear(&self.mean);
         for piece in capture.pieces() {
@@ -364,35 +381,27 @@ impl Solution {
                 end_point: piece.points.count,
                 ..self.uniform()
             };
-            let settings = gpu.uniform("obscurances", &settings)?;
-            let shared = [
-                ("settings", settings.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
+            let settings = gpu.constant("obscurances", &settings)?;
+            let resources: [Named<'_>; 6] = [
+                ("settings", &settings),
+                ("points", &piece.points.points),
+                ("texels", &self.texels),
+                ("boxes", &boxes),
+                ("renewal", &renewal),
+                ("mean", &self.mean),
             ];
-            let [one, two] = shared;
-            let resources = [
-                one.clone(),
-                two.clone(),
-                ("texels", self.texels.as_entire_binding()),
-                ("boxes", boxes.as_entire_binding()),
-                ("renewal", renewal.as_entire_binding()),
-            ];
-            let prepare = self.prepare.bind(gpu, 1, &resources)?;
-            let resources = [one, two, ("mean", self.mean.as_entire_binding())];
-            let average = self.average.bind(gpu, 1, &resources)?;
+            let scene = Some(&scene.bind_group);
             frame.compute("obscurances.prepare", |pass| {
                 let count = [piece.points.count, 1, 1];
-                let groups = [(0, &scene.bind_group), (1, &prepare)];
-                self.prepare.dispatch(pass, &groups, count);
-                let groups = [(0, &scene.bind_group), (1, &average)];
-                self.average.dispatch(pass, &groups, [1, 1, 1]);
-            });
+                self.prepare.run(pass, scene, &resources, count)?;
+                self.average.run(pass, scene, &resources, [1, 1, 1])
+            })?;
         }
         // Texels that were not finished yet may lie anywhere.
         let changed = changed.filter(|_| was_done);
         let is_same = changed.as_ref().is_some_and(Vec::is_empty);
+        self.surfaces.begin();
         self.state = State {
-            made: Some([geometry, materials]),
             bounds,
             region: changed.map(|boxes| boxes.into_iter().fold(Bounds::EMPTY, Bounds::union)),
             steps: if is_same { self.steps() } else { 0 },
@@ -417,36 +426,11 @@ impl Solution {
         boxes.collect()
     }
 
-    /// Images of one page, created on first use.
-    pub(super) fn pictures(&mut self, gpu: &Gpu) -> Result<&mut Pictures, GpuError> {
-        if self.pictures.is_none() {
-            let count = self.size * self.size;
-            self.pictures = Some(Pictures {
-                plain: Target::new(gpu, count)?,
-                colored: Target::new(gpu, count)?,
-                dilation: Dilation::new(gpu, [self.size; 2])?,
-                resolve: Kernel::with_options(
-                    gpu,
-                    &shader!("techniques.obscurances.resolve"),
-                    "main",
-                    None,
-                    &KernelOptions {
-                        constants: &[self.least_samples()],
-                        ..Default::default()
-                    },
-                )?,
-                store: Kernel::new(gpu, &shader!("techniques.obscurances.store"), "main", None)?,
-                maps: Vec::new(),
-            });
-        }
-        Ok(self.pictures.as_mut().expect("just made"))
-    }
-
     /// The present obscurances of all pages. Waits for the GPU.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn pages(&mut self, gpu: &Gpu) -> Result<Vec<ObscurancePage>, GpuError> {
+    pub fn pages(&self, gpu: &Gpu) -> Result<Vec<ObscurancePage>, GpuError> {
         (0..self.pages).map(|page| self.page(gpu, page)).collect()
     }
 
@@ -454,13 +438,13 @@ impl Solution {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn page(&mut self, gpu: &Gpu, page: u32) -> Result<ObscurancePage, GpuError> {
+    pub fn page(&self, gpu: &Gpu, page: u32) -> Result<ObscurancePage, GpuError> {
         let mut frame = Frame::new(gpu, false);
         self.resolve(&mut frame, page)?;
         frame.submit()?;
         let is_colored = self.settings.colored;
         let count = u64::from(self.size) * u64::from(self.size);
-        let pictures = self.pictures(gpu)?;
+        let pictures = &self.pictures;
         let read = |image: &Target| -> Result<Vec<[f32; 4]>, GpuError> {
             read_buffer(gpu, &image.radiance, count * 16)
         };
@@ -477,34 +461,25 @@ impl Solution {
 
     /// Divides a page's sums by their sample counts, and fills empty texels: passes `obscurances.resolve` and
     /// `capture.atlas.dilate`.
-    fn resolve(&mut self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let size = self.size;
+    fn resolve(&self, frame: &mut Frame<'_>, page: u32) -> Result<(), GpuError> {
+        let (size, pictures) = (self.size, &self.pictures);
         let count = size * size;
-        let (texels, mean) = (self.texels.clone(), self.mean.clone());
-        let pictures = self.pictures(gpu)?;
-        let uniform = gpu.uniform(
-            "page",
-            &PageUniform {
-                first: page * count,
-                count,
-                side: size,
-                padding: 0,
-            },
-        )?;
-        let resources = [
-            ("page", uniform.as_entire_binding()),
-            ("texels", texels.as_entire_binding()),
-            ("mean", mean.as_entire_binding()),
-            ("plain", pictures.plain.radiance.as_entire_binding()),
-            ("colored", pictures.colored.radiance.as_entire_binding()),
+        let of_page = PageUniform {
+            first: page * count,
+            count,
+            side: size,
+            padding: 0,
+        };
+        let of_page = frame.gpu.constant("page", &of_page)?;
+        let resources: [Named<'_>; 5] = [
+            ("page", &of_page),
+            ("texels", &self.texels),
+            ("mean", &self.mean),
+            ("plain", &pictures.plain),
+            ("colored", &pictures.colored),
         ];
-        let group = pictures.resolve.bind(gpu, 1, &resources)?;
-        frame.compute("obscurances.resolve", |pass| {
-            pictures
-                .resolve
-                .dispatch(pass, &[(1, &group)], [count, 1, 1]);
-        });
+        let (name, resolve) = ("obscurances.resolve", &pictures.resolve);
+        frame.run(name, resolve, None, &resources, [count, 1, 1])?;
         pictures.dilation.record(frame, &pictures.plain)?;
         pictures.dilation.record(frame, &pictures.colored)
     }
@@ -519,37 +494,25 @@ impl Solution {
         let size = self.size;
         for page in 0..self.pages {
             self.resolve(frame, page)?;
-            let pictures = self.pictures(gpu)?;
+            let pictures = &mut self.pictures;
             if pictures.maps.len() == page as usize {
-                pictures.maps.push(gpu.texture(&wgpu::TextureDescriptor {
-                    label: Some("obscurances"),
-                    size: wgpu::Extent3d {
-                        width: size,
-                        height: size,
-                        depth_or_array_layers: 1,
-                    },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format: wgpu::TextureFormat::Rgba16Float,
-                    usage: wgpu::TextureUsages::STORAGE_BINDING
+                pictures.maps.push(gpu.texture_2d(
+                    "obscurances",
+                    [size, size, 1],
+                    wgpu::TextureFormat::Rgba16Float,
+                    wgpu::TextureUsages::STORAGE_BINDING
                         | wgpu::TextureUsages::TEXTURE_BINDING
                         | wgpu::TextureUsages::COPY_SRC,
-                    view_formats: &[],
-                })?);
+                )?);
             }
             let map = pictures.maps[page as usize].create_view(&Default::default());
-            let resources = [
-                ("plain", pictures.plain.radiance.as_entire_binding()),
-                ("colored", pictures.colored.radiance.as_entire_binding()),
-                ("map", wgpu::BindingResource::TextureView(&map)),
+            let resources: [Named<'_>; 3] = [
+                ("plain", &pictures.plain),
+                ("colored", &pictures.colored),
+                ("map", &map),
             ];
-            let group = pictures.store.bind(gpu, 1, &resources)?;
-            frame.compute("obscurances.store", |pass| {
-                pictures
-                    .store
-                    .dispatch(pass, &[(1, &group)], [size, size, 1]);
-            });
+            let (name, store) = ("obscurances.store", &pictures.store);
+            frame.run(name, store, None, &resources, [size, size, 1])?;
         }
         Ok(())
     }
@@ -560,21 +523,16 @@ impl Solution {
             Sampler::Rays(_) => 0,
             Sampler::Peeling(peeling) => peeling.bytes(),
         };
-        let pictures = self.pictures.iter().map(|pictures| {
-            let images = [&pictures.plain, &pictures.colored];
-            let images = images.map(|image| image.radiance.size());
-            images.iter().sum::<u64>() + pictures.dilation.bytes()
-        });
-        sampler + pictures.sum::<u64>() + self.texels.size() + self.lookup.words.size()
+        let pictures = &self.pictures;
+        let images = pictures.plain.radiance.size() + pictures.colored.radiance.size();
+        let pictures = images + pictures.dilation.bytes();
+        sampler + pictures + self.texels.size() + self.lookup.words.size()
     }
 
     /// The maps that [`Solution::record_maps`] made, one per page: rgb colored, a plain.
     pub fn maps(&self) -> Vec<Map> {
-        let maps = self.pictures.iter().flat_map(|pictures| &pictures.maps);
-        let named = maps.enumerate().map(|(page, texture)| Map {
-            name: format!("{}.{page}", INFO.name),
-            texels: Texels::Texture(texture.clone()),
-        });
+        let named = self.pictures.maps.iter().enumerate();
+        let named = named.map(|(page, map)| Map::of_texture(format!("{}.{page}", INFO.name), map));
         named.collect()
     }
 }

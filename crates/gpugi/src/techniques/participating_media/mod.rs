@@ -16,21 +16,20 @@ pub(super) mod sources;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
-
 use gpugi_scene::Bounds;
 
 use super::{
-    Earlier, Generated, Info, Inspection, Layer, Map, Needs, OwnPoints, Plan, Provided, Purpose,
-    Registration, Role, Technique, Texels,
+    Earlier, Generated, Info, Inspection, Layer, LightState, Map, Needs, OwnPoints, Plan, Provided,
+    Purpose, Registration, Role, Technique, Unready,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::gpu::LightSample;
 use crate::lights::samples::{on_emitters, punctual};
-use crate::scene::{Claims, GpuScene, RayConstants, Versions, stand_apart};
+use crate::scene::{Claims, GpuScene, Inputs, RayConstants, Versions, stand_apart};
 use crate::settings::SettingSet;
+use crate::stage::{Stage, shaders};
 use network::{Kernels, Network, Shape};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
@@ -133,42 +132,41 @@ struct MadeFrom {
 
 /// Particles, their light, and how they are seen.
 #[derive(Debug)]
-struct Made {
-    from: MadeFrom,
+struct Lit {
     network: Network,
     reflecting: Option<Reflecting>,
-    seen: Option<Seen>,
-    /// What visibility and light were computed for.
-    looked: Option<[u64; 2]>,
-    lit: Option<(Versions, u32)>,
-    /// Versions, settings and revision of the light that surfaces reflect.
-    reflected: Option<(Versions, [u64; 2])>,
+    seen: Seen,
+    /// What is visible, the light that arrives, by the number of samples of area lights, and what surfaces reflect.
+    visible: Stage<Versions>,
+    arriving: Stage<(Versions, u32)>,
+    reflected: Stage<LightState>,
 }
 
 /// Participating media.
 #[derive(Debug, Default)]
 pub struct ParticipatingMedia {
     settings: Settings,
-    kernels: Option<(RayConstants, Visibility, Kernels)>,
-    passes: Option<Arc<Passes>>,
+    kernels: Stage<(RayConstants, Visibility), Kernels>,
+    passes: Stage<(RayConstants, How), Passes>,
     placements: Placements,
-    made: Option<Made>,
+    /// Nothing where no particle is seen.
+    lit: Stage<MadeFrom, Option<Lit>>,
     /// Iterations so far since the light was final, and how often it became better.
     progress: u32,
     revision: u64,
 }
 
-impl ParticipatingMedia {
+impl Settings {
     /// The lights of the scene as samples.
     fn lights(&self, scene: &GpuScene) -> Vec<LightSample> {
         let punctual = scene.lights.iter().map(punctual);
-        let area = on_emitters(&scene.emitters, self.settings.area_samples, 0);
+        let area = on_emitters(&scene.emitters, self.area_samples, 0);
         punctual.chain(area).collect()
     }
 
     /// Whether particles see what surfaces reflect: single scattering of lights has no use for it.
     fn sees_surfaces(&self) -> bool {
-        self.settings.surfaces && self.settings.most_iterations > 0
+        self.surfaces && self.most_iterations > 0
     }
 
     fn made_from(&self, scene: &GpuScene, lights: usize) -> MadeFrom {
@@ -176,15 +174,48 @@ impl ParticipatingMedia {
         MadeFrom {
             media: scene.versions.media,
             bounds: fills_everything.then_some(scene.bounds),
-            particles: self.settings.particles,
+            particles: self.particles,
             shape: Shape {
-                directions: self.settings.directions,
+                directions: self.directions,
                 sees_surfaces: self.sees_surfaces(),
-                window: (self.settings.visibility == Visibility::Peel)
-                    .then_some(self.settings.window),
+                window: (self.visibility == Visibility::Peel).then_some(self.window),
             },
             lights,
         }
+    }
+}
+
+impl Lit {
+    /// `None` where no particle is seen. `before`: a network whose light it may take over, and parts.
+    fn new(
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        from: &MadeFrom,
+        placements: &mut Placements,
+        lights: &[LightSample],
+        before: Option<&Self>,
+        continues: bool,
+    ) -> Result<Option<Self>, GpuError> {
+        let gpu = frame.gpu;
+        let particles = Particles::new(&scene.media, from.particles, &scene.bounds, placements);
+        if !particles.are_seen {
+            return Ok(None);
+        }
+        let before = before.map(|before| &before.network);
+        let network = Network::new(gpu, &particles, from.shape, lights, before)?;
+        if let Some(before) = before.filter(|_| continues) {
+            network.continue_from(frame, before);
+        }
+        let sees_surfaces = from.shape.sees_surfaces;
+        let reflecting = sees_surfaces.then(|| Reflecting::new(gpu, &network));
+        Ok(Some(Self {
+            reflecting: reflecting.transpose()?,
+            seen: Seen::new(gpu, &network)?,
+            network,
+            visible: Stage::default(),
+            arriving: Stage::default(),
+            reflected: Stage::default(),
+        }))
     }
 }
 
@@ -208,7 +239,7 @@ impl Technique for ParticipatingMedia {
             _ => (INFO.paths, "V+[DG]?"),
         };
         let mut paths = own.to_vec();
-        if self.sees_surfaces() {
+        if self.settings.sees_surfaces() {
             paths.extend(covered.iter().map(|light| light.continued(last)));
         }
         let marched = scene.lights.len().min(network::MOST_MARCHED) as u32;
@@ -224,131 +255,73 @@ impl Technique for ParticipatingMedia {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        let gpu = frame.gpu;
+    ) -> Result<Generated, Unready> {
+        let (gpu, settings) = (frame.gpu, &self.settings);
         if scene.media.is_empty() {
-            self.made = None;
+            self.lit.clear();
             self.placements = Placements::default();
             return Ok(Generated::FINAL);
         }
-        if !scene.has_rays() {
-            return Err(GpuError::Pass {
-                pass: INFO.name.into(),
-                reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
-            });
-        }
-        let constants = scene.ray_constants();
-        let by = self.settings.visibility;
-        let kernels = self.kernels.as_ref();
-        if kernels.is_none_or(|(of, made_by, _)| *of != constants || *made_by != by) {
-            let kernels = Kernels::new(gpu, scene, by == Visibility::Peel)?;
-            self.kernels = Some((constants, by, kernels));
-            self.passes = None;
-            self.made = None;
-        }
-        let Some((_, _, kernels)) = &self.kernels else {
-            return Ok(Generated::FINAL);
-        };
-        let lights = self.lights(scene);
-        let from = self.made_from(scene, lights.len());
-        if self.made.as_ref().is_none_or(|made| made.from != from) {
-            let particles = Particles::new(
-                &scene.media,
-                from.particles,
-                &scene.bounds,
-                &mut self.placements,
-            );
-            let before = self.made.take();
-            if particles.are_seen {
-                let network = Network::new(
-                    gpu,
-                    kernels,
-                    &particles,
-                    from.shape,
-                    &lights,
-                    before.as_ref().map(|before| &before.network),
-                )?;
-                if let Some(before) = before.filter(|_| self.settings.most_iterations > 0) {
-                    network.continue_from(frame, &before.network);
-                }
-                let reflecting = from
-                    .shape
-                    .sees_surfaces
-                    .then(|| Reflecting::new(gpu, kernels, &network));
-                self.made = Some(Made {
-                    from,
-                    network,
-                    reflecting: reflecting.transpose()?,
-                    seen: None,
-                    looked: None,
-                    lit: None,
-                    reflected: None,
-                });
-            }
-        }
-        let Some(made) = &mut self.made else {
+        scene.expect_rays(INFO.name)?;
+        let (constants, by) = (scene.ray_constants(), settings.visibility);
+        let lit = &mut self.lit;
+        let kernels = self.kernels.keep((constants, by), |_| {
+            lit.clear();
+            Kernels::new(gpu, scene, by == Visibility::Peel)
+        })?;
+        let lights = settings.lights(scene);
+        let from = settings.made_from(scene, lights.len());
+        let most = settings.most_iterations;
+        let lit = lit.keep(from.clone(), |before| {
+            let before = before.as_ref().and_then(Option::as_ref);
+            let placements = &mut self.placements;
+            Lit::new(frame, scene, &from, placements, &lights, before, most > 0)
+        })?;
+        let Some(lit) = lit else {
             return Ok(Generated::FINAL);
         };
         let how = How {
-            steps: self.settings.steps,
-            shadow_rays: self.settings.shadow_rays,
-            surface_rays: self.settings.light_surfaces,
-            has_marched_lights: made.network.values.marched_lights > 0,
+            steps: settings.steps,
+            shadow_rays: settings.shadow_rays,
+            surface_rays: settings.light_surfaces,
+            has_marched_lights: lit.network.values.marched_lights > 0,
         };
-        let passes = match self.passes.take().filter(|passes| passes.how == how) {
-            Some(passes) => passes,
-            None => Arc::new(Passes::new(gpu, scene, how)?),
-        };
-        if made.seen.as_ref().is_none_or(|seen| !seen.is_by(&passes)) {
-            made.seen = Some(Seen::new(gpu, &made.network, &passes)?);
-        }
-        self.passes = Some(passes);
-        if frame.awaits_shaders() {
-            return Ok(Generated::WITHOUT_SHADERS);
-        }
-        let Versions {
-            geometry,
-            materials,
-            ..
-        } = scene.versions;
-        if made.looked != Some([geometry, materials]) {
-            earlier.count(made.network.look(frame, scene, kernels));
-            made.looked = Some([geometry, materials]);
+        self.passes
+            .keep((constants, how), |_| Passes::new(gpu, scene, how))?;
+        shaders(frame)?;
+        if lit.visible.renew(scene.versions.of(Inputs::SURFACES)) {
+            let rays = lit.network.look(frame, scene, kernels)?;
+            earlier.budget.count(rays);
             self.progress = 0;
         }
-        let lit = (scene.versions, self.settings.area_samples);
-        if made.lit != Some(lit) {
-            made.network.set_lights(gpu, &lights);
-            earlier.count(made.network.light(frame, scene, kernels));
-            made.lit = Some(lit);
+        if lit.arriving.renew((scene.versions, settings.area_samples)) {
+            lit.network.set_lights(gpu, &lights);
+            let rays = lit.network.light(frame, scene, kernels)?;
+            earlier.budget.count(rays);
             self.progress = 0;
         }
-        let reflected = (scene.versions, [earlier.settings_version, earlier.revision]);
         let mut is_current = true;
-        if let Some(reflecting) = &made.reflecting
-            && made.reflected != Some(reflected)
-        {
-            // Without a budget, light that is not yet final is gathered once only.
-            let is_due = earlier.is_final || earlier.is_limited();
-            is_current = made.reflected.is_none() || (is_due && earlier.may_step());
-            if is_current {
-                reflecting.record(frame, scene, kernels, &made.network, earlier)?;
-                made.reflected = Some(reflected);
+        if let Some(reflecting) = &lit.reflecting {
+            lit.reflected.ask(earlier.light.state(scene));
+            if !lit.reflected.is_current() {
+                // Without a budget, light that is not yet final is gathered once only.
+                let is_due = earlier.light.is_final || earlier.budget.is_limited();
+                is_current =
+                    lit.reflected.begun().is_none() || (is_due && earlier.budget.may_step());
+            }
+            if is_current && !lit.reflected.is_current() {
+                reflecting.record(frame, scene, kernels, &lit.network, earlier)?;
+                lit.reflected.begin();
                 self.progress = 0;
             }
         }
-        let most = self.settings.most_iterations;
-        let wanted = self
-            .settings
-            .iterations
-            .min(most.saturating_sub(self.progress));
-        for _ in 0..wanted {
-            if !earlier.may_step() {
-                break;
-            }
-            earlier.count(made.network.iterate(frame, scene, kernels));
-            self.progress += 1;
-        }
+        let wanted = settings.iterations.min(most.saturating_sub(self.progress));
+        let (network, progress) = (&mut lit.network, &mut self.progress);
+        let iterate = |network: &mut Network| {
+            *progress += 1;
+            network.iterate(frame, scene, kernels)
+        };
+        earlier.budget.steps(wanted, network, |_| false, iterate)?;
         self.revision += u64::from(wanted > 0);
         Ok(Generated {
             revision: self.revision,
@@ -368,15 +341,10 @@ impl Technique for ParticipatingMedia {
         frame: &mut Frame<'_>,
         receiver: &Receiver,
     ) -> Result<Option<Receiver>, GpuError> {
-        if receiver.points.output != Output::RadianceToEye {
-            return Ok(None);
-        }
-        match &mut self.made {
-            Some(Made {
-                network,
-                seen: Some(seen),
-                ..
-            }) => seen.begin(frame, receiver, network).map(Some),
+        match self.lit.get_mut() {
+            Some(Some(lit)) if receiver.points.output == Output::RadianceToEye => {
+                lit.seen.begin(frame, receiver).map(Some)
+            }
             _ => Ok(None),
         }
     }
@@ -388,45 +356,36 @@ impl Technique for ParticipatingMedia {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.made {
-            Some(Made {
-                network,
-                seen: Some(seen),
-                ..
-            }) if receiver.points.output == Output::RadianceToEye => {
-                seen.end(frame, scene, receiver, network)
+        match (self.lit.get_mut(), self.passes.get()) {
+            (Some(Some(Lit { network, seen, .. })), Some(passes))
+                if receiver.points.output == Output::RadianceToEye =>
+            {
+                seen.end(frame, scene, receiver, network, passes)
             }
             _ => Ok(()),
         }
     }
 
     fn media_sources(&self) -> Option<MediaSources> {
-        self.made.as_ref().map(|made| made.network.sources())
+        let lit = self.lit.get()?.as_ref()?;
+        Some(lit.network.sources())
     }
 
     fn inspect(&self) -> Inspection {
-        let Some(Made {
+        let Some(Some(Lit {
             network,
             reflecting,
             ..
-        }) = &self.made
+        })) = self.lit.get()
         else {
             return Inspection::default();
         };
         let size = [network.values.directions, network.values.particles];
-        let map = |name: &str, buffer: &wgpu::Buffer, is_number| Map {
-            name: format!("participating-media.{name}"),
-            texels: Texels::Buffer {
-                buffer: buffer.clone(),
-                size,
-                stride: 16,
-                is_number,
-            },
-        };
+        let name = |name: &str| format!("{}.{name}", INFO.name);
         let maps = vec![
-            map("visibility", &network.visible, true),
-            map("emitted", &network.emitted, false),
-            map("incoming", network.latest(), false),
+            Map::of_numbers(name("visibility"), &network.visible, size, 16),
+            Map::of_colors(name("emitted"), &network.emitted, size, 16),
+            Map::of_colors(name("incoming"), network.latest(), size, 16),
         ];
         let shown: u64 = maps.iter().map(Map::bytes).sum();
         Inspection {

@@ -8,7 +8,7 @@ use super::gpu;
 use super::particles::{NEIGHBOURS, Particles};
 use super::phase_matrix::phase_matrix;
 use super::sources::MediaSources;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
 use crate::shader;
@@ -47,41 +47,29 @@ impl Kernels {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, peels: bool) -> Result<Self, GpuError> {
-        let peel = shader!("techniques.participating_media.peel");
-        let peel = peels.then(|| Kernel::new(gpu, &peel, "main", None));
+        let plain = |shader| Kernel::new(gpu, &shader, "main", None);
         let in_scene = |shader| Kernel::new(gpu, &shader, "main", Some(&scene.layout));
+        let tracing = |shader| scene.ray_kernel(gpu, &shader, &[]);
+        let visibility = shader!("techniques.participating_media.visibility");
+        let peeled = [("PEELED", f64::from(u8::from(peels)))];
         Ok(Self {
-            peel: peel.transpose()?,
-            visibility: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.visibility"),
-                &[("PEELED", f64::from(u8::from(peels)))],
-            )?,
-            reflecting: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.reflecting"),
-                &[],
-            )?,
-            arriving: scene.ray_kernel(
-                gpu,
-                &shader!("techniques.participating_media.arriving"),
-                &[],
-            )?,
+            peel: match peels {
+                true => Some(plain(shader!("techniques.participating_media.peel"))?),
+                false => None,
+            },
+            visibility: scene.ray_kernel(gpu, &visibility, &peeled)?,
+            reflecting: tracing(shader!("techniques.participating_media.reflecting"))?,
+            arriving: tracing(shader!("techniques.participating_media.arriving"))?,
             emit: in_scene(shader!("techniques.participating_media.emit"))?,
             sky: in_scene(shader!("techniques.participating_media.sky"))?,
             scatter: in_scene(shader!("techniques.participating_media.scatter"))?,
-            transport: Kernel::new(
-                gpu,
-                &shader!("techniques.participating_media.transport"),
-                "main",
-                None,
-            )?,
+            transport: plain(shader!("techniques.participating_media.transport"))?,
             light_depths: in_scene(shader!("techniques.participating_media.light_depths"))?,
         })
     }
 }
 
-/// The arrays of a network, and the bind groups of its passes.
+/// The arrays of a network.
 #[derive(Debug)]
 pub struct Network {
     pub values: gpu::Network,
@@ -112,21 +100,8 @@ pub struct Network {
     cells: wgpu::Buffer,
     /// Of [`Shape::window`]; one word without.
     windows: wgpu::Buffer,
-    groups: Groups,
     /// Iterations so far: the last one wrote `incoming[iterations % 2]`.
     pub iterations: u32,
-}
-
-#[derive(Debug)]
-struct Groups {
-    peel: Option<wgpu::BindGroup>,
-    visibility: wgpu::BindGroup,
-    arriving: wgpu::BindGroup,
-    emit: wgpu::BindGroup,
-    sky: wgpu::BindGroup,
-    scatter: [wgpu::BindGroup; 2],
-    transport: [wgpu::BindGroup; 2],
-    light_depths: wgpu::BindGroup,
 }
 
 impl Network {
@@ -137,7 +112,6 @@ impl Network {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn new(
         gpu: &Gpu,
-        kernels: &Kernels,
         made: &Particles,
         shape: Shape,
         lights: &[LightSample],
@@ -165,9 +139,8 @@ impl Network {
             window: window.unwrap_or(0),
             padding: [0; 2],
         };
-        let storage = wgpu::BufferUsages::STORAGE;
         let entries = u64::from(particles) * u64::from(directions) * 16;
-        let array = |label: &str| gpu.buffer(label, entries, storage);
+        let array = |label: &str| gpu.room(label, entries);
         let phases = made.phases.iter();
         let matrices = phases.flat_map(|&phase| phase_matrix(phase, directions));
         let matrices: Vec<f32> = matrices.collect();
@@ -176,15 +149,14 @@ impl Network {
         let rows = gpu.storage("particles", some(&made.particles, &Zeroable::zeroed()))?;
         let cells = gpu.storage("cells of particles", &made.cells.lists)?;
         let lights = gpu.storage("light samples", some(lights, &Zeroable::zeroed()))?;
-        let arriving = gpu.buffer("light that arrives at particles [bytes]", reached, storage)?;
+        let arriving = gpu.room("light that arrives at particles [bytes]", reached)?;
         let depths = u64::from(values.nodes) * u64::from(marched_lights) * 4;
-        let light_depths = gpu.buffer("optical depths to lights [bytes]", depths, storage)?;
+        let light_depths = gpu.room("optical depths to lights [bytes]", depths)?;
         let fields = gpu.storage("fields of media", &made.fields)?;
         let visible = array("visibility network [bytes]")?;
-        let reflected = gpu.buffer(
+        let reflected = gpu.room(
             "light that surfaces send to particles [bytes]",
             if sees_surfaces { entries } else { 16 },
-            storage,
         )?;
         let emitted = array("light emitted by particles [bytes]")?;
         let source = array("sources of particles [bytes]")?;
@@ -192,98 +164,11 @@ impl Network {
             array("illumination network [bytes]")?,
             array("illumination network [bytes]")?,
         ];
-        let sky = gpu.buffer("sky of particles", u64::from(directions) * 16, storage)?;
+        let sky = gpu.room("sky of particles", u64::from(directions) * 16)?;
         // Two windows for each of the views, which serve opposite directions.
         let pixels = u64::from(directions) * u64::from(values.window).pow(2);
-        let windows = gpu.buffer("windows of peeled particles", pixels * 4, storage)?;
+        let windows = gpu.room("windows of peeled particles", pixels * 4)?;
         let phase_matrices = gpu.storage("phase matrices", &matrices)?;
-
-        let net = || ("net", of(&uniform));
-        let listed = || ("particles", of(&rows));
-        let peel = kernels.peel.as_ref().map(|peel| {
-            let resources = [
-                net(),
-                listed(),
-                ("windows", of(&windows)),
-                ("visible", of(&visible)),
-            ];
-            peel.bind(gpu, 3, &resources)
-        });
-        let groups = Groups {
-            peel: peel.transpose()?,
-            visibility: kernels.visibility.bind(
-                gpu,
-                3,
-                &[
-                    net(),
-                    listed(),
-                    ("cells", of(&cells)),
-                    ("visible", of(&visible)),
-                ],
-            )?,
-            arriving: kernels.arriving.bind(
-                gpu,
-                3,
-                &[
-                    net(),
-                    listed(),
-                    ("lights", of(&lights)),
-                    ("arriving", of(&arriving)),
-                ],
-            )?,
-            emit: kernels.emit.bind(
-                gpu,
-                3,
-                &[
-                    net(),
-                    listed(),
-                    ("lights", of(&lights)),
-                    ("arriving", of(&arriving)),
-                    ("emitted", of(&emitted)),
-                ],
-            )?,
-            sky: kernels.sky.bind(gpu, 3, &[net(), ("sky", of(&sky))])?,
-            scatter: {
-                let scatter = |before: &wgpu::Buffer| {
-                    let resources = [
-                        net(),
-                        listed(),
-                        ("phase_matrices", of(&phase_matrices)),
-                        ("emitted", of(&emitted)),
-                        ("incoming", of(before)),
-                        ("source", of(&source)),
-                    ];
-                    kernels.scatter.bind(gpu, 3, &resources)
-                };
-                [scatter(&incoming[0])?, scatter(&incoming[1])?]
-            },
-            transport: {
-                let transport = |before: &wgpu::Buffer, after: &wgpu::Buffer| {
-                    let resources = [
-                        net(),
-                        ("visible", of(&visible)),
-                        ("source", of(&source)),
-                        ("sky", of(&sky)),
-                        ("before", of(before)),
-                        ("reflected", of(&reflected)),
-                        ("incoming", of(after)),
-                    ];
-                    kernels.transport.bind(gpu, 3, &resources)
-                };
-                let [even, odd] = &incoming;
-                [transport(even, odd)?, transport(odd, even)?]
-            },
-            light_depths: kernels.light_depths.bind(
-                gpu,
-                3,
-                &[
-                    net(),
-                    ("fields", of(&fields)),
-                    ("lights", of(&lights)),
-                    ("light_depths", of(&light_depths)),
-                ],
-            )?,
-        };
         Ok(Self {
             values,
             uniform,
@@ -308,7 +193,6 @@ impl Network {
             phase_matrices,
             cells,
             windows,
-            groups,
             iterations: 0,
         })
     }
@@ -331,79 +215,116 @@ impl Network {
         self.values.particles * self.values.directions
     }
 
+    /// What passes bind: every array, and the light that arrived last, which is the one `before` a further iteration.
+    pub fn resources(&self) -> [Named<'_>; 17] {
+        [
+            ("net", &self.uniform),
+            ("particles", &self.particles),
+            ("cells", &self.cells),
+            ("windows", &self.windows),
+            ("visible", &self.visible),
+            ("lights", &self.lights),
+            ("arriving", &self.arriving),
+            ("light_depths", &self.light_depths),
+            ("neighbours", &self.neighbours),
+            ("fields", &self.fields),
+            ("reflected", &self.reflected),
+            ("emitted", &self.emitted),
+            ("source", &self.source),
+            ("sky", &self.sky),
+            ("phase_matrices", &self.phase_matrices),
+            ("before", self.latest()),
+            ("incoming", self.latest()),
+        ]
+    }
+
+    /// Records the pass `participating-media.NAME`.
+    fn run(
+        &self,
+        frame: &mut Frame<'_>,
+        name: &str,
+        kernel: &Kernel,
+        scene: Option<&wgpu::BindGroup>,
+        invocations: u32,
+    ) -> Result<(), GpuError> {
+        let resources = self.resources();
+        frame.run(name, kernel, scene, &resources, [invocations, 1, 1])
+    }
+
     /// Finds what each particle sees: passes `participating-media.peel` and `.visibility`. Returns the number of rays.
-    pub fn look(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
-        if let (Some(peel), Some(own)) = (&kernels.peel, &self.groups.peel) {
-            frame.compute("participating-media.peel", |pass| {
-                // A workgroup of 256 per view.
-                let invocations = [256 * self.values.directions / 2, 1, 1];
-                peel.dispatch(pass, &[(3, own)], invocations);
-            });
+    pub fn look(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+    ) -> Result<u64, GpuError> {
+        let rays = Some(&scene.ray_bind_group);
+        if let Some(peel) = &kernels.peel {
+            // A workgroup of 256 per view.
+            let invocations = 256 * self.values.directions / 2;
+            self.run(frame, "participating-media.peel", peel, None, invocations)?;
         }
-        frame.compute("participating-media.visibility", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (3, &self.groups.visibility)];
-            kernels
-                .visibility
-                .dispatch(pass, &groups, [self.entries(), 1, 1]);
-        });
-        self.entries().into()
+        let (name, visibility) = ("participating-media.visibility", &kernels.visibility);
+        self.run(frame, name, visibility, rays, self.entries())?;
+        Ok(self.entries().into())
     }
 
     /// Follows direct light to the particles and scatters it: passes `participating-media.arriving`, `.light-depths`,
     /// `.emit`, `.sky` and `.scatter`. Returns the number of rays.
-    pub fn light(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
+    pub fn light(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+    ) -> Result<u64, GpuError> {
+        let (of_scene, of_rays) = (Some(&scene.bind_group), Some(&scene.ray_bind_group));
         let rays = self.values.particles * self.values.lights;
         if rays > 0 {
-            frame.compute("participating-media.arriving", |pass| {
-                let groups = [(0, &scene.ray_bind_group), (3, &self.groups.arriving)];
-                kernels.arriving.dispatch(pass, &groups, [rays, 1, 1]);
-            });
+            let (name, arriving) = ("participating-media.arriving", &kernels.arriving);
+            self.run(frame, name, arriving, of_rays, rays)?;
         }
         let depths = self.values.nodes * self.values.marched_lights;
         if depths > 0 {
-            frame.compute("participating-media.light-depths", |pass| {
-                let groups = [(0, &scene.bind_group), (3, &self.groups.light_depths)];
-                kernels.light_depths.dispatch(pass, &groups, [depths, 1, 1]);
-            });
+            let (name, kernel) = ("participating-media.light-depths", &kernels.light_depths);
+            self.run(frame, name, kernel, of_scene, depths)?;
         }
-        frame.compute("participating-media.emit", |pass| {
-            let groups = [(0, &scene.bind_group), (3, &self.groups.emit)];
-            kernels.emit.dispatch(pass, &groups, [self.entries(), 1, 1]);
-        });
-        frame.compute("participating-media.sky", |pass| {
-            let groups = [(0, &scene.bind_group), (3, &self.groups.sky)];
-            kernels
-                .sky
-                .dispatch(pass, &groups, [self.values.directions, 1, 1]);
-        });
-        self.scatter(frame, scene, kernels);
-        rays.into()
+        let (name, emit) = ("participating-media.emit", &kernels.emit);
+        self.run(frame, name, emit, of_scene, self.entries())?;
+        let (name, sky) = ("participating-media.sky", &kernels.sky);
+        self.run(frame, name, sky, of_scene, self.values.directions)?;
+        self.scatter(frame, scene, kernels)?;
+        Ok(rays.into())
     }
 
     /// The sources of the light that arrived last.
-    fn scatter(&self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) {
-        let parity = (self.iterations % 2) as usize;
-        frame.compute("participating-media.scatter", |pass| {
-            let groups = [(0, &scene.bind_group), (3, &self.groups.scatter[parity])];
-            // A workgroup of 64 per particle.
-            let invocations = [64 * self.values.particles, 1, 1];
-            kernels.scatter.dispatch(pass, &groups, invocations);
-        });
+    fn scatter(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+    ) -> Result<(), GpuError> {
+        // A workgroup of 64 per particle.
+        let invocations = 64 * self.values.particles;
+        let (name, scatter) = ("participating-media.scatter", &kernels.scatter);
+        self.run(frame, name, scatter, Some(&scene.bind_group), invocations)
     }
 
     /// One iteration: passes `participating-media.transport` and `participating-media.scatter`. Returns the number of
     /// lookups.
-    pub fn iterate(&mut self, frame: &mut Frame<'_>, scene: &GpuScene, kernels: &Kernels) -> u64 {
-        let parity = (self.iterations % 2) as usize;
-        frame.compute("participating-media.transport", |pass| {
-            let groups = [(3, &self.groups.transport[parity])];
-            kernels
-                .transport
-                .dispatch(pass, &groups, [self.entries(), 1, 1]);
-        });
+    pub fn iterate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        kernels: &Kernels,
+    ) -> Result<u64, GpuError> {
+        let next = &self.incoming[((self.iterations + 1) % 2) as usize];
+        let resources = join(&self.resources(), &[("incoming", next)]);
+        let (name, transport) = ("participating-media.transport", &kernels.transport);
+        let entries = [self.entries(), 1, 1];
+        frame.run(name, transport, None, &resources, entries)?;
         self.iterations += 1;
-        self.scatter(frame, scene, kernels);
-        u64::from(self.entries())
+        self.scatter(frame, scene, kernels)?;
+        Ok(self.entries().into())
     }
 
     /// The light that arrived in the last iteration.
@@ -456,9 +377,4 @@ fn some<'a, T>(rows: &'a [T], one: &'a T) -> &'a [T] {
     } else {
         rows
     }
-}
-
-/// The whole buffer, as a resource.
-pub fn of(buffer: &wgpu::Buffer) -> wgpu::BindingResource<'_> {
-    buffer.as_entire_binding()
 }

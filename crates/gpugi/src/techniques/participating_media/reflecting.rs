@@ -2,11 +2,9 @@
 
 use bytemuck::Zeroable;
 
-use super::network::{Kernels, Network, of};
-use crate::capture::{
-    Output, Receiver, SURFACE_POINT_BYTES, SurfacePoints, Target, ViewUniform, hits_of_points,
-};
-use crate::gpu::{Frame, Gpu, GpuError};
+use super::network::{Kernels, Network};
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 use crate::techniques::Earlier;
 
@@ -21,8 +19,6 @@ const RAYS: u32 = 2;
 #[derive(Debug)]
 pub struct Reflecting {
     receiver: Receiver,
-    /// Of each pass.
-    groups: Vec<wgpu::BindGroup>,
 }
 
 impl Reflecting {
@@ -30,44 +26,20 @@ impl Reflecting {
     ///
     /// # Errors
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
-    pub fn new(gpu: &Gpu, kernels: &Kernels, network: &Network) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, network: &Network) -> Result<Self, GpuError> {
         let links = network.entries();
         let rows = links.min(MOST_LINKS).div_ceil(WIDTH);
-        let count = WIDTH * rows;
-        let hits = hits_of_points(gpu, [WIDTH, rows])?;
         let view = ViewUniform {
             width: WIDTH,
             height: rows,
             faces: RAYS,
             ..Zeroable::zeroed()
         };
-        let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let points = SurfacePoints {
-            points: gpu.buffer("ends of links [bytes]", bytes, storage)?,
-            view: gpu.uniform("view of ends of links", &view)?,
-            first: 0,
-            count,
-            hits: hits.clone(),
-            output: Output::RadianceToEye,
-            slots: Default::default(),
-        };
-        let group = |first: u32| {
-            let first = gpu.uniform("first link", &[first, 0, 0, 0])?;
-            let resources = [
-                ("net", of(&network.uniform)),
-                ("particles", of(&network.particles)),
-                ("visible", of(&network.visible)),
-                ("points", of(&points.points)),
-                ("hits", wgpu::BindingResource::TextureView(&hits)),
-                ("first", of(&first)),
-            ];
-            kernels.reflecting.bind(gpu, 3, &resources)
-        };
-        let firsts = (0..links).step_by(count as usize);
+        let view = gpu.uniform("view of ends of links", &view)?;
+        let (label, output) = ("ends of links [bytes]", Output::RadianceToEye);
+        let points = SurfacePoints::room(gpu, label, [WIDTH, rows], view, output)?;
         Ok(Self {
-            groups: firsts.map(group).collect::<Result<_, GpuError>>()?,
-            receiver: Receiver::new(&points, &Target::new(gpu, count)?),
+            receiver: Receiver::new(&points, &Target::new(gpu, points.count)?),
         })
     }
 
@@ -85,15 +57,18 @@ impl Reflecting {
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let count = self.receiver.points.count;
-        for (pass, group) in (0..).zip(&self.groups) {
-            frame.compute("participating-media.reflecting", |compute| {
-                let groups = [(0, &scene.ray_bind_group), (3, group)];
-                kernels.reflecting.dispatch(compute, &groups, [count, 1, 1]);
-            });
-            earlier.count(count.into());
+        let links = network.entries();
+        for first in (0..links).step_by(count as usize) {
+            let of_pass = frame.gpu.constant("first link", &[first, 0, 0, 0])?;
+            let own: [Named<'_>; 1] = [("first", &of_pass)];
+            let points = self.receiver.points.resources();
+            let resources = [&network.resources()[..], &points, &own].concat();
+            let name = "participating-media.reflecting";
+            let (kernel, rays) = (&kernels.reflecting, Some(&scene.ray_bind_group));
+            frame.run(name, kernel, rays, &resources, [count, 1, 1])?;
+            earlier.budget.count(count.into());
             earlier.gather(frame, scene, &self.receiver, false)?;
-            let first = pass * count;
-            let links = count.min(network.entries() - first);
+            let links = count.min(links - first);
             frame.copy(
                 &self.receiver.target.radiance,
                 &network.reflected,

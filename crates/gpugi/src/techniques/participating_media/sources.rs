@@ -1,8 +1,7 @@
 //! What rays through media read: the light that particles send out (along_ray.wesl), and the lights themselves
 //! (single_scattering.wesl).
 
-use super::network::of;
-use crate::gpu::{Gpu, GpuError, Kernel};
+use crate::gpu::{Gpu, GpuError, Named};
 
 /// What media send out along rays: sources of particles, how they are interpolated, and lights.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +28,7 @@ impl MediaSources {
     /// # Errors
     /// [`GpuError::OutOfMemory`].
     pub fn none(gpu: &Gpu) -> Result<Self, GpuError> {
-        let empty = gpu.buffer("no media", 16, wgpu::BufferUsages::STORAGE)?;
+        let empty = gpu.room("no media", 16)?;
         Ok(Self {
             directions: 0,
             marched_lights: 0,
@@ -41,29 +40,14 @@ impl MediaSources {
         })
     }
 
-    /// Bind group 2 of a kernel that imports along_ray.wesl.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
-        let resources = [
-            ("source", of(&self.source)),
-            ("neighbours", of(&self.neighbours)),
-            ("fields", of(&self.fields)),
-        ];
-        kernel.bind(gpu, 2, &resources)
-    }
-
-    /// Bind group 2 of a kernel that imports single_scattering.wesl.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn bind_lights(&self, gpu: &Gpu, kernel: &Kernel) -> Result<wgpu::BindGroup, GpuError> {
-        let resources = [
-            ("lights", of(&self.lights)),
-            ("light_depths", of(&self.light_depths)),
-            ("fields", of(&self.fields)),
-        ];
-        kernel.bind(gpu, 2, &resources)
+    /// What kernels bind that import along_ray.wesl or single_scattering.wesl.
+    pub fn resources(&self) -> [Named<'_>; 5] {
+        [
+            ("source", &self.source),
+            ("neighbours", &self.neighbours),
+            ("fields", &self.fields),
+            ("lights", &self.lights),
+            ("light_depths", &self.light_depths),
+        ]
     }
 }

@@ -156,7 +156,7 @@ impl Arrays {
     fn read(gpu: &Gpu, renderer: &mut Renderer, albedo: f32) -> Self {
         let mut read = None;
         let look = |technique: &mut ParticipatingMedia| {
-            let network = &technique.made.as_ref().unwrap().network;
+            let network = &technique.lit.get().unwrap().as_ref().unwrap().network;
             let radiance = |buffer: &wgpu::Buffer| {
                 let rows: Vec<[f32; 4]> = read_buffer(gpu, buffer, buffer.size()).unwrap();
                 let rgb = |[r, g, b, _]: [f32; 4]| DVec3::new(r.into(), g.into(), b.into());

@@ -12,7 +12,7 @@ use super::gpu::{MOST_FUNCTIONS, Work};
 use super::places::Places;
 use super::principal::{Subspace, mean};
 use super::transfer::are_finite;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, ReadBack, read_buffer};
 use crate::shader;
 
 /// Rounds of k-means: more change the error little.
@@ -72,20 +72,17 @@ pub(super) struct Saved {
 
 impl Compression {
     pub fn new(gpu: &Gpu, settings: &Settings, texels: u32) -> Result<Self, GpuError> {
-        let storage = wgpu::BufferUsages::STORAGE;
-        let options = KernelOptions {
-            constants: &[("ORDER", f64::from(settings.order))],
-            ..Default::default()
-        };
+        let order = [("ORDER", f64::from(settings.order))];
+        let kernel = |shader, entry| Kernel::with_constants(gpu, shader, entry, None, &order);
         let normals = shader!("techniques.radiance_transfer.clusters.normals");
         let mean = shader!("techniques.radiance_transfer.clusters.mean");
         let assign = shader!("techniques.radiance_transfer.clusters.assign");
         Ok(Self {
-            clusters: gpu.buffer("clusters of texels", u64::from(texels) * 4, storage)?,
+            clusters: gpu.room("clusters of texels", u64::from(texels) * 4)?,
             normals: Kernel::new(gpu, &normals, "main", None)?,
-            sum: Kernel::with_options(gpu, &mean, "sum", None, &options)?,
-            mean: Kernel::with_options(gpu, &mean, "main", None, &options)?,
-            assign: Kernel::with_options(gpu, &assign, "main", None, &options)?,
+            sum: kernel(&mean, "sum")?,
+            mean: kernel(&mean, "main")?,
+            assign: kernel(&assign, "main")?,
             settings: settings.clone(),
             texels,
             stage: Stage::Begin,
@@ -155,25 +152,20 @@ impl Compression {
     }
 
     fn group_normals(&self, frame: &mut Frame<'_>, places: &Places) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let into = [("clusters", self.clusters.as_entire_binding())];
-        let into = self.normals.bind(gpu, 3, &into)?;
         for piece in places.pieces() {
             let work = Work {
                 first_texel: piece.first,
                 end_point: piece.count,
                 ..bytemuck::Zeroable::zeroed()
             };
-            let work = gpu.uniform("points of a piece", &work)?;
-            let of_points = [
-                ("work", work.as_entire_binding()),
-                ("points", piece.points.as_entire_binding()),
+            let work = frame.gpu.constant("points of a piece", &work)?;
+            let resources: [Named<'_>; 3] = [
+                ("work", &work),
+                ("points", piece.points),
+                ("clusters", &self.clusters),
             ];
-            let of_points = self.normals.bind(gpu, 1, &of_points)?;
-            frame.compute("radiance-transfer.clusters", |pass| {
-                let groups = [(1, &of_points), (3, &into)];
-                self.normals.dispatch(pass, &groups, [piece.count, 1, 1]);
-            });
+            let (name, count) = ("radiance-transfer.clusters", [piece.count, 1, 1]);
+            frame.run(name, &self.normals, None, &resources, count)?;
         }
         Ok(())
     }
@@ -195,14 +187,9 @@ impl Compression {
         }
         gpu.write(&self.clusters, 0, &seeds);
         let bytes = (count * MOST_FUNCTIONS as usize * 16) as u64;
-        let storage = wgpu::BufferUsages::STORAGE;
         Ok([
-            gpu.buffer("means of clusters [bytes]", bytes, storage)?,
-            gpu.buffer(
-                "sums of clusters [bytes]",
-                bytes * u64::from(PARTS),
-                storage,
-            )?,
+            gpu.room("means of clusters [bytes]", bytes)?,
+            gpu.room("sums of clusters [bytes]", bytes * u64::from(PARTS))?,
         ])
     }
 
@@ -213,24 +200,19 @@ impl Compression {
         vectors: &wgpu::Buffer,
         [means, parts]: &[wgpu::Buffer; 2],
     ) -> Result<(), GpuError> {
-        let read = [
-            ("vectors", vectors.as_entire_binding()),
-            ("clusters", self.clusters.as_entire_binding()),
-            ("means", means.as_entire_binding()),
+        let resources: [Named<'_>; 4] = [
+            ("vectors", vectors),
+            ("clusters", &self.clusters),
+            ("means", means),
+            ("parts", parts),
         ];
-        let sums = [&read[..], &[("parts", parts.as_entire_binding())]].concat();
-        let mean = self.mean.bind(frame.gpu, 3, &sums)?;
-        let sum = self.sum.bind(frame.gpu, 3, &sums)?;
-        let assign = self.assign.bind(frame.gpu, 3, &read)?;
         let clusters = (means.size() / 16) as u32 / MOST_FUNCTIONS;
         frame.compute("radiance-transfer.clusters", |pass| {
             let lanes = [PARTS * LANES, clusters, 1];
-            self.mean.dispatch(pass, &[(3, &mean)], lanes);
-            self.sum.dispatch(pass, &[(3, &sum)], [LANES, clusters, 1]);
-            self.assign
-                .dispatch(pass, &[(3, &assign)], [self.texels, 1, 1]);
-        });
-        Ok(())
+            self.mean.run(pass, None, &resources, lanes)?;
+            self.sum.run(pass, None, &resources, [LANES, clusters, 1])?;
+            self.assign.run(pass, None, &resources, [self.texels, 1, 1])
+        })
     }
 }
 
@@ -371,15 +353,10 @@ impl Compressed {
     pub fn new(gpu: &Gpu, settings: &Settings, saved: &Saved) -> Result<Self, GpuError> {
         let terms = u64::from(settings.terms());
         let vectors = saved.subspaces.len() as u64 / (2 * terms);
-        let storage = wgpu::BufferUsages::STORAGE;
         let relight = shader!("techniques.radiance_transfer.clusters.relight");
         let dot = shader!("techniques.radiance_transfer.clusters.dots");
         let kernel = |shader, name, value: u32| {
-            let options = KernelOptions {
-                constants: &[(name, f64::from(value))],
-                ..Default::default()
-            };
-            Kernel::with_options(gpu, shader, "main", None, &options)
+            Kernel::with_constants(gpu, shader, "main", None, &[(name, f64::from(value))])
         };
         Ok(Self {
             dot: kernel(&dot, "ORDER", settings.order)?,
@@ -387,7 +364,7 @@ impl Compressed {
             used: [&saved.subspaces, &saved.weights].map(|words| words.len() as u64 * 4),
             subspaces: gpu.storage("means and basis vectors [bytes]", &saved.subspaces)?,
             weights: gpu.storage("weights of texels [bytes]", &saved.weights)?,
-            dots: gpu.buffer("light of clusters [bytes]", vectors * 16, storage)?,
+            dots: gpu.room("light of clusters [bytes]", vectors * 16)?,
         })
     }
 
@@ -403,26 +380,19 @@ impl Compressed {
         light: &wgpu::Buffer,
         irradiance: &wgpu::Buffer,
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let (dot, relight) = (&self.dot, &self.relight);
-        let factors = [
-            ("light", light.as_entire_binding()),
-            ("vectors", self.subspaces.as_entire_binding()),
+        let resources: [Named<'_>; 5] = [
+            ("light", light),
+            ("vectors", &self.subspaces),
+            ("dots", &self.dots),
+            ("weights", &self.weights),
+            ("irradiance", irradiance),
         ];
-        let dots = ("dots", self.dots.as_entire_binding());
-        let factors = dot.bind(gpu, 1, &factors)?;
-        let into_dots = dot.bind(gpu, 3, std::slice::from_ref(&dots))?;
-        let weights = [dots, ("weights", self.weights.as_entire_binding())];
-        let weights = relight.bind(gpu, 1, &weights)?;
-        let into = [("irradiance", irradiance.as_entire_binding())];
-        let into = relight.bind(gpu, 3, &into)?;
         frame.compute("radiance-transfer.relight", |pass| {
             let count = (self.dots.size() / 16) as u32;
-            dot.dispatch(pass, &[(1, &factors), (3, &into_dots)], [count, 1, 1]);
+            self.dot.run(pass, None, &resources, [count, 1, 1])?;
             let texels = (irradiance.size() / 16) as u32;
-            relight.dispatch(pass, &[(1, &weights), (3, &into)], [texels, 1, 1]);
-        });
-        Ok(())
+            self.relight.run(pass, None, &resources, [texels, 1, 1])
+        })
     }
 
     /// The vectors, for resuming. Waits for the GPU.

@@ -7,10 +7,9 @@ use gpugi_scene::MaterialModel;
 use super::Settings;
 use super::gpu::{COEFFICIENT_BYTES, LANES, MatrixWork, Slots};
 use super::places::{Piece, Places};
-use super::transfer::Vectors;
 use crate::capture::Receiver;
-use crate::capture::atlas::{AtlasCapture, TexelGather};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
+use crate::capture::atlas::TexelGather;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join, read_buffer};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::shader;
 
@@ -51,16 +50,13 @@ pub(super) fn objects(settings: &Settings, scene: &GpuScene) -> Vec<GlossyObject
 /// Transfer matrices. A texel that has one has a slot; slots follow texels.
 #[derive(Debug)]
 pub(super) struct Glossy {
-    objects: Vec<GlossyObject>,
     settings: Settings,
     parts: Vec<Part>,
     tiles: Vec<Tile>,
     /// `arriving` of glossy/gather.wesl.
     pub arriving: wgpu::Buffer,
     rays: Kernel,
-    /// Bind group of the atlas lookup.
-    corners: wgpu::BindGroup,
-    relight: (Kernel, wgpu::BindGroup),
+    relight: Kernel,
     gather: TexelGather,
 }
 
@@ -68,10 +64,10 @@ pub(super) struct Glossy {
 #[derive(Debug)]
 struct Part {
     slots: u32,
+    /// Where the coefficients of the first slot's light lie in `arriving`.
+    first_word: u32,
     /// `matrices` of glossy/matrices.wesl.
     matrices: wgpu::Buffer,
-    /// Bind group 1 of the pass that lights its slots.
-    lit: wgpu::BindGroup,
 }
 
 /// Slots whose matrices are computed in one step.
@@ -85,7 +81,7 @@ struct Tile {
 }
 
 impl Glossy {
-    /// Matrices for the points of `objects`. `light`: coefficients.
+    /// Matrices for the points of `objects`.
     ///
     /// # Errors
     /// [`GpuError::Input`] with their size if there is no memory for them; [`GpuError`].
@@ -95,10 +91,9 @@ impl Glossy {
         settings: &Settings,
         objects: &[GlossyObject],
         places: &Places,
-        light: &wgpu::Buffer,
     ) -> Result<Self, GpuError> {
         let texels = texels(objects, places);
-        let made = Self::with_texels(gpu, scene, settings, objects, &texels, places, light);
+        let made = Self::with_texels(gpu, scene, settings, &texels, places);
         made.map_err(|error| match error {
             GpuError::OutOfMemory { .. } | GpuError::TooLarge { .. } => GpuError::Input {
                 what: format!(
@@ -116,26 +111,18 @@ impl Glossy {
         gpu: &Gpu,
         scene: &GpuScene,
         settings: &Settings,
-        objects: &[GlossyObject],
         texels: &[[u32; 2]],
         places: &Places,
-        light: &wgpu::Buffer,
     ) -> Result<Self, GpuError> {
         let functions = settings.terms();
         let order = ("ORDER", f64::from(settings.order));
-        let options = KernelOptions {
-            constants: &[order],
-            ..Default::default()
-        };
         let relight = shader!("techniques.radiance_transfer.glossy.relight");
-        let relight = Kernel::with_options(gpu, &relight, "main", None, &options)?;
-        let storage = wgpu::BufferUsages::STORAGE;
 
         // Words of a binding are counted in 32 bits, too.
         let [width, height] = places.map_size();
         let all = width * height;
         let words = u64::from(all) + texels.len() as u64 * u64::from(functions) * 2;
-        let arriving = gpu.buffer("light at glossy texels [bytes]", words * 4, storage)?;
+        let arriving = gpu.room("light at glossy texels [bytes]", words * 4)?;
         let mut first_words = vec![NO_COEFFICIENTS; all as usize];
         for (slot, [texel, _]) in texels.iter().enumerate() {
             first_words[*texel as usize] = all + slot as u32 * functions * 2;
@@ -149,60 +136,30 @@ impl Glossy {
         let mut parts = Vec::new();
         for (number, texels) in texels.chunks(most).enumerate() {
             let bytes = texels.len() as u64 * bytes_of_slot(settings);
-            let matrices = gpu.buffer("transfer matrices [bytes]", bytes, storage)?;
+            let matrices = gpu.room("transfer matrices [bytes]", bytes)?;
             gpu.write(&matrices, 0, texels);
-            let slots = Slots {
-                count: texels.len() as u32,
-                first_word: all + (number * most) as u32 * functions * 2,
-                padding_0: 0,
-                padding_1: 0,
-            };
-            let slots = gpu.uniform("glossy texels", &slots)?;
-            let bindings = [
-                ("light", light.as_entire_binding()),
-                ("slots", slots.as_entire_binding()),
-                ("matrices", matrices.as_entire_binding()),
-            ];
             parts.push(Part {
                 slots: texels.len() as u32,
-                lit: relight.bind(gpu, 1, &bindings)?,
+                first_word: all + (number * most) as u32 * functions * 2,
                 matrices,
             });
         }
         let is_first = ("IS_FIRST", f64::from(u8::from(settings.bounces == 1)));
         let matrices = shader!("techniques.radiance_transfer.glossy.matrices");
         let rays = scene.ray_kernel(gpu, &matrices, &[order, is_first, places.constant()])?;
-        let corners = [("atlas", places.lookup().as_entire_binding())];
-        let into = [("arriving", arriving.as_entire_binding())];
         let left_out = settings.left_out() | Claims::SPECULAR | Claims::GLOSSY | Claims::RAYS;
         let left_out = ("LEFT_OUT", f64::from(left_out.bits()));
-        let kept = [corners[0].clone(), into[0].clone()];
         let gather = shader!("techniques.radiance_transfer.glossy.gather");
+        let constants = [left_out, order, places.constant()];
         Ok(Self {
-            objects: objects.to_vec(),
             settings: settings.clone(),
             tiles: tiles(settings, texels, most, &places.pieces()),
             parts,
-            corners: rays.bind(gpu, 2, &corners)?,
             rays,
-            relight: {
-                let into = relight.bind(gpu, 3, &into)?;
-                (relight, into)
-            },
-            gather: TexelGather::new(
-                gpu,
-                scene,
-                &gather,
-                &[left_out, order, places.constant()],
-                &kept,
-            )?,
+            relight: Kernel::with_constants(gpu, &relight, "main", None, &[order])?,
+            gather: TexelGather::new(gpu, scene, &gather, &constants)?,
             arriving,
         })
-    }
-
-    /// Whether these are matrices of such objects.
-    pub fn is_of(&self, objects: &[GlossyObject]) -> bool {
-        self.objects == objects
     }
 
     /// Steps that compute the matrices.
@@ -226,9 +183,8 @@ impl Glossy {
         scene: &GpuScene,
         places: &Places,
         step: u32,
-        vectors: &Vectors<'_>,
+        vectors: &[Named<'_>],
     ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
         let Some(tile) = self.tiles.get(step as usize) else {
             return Ok(0);
         };
@@ -243,40 +199,45 @@ impl Glossy {
             padding_0: 0,
             padding_1: 0,
         };
-        let work = gpu.uniform("transfer matrices", &work)?;
-        let of_points = [
-            ("work", work.as_entire_binding()),
-            ("points", piece.points.as_entire_binding()),
+        let work = frame.gpu.constant("transfer matrices", &work)?;
+        let own: [Named<'_>; 3] = [
+            ("work", &work),
+            ("points", piece.points),
+            ("matrices", &part.matrices),
         ];
-        let of_texels = [
-            ("before", vectors.before.as_entire_binding()),
-            ("albedos", vectors.albedos.as_entire_binding()),
-            ("matrices", part.matrices.as_entire_binding()),
-        ];
-        let of_points = self.rays.bind(gpu, 1, &of_points)?;
-        let of_texels = self.rays.bind(gpu, 3, &of_texels)?;
         let slots = tile.slots.len() as u32;
-        frame.compute("radiance-transfer.matrices", |pass| {
-            let groups = [
-                (0, &scene.ray_bind_group),
-                (1, &of_points),
-                (2, &self.corners),
-                (3, &of_texels),
-            ];
-            self.rays.dispatch(pass, &groups, [slots * LANES, 1, 1]);
-        });
+        let (name, scene) = ("radiance-transfer.matrices", Some(&scene.ray_bind_group));
+        let resources = join(vectors, &own);
+        frame.run(name, &self.rays, scene, &resources, [slots * LANES, 1, 1])?;
         Ok(u64::from(slots) * u64::from(self.settings.rays))
     }
 
-    /// Multiplies matrices and light: pass `radiance-transfer.glossy`.
-    pub fn relight(&self, frame: &mut Frame<'_>) {
-        let (kernel, into) = &self.relight;
+    /// Multiplies matrices and light, given by its coefficients: pass `radiance-transfer.glossy`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn relight(&self, frame: &mut Frame<'_>, light: &wgpu::Buffer) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
         frame.compute("radiance-transfer.glossy", |pass| {
             for part in &self.parts {
-                let groups = [(1, &part.lit), (3, into)];
-                kernel.dispatch(pass, &groups, [part.slots * LANES, 1, 1]);
+                let slots = Slots {
+                    count: part.slots,
+                    first_word: part.first_word,
+                    padding_0: 0,
+                    padding_1: 0,
+                };
+                let slots = gpu.constant("glossy texels", &slots)?;
+                let resources: [Named<'_>; 4] = [
+                    ("light", light),
+                    ("slots", &slots),
+                    ("matrices", &part.matrices),
+                    ("arriving", &self.arriving),
+                ];
+                let lanes = [part.slots * LANES, 1, 1];
+                self.relight.run(pass, None, &resources, lanes)?;
             }
-        });
+            Ok(())
+        })
     }
 
     /// Adds what the objects reflect toward the receiver: pass `radiance-transfer.glossy-gather`.
@@ -284,15 +245,16 @@ impl Glossy {
     /// # Errors
     /// [`GpuError`].
     pub fn gather(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        texels: Option<&AtlasCapture>,
+        places: &Places,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let name = "radiance-transfer.glossy-gather";
-        let gather = &mut self.gather;
-        gather.record(frame, name, scene, texels, receiver)
+        let (name, texels) = ("radiance-transfer.glossy-gather", places.capture());
+        let kept: [Named<'_>; 2] = [("atlas", places.lookup()), ("arriving", &self.arriving)];
+        self.gather
+            .record(frame, name, scene, texels, receiver, &kept)
     }
 
     /// Bytes of all buffers.

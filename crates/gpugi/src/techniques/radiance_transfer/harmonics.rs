@@ -1,13 +1,11 @@
 //! Spherical harmonics: rays that find transfer vectors, and the light's coefficients.
 
-use wgpu::BindingResource::TextureView;
-
 use super::Settings;
 use super::gpu::{LANES, MOST_FUNCTIONS};
 use super::light::Made;
 use super::places::Places;
-use super::transfer::{Tile, Vectors};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use super::transfer::Tile;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -20,8 +18,6 @@ const PROJECT_LANES: u32 = 64;
 pub(super) struct Rays {
     first_bounce: Kernel,
     further_bounces: Kernel,
-    /// Bind group of the atlas lookup.
-    corners: wgpu::BindGroup,
 }
 
 impl Rays {
@@ -37,12 +33,9 @@ impl Rays {
             let is_first = ("IS_FIRST", f64::from(u8::from(is_first)));
             scene.ray_kernel(gpu, &shader, &[order, is_first, places.constant()])
         };
-        let (first_bounce, further_bounces) = (kernel(true)?, kernel(false)?);
-        let corners = [("atlas", places.lookup().as_entire_binding())];
         Ok(Self {
-            corners: further_bounces.bind(gpu, 2, &corners)?,
-            first_bounce,
-            further_bounces,
+            first_bounce: kernel(true)?,
+            further_bounces: kernel(false)?,
         })
     }
 
@@ -51,32 +44,16 @@ impl Rays {
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        tile: &Tile<'_>,
-        vectors: &Vectors<'_>,
+        tile: Tile,
+        resources: &[Named<'_>],
     ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
         let kernel = if tile.is_first_bounce {
             &self.first_bounce
         } else {
             &self.further_bounces
         };
-        let of_texels = [
-            ("before", vectors.before.as_entire_binding()),
-            ("after", vectors.after.as_entire_binding()),
-            ("albedos", vectors.albedos.as_entire_binding()),
-        ];
-        let of_points = kernel.bind(gpu, 1, &tile.bindings())?;
-        let of_texels = kernel.bind(gpu, 3, &of_texels)?;
-        frame.compute("radiance-transfer.rays", |pass| {
-            let groups = [
-                (0, &scene.ray_bind_group),
-                (1, &of_points),
-                (2, &self.corners),
-                (3, &of_texels),
-            ];
-            kernel.dispatch(pass, &groups, [tile.points * LANES, 1, 1]);
-        });
-        Ok(())
+        let (name, scene) = ("radiance-transfer.rays", Some(&scene.ray_bind_group));
+        frame.run(name, kernel, scene, resources, [tile.points * LANES, 1, 1])
     }
 }
 
@@ -86,55 +63,32 @@ pub(super) struct Projection {
     functions: u32,
     /// Coefficients of the environment without rotation and intensity.
     environment: wgpu::Buffer,
-    project: (Kernel, wgpu::BindGroup),
-    sum: (Kernel, wgpu::BindGroup),
+    /// Sums of its parts.
+    parts: wgpu::Buffer,
+    project: Kernel,
+    sum: Kernel,
     turn: Kernel,
-    into: wgpu::BindGroup,
-    window: (Kernel, wgpu::BindGroup),
+    window: Kernel,
 }
 
 impl Projection {
-    /// `cube`: the environment's radiance, without rotation and intensity. `coefficients`: those of all light.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        order: u32,
-        cube: &wgpu::TextureView,
-        coefficients: &wgpu::Buffer,
-    ) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &GpuScene, order: u32) -> Result<Self, GpuError> {
         let bytes = u64::from(MOST_FUNCTIONS) * 16;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let environment = gpu.buffer("environment in harmonics [bytes]", bytes, storage)?;
-        let options = KernelOptions {
-            constants: &[("ORDER", f64::from(order))],
-            ..Default::default()
+        let kernel = |shader, entry, layout| {
+            let order = [("ORDER", f64::from(order))];
+            Kernel::with_constants(gpu, &shader, entry, layout, &order)
         };
         let project = shader!("techniques.radiance_transfer.project");
-        let kernel = |entry| Kernel::with_options(gpu, &project, entry, None, &options);
-        let (project, sum) = (kernel("main")?, kernel("sum")?);
-        let parts = u64::from(PROJECT_WORKGROUPS) * bytes;
-        let parts = gpu.buffer("parts of the environment [bytes]", parts, storage)?;
-        let project_group = [
-            ("radiance", TextureView(cube)),
-            ("parts", parts.as_entire_binding()),
-            ("environment", environment.as_entire_binding()),
-        ];
-        let sum_group = sum.bind(gpu, 3, &project_group)?;
-        let project_group = project.bind(gpu, 3, &project_group)?;
         let turn = shader!("techniques.radiance_transfer.light");
-        let turn = Kernel::with_options(gpu, &turn, "main", Some(&scene.layout), &options)?;
-        let window = shader!("techniques.radiance_transfer.window");
-        let window = Kernel::with_options(gpu, &window, "main", None, &options)?;
-        let light = [("light", coefficients.as_entire_binding())];
-        let window_group = window.bind(gpu, 3, &light)?;
+        let parts = u64::from(PROJECT_WORKGROUPS) * bytes;
         Ok(Self {
             functions: order * order,
-            environment,
-            into: turn.bind(gpu, 3, &light)?,
-            turn,
-            project: (project, project_group),
-            sum: (sum, sum_group),
-            window: (window, window_group),
+            environment: gpu.room("environment in harmonics [bytes]", bytes)?,
+            parts: gpu.room("parts of the environment [bytes]", parts)?,
+            project: kernel(project.clone(), "main", None)?,
+            sum: kernel(project, "sum", None)?,
+            turn: kernel(turn, "main", Some(&scene.layout))?,
+            window: kernel(shader!("techniques.radiance_transfer.window"), "main", None)?,
         })
     }
 
@@ -148,41 +102,44 @@ impl Projection {
         self.functions
     }
 
-    /// Projects the environment's image, which the cube holds: pass `radiance-transfer.project`.
-    pub fn project(&self, frame: &mut Frame<'_>) {
+    /// Projects the environment's radiance, without rotation and intensity, which the cube holds: pass
+    /// `radiance-transfer.project`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn project(&self, frame: &mut Frame<'_>, cube: &wgpu::TextureView) -> Result<(), GpuError> {
+        let resources: [Named<'_>; 3] = [
+            ("radiance", cube),
+            ("parts", &self.parts),
+            ("environment", &self.environment),
+        ];
         frame.compute("radiance-transfer.project", |pass| {
-            for ((kernel, group), workgroups) in
-                [(&self.project, PROJECT_WORKGROUPS), (&self.sum, 1)]
-            {
-                let lanes = workgroups * PROJECT_LANES;
-                kernel.dispatch(pass, &[(3, group)], [lanes, 1, 1]);
-            }
-        });
+            let lanes = [PROJECT_WORKGROUPS * PROJECT_LANES, 1, 1];
+            self.project.run(pass, None, &resources, lanes)?;
+            self.sum.run(pass, None, &resources, [PROJECT_LANES, 1, 1])
+        })
     }
 
-    /// Adds up the environment, turned, and directional lights: passes `radiance-transfer.light` and
+    /// Adds up the environment, turned, and directional lights, in `light`: passes `radiance-transfer.light` and
     /// `radiance-transfer.window`.
     pub fn sum(
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         directionals: &wgpu::Buffer,
+        light: &wgpu::Buffer,
         made: Made,
     ) -> Result<(), GpuError> {
-        let light = [
-            ("environment", self.environment.as_entire_binding()),
-            ("directionals", directionals.as_entire_binding()),
+        let resources: [Named<'_>; 3] = [
+            ("environment", &self.environment),
+            ("directionals", directionals),
+            ("light", light),
         ];
-        let light = self.turn.bind(frame.gpu, 1, &light)?;
-        frame.compute("radiance-transfer.light", |pass| {
-            let groups = [(0, &scene.bind_group), (1, &light), (3, &self.into)];
-            self.turn.dispatch(pass, &groups, [MOST_FUNCTIONS, 1, 1]);
-        });
+        let (name, scene) = ("radiance-transfer.light", Some(&scene.bind_group));
+        frame.run(name, &self.turn, scene, &resources, [MOST_FUNCTIONS, 1, 1])?;
         if made.window {
-            frame.compute("radiance-transfer.window", |pass| {
-                let (kernel, group) = &self.window;
-                kernel.dispatch(pass, &[(3, group)], [1, 1, 1]);
-            });
+            let name = "radiance-transfer.window";
+            frame.run(name, &self.window, None, &resources, [1, 1, 1])?;
         }
         Ok(())
     }

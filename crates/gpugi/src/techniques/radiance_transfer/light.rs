@@ -2,13 +2,13 @@
 
 use bytemuck::Zeroable;
 use gpugi_scene::LightKind;
-use wgpu::BindingResource::TextureView;
 
 use super::gpu::{CUBE_SIDE, CUBE_TEXELS, Directional, MOST_FUNCTIONS};
 use super::{Basis, Settings, haar, harmonics};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
-use crate::scene::GpuScene;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
+use crate::stage::Stage;
 
 /// Lookups of the environment's image that filling the cube takes per texel, roughly.
 const LOOKUPS_PER_TEXEL: u64 = 64;
@@ -20,12 +20,13 @@ pub(super) struct Light {
     cube: wgpu::Texture,
     /// Coefficients of all light: `vec4f` per function.
     pub coefficients: wgpu::Buffer,
-    fill: (Kernel, wgpu::BindGroup),
+    faces: wgpu::TextureView,
+    fill: Kernel,
     projection: Projection,
-    /// Versions of the image, and for wavelets of its rotation, that the cube holds.
-    filled: Option<[u64; 2]>,
-    /// Versions of environment, sky and lights, and what was made of them.
-    lit: Option<([u64; 3], Made)>,
+    /// The image, and for wavelets its rotation, that the cube holds.
+    filled: Stage<Versions>,
+    /// Environment, sky and lights, and what was made of them.
+    lit: Stage<(Versions, Made)>,
 }
 
 /// Kernels of a basis.
@@ -46,20 +47,12 @@ pub(super) struct Made {
 
 impl Light {
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let cube = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("radiance-transfer.environment"),
-            size: wgpu::Extent3d {
-                width: CUBE_SIDE,
-                height: CUBE_SIDE,
-                depth_or_array_layers: 6,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba16Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
-            view_formats: &[],
-        })?;
+        let cube = gpu.texture_2d(
+            "radiance-transfer.environment",
+            [CUBE_SIDE, CUBE_SIDE, 6],
+            wgpu::TextureFormat::Rgba16Float,
+            wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::STORAGE_BINDING,
+        )?;
         let faces = cube.create_view(&Default::default());
         let buffer = |functions: u32, usage| {
             let bytes = u64::from(functions) * 16;
@@ -69,30 +62,27 @@ impl Light {
         let (coefficients, projection) = match settings.basis {
             Basis::Harmonics => {
                 let light = buffer(MOST_FUNCTIONS, storage | wgpu::BufferUsages::UNIFORM)?;
-                let of = harmonics::Projection::new(gpu, scene, settings.order, &faces, &light)?;
+                let of = harmonics::Projection::new(gpu, scene, settings.order)?;
                 (light, Projection::Harmonics(Box::new(of)))
             }
             Basis::Haar => {
                 let light = buffer(CUBE_TEXELS, storage)?;
-                let of = haar::Projection::new(gpu, scene, &faces, &light)?;
+                let of = haar::Projection::new(gpu, scene)?;
                 (light, Projection::Wavelets(Box::new(of)))
             }
         };
         let is_turned = matches!(projection, Projection::Wavelets(_));
-        let options = KernelOptions {
-            constants: &[("IS_TURNED", f64::from(u8::from(is_turned)))],
-            ..Default::default()
-        };
+        let is_turned = [("IS_TURNED", f64::from(u8::from(is_turned)))];
         let fill = shader!("prefiltered.radiance");
-        let fill = Kernel::with_options(gpu, &fill, "main", Some(&scene.layout), &options)?;
-        let fill_group = fill.bind(gpu, 3, &[("radiance", TextureView(&faces))])?;
+        let layout = Some(&scene.layout);
         Ok(Self {
-            fill: (fill, fill_group),
+            fill: Kernel::with_constants(gpu, &fill, "main", layout, &is_turned)?,
+            faces,
             cube,
             coefficients,
             projection,
-            filled: None,
-            lit: None,
+            filled: Stage::default(),
+            lit: Stage::default(),
         })
     }
 
@@ -129,28 +119,24 @@ impl Light {
         scene: &GpuScene,
         made: Made,
     ) -> Result<Option<u64>, GpuError> {
-        let versions = scene.versions;
-        let now = Some(([versions.environment, versions.sky, versions.lights], made));
-        if self.lit == now {
+        let light = Inputs::ENVIRONMENT | Inputs::SKY | Inputs::LIGHTS;
+        if !self.lit.renew((scene.versions.of(light), made)) {
             return Ok(None);
         }
-        self.lit = now;
         let mut work = 1;
-        let sky = match self.projection {
-            Projection::Harmonics(_) => 0,
-            Projection::Wavelets(_) => versions.sky,
+        let in_cube = match self.projection {
+            Projection::Harmonics(_) => Inputs::ENVIRONMENT,
+            Projection::Wavelets(_) => Inputs::ENVIRONMENT | Inputs::SKY,
         };
-        if self.filled != Some([versions.environment, sky]) {
-            self.filled = Some([versions.environment, sky]);
+        if self.filled.renew(scene.versions.of(in_cube)) {
             work += u64::from(CUBE_TEXELS) * LOOKUPS_PER_TEXEL;
-            frame.compute("radiance-transfer.project", |pass| {
-                let (kernel, group) = &self.fill;
-                let groups = [(0, &scene.bind_group), (3, group)];
-                kernel.dispatch(pass, &groups, [CUBE_SIDE, CUBE_SIDE, 6]);
-            });
+            let resources: [Named<'_>; 1] = [("radiance", &self.faces)];
+            let (name, scene) = ("radiance-transfer.project", Some(&scene.bind_group));
+            let texels = [CUBE_SIDE, CUBE_SIDE, 6];
+            frame.run(name, &self.fill, scene, &resources, texels)?;
             if let Projection::Harmonics(of) = &self.projection {
                 work += u64::from(CUBE_TEXELS) * u64::from(of.functions());
-                of.project(frame);
+                of.project(frame, &self.faces)?;
             }
         }
         let directionals = if made.directional_lights {
@@ -161,11 +147,12 @@ impl Light {
         let directionals = frame
             .gpu
             .storage("directional lights [bytes]", &directionals)?;
+        let light = &self.coefficients;
         match &self.projection {
-            Projection::Harmonics(of) => of.sum(frame, scene, &directionals, made)?,
+            Projection::Harmonics(of) => of.sum(frame, scene, &directionals, light, made)?,
             Projection::Wavelets(of) => {
                 work += u64::from(CUBE_TEXELS);
-                of.sum(frame, scene, &directionals)?;
+                of.sum(frame, scene, &directionals, light, &self.faces)?;
             }
         }
         Ok(Some(work))

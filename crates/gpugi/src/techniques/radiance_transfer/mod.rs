@@ -29,16 +29,19 @@ use gpugi_scene::{Atlas, LightKind, Scene, TransferVectors};
 use super::precomputed::Fit;
 use super::{
     Cost, Earlier, Generated, Info, Inspection, Needs, Plan, Precomputed, Registration, Resume,
-    Role, Technique,
+    Role, Technique, Unready, atlas,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Inputs};
 use crate::settings::SettingSet;
+use crate::stage::{Same, Stage};
 use glossy::{Glossy, GlossyObject};
+use settings::OfTransfer;
 pub use settings::{At, Basis, Settings};
 use texels::{LitTexels, Saved};
+use vertices::VerticesKey;
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -68,24 +71,26 @@ pub const REGISTRATION: Registration = Registration {
 #[derive(Debug, Default)]
 pub struct RadianceTransfer {
     settings: Settings,
-    made: Option<LitTexels>,
+    texels: Stage<TexelsKey, LitTexels>,
     /// Objects whose texels have transfer matrices.
     glossy: Vec<GlossyObject>,
     /// Most texels per buffer of points; `None`: as many as fit.
     most_texels: Option<u32>,
-    /// Whether the scene's stored vectors fit it, by versions of geometry and instances.
-    fit: Fit<2>,
+    /// Whether the scene's stored vectors fit it.
+    fit: Fit,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
 }
 
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
-    }
-}
+/// What texels and their passes are made for: an atlas, or vertices, [`GpuScene::ray_features`], what of the settings
+/// decides the transfer vectors, and objects with matrices.
+type TexelsKey = (
+    Option<Same<Atlas>>,
+    Option<VerticesKey>,
+    [bool; 3],
+    OfTransfer,
+    Vec<GlossyObject>,
+);
 
 impl RadianceTransfer {
     /// The transfer vectors that the scene's file holds, if they are wanted and nothing has moved since.
@@ -93,21 +98,16 @@ impl RadianceTransfer {
         let host = scene.host()?;
         let vectors = host.transfer.as_ref();
         let vectors = vectors.filter(|_| self.settings.may_be_stored());
-        let Some(vectors) = vectors else {
-            self.fit.forget();
-            return None;
-        };
-        let now = [scene.versions.geometry, scene.versions.instances];
-        let fits = self.fit.holds(now, || vectors.check(host));
-        fits.then(|| Arc::clone(vectors))
+        let now = scene.versions.of(Inputs::GEOMETRY | Inputs::INSTANCES);
+        self.fit.of(vectors, now, |vectors| vectors.check(host))
     }
+}
 
-    /// Whether directional lights are projected: no other punctual light would be left out.
-    fn has_directional_lights(&self, scene: &GpuScene) -> bool {
-        let is_directional = |kind: LightKind| kind == LightKind::Directional;
-        let mut lights = scene.lights.iter();
-        self.settings.directional_lights && lights.all(|light| is_directional(light.kind))
-    }
+/// Whether directional lights are projected: no other punctual light would be left out.
+fn has_directional_lights(settings: &Settings, scene: &GpuScene) -> bool {
+    let is_directional = |kind: LightKind| kind == LightKind::Directional;
+    let mut lights = scene.lights.iter();
+    settings.directional_lights && lights.all(|light| is_directional(light.kind))
 }
 
 impl Technique for RadianceTransfer {
@@ -129,7 +129,7 @@ impl Technique for RadianceTransfer {
             pattern: pattern.clone().into(),
         };
         let mut paths = vec![of(LightClass::Environment)];
-        if self.has_directional_lights(scene) {
+        if has_directional_lights(&self.settings, scene) {
             paths.push(of(LightClass::Punctual));
         }
         Plan {
@@ -152,59 +152,43 @@ impl Technique for RadianceTransfer {
         scene: &GpuScene,
         _: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
+    ) -> Result<Generated, Unready> {
+        let gpu = frame.gpu;
         let stored = self.stored(scene);
         let settings = &self.settings.with(stored.as_deref());
-        let atlas = match &stored {
+        let texels = match &stored {
             Some(stored) => Some(Arc::clone(&stored.atlas)),
             None if settings.at == At::Vertices => None,
             None => {
                 let bytes = u64::from(settings.terms()) * gpu::COEFFICIENT_BYTES;
-                let (size, density) = (settings.resolution, settings.density);
-                let atlas = scene.atlas(frame.gpu, INFO.name, size, density, bytes)?;
-                if atlas.is_none() {
-                    return Ok(Generated::without_atlas(scene));
-                }
-                atlas
+                let size = (settings.resolution, settings.density);
+                Some(atlas(gpu, scene, INFO.name, size, bytes)?)
             }
         };
-        let is_made = |made: &LitTexels| made.serves(settings, &self.glossy, scene, atlas.as_ref());
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
-            None => {
-                let mut made = LitTexels::new(
-                    frame.gpu,
-                    scene,
-                    settings,
-                    &self.glossy,
-                    atlas,
-                    self.most_texels,
-                )?;
-                if let Some(stored) = &stored {
-                    made.transfer.follow(scene);
-                    let finished = stored::as_saved(stored);
-                    made.transfer
-                        .resume(frame.gpu, &finished, false)
-                        .map_err(unfit)?;
-                }
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
+        let vertices = texels.is_none().then(|| VerticesKey::new(scene, settings));
+        let key = (
+            texels.clone().map(Same),
+            vertices,
+            scene.ray_features(),
+            settings.of_transfer(),
+            self.glossy.clone(),
+        );
+        let texels = self.texels.compiled(frame, key, |_| {
+            let (glossy, most) = (&self.glossy, self.most_texels);
+            let mut made = LitTexels::new(gpu, scene, settings, glossy, texels, most)?;
+            if let Some(stored) = &stored {
+                made.transfer.follow(scene);
+                let finished = stored::as_saved(stored);
+                let resumed = made.transfer.resume(gpu, &finished, false);
+                resumed.map_err(|error| INFO.unfit(error))?;
             }
+            Ok(made)
+        })?;
+        let made_of_light = light::Made {
+            directional_lights: has_directional_lights(&self.settings, scene),
+            window: settings.window,
         };
-        let generated = made.generate(
-            frame,
-            scene,
-            settings.steps,
-            light::Made {
-                directional_lights: self.has_directional_lights(scene),
-                window: settings.window,
-            },
-            earlier,
-        )?;
-        self.made = Some(made);
+        let generated = texels.generate(frame, scene, settings.steps, made_of_light, earlier)?;
         let mut claims = (0..scene.objects.len()).map(|object| scene.claims(object));
         self.leaves_objects = settings.bounces > 1
             && claims.any(|claims| {
@@ -220,14 +204,14 @@ impl Technique for RadianceTransfer {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        match &mut self.made {
-            Some(made) => made.gather(frame, scene, receiver),
+        match self.texels.get() {
+            Some(texels) => texels.gather(frame, scene, receiver),
             None => Ok(()),
         }
     }
 
     fn inspect(&self) -> Inspection {
-        let Some(made) = &self.made else {
+        let Some(texels) = self.texels.get() else {
             return Inspection::default();
         };
         let mut warnings = Vec::new();
@@ -236,8 +220,8 @@ impl Technique for RadianceTransfer {
                 "new transfer vectors are computed, because those of the file do not fit: {reason}"
             ));
         }
-        warnings.extend(made.places.described(&self.settings));
-        warnings.extend(made.transfer.glossy.as_ref().map(Glossy::described));
+        warnings.extend(texels.places.described(&self.settings));
+        warnings.extend(texels.transfer.glossy.as_ref().map(Glossy::described));
         if self.leaves_objects {
             warnings.push(
                 "objects that another technique lights get no light of radiance-transfer: set its bounces to 1"
@@ -245,8 +229,8 @@ impl Technique for RadianceTransfer {
             );
         }
         Inspection {
-            maps: made.maps(),
-            work_bytes: made.work_bytes(),
+            maps: texels.maps(),
+            work_bytes: texels.work_bytes(),
             warnings,
         }
     }
@@ -278,32 +262,36 @@ impl Precomputed for RadianceTransfer {
         scene: &Scene,
         atlas: Arc<Atlas>,
     ) -> Result<TransferVectors, GpuError> {
-        let saved = match &self.made {
-            Some(made) => made.save(gpu)?,
+        let saved = match self.texels.get() {
+            Some(texels) => texels.save(gpu)?,
             None => None,
         };
-        let saved = saved.ok_or_else(|| unfit("the transfer vectors are not complete"))?;
+        let saved = saved.ok_or_else(|| INFO.unfit("the transfer vectors are not complete"))?;
         stored::finished(gpu, scene, atlas, &self.settings, &saved.transfer)
     }
 }
 
 impl Resume for RadianceTransfer {
     fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(made) = &self.made else {
+        let Some(texels) = self.texels.get() else {
             return Ok(None);
         };
-        let Some(saved) = made.save(gpu)? else {
+        let Some(saved) = texels.save(gpu)? else {
             return Ok(None);
         };
-        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+        postcard::to_allocvec(&saved)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
-        let Some(made) = &mut self.made else {
+        let saved: Saved = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
+        let Some(texels) = self.texels.get_mut() else {
             return Ok(false);
         };
-        made.resume(gpu, &saved).map_err(unfit)?;
+        texels
+            .resume(gpu, &saved)
+            .map_err(|error| INFO.unfit(error))?;
         Ok(true)
     }
 }

@@ -7,24 +7,16 @@ use gpugi_scene::Atlas;
 use super::vertices::{Vertices, WIDTH};
 use super::{INFO, Settings};
 use crate::capture::atlas::blocks::texels_of;
-use crate::capture::atlas::{AtlasCapture, AtlasCaptureOptions, AtlasLookup, LeakTest};
+use crate::capture::atlas::{AtlasCapture, KeptTexels};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::scene::GpuScene;
 
 /// The points, and where triangles find them.
 #[derive(Debug)]
 pub(super) enum Places {
-    Texels(Box<Texels>),
+    /// The texels of an atlas.
+    Texels(Arc<Atlas>, Box<KeptTexels>),
     Vertices(Box<Vertices>),
-}
-
-/// The texels of an atlas.
-#[derive(Debug)]
-pub(super) struct Texels {
-    pub atlas: Arc<Atlas>,
-    pub capture: AtlasCapture,
-    leaks: LeakTest,
-    lookup: AtlasLookup,
 }
 
 /// Points in one buffer.
@@ -46,48 +38,21 @@ impl Places {
         atlas: Option<Arc<Atlas>>,
         most_texels: Option<u32>,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: INFO.name.into(),
-            reason: "the scene was uploaded without its meshes".into(),
-        })?;
-        let Some(atlas) = atlas else {
-            let vertices = Vertices::new(gpu, scene, host, settings)?;
-            return Ok(Self::Vertices(Box::new(vertices)));
-        };
-        let options = AtlasCaptureOptions {
-            most_texels: most_texels.unwrap_or(u32::MAX),
-            ..AtlasCaptureOptions::default()
-        };
-        let capture = AtlasCapture::new(gpu, host, scene, &atlas, &options)?;
-        Ok(Self::Texels(Box::new(Texels {
-            lookup: AtlasLookup::new(gpu, host, &atlas)?,
-            leaks: LeakTest::new(gpu, scene, &capture)?,
-            capture,
-            atlas,
-        })))
-    }
-
-    /// Whether these are the texels of the atlas, or without one the vertices of the scene.
-    pub fn serves(
-        &self,
-        scene: &GpuScene,
-        settings: &Settings,
-        atlas: Option<&Arc<Atlas>>,
-    ) -> bool {
-        match (self, atlas) {
-            (Self::Texels(texels), Some(atlas)) => Arc::ptr_eq(&texels.atlas, atlas),
-            (Self::Vertices(vertices), None) => vertices.serves(scene, settings),
-            _ => false,
+        if let Some(atlas) = atlas {
+            let most = most_texels.unwrap_or(u32::MAX);
+            let texels = KeptTexels::new(gpu, scene, &atlas, most)?;
+            return Ok(Self::Texels(atlas, Box::new(texels)));
         }
+        let host = scene.host();
+        let host = host.ok_or_else(|| INFO.refused("the scene was uploaded without its meshes"))?;
+        let vertices = Vertices::new(gpu, scene, host, settings)?;
+        Ok(Self::Vertices(Box::new(vertices)))
     }
 
     /// Width and height of a map of all points.
     pub fn map_size(&self) -> [u32; 2] {
         match self {
-            Self::Texels(texels) => {
-                let size = texels.capture.size;
-                [size, size * texels.capture.pages]
-            }
+            Self::Texels(_, texels) => texels.size(),
             Self::Vertices(vertices) => [WIDTH, vertices.count / WIDTH],
         }
     }
@@ -95,7 +60,7 @@ impl Places {
     /// The points, in order.
     pub fn pieces(&self) -> Vec<Piece<'_>> {
         match self {
-            Self::Texels(texels) => {
+            Self::Texels(_, texels) => {
                 let pieces = texels.capture.pieces().iter().map(|piece| Piece {
                     points: &piece.points.points,
                     count: piece.points.count,
@@ -114,7 +79,7 @@ impl Places {
     /// The points of an instance, sorted.
     pub fn of_instance(&self, instance: usize) -> Vec<u32> {
         match self {
-            Self::Texels(texels) => texels_of(&texels.atlas, instance),
+            Self::Texels(atlas, _) => texels_of(atlas, instance),
             Self::Vertices(vertices) => vertices.of_instance(instance).collect(),
         }
     }
@@ -125,20 +90,24 @@ impl Places {
     /// [`GpuError`].
     pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
         match self {
-            Self::Texels(texels) => {
-                texels.capture.record(frame, scene)?;
-                texels.leaks.record(frame, scene, &texels.capture);
-            }
+            Self::Texels(_, texels) => texels.record(frame, scene),
             Self::Vertices(vertices) => vertices.record(frame, scene),
         }
-        Ok(())
     }
 
     /// The buffer by which a triangle's points are found: `atlas` of capture/atlas/lookup.wesl.
     pub fn lookup(&self) -> &wgpu::Buffer {
         match self {
-            Self::Texels(texels) => &texels.lookup.words,
+            Self::Texels(_, texels) => &texels.lookup.words,
             Self::Vertices(vertices) => &vertices.lookup,
+        }
+    }
+
+    /// The atlas, if they are texels.
+    pub fn atlas(&self) -> Option<&Atlas> {
+        match self {
+            Self::Texels(atlas, _) => Some(atlas),
+            Self::Vertices(_) => None,
         }
     }
 
@@ -151,7 +120,7 @@ impl Places {
     /// The captured texels, if they are texels: those are lit at their own place.
     pub fn capture(&self) -> Option<&AtlasCapture> {
         match self {
-            Self::Texels(texels) => Some(&texels.capture),
+            Self::Texels(_, texels) => Some(&texels.capture),
             Self::Vertices(_) => None,
         }
     }
@@ -159,7 +128,7 @@ impl Places {
     /// What they cost, in words, if that is more than the meshes say.
     pub fn described(&self, settings: &Settings) -> Option<String> {
         match self {
-            Self::Texels(_) => None,
+            Self::Texels(..) => None,
             Self::Vertices(vertices) => vertices.described(settings),
         }
     }
@@ -167,10 +136,7 @@ impl Places {
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         match self {
-            Self::Texels(texels) => {
-                let states = texels.leaks.states().map(wgpu::Buffer::size);
-                texels.capture.bytes + texels.lookup.words.size() + states.sum::<u64>()
-            }
+            Self::Texels(_, texels) => texels.bytes(),
             Self::Vertices(vertices) => vertices.bytes(),
         }
     }

@@ -78,6 +78,9 @@ crate::settings! {
     }
 }
 
+/// [`Settings::of_transfer`].
+pub(super) type OfTransfer = (Basis, u32, [u32; 3], Option<[u32; 3]>);
+
 impl Settings {
     /// Coefficients that a texel keeps.
     pub fn terms(&self) -> u32 {
@@ -142,7 +145,7 @@ impl Settings {
     }
 
     /// What decides the transfer vectors: basis, order or coefficients, bounces, rays, seed and clusters.
-    pub(super) fn of_transfer(&self) -> (Basis, u32, [u32; 3], Option<[u32; 3]>) {
+    pub(super) fn of_transfer(&self) -> OfTransfer {
         let of_rays = [self.bounces, self.rays, self.seed];
         let of_clusters = [self.clusters, self.components, self.minimum];
         let of_clusters = self.is_compressed().then_some(of_clusters);

@@ -7,7 +7,7 @@ use gpugi_scene::atlas::Seams;
 use gpugi_scene::{Atlas, Scene, TransferVectors};
 use half::f16;
 
-use super::{At, Basis, Settings, transfer, unfit};
+use super::{At, Basis, INFO, Settings, transfer};
 use crate::capture::Target;
 use crate::capture::atlas::Dilation;
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
@@ -59,15 +59,13 @@ pub(super) fn finished(
 ) -> Result<TransferVectors, GpuError> {
     let is_of_vertices = settings.at == At::Vertices;
     if settings.basis != Basis::Harmonics || settings.is_compressed() || is_of_vertices {
-        return Err(unfit(
-            "files hold harmonics of texels that are not compressed",
-        ));
+        return Err(INFO.unfit("files hold harmonics of texels that are not compressed"));
     }
     let functions = settings.terms() as usize;
     let page = (atlas.size as usize).pow(2);
     let texels = page * atlas.pages as usize;
     if saved.bounces != settings.bounces || saved.vectors.len() < texels * functions * WORDS {
-        return Err(unfit("other texels, or fewer bounces"));
+        return Err(INFO.unfit("other texels, or fewer bounces"));
     }
     let packed: &[[f16; 4]] = bytemuck::cast_slice(&saved.vectors);
     let seams = Seams::new(scene, &atlas);

@@ -15,11 +15,9 @@ use gpugi_scene::{Camera, Environment, Image, Light, LightKind, Material, Mesh, 
 use super::{RadianceTransfer, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::{Edit, GpuScene};
-use crate::techniques::{Earlier, Generated, Resume, Technique};
-use crate::testing::{Point, read_points, test_gpu};
+use crate::techniques::{Earlier, EarlierLight, Generated, Resume, Shared, Technique};
+use crate::testing::{Point, read_points, settled, test_gpu};
 
 /// An environment of `width` x `width / 2` texels with the radiance of each direction, rolled by some texels.
 fn sky(width: u32, rolled: u32, radiance: impl Fn(Vec3) -> Vec3) -> Environment {
@@ -65,8 +63,7 @@ struct Solver {
     scene: GpuScene,
     transfer: RadianceTransfer,
     emission: Emission,
-    impostors: Impostors,
-    environments: Environments,
+    shared: Shared,
 }
 
 impl Solver {
@@ -81,8 +78,7 @@ impl Solver {
         let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
         Self {
             emission: Emission::new(gpu, &on_gpu).unwrap(),
-            impostors: Impostors::new(gpu, &on_gpu, &kernels).unwrap(),
-            environments: Environments::default(),
+            shared: Shared::new(gpu, &on_gpu, &kernels).unwrap(),
             gpu: gpu.clone(),
             scene: on_gpu,
             transfer,
@@ -100,17 +96,12 @@ impl Solver {
         let view = View::new(&camera, [8, 8], Vec2::ZERO, 0, 0, 1.0);
         let mut frame = Frame::new(&self.gpu, false);
         self.scene.merge(&mut frame);
-        let mut earlier = Earlier::new(
-            &mut self.emission,
-            &mut [],
-            &mut self.impostors,
-            &mut self.environments,
-            0,
-            0,
-            true,
+        let mut earlier = Earlier::unlimited(
+            EarlierLight::new(&mut self.emission, &mut []),
+            &mut self.shared,
         );
         let (transfer, scene) = (&mut self.transfer, &self.scene);
-        let generated = transfer.generate(&mut frame, scene, &view, &mut earlier)?;
+        let generated = settled(transfer.generate(&mut frame, scene, &view, &mut earlier))?;
         frame.submit()?;
         Ok(generated)
     }
@@ -123,8 +114,8 @@ impl Solver {
 
     /// The texels that have points, with their irradiance.
     fn texels(&self) -> Vec<(Point, Vec3)> {
-        let made = self.transfer.made.as_ref().unwrap();
-        let found = self.floats(&made.irradiance.radiance);
+        let made = self.transfer.texels.get().unwrap();
+        let found = self.floats(&made.irradiance.target.radiance);
         self.with_points(found.into_iter().map(|[r, g, b, _]| vec3(r, g, b)))
     }
 
@@ -142,7 +133,7 @@ impl Solver {
 
     /// The texels that have points, with a value each.
     fn with_points(&self, values: impl Iterator<Item = Vec3>) -> Vec<(Point, Vec3)> {
-        let made = self.transfer.made.as_ref().unwrap();
+        let made = self.transfer.texels.get().unwrap();
         let points = made.places.capture().expect("texels").points();
         let points = points.flat_map(|points| read_points(&self.gpu, &self.scene, points));
         let texels = points.zip(values);
@@ -153,7 +144,7 @@ impl Solver {
 
     /// Coefficients of the light.
     fn light(&self) -> Vec<Vec3> {
-        let made = self.transfer.made.as_ref().unwrap();
+        let made = self.transfer.texels.get().unwrap();
         let light = self.floats(&made.light.coefficients);
         light
             .into_iter()
@@ -163,7 +154,7 @@ impl Solver {
 
     /// All transfer vectors, as they are stored.
     fn vectors(&self) -> Vec<u32> {
-        let made = self.transfer.made.as_ref().unwrap();
+        let made = self.transfer.texels.get().unwrap();
         let vectors = made.transfer.vectors().expect("vectors");
         read_buffer(&self.gpu, vectors, vectors.size()).unwrap()
     }
@@ -220,8 +211,8 @@ fn constant_linear_and_quadratic_light_is_exact_at_vertices() {
         let normals = mesh.normals.clone();
         let scene = scene_of([mesh], Some(environment.clone()));
         let solver = Solver::new(&gpu, &scene, &[("at", "vertices")]).solve();
-        let made = solver.transfer.made.as_ref().unwrap();
-        let found = solver.floats(&made.irradiance.radiance);
+        let made = solver.transfer.texels.get().unwrap();
+        let found = solver.floats(&made.irradiance.target.radiance);
         // At its poles, the sphere has vertices without a triangle.
         let pairs = normals.iter().zip(&found);
         let pairs: Vec<_> = pairs.filter(|(_, found)| found[3] == 1.0).collect();
@@ -436,7 +427,7 @@ fn vectors_are_the_same_bits_however_they_are_made() {
         let mut rest = Solver::new(&gpu, &corner(), &step_by_step);
         while first.frame().progress < stop as f32 / 12.0 - 1e-3 {}
         let saved = first.transfer.save(&gpu).unwrap().unwrap();
-        while rest.transfer.made.is_none() {
+        while rest.transfer.texels.get().is_none() {
             rest.frame();
         }
         assert_eq!(rest.transfer.resume(&gpu, &saved), Ok(true));

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use gpugi_scene::Atlas;
-use gpugi_scene::atlas::Seams;
 use serde::{Deserialize, Serialize};
 
 use super::compression::{self, Compressed, Compression};
@@ -12,12 +11,12 @@ use super::light::{Light, Made};
 use super::places::Places;
 use super::transfer::{self, Transfer};
 use super::{Basis, INFO, Settings};
-use crate::capture::atlas::{Dilation, SeamFilter, TexelGather};
-use crate::capture::{Receiver, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::capture::Receiver;
+use crate::capture::atlas::KeptIrradiance;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::{Earlier, Generated, Map, Texels};
+use crate::techniques::{Earlier, Generated, Map};
 
 /// Progress that was saved.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -32,8 +31,6 @@ pub(super) struct Saved {
 #[derive(Debug)]
 pub(super) struct LitTexels {
     pub places: Places,
-    /// [`GpuScene::ray_features`] that the passes were compiled for.
-    ray_features: [bool; 3],
     settings: Settings,
     pub transfer: Transfer,
     /// Work toward compressed vectors.
@@ -41,12 +38,8 @@ pub(super) struct LitTexels {
     /// Compressed vectors, once they are ready.
     compressed: Option<Compressed>,
     pub light: Light,
-    /// Irradiance of all texels (W/m^2), row by row, with 1 in a.
-    pub irradiance: Target,
+    pub irradiance: KeptIrradiance,
     relight: Kernel,
-    /// Passes that fill texels without a point and make seams agree.
-    around: Option<(Dilation, SeamFilter)>,
-    gather: TexelGather,
     /// Whether the irradiance was computed once.
     is_lit: bool,
     pub revision: u64,
@@ -63,7 +56,6 @@ impl LitTexels {
     ) -> Result<Self, GpuError> {
         let places = Places::new(gpu, scene, settings, atlas, most_texels)?;
         let size = places.map_size();
-        let irradiance = Target::new(gpu, size[0] * size[1])?;
         let (relight, length) = match settings.basis {
             Basis::Harmonics => (
                 shader!("techniques.radiance_transfer.relight"),
@@ -74,62 +66,24 @@ impl LitTexels {
                 ("TERMS", f64::from(settings.coefficients)),
             ),
         };
-        let options = KernelOptions {
-            constants: &[length],
-            ..Default::default()
-        };
-        let gather = shader!("capture.atlas.gather");
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
-        let kept = [
-            ("atlas", places.lookup().as_entire_binding()),
-            ("irradiance", irradiance.radiance.as_entire_binding()),
-        ];
-        let light = Light::new(gpu, scene, settings)?;
-        let glossy = if glossy.is_empty() {
-            None
-        } else {
-            let light = &light.coefficients;
-            Some(Glossy::new(gpu, scene, settings, glossy, &places, light)?)
+        let glossy = match glossy {
+            [] => None,
+            glossy => Some(Glossy::new(gpu, scene, settings, glossy, &places)?),
         };
-        let around = match (&places, scene.host()) {
-            (Places::Texels(texels), Some(host)) => {
-                let seams = Seams::new(host, &texels.atlas);
-                let seams = SeamFilter::new(gpu, &seams, &irradiance)?;
-                Some((Dilation::new(gpu, size)?, seams))
-            }
-            _ => None,
-        };
+        let constants = [left_out, places.constant()];
         Ok(Self {
-            ray_features: scene.ray_features(),
             settings: settings.clone(),
             compression: None,
             compressed: None,
             transfer: Transfer::new(gpu, scene, settings, &places, glossy)?,
-            light,
-            relight: Kernel::with_options(gpu, &relight, "main", None, &options)?,
-            around,
-            gather: TexelGather::new(gpu, scene, &gather, &[left_out, places.constant()], &kept)?,
-            irradiance,
+            light: Light::new(gpu, scene, settings)?,
+            relight: Kernel::with_constants(gpu, &relight, "main", None, &[length])?,
+            irradiance: KeptIrradiance::new(gpu, scene, size, places.atlas(), &constants)?,
             places,
             is_lit: false,
             revision: 0,
         })
-    }
-
-    /// Whether these are the texels of the atlas, or without one the vertices, with transfer vectors of the settings
-    /// and matrices of the objects.
-    pub fn serves(
-        &self,
-        settings: &Settings,
-        glossy: &[GlossyObject],
-        scene: &GpuScene,
-        atlas: Option<&Arc<Atlas>>,
-    ) -> bool {
-        let made = self.transfer.glossy.as_ref();
-        self.places.serves(scene, settings, atlas)
-            && self.ray_features == scene.ray_features()
-            && self.transfer.is_of(settings)
-            && made.map_or(glossy.is_empty(), |made| made.is_of(glossy))
     }
 
     /// Takes steps toward the transfer vectors, and lights the texels if these or the light have changed.
@@ -146,12 +100,11 @@ impl LitTexels {
             self.compression = None;
         }
         let bounces = self.transfer.bounces();
-        for _ in 0..steps {
-            if self.transfer.is_done() || !earlier.may_step() {
-                break;
-            }
-            earlier.count(self.transfer.step(frame, scene, &self.places)?);
-        }
+        let (transfer, places) = (&mut self.transfer, &self.places);
+        let step = |transfer: &mut Transfer| transfer.step(frame, scene, places);
+        earlier
+            .budget
+            .steps(steps, transfer, Transfer::is_done, step)?;
         let mut has_improved = self.transfer.bounces() > bounces;
         if has_improved {
             self.compressed = None;
@@ -159,12 +112,14 @@ impl LitTexels {
         has_improved |= self.compress(frame, earlier)?;
         let changed = self.light.follow(frame, scene, made_of_light)?;
         if let Some(work) = changed {
-            earlier.count(work);
+            earlier.budget.count(work);
         }
         let has_vectors = self.is_lit || self.transfer.bounces() > 0;
         if has_vectors && (has_improved || changed.is_some()) {
             self.relight(frame)?;
-            earlier.count(self.irradiance.radiance.size() / 16);
+            earlier
+                .budget
+                .count(self.irradiance.target.radiance.size() / 16);
             self.is_lit = true;
             self.revision += u64::from(has_improved);
         }
@@ -199,16 +154,18 @@ impl LitTexels {
         let Some(vectors) = vectors.filter(|_| is_wanted && self.transfer.is_done()) else {
             return Ok(false);
         };
-        if !earlier.may_step() {
+        if !earlier.budget.may_step() {
             return Ok(false);
         }
-        let texels = self.irradiance.radiance.size() / 16;
+        let texels = self.irradiance.target.radiance.size() / 16;
         let mut compression = match self.compression.take() {
             Some(compression) => compression,
             None => Compression::new(frame.gpu, &self.settings, texels as u32)?,
         };
         let saved = compression.step(frame, &self.places, vectors)?;
-        earlier.count(texels * u64::from(self.settings.clusters));
+        earlier
+            .budget
+            .count(texels * u64::from(self.settings.clusters));
         match &saved {
             Some(saved) => {
                 self.compressed = Some(Compressed::new(frame.gpu, &self.settings, saved)?);
@@ -243,7 +200,7 @@ impl LitTexels {
     /// # Errors
     /// Why it does not fit these texels.
     pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
-        let texels = self.irradiance.radiance.size() / 16;
+        let texels = self.irradiance.target.radiance.size() / 16;
         let fits = |one: &compression::Saved| {
             self.settings.is_compressed() && one.fits(&self.settings, texels)
         };
@@ -277,72 +234,58 @@ impl LitTexels {
     /// Multiplies transfer vectors, and matrices, and light: passes `radiance-transfer.relight`,
     /// `radiance-transfer.glossy`, `capture.atlas.dilate` and `capture.atlas.seams`.
     fn relight(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let (light, irradiance) = (&self.light.coefficients, &self.irradiance.radiance);
+        let (light, irradiance) = (&self.light.coefficients, &self.irradiance.target.radiance);
         if let Some(compressed) = &self.compressed {
             compressed.relight(frame, light, irradiance)?;
         } else if let Some(vectors) = self.transfer.vectors() {
-            let factors = [
-                ("light", light.as_entire_binding()),
-                ("transfer", vectors.as_entire_binding()),
+            let resources: [Named<'_>; 3] = [
+                ("light", light),
+                ("transfer", vectors),
+                ("irradiance", irradiance),
             ];
-            let factors = self.relight.bind(gpu, 1, &factors)?;
-            let into = [("irradiance", irradiance.as_entire_binding())];
-            let into = self.relight.bind(gpu, 3, &into)?;
-            let texels = (irradiance.size() / 16) as u32;
-            frame.compute("radiance-transfer.relight", |pass| {
-                let groups = [(1, &factors), (3, &into)];
-                self.relight.dispatch(pass, &groups, [texels, 1, 1]);
-            });
+            let (name, texels) = ("radiance-transfer.relight", irradiance.size() / 16);
+            let texels = [texels as u32, 1, 1];
+            frame.run(name, &self.relight, None, &resources, texels)?;
         }
         if let Some(glossy) = &self.transfer.glossy {
-            glossy.relight(frame);
+            glossy.relight(frame, light)?;
         }
-        if let Some((dilation, seams)) = &self.around {
-            dilation.record(frame, &self.irradiance)?;
-            seams.record(frame);
-        }
-        Ok(())
+        self.irradiance.finish(frame)
     }
 
     /// Adds the light at the receiver's points: passes `radiance-transfer.gather` and
     /// `radiance-transfer.glossy-gather`.
     pub fn gather(
-        &mut self,
+        &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
     ) -> Result<(), GpuError> {
-        let (name, texels) = ("radiance-transfer.gather", self.places.capture());
-        self.gather.record(frame, name, scene, texels, receiver)?;
-        match &mut self.transfer.glossy {
-            Some(glossy) => glossy.gather(frame, scene, texels, receiver),
+        let found = (self.places.capture(), self.places.lookup());
+        let name = "radiance-transfer.gather";
+        self.irradiance
+            .gather(frame, name, scene, receiver, found)?;
+        match &self.transfer.glossy {
+            Some(glossy) => glossy.gather(frame, scene, &self.places, receiver),
             None => Ok(()),
         }
     }
 
     /// Irradiance of all rows, and the coefficients of the light.
     pub fn maps(&self) -> Vec<Map> {
-        let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2]| Map {
-            name: format!("{}.{name}", INFO.name),
-            texels: Texels::Buffer {
-                buffer: buffer.clone(),
-                size,
-                stride: 16,
-                is_number: false,
-            },
+        let map = |name: &str, buffer: &wgpu::Buffer, size: [u32; 2]| {
+            Map::of_colors(format!("{}.{name}", INFO.name), buffer, size, 16)
         };
         let size = self.places.map_size();
         vec![
-            map("irradiance", &self.irradiance.radiance, size),
+            map("irradiance", &self.irradiance.target.radiance, size),
             map("light", &self.light.coefficients, self.light.map_size()),
         ]
     }
 
     /// Bytes that are not in maps.
     pub fn work_bytes(&self) -> u64 {
-        let around = self.around.as_ref();
-        let around = around.map_or(0, |(dilation, seams)| dilation.bytes() + seams.bytes);
+        let around = self.irradiance.work_bytes();
         let compressed = self.compressed.as_ref().map_or(0, Compressed::bytes);
         self.places.bytes() + self.transfer.bytes() + compressed + self.light.bytes() + around
     }

@@ -7,10 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::glossy::Glossy;
 use super::gpu::{COEFFICIENT_BYTES, Work};
-use super::places::{Piece, Places};
+use super::places::Places;
 use super::{Basis, Settings, haar, harmonics};
-use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
-use crate::scene::GpuScene;
+use crate::capture::atlas::tiles_of;
+use crate::gpu::{Frame, Gpu, GpuError, Named, join, read_buffer};
+use crate::scene::{GpuScene, Inputs, Versions};
+use crate::stage::Stage;
 
 /// Rays per step: about 40 ms on a small GPU.
 const RAYS_OF_STEP: u32 = 1 << 22;
@@ -32,6 +34,8 @@ pub(super) struct Transfer {
     tiles: Vec<(usize, Range<u32>)>,
     /// Matrices of glossy texels, which follow the tiles of the last bounce.
     pub glossy: Option<Glossy>,
+    /// The surfaces that they are made for.
+    surfaces: Stage<Versions>,
     state: State,
 }
 
@@ -43,39 +47,15 @@ enum Rays {
 }
 
 /// Texels whose vectors are computed in one step.
-pub(super) struct Tile<'a> {
-    /// Their [`Work`].
-    pub work: wgpu::Buffer,
-    /// The surface points of all texels of their piece.
-    pub piece: &'a wgpu::Buffer,
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tile {
     pub points: u32,
     pub is_first_bounce: bool,
-}
-
-impl Tile<'_> {
-    /// Bindings of group 1.
-    pub fn bindings(&self) -> [(&'static str, wgpu::BindingResource<'_>); 2] {
-        [
-            ("work", self.work.as_entire_binding()),
-            ("points", self.piece.as_entire_binding()),
-        ]
-    }
-}
-
-/// What a step reads and writes, for all texels.
-pub(super) struct Vectors<'a> {
-    /// Vectors with one bounce less.
-    pub before: &'a wgpu::Buffer,
-    pub after: &'a wgpu::Buffer,
-    /// Albedos of diffuse reflection and transmission, rgb9e5; written with the first bounce.
-    pub albedos: &'a wgpu::Buffer,
 }
 
 /// How far the vectors are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct State {
-    /// Versions of geometry and materials that they are made for.
-    pub made: Option<[u64; 2]>,
     /// Bounces that are done.
     pub bounces: u32,
     /// Tiles of the next bounce that are done, those of matrices among them.
@@ -105,13 +85,8 @@ impl Transfer {
     ) -> Result<Self, GpuError> {
         let rays_per_texel = settings.rays_per_texel();
         let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
-        let tiles_of = |(number, piece): (usize, Piece<'_>)| {
-            let count = piece.count;
-            let firsts = (0..count).step_by(at_once as usize);
-            firsts.map(move |first| (number, first..count.min(first + at_once)))
-        };
-        let pieces = places.pieces().into_iter().enumerate();
-        let tiles: Vec<_> = pieces.flat_map(tiles_of).collect();
+        let pieces = places.pieces().into_iter();
+        let tiles = tiles_of(pieces.map(|piece| piece.count), at_once);
         let rays = match settings.basis {
             Basis::Harmonics => {
                 let rays = harmonics::Rays::new(gpu, scene, settings, places)?;
@@ -135,21 +110,13 @@ impl Transfer {
             size_of_vectors: vectors.size(),
             vectors: Some(vectors),
             next: None,
-            albedos: gpu.buffer(
-                "albedos of texels [bytes]",
-                texels * 8,
-                wgpu::BufferUsages::STORAGE,
-            )?,
+            albedos: gpu.room("albedos of texels [bytes]", texels * 8)?,
             rays,
             tiles,
             glossy,
+            surfaces: Stage::default(),
             state: State::default(),
         })
-    }
-
-    /// Whether these vectors are those of the settings.
-    pub fn is_of(&self, settings: &Settings) -> bool {
-        self.settings.of_transfer() == settings.of_transfer()
     }
 
     /// Bytes of all buffers.
@@ -204,13 +171,9 @@ impl Transfer {
     /// Restarts if geometry or materials have changed, and returns whether they have. The vectors remain until the
     /// first bounce is done.
     pub fn follow(&mut self, scene: &GpuScene) -> bool {
-        let now = Some([scene.versions.geometry, scene.versions.materials]);
-        let has_changed = self.state.made != now;
+        let has_changed = self.surfaces.renew(scene.versions.of(Inputs::SURFACES));
         if has_changed {
-            self.state = State {
-                made: now,
-                ..State::default()
-            };
+            self.state = State::default();
         }
         has_changed
     }
@@ -238,11 +201,13 @@ impl Transfer {
             // Texels may have lost their points since.
             frame.clear(&next);
         }
-        let vectors = Vectors {
-            before: &before,
-            after: &next,
-            albedos: &self.albedos,
-        };
+        // What passes read and write, for all texels. Albedos are written with the first bounce.
+        let vectors: [Named<'_>; 4] = [
+            ("before", &before),
+            ("after", &next),
+            ("albedos", &self.albedos),
+            ("atlas", places.lookup()),
+        ];
         let mut rays = 0;
         if let Some((piece, points)) = self.tiles.get(self.state.tiles as usize) {
             let piece = places.pieces()[*piece];
@@ -254,15 +219,15 @@ impl Transfer {
                 seed: self.settings.seed,
                 ..Work::zeroed()
             };
+            let work = gpu.constant("radiance transfer", &work)?;
             let tile = Tile {
-                work: gpu.uniform("radiance transfer", &work)?,
-                piece: piece.points,
                 points: points.len() as u32,
                 is_first_bounce: self.state.bounces == 0,
             };
+            let resources = join(&vectors, &[("work", &work), ("points", piece.points)]);
             match &self.rays {
-                Rays::Harmonics(rays) => rays.record(frame, scene, &tile, &vectors)?,
-                Rays::Wavelets(rays) => rays.record(frame, scene, &tile, &vectors)?,
+                Rays::Harmonics(rays) => rays.record(frame, scene, tile, &resources)?,
+                Rays::Wavelets(rays) => rays.record(frame, scene, tile, &resources)?,
             }
             rays = points.len() as u64 * u64::from(self.settings.rays_per_texel());
         } else if let Some(glossy) = &self.glossy {
@@ -398,9 +363,5 @@ pub(super) fn are_finite(word: u32) -> bool {
 
 /// A buffer of transfer vectors.
 fn vectors(gpu: &Gpu, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
-    gpu.buffer(
-        "transfer vectors [bytes]",
-        bytes,
-        wgpu::BufferUsages::STORAGE,
-    )
+    gpu.room("transfer vectors [bytes]", bytes)
 }

@@ -13,9 +13,10 @@ use self::subdivision::Subdivision;
 use super::Settings;
 use super::gpu::COEFFICIENT_BYTES;
 use crate::capture::SURFACE_POINT_BYTES;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel};
-use crate::scene::GpuScene;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
+use crate::stage::Stage;
 
 /// `HEADER_WORDS` and `INSTANCE_WORDS` of capture/atlas/lookup.wesl.
 const HEADER_WORDS: usize = 2;
@@ -41,23 +42,25 @@ pub(super) struct Vertices {
     pub lookup: wgpu::Buffer,
     /// First point of each instance, and of none.
     firsts: Vec<u32>,
-    resolve: (Kernel, wgpu::BindGroup),
-    made: MadeFor,
-    /// Versions of geometry and materials that the points are of.
-    captured: Option<[u64; 2]>,
+    /// `corners` of vertices/points.wesl.
+    corners: wgpu::Buffer,
+    resolve: Kernel,
+    longest: f32,
+    /// The surfaces that the points are of.
+    captured: Stage<Versions>,
 }
 
 /// What decides which points there are.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct MadeFor {
+pub(super) struct VerticesKey {
     /// Version of the meshes.
     meshes: u64,
     /// Longest distance of points along edges (m), and the version of what is measured; `None`: vertices alone.
     longest: Option<(f32, u64)>,
 }
 
-impl MadeFor {
-    fn new(scene: &GpuScene, settings: &Settings) -> Self {
+impl VerticesKey {
+    pub fn new(scene: &GpuScene, settings: &Settings) -> Self {
         let longest = settings.subdivide;
         Self {
             meshes: scene.versions.meshes,
@@ -161,37 +164,26 @@ impl Vertices {
         })?;
         let count = table.corners.len() as u32;
         let bytes = u64::from(count) * SURFACE_POINT_BYTES;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let points = gpu.buffer("surface points of vertices [bytes]", bytes, storage)?;
+        let points = gpu.room("surface points of vertices [bytes]", bytes)?;
         let corners = gpu.storage("corners of vertices [bytes]", &table.corners)?;
         let resolve = shader!("techniques.radiance_transfer.vertices.points");
         let resolve = Kernel::new(gpu, &resolve, "main", Some(&scene.layout))?;
-        let bindings = [
-            ("corners", corners.as_entire_binding()),
-            ("points", points.as_entire_binding()),
-        ];
         Ok(Self {
             lookup: gpu.storage("points of vertices [bytes]", &table.words)?,
-            resolve: {
-                let group = resolve.bind(gpu, 1, &bindings)?;
-                (resolve, group)
-            },
+            corners,
+            resolve,
             points,
             count,
             firsts: table.firsts,
-            made: MadeFor::new(scene, settings),
-            captured: None,
+            longest,
+            captured: Stage::default(),
         })
-    }
-
-    /// Whether these are the points of the scene.
-    pub fn serves(&self, scene: &GpuScene, settings: &Settings) -> bool {
-        self.made == MadeFor::new(scene, settings)
     }
 
     /// What a subdivision costs, in words.
     pub fn described(&self, settings: &Settings) -> Option<String> {
-        self.made.longest.map(|(longest, _)| {
+        let longest = self.longest;
+        (longest > 0.0).then(|| {
             let bytes = u64::from(self.count) * bytes_of_point(settings);
             format!(
                 "subdivide={longest}: the transfer vectors of {} points take {} MiB",
@@ -207,17 +199,16 @@ impl Vertices {
     }
 
     /// Captures the points again if geometry or materials have changed: pass `radiance-transfer.vertices`.
-    pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) {
-        let now = Some([scene.versions.geometry, scene.versions.materials]);
-        if self.captured == now {
-            return;
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<(), GpuError> {
+        if !self.captured.renew(scene.versions.of(Inputs::SURFACES)) {
+            return Ok(());
         }
-        self.captured = now;
-        let (kernel, group) = &self.resolve;
-        frame.compute("radiance-transfer.vertices", |pass| {
-            let groups = [(0, &scene.bind_group), (1, group)];
-            kernel.dispatch(pass, &groups, [self.count, 1, 1]);
-        });
+        let resources: [Named<'_>; 2] = [("corners", &self.corners), ("points", &self.points)];
+        let (name, scene) = ("radiance-transfer.vertices", Some(&scene.bind_group));
+        frame.run(name, &self.resolve, scene, &resources, [self.count, 1, 1])
     }
 
     /// Bytes of all buffers.

@@ -13,22 +13,19 @@ mod solution;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
-
 use gpugi_scene::Atlas;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Cost, Earlier, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Resume, Role,
-    Technique,
+    Cost, Earlier, Generated, Info, Inspection, LightState, Needs, OwnPoints, Plan, Registration,
+    Resume, Role, Slice, Technique, Unready, atlas,
 };
-use crate::capture::atlas::TexelGather;
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
-use crate::scene::{Claims, GpuScene, Versions};
+use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
-use crate::shader;
+use crate::stage::{Same, Stage};
 use shooting::Batch;
 use solution::Kernels;
 pub use solution::Solution;
@@ -117,12 +114,13 @@ struct Own {
 pub struct Radiosity {
     settings: Settings,
     own: Own,
-    made: Option<LitTexels>,
+    /// In an atlas, by what of the scene the passes are compiled for.
+    texels: Stage<(Same<Atlas>, [bool; 6]), LitTexels>,
     most_texels: u32,
 }
 
 /// What of a scene decides how the passes are compiled.
-fn compiled_for(scene: &GpuScene) -> [bool; 6] {
+fn features(scene: &GpuScene) -> [bool; 6] {
     let [has_alpha, transmits, has_spheres] = scene.ray_features();
     let is_see_through = scene.has_see_through(Claims::SHADOW);
     let has_media = !scene.media.is_empty();
@@ -136,23 +134,17 @@ fn compiled_for(scene: &GpuScene) -> [bool; 6] {
     ]
 }
 
-/// The light of a scene, and what it was computed for.
+/// The light of a scene in texels.
 #[derive(Debug)]
 struct LitTexels {
-    atlas: Arc<Atlas>,
-    /// What of the scene the passes were compiled for.
-    compiled_for: [bool; 6],
     kernels: Kernels,
     solution: Solution,
-    gather: TexelGather,
-    lit: Option<LitAs>,
-    /// What the latest frame's light was, whose iteration may have yet to begin.
-    seen: Option<LitAs>,
-    /// Parts of the atlas whose direct light is that of `lit`.
+    /// Of what other techniques and [`Own`] light the iterates are.
+    light: Stage<(LightState, Own)>,
+    /// Parts of the atlas whose direct light is that.
     lit_parts: usize,
     /// Whether iterates were averaged once, so that the light can be gathered.
     is_averaged: bool,
-    revision: u64,
 }
 
 /// What [`Technique::save`] stores.
@@ -166,29 +158,12 @@ struct Saved {
     light: Vec<u32>,
 }
 
-/// Everything that direct light and its reflections depend on.
-#[derive(Debug, Clone, PartialEq)]
-struct LitAs {
-    versions: Versions,
-    settings: u64,
-    revision: u64,
-    own: Own,
-}
-
-/// Error for saved progress that does not fit.
-fn unfit(reason: impl std::fmt::Display) -> GpuError {
-    GpuError::Pass {
-        pass: INFO.name.into(),
-        reason: format!("what was saved does not fit: {reason}"),
-    }
-}
-
 impl Default for Radiosity {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
             own: Own::default(),
-            made: None,
+            texels: Stage::default(),
             most_texels: MOST_TEXELS,
         }
     }
@@ -197,83 +172,150 @@ impl Default for Radiosity {
 impl Radiosity {
     /// The light in texels, once generated.
     pub fn solution(&self) -> Option<&Solution> {
-        self.made.as_ref().map(|made| &made.solution)
+        self.texels.get().map(|texels| &texels.solution)
     }
+}
 
-    /// Begins the iteration from the present direct light.
-    fn begin(
-        &self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        view: &View,
-        solution: &mut Solution,
-        kernels: &Kernels,
-    ) -> Result<(), GpuError> {
-        let work = gpu::Work {
-            rays: self.settings.rays,
-            light_sampled: self.settings.light_sampled_rays,
-            burn_in: self.settings.burn_in,
-            seed: view.uniform.seed,
-            with_environment: u32::from(self.own.environment && scene.environment.is_some()),
-            with_emission: u32::from(self.own.emission),
-            ..bytemuck::Zeroable::zeroed()
-        };
-        solution.begin(frame, kernels, &work)
-    }
-
+impl Settings {
     /// Number and resolution of shooters; `None` to trace rays.
     fn batch(&self) -> Option<Batch> {
         let batch = Batch {
-            shooters: self.settings.shooters,
-            side: self.settings.hemicube_resolution,
+            shooters: self.shooters,
+            side: self.hemicube_resolution,
         };
-        (self.settings.mode == Mode::Shooting).then_some(batch)
-    }
-
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, atlas: Arc<Atlas>) -> Result<LitTexels, GpuError> {
-        let kernels = Kernels::new(gpu, scene)?;
-        let solution = Solution::new(gpu, scene, &kernels, &atlas, self.most_texels)?;
-        let kept = [
-            ("atlas", solution.lookup.words.as_entire_binding()),
-            (
-                "irradiance",
-                solution.irradiance.radiance.as_entire_binding(),
-            ),
-        ];
-        let gather = shader!("capture.atlas.gather");
-        Ok(LitTexels {
-            atlas,
-            compiled_for: compiled_for(scene),
-            gather: TexelGather::new(gpu, scene, &gather, &[], &kept)?,
-            kernels,
-            solution,
-            lit: None,
-            seen: None,
-            lit_parts: 0,
-            is_averaged: false,
-            revision: 0,
-        })
+        (self.mode == Mode::Shooting).then_some(batch)
     }
 }
 
 impl LitTexels {
+    fn new(gpu: &Gpu, scene: &GpuScene, atlas: &Atlas, most_texels: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            kernels: Kernels::new(gpu, scene)?,
+            solution: Solution::new(gpu, scene, atlas, most_texels)?,
+            light: Stage::default(),
+            lit_parts: 0,
+            is_averaged: false,
+        })
+    }
+
     /// Whether all direct light is up to date.
     fn is_lit(&self) -> bool {
         self.lit_parts == self.solution.parts()
     }
 
-    /// Whether the iteration begins again because of the light `now`. `has_first`: its first light was averaged;
-    /// `is_final`: light of earlier techniques is.
-    fn begins(&self, now: &LitAs, has_first: bool, is_final: bool) -> bool {
-        let Some(lit) = &self.lit else { return true };
-        let revision = lit.revision;
-        // Small budgets would never see first light if changes came faster. And to begin at each improvement of other
-        // light would waste work.
-        let has_only_improved = LitAs {
-            revision,
-            ..now.clone()
-        } == *lit;
-        lit != now && has_first && (is_final || !has_only_improved)
+    /// Finds the texels' points. Only the first time in slices: while objects move, points would never be tested.
+    fn capture(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        budget: &mut Slice,
+    ) -> Result<(), Unready> {
+        let is_sliced = budget.is_limited() && !self.is_averaged;
+        match self
+            .solution
+            .capture(frame, scene, is_sliced.then_some(budget))?
+        {
+            true => Ok(()),
+            false => Err(Unready::waits_for("the texels")),
+        }
+    }
+
+    /// Begins again for the light `now`. But small budgets would never see first light if changes came faster than
+    /// `burn_in` iterates, and to begin at each improvement of other light, before it `is_final`, would waste work.
+    fn follow(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        now: (LightState, Own),
+        is_final: bool,
+        settings: &Settings,
+    ) -> Result<(), Unready> {
+        self.light.ask(now);
+        let before = self.light.begun();
+        let has_only_improved = before.is_some_and(|(light, own)| {
+            (light.however_refined(), *own) == (now.0.however_refined(), now.1)
+        });
+        let has_first = self.is_lit() && self.solution.iterates > settings.burn_in;
+        let may_begin = has_first && (is_final || !has_only_improved);
+        if self.light.is_current() || (before.is_some() && !may_begin) {
+            return Ok(());
+        }
+        self.solution.shoot(frame, scene, settings.batch())?;
+        // Where other light led must not show in the light of a still scene, or budgets would.
+        if before.is_some_and(|(light, _)| light.revision != now.0.revision) {
+            self.solution.forget(frame);
+        }
+        self.light.begin();
+        self.lit_parts = 0;
+        self.solution.iterates = 0;
+        Ok(())
+    }
+
+    /// Lights the texels by other techniques, part by part, and then begins the iteration: `work`.
+    fn light(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        earlier: &mut Earlier<'_>,
+        own: Own,
+        work: &gpu::Work,
+    ) -> Result<(), GpuError> {
+        while !self.is_lit() && earlier.budget.may_step() {
+            let fits = |points| earlier.light.work(points, false) <= earlier.budget.left();
+            let Some((receiver, parts)) = self.solution.next_direct(self.lit_parts, fits) else {
+                break;
+            };
+            earlier.gather(frame, scene, &receiver, own.emission)?;
+            self.lit_parts += parts;
+            if self.is_lit() {
+                self.solution.begin(frame, &self.kernels, work)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes steps of the iteration, and averages what counts.
+    fn iterate(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        budget: &mut Slice,
+        settings: &Settings,
+    ) -> Result<(), GpuError> {
+        let Settings {
+            steps,
+            iterations,
+            burn_in,
+            ..
+        } = *settings;
+        let before = self.solution.iterates;
+        let most = (before.max(burn_in) + steps).min(burn_in + iterations);
+        let mut is_first = true;
+        while self.is_lit() && self.solution.iterates < most && budget.may_step() {
+            let solution = &mut self.solution;
+            let part = solution.next_part(budget.left());
+            let is_whole = part.len() as u32 == solution.texel_count();
+            if !is_whole && !is_first {
+                break;
+            }
+            budget.count(solution.iterate(frame, scene, &self.kernels, part)?);
+            if !is_whole {
+                break;
+            }
+            is_first = false;
+        }
+        // Dropped iterates do not count.
+        let [before, counted] =
+            [before, self.solution.iterates].map(|one| one.saturating_sub(burn_in));
+        if counted > before {
+            self.solution.average(frame, &self.kernels)?;
+            self.is_averaged = true;
+            // Dependents need not follow every step.
+            if before == 0 || counted.ilog2() > before.ilog2() || counted == iterations {
+                self.light.improve();
+            }
+        }
+        Ok(())
     }
 }
 
@@ -328,120 +370,34 @@ impl Technique for Radiosity {
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        let Settings {
-            resolution,
-            density,
-            ..
-        } = self.settings;
-        let atlas = scene.atlas(frame.gpu, INFO.name, resolution, density, gpu::TEXEL_BYTES)?;
-        let Some(atlas) = atlas else {
-            return Ok(Generated::without_atlas(scene));
+    ) -> Result<Generated, Unready> {
+        let (gpu, settings, own) = (frame.gpu, &self.settings, self.own);
+        let size = (settings.resolution, settings.density);
+        let atlas = atlas(gpu, scene, INFO.name, size, gpu::TEXEL_BYTES)?;
+        let key = (Same(atlas.clone()), features(scene));
+        let texels = self.texels.compiled(frame, key, |_| {
+            LitTexels::new(gpu, scene, &atlas, self.most_texels)
+        })?;
+        texels.capture(frame, scene, &mut earlier.budget)?;
+        let light = earlier.light.state(scene);
+        texels.follow(frame, scene, (light, own), earlier.light.is_final, settings)?;
+        let work = gpu::Work {
+            rays: settings.rays,
+            light_sampled: settings.light_sampled_rays,
+            burn_in: settings.burn_in,
+            seed: view.uniform.seed,
+            with_environment: u32::from(own.environment && scene.environment.is_some()),
+            with_emission: u32::from(own.emission),
+            ..bytemuck::Zeroable::zeroed()
         };
-        let is_made = |made: &LitTexels| {
-            made.compiled_for == compiled_for(scene) && Arc::ptr_eq(&made.atlas, &atlas)
-        };
-        let mut made = match self.made.take().filter(is_made) {
-            Some(made) => made,
-            None => {
-                let made = self.make(frame.gpu, scene, atlas)?;
-                if frame.awaits_shaders() {
-                    self.made = Some(made);
-                    return Ok(Generated::WITHOUT_SHADERS);
-                }
-                made
-            }
-        };
-        // Only the first time: while objects move, points would never be tested.
-        let is_sliced = earlier.is_limited() && !made.is_averaged;
-        let budget = is_sliced.then_some(&mut *earlier);
-        if !made.solution.capture(frame, scene, budget)? {
-            self.made = Some(made);
-            return Ok(Generated {
-                revision: 0,
-                progress: 0.0,
-                pending: Some("the texels"),
-            });
-        }
-        let lit_as = LitAs {
-            versions: scene.versions,
-            settings: earlier.settings_version,
-            revision: earlier.revision,
-            own: self.own,
-        };
-        let Settings {
-            steps,
-            iterations,
-            burn_in,
-            ..
-        } = self.settings;
-        let is_fresh = made.seen.as_ref() != Some(&lit_as);
-        if is_fresh {
-            made.seen = Some(lit_as.clone());
-        }
-        let has_first = made.is_lit() && made.solution.iterates > burn_in;
-        if made.begins(&lit_as, has_first, earlier.is_final) {
-            made.solution.shoot(frame.gpu, scene, self.batch())?;
-            if frame.awaits_shaders() {
-                self.made = Some(made);
-                return Ok(Generated::WITHOUT_SHADERS);
-            }
-            // Where other light led must not show in the light of a still scene, or budgets would.
-            let before = made.lit.as_ref().map(|lit| lit.revision);
-            if before.is_some_and(|before| before != lit_as.revision) {
-                made.solution.forget(frame);
-            }
-            made.lit = Some(lit_as.clone());
-            made.lit_parts = 0;
-            made.solution.iterates = 0;
-        }
-        while !made.is_lit() && earlier.may_step() {
-            let fits = |points| earlier.gather_work(points) <= earlier.left();
-            let Some((receiver, parts)) = made.solution.next_direct(made.lit_parts, fits) else {
-                break;
-            };
-            earlier.gather(frame, scene, &receiver, self.own.emission)?;
-            made.lit_parts += parts;
-            if made.is_lit() {
-                self.begin(frame, scene, view, &mut made.solution, &made.kernels)?;
-            }
-        }
-        let all = burn_in + iterations;
-        let before = made.solution.iterates;
-        let most = (before.max(burn_in) + steps).min(all);
-        let mut is_first = true;
-        while made.is_lit() && made.solution.iterates < most && earlier.may_step() {
-            let solution = &mut made.solution;
-            let part = solution.next_part(earlier.left());
-            let is_whole = part.len() as u32 == solution.texel_count();
-            if !is_whole && !is_first {
-                break;
-            }
-            earlier.count(solution.iterate(frame, scene, &made.kernels, part));
-            if !is_whole {
-                break;
-            }
-            is_first = false;
-        }
-        // Dropped iterates do not count.
-        let [before, counted] =
-            [before, made.solution.iterates].map(|one| one.saturating_sub(burn_in));
-        if counted > before {
-            made.solution.average(frame, &made.kernels)?;
-            made.is_averaged = true;
-            // Dependents need not follow every step.
-            let is_step = before == 0 || counted.ilog2() > before.ilog2() || counted == iterations;
-            made.revision += u64::from(is_step && !is_fresh);
-        }
-        let is_stale = made.lit.as_ref() != Some(&lit_as);
-        let generated = Generated {
-            revision: made.revision,
-            // Below 1 while it is of other light.
-            progress: made.solution.iterates as f32 / (all + u32::from(is_stale)) as f32,
-            pending: (!made.is_averaged).then_some("the first light between surfaces"),
-        };
-        self.made = Some(made);
-        Ok(generated)
+        texels.light(frame, scene, earlier, own, &work)?;
+        texels.iterate(frame, scene, &mut earlier.budget, settings)?;
+        let all = settings.burn_in + settings.iterations;
+        Ok(Generated {
+            revision: texels.light.revision(),
+            progress: texels.light.progress(texels.solution.iterates, all),
+            pending: (!texels.is_averaged).then_some("the first light between surfaces"),
+        })
     }
 
     fn gather(
@@ -451,12 +407,14 @@ impl Technique for Radiosity {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Some(made) = &mut self.made else {
+        let Some(solution) = self.solution() else {
             return Ok(());
         };
-        let (name, texels) = ("radiosity.gather", &made.solution.texels);
-        made.gather
-            .record(frame, name, scene, Some(texels), receiver)
+        let (name, texels) = ("radiosity.gather", &solution.texels);
+        let found = (Some(&texels.capture), &texels.lookup.words);
+        solution
+            .irradiance
+            .gather(frame, name, scene, receiver, found)
     }
 
     fn inspect(&self) -> Inspection {
@@ -475,30 +433,32 @@ impl Technique for Radiosity {
 
 impl Resume for Radiosity {
     fn save(&self, gpu: &Gpu) -> Result<Option<Vec<u8>>, GpuError> {
-        let Some(made) = &self.made else {
+        let Some(texels) = self.texels.get() else {
             return Ok(None);
         };
         // Dropped iterates are soon made again.
-        let has_light = made.solution.iterates > self.settings.burn_in;
-        let Some(lit) = made.lit.as_ref().filter(|_| has_light) else {
+        let has_light = texels.solution.iterates > self.settings.burn_in;
+        let Some((light, _)) = texels.light.begun().filter(|_| has_light) else {
             return Ok(None);
         };
         let saved = Saved {
-            revision_of_light: lit.revision,
-            revision: made.revision,
-            iterates: made.solution.iterates,
-            light: made.solution.light(gpu)?,
+            revision_of_light: light.revision,
+            revision: texels.light.revision(),
+            iterates: texels.solution.iterates,
+            light: texels.solution.light(gpu)?,
         };
-        postcard::to_allocvec(&saved).map(Some).map_err(unfit)
+        postcard::to_allocvec(&saved)
+            .map(Some)
+            .map_err(|error| INFO.unfit(error))
     }
 
     fn resume(&mut self, gpu: &Gpu, saved: &[u8]) -> Result<bool, GpuError> {
-        let saved: Saved = postcard::from_bytes(saved).map_err(unfit)?;
-        let Some(made) = &mut self.made else {
+        let saved: Saved = postcard::from_bytes(saved).map_err(|error| INFO.unfit(error))?;
+        let Some(texels) = self.texels.get_mut() else {
             return Ok(false);
         };
-        let light = made.lit.as_ref().map(|lit| lit.revision);
-        if light != Some(saved.revision_of_light) || !made.is_lit() {
+        let light = texels.light.begun().map(|(light, _)| light.revision);
+        if light != Some(saved.revision_of_light) || !texels.is_lit() {
             return Ok(false);
         }
         let Settings {
@@ -507,18 +467,17 @@ impl Resume for Radiosity {
             ..
         } = self.settings;
         if !(burn_in + 1..=burn_in + iterations).contains(&saved.iterates) {
-            return Err(unfit("another number of iterates"));
+            return Err(INFO.unfit("another number of iterates"));
         }
-        let solution = &mut made.solution;
+        let solution = &mut texels.solution;
         if !solution.resume(gpu, saved.iterates, &saved.light) {
-            return Err(unfit("other texels, or light that is not finite"));
+            return Err(INFO.unfit("other texels, or light that is not finite"));
         }
         let mut frame = Frame::new(gpu, false);
-        solution.average(&mut frame, &made.kernels)?;
+        solution.average(&mut frame, &texels.kernels)?;
         frame.submit()?;
-        made.is_averaged = true;
-        // A file may hold any number, and counters are added to it.
-        made.revision = saved.revision.min(u32::MAX.into());
+        texels.is_averaged = true;
+        texels.light.set_revision(saved.revision);
         Ok(true)
     }
 }

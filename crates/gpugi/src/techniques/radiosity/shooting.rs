@@ -1,8 +1,7 @@
 //! Iterates by shooting: texels chosen by their power shoot the power of all texels through their hemicubes.
 
-use super::solution::ForStep;
 use crate::capture::depth::{DepthAtlas, DepthKernels, DepthViewSpec};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::lights::gpu::LightSample;
 use crate::scene::GpuScene;
 use crate::shader;
@@ -30,29 +29,16 @@ pub(super) struct Shooting {
     atlas: DepthAtlas,
     aim: Kernel,
     receive: Kernel,
-    aimed: wgpu::BindGroup,
-    pieces: Vec<PieceGroups>,
-    seen: wgpu::BindGroup,
-}
-
-#[derive(Debug)]
-struct PieceGroups {
-    count: u32,
-    receive: wgpu::BindGroup,
-    /// By the index of the buffer that holds the last iterate.
-    receive_texels: [wgpu::BindGroup; 2],
+    samples: wgpu::Buffer,
+    /// How texels of a hemicube lie: `hemicube` of hemicubes.wesl.
+    hemicube: wgpu::Buffer,
+    comparison: wgpu::Sampler,
+    texels: wgpu::Sampler,
 }
 
 impl Shooting {
-    /// The first texels of `chosen` shoot; `steps`: the inputs of each piece's passes.
-    pub fn new(
-        gpu: &Gpu,
-        scene: &GpuScene,
-        batch: Batch,
-        chosen: &wgpu::Buffer,
-        iterates: &[wgpu::Buffer; 2],
-        steps: &[ForStep<'_>],
-    ) -> Result<Self, GpuError> {
+    /// Room for the shooters of a batch.
+    pub fn new(gpu: &Gpu, scene: &GpuScene, batch: Batch) -> Result<Self, GpuError> {
         let Batch { shooters, side } = batch;
         let depth = DepthKernels::of_lamps(gpu, scene)?;
         let near = scene.near();
@@ -65,109 +51,63 @@ impl Shooting {
         let specs = (0..shooters).flat_map(|_| unseen).collect();
         let atlas = DepthAtlas::new(gpu, &depth, specs)?;
         let aim = shader!("techniques.radiosity.hemicubes");
-        let aim = Kernel::new(gpu, &aim, "main", None)?;
         let receive = shader!("techniques.radiosity.receive");
         let constants = [("HAS_TRANSMITTANCE", depth.has_transmittance().into())];
-        let options = KernelOptions {
-            constants: &constants,
-            ..Default::default()
-        };
-        let receive = Kernel::with_options(gpu, &receive, "main", None, &options)?;
         let bytes = u64::from(shooters) * size_of::<LightSample>() as u64;
-        let samples = gpu.buffer("shooters [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let samples = gpu.room("shooters [bytes]", bytes)?;
         let inner = (side - 2 * GUTTER) as f32;
         let kept = (side / 2 + GUTTER) as f32 / side as f32;
         let hemicube = [side as f32 / inner, kept, 0.0, 0.0_f32];
-        let hemicube = gpu.uniform("hemicube", &hemicube)?;
-        let resources = [
-            ("chosen_texels", chosen.as_entire_binding()),
-            ("shooters", samples.as_entire_binding()),
-            ("views", atlas.views.as_entire_binding()),
-            ("hemicube", hemicube.as_entire_binding()),
-        ];
-        let aimed = aim.bind(gpu, 1, &resources)?;
-        let comparison = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("hemicube comparison"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            compare: Some(wgpu::CompareFunction::GreaterEqual),
-            ..Default::default()
-        });
-        let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("hemicube texels"),
-            ..Default::default()
-        });
-        let resources = [
-            (
-                "depth_atlas",
-                wgpu::BindingResource::TextureView(&atlas.view),
-            ),
-            (
-                "depth_comparison",
-                wgpu::BindingResource::Sampler(&comparison),
-            ),
-            ("views", atlas.views.as_entire_binding()),
-            ("shooters", samples.as_entire_binding()),
-            (
-                "hemicube_transmittance",
-                wgpu::BindingResource::TextureView(atlas.transmittance()),
-            ),
-            (
-                "texels_unfilterable",
-                wgpu::BindingResource::Sampler(&texels),
-            ),
-        ];
-        let seen = receive.bind(gpu, 2, &resources)?;
-        let piece = |step: &ForStep<'_>| {
-            let with_direct = [
-                ("work", step.work.as_entire_binding()),
-                ("points", step.points.as_entire_binding()),
-                ("direct", step.direct.as_entire_binding()),
-            ];
-            let receive_of = |last: usize| {
-                let resources = [
-                    ("before", iterates[last].as_entire_binding()),
-                    ("after", iterates[1 - last].as_entire_binding()),
-                ];
-                receive.bind(gpu, 3, &resources)
-            };
-            Ok(PieceGroups {
-                count: step.count,
-                receive: receive.bind(gpu, 1, &with_direct)?,
-                receive_texels: [receive_of(0)?, receive_of(1)?],
-            })
-        };
         Ok(Self {
             bytes: atlas.bytes() + atlas.views.size() + samples.size(),
-            pieces: steps.iter().map(piece).collect::<Result<_, GpuError>>()?,
             batch,
             depth,
             atlas,
-            aim,
-            receive,
-            aimed,
-            seen,
+            aim: Kernel::new(gpu, &aim, "main", None)?,
+            receive: Kernel::with_constants(gpu, &receive, "main", None, &constants)?,
+            samples,
+            hemicube: gpu.uniform("hemicube", &hemicube)?,
+            comparison: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("hemicube comparison"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                compare: Some(wgpu::CompareFunction::GreaterEqual),
+                ..Default::default()
+            }),
+            texels: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("hemicube texels"),
+                ..Default::default()
+            }),
         })
     }
 
     /// Computes one iterate by shooting from the chosen texels: passes `radiosity.hemicubes` and `radiosity.receive`.
-    /// `last`: index of the buffer that holds the previous iterate.
-    pub fn iterate(&self, frame: &mut Frame<'_>, scene: &GpuScene, last: usize) {
-        let name = "radiosity.hemicubes";
-        frame.compute(name, |pass| {
-            let count = [self.batch.shooters, 1, 1];
-            self.aim.dispatch(pass, &[(1, &self.aimed)], count);
-        });
+    pub fn iterate(
+        &self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        pieces: &[(u32, [Named<'_>; 8])],
+    ) -> Result<(), GpuError> {
+        let Some((_, first)) = pieces.first() else {
+            return Ok(());
+        };
+        let own: [Named<'_>; 7] = [
+            ("shooters", &self.samples),
+            ("views", &self.atlas.views),
+            ("hemicube", &self.hemicube),
+            ("depth_atlas", &self.atlas.view),
+            ("depth_comparison", &self.comparison),
+            ("hemicube_transmittance", self.atlas.transmittance()),
+            ("texels_unfilterable", &self.texels),
+        ];
+        let (name, shooters) = ("radiosity.hemicubes", [self.batch.shooters, 1, 1]);
+        frame.run(name, &self.aim, None, &join(first, &own), shooters)?;
         self.atlas.record(frame, name, &self.depth, scene.casters());
         frame.compute("radiosity.receive", |pass| {
-            for piece in &self.pieces {
-                let groups = [
-                    (1, &piece.receive),
-                    (2, &self.seen),
-                    (3, &piece.receive_texels[last]),
-                ];
-                self.receive.dispatch(pass, &groups, [piece.count, 1, 1]);
-            }
-        });
+            pieces.iter().try_for_each(|(count, of_piece)| {
+                let resources = join(of_piece, &own);
+                self.receive.run(pass, None, &resources, [*count, 1, 1])
+            })
+        })
     }
 }

@@ -4,19 +4,17 @@
 use std::ops::Range;
 
 use gpugi_scene::Atlas;
-use gpugi_scene::atlas::Seams;
 
 use super::choosing::{self, Choosing};
 use super::gpu::{MOST_CHOSEN, TEXEL_BYTES, Work};
 use super::shooting::{Batch, Shooting};
-use crate::capture::atlas::{
-    AtlasCapture, AtlasCaptureOptions, AtlasLookup, AtlasPiece, Dilation, LeakTest, SeamFilter,
-};
-use crate::capture::{Receiver, SurfacePoints, Target};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, read_buffer};
+use crate::capture::atlas::{AtlasPiece, KeptIrradiance, KeptTexels};
+use crate::capture::{Receiver, Target};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, read_buffer};
 use crate::scene::GpuScene;
 use crate::shader;
-use crate::techniques::{Earlier, Map, Texels};
+use crate::stage::Stage;
+use crate::techniques::{Map, Slice, Unready};
 
 /// Texels that trace rays in a frame, if the budget allows fewer (but the rest of an iterate).
 const LEAST_TRACED: u64 = 8192;
@@ -50,25 +48,15 @@ impl Kernels {
 /// The light in the texels of an atlas.
 #[derive(Debug)]
 pub struct Solution {
-    /// Indirect irradiance [W/m^2] of the texels of all rows, row by row, with 1 in a; empty texels are filled from
-    /// their neighbours.
-    pub irradiance: Target,
-    /// Lookup of triangles in the atlas.
-    pub lookup: AtlasLookup,
-    /// The texels.
-    pub texels: AtlasCapture,
+    pub(super) irradiance: KeptIrradiance,
+    pub(super) texels: KeptTexels,
     /// Iterates so far, including dropped ones.
     pub iterates: u32,
     /// Texels of all pieces that have traced the rays of the next iterate.
     traced: u32,
     /// What [`Solution::begin`] was given.
     work: Work,
-    leaks: LeakTest,
     pieces: Vec<Piece>,
-    /// Bind group of the atlas lookup and of the chosen texels in `rays`.
-    corners: wgpu::BindGroup,
-    dilation: Dilation,
-    seams: SeamFilter,
     /// Two buffers of iterates, used in turn.
     light: [wgpu::Buffer; 2],
     /// Index of the buffer that holds the last iterate.
@@ -79,122 +67,74 @@ pub struct Solution {
     chosen_count: u32,
     /// Rays per texel and iterate, or shooters.
     work_per_texel: u64,
-    /// Shooters and hemicubes; `None` in the mode that traces rays.
-    shooting: Option<Shooting>,
+    /// Shooters and hemicubes; nothing in the mode that traces rays.
+    shooting: Stage<Batch, Shooting>,
 }
 
-/// Inputs of one step's passes for a piece.
-#[derive(Debug)]
-pub(super) struct ForStep<'a> {
-    pub count: u32,
-    pub work: &'a wgpu::Buffer,
-    pub points: &'a wgpu::Buffer,
-    pub direct: &'a wgpu::Buffer,
-}
-
-/// Resources of the passes for one piece of the atlas.
+/// One piece of the atlas.
 #[derive(Debug)]
 struct Piece {
     first_texel: u32,
     count: u32,
     direct: Target,
-    work: HostBuffer,
-    begin: wgpu::BindGroup,
-    rays: wgpu::BindGroup,
-    average: wgpu::BindGroup,
-    /// By the index of the buffer that holds the last iterate.
-    begin_texels: [wgpu::BindGroup; 2],
-    rays_texels: [wgpu::BindGroup; 2],
-    average_texels: [wgpu::BindGroup; 2],
 }
 
 impl Solution {
     pub(super) fn new(
         gpu: &Gpu,
         scene: &GpuScene,
-        kernels: &Kernels,
         atlas: &Atlas,
         most_texels: u32,
     ) -> Result<Self, GpuError> {
-        let host = scene.host().ok_or_else(|| GpuError::Pass {
-            pass: "radiosity".into(),
-            reason: "there is an atlas, but no scene that it is one of".into(),
-        })?;
-        let options = AtlasCaptureOptions {
-            most_texels,
-            ..AtlasCaptureOptions::default()
-        };
-        let texels = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
-        let lookup = AtlasLookup::new(gpu, host, atlas)?;
-        let size = [atlas.size, atlas.size * atlas.pages];
+        let texels = KeptTexels::new(gpu, scene, atlas, most_texels)?;
+        let size = texels.size();
         let count = size[0] * size[1];
-        let storage = wgpu::BufferUsages::STORAGE;
         let bytes = u64::from(count) * TEXEL_BYTES;
-        let iterates = [0, 1].map(|_| gpu.buffer("light of texels [bytes]", bytes, storage));
+        let iterates = [0, 1].map(|_| gpu.room("light of texels [bytes]", bytes));
         let [one, other] = iterates;
         let iterates = [one?, other?];
-        let irradiance = Target::new(gpu, count)?;
-        let chosen = choosing::room(gpu)?;
-        let resources = [
-            ("atlas", lookup.words.as_entire_binding()),
-            ("chosen_texels", chosen.as_entire_binding()),
-        ];
-        let corners = kernels.rays.bind(gpu, 2, &resources)?;
-        let pieces = texels.pieces().iter();
-        let pieces = pieces
-            .map(|piece| Piece::new(gpu, kernels, piece, atlas.size, &iterates, &irradiance))
-            .collect::<Result<Vec<_>, _>>()?;
-        let steps = for_steps(&texels, &pieces);
+        let piece = |piece: &AtlasPiece| {
+            let count = piece.points.count;
+            Ok(Piece {
+                first_texel: piece.rows.start * atlas.size,
+                count,
+                direct: Target::new(gpu, count)?,
+            })
+        };
+        let pieces = texels.capture.pieces().iter().map(piece);
         Ok(Self {
-            choosing: Choosing::new(gpu, scene, &lookup, count, &iterates, &steps, &chosen)?,
-            chosen,
+            pieces: pieces.collect::<Result<_, GpuError>>()?,
+            choosing: Choosing::new(gpu, scene, count)?,
+            chosen: choosing::room(gpu)?,
             chosen_count: 0,
             work_per_texel: 0,
-            leaks: LeakTest::new(gpu, scene, &texels)?,
-            dilation: Dilation::new(gpu, size)?,
-            seams: SeamFilter::new(gpu, &Seams::new(host, atlas), &irradiance)?,
-            irradiance,
-            lookup,
+            irradiance: KeptIrradiance::new(gpu, scene, size, Some(atlas), &[])?,
             texels,
             iterates: 0,
             traced: 0,
             work: bytemuck::Zeroable::zeroed(),
-            pieces,
-            corners,
             light: iterates,
             last: 0,
-            shooting: None,
+            shooting: Stage::default(),
         })
     }
 
     /// Irradiance of all rows; for each piece, its direct light and the states of its texels (0 empty, 1 good, 2 moved,
     /// 3 invalid).
     pub(super) fn maps(&self) -> Vec<Map> {
-        let width = self.texels.size;
-        let colors = |name: String, of: &Target, rows: u32| Map {
-            name: format!("{}.{name}", super::INFO.name),
-            texels: Texels::Buffer {
-                buffer: of.radiance.clone(),
-                size: [width, rows],
-                stride: 16,
-                is_number: false,
-            },
-        };
-        let rows = width * self.texels.pages;
-        let mut maps = vec![colors("irradiance".into(), &self.irradiance, rows)];
-        let pieces = self.texels.pieces().iter().zip(&self.pieces);
-        for (number, ((of, piece), states)) in pieces.zip(self.leaks.states()).enumerate() {
-            let rows = of.rows.end - of.rows.start;
-            maps.push(colors(format!("direct.{number}"), &piece.direct, rows));
-            maps.push(Map {
-                name: format!("{}.coverage.{number}", super::INFO.name),
-                texels: Texels::Buffer {
-                    buffer: states.clone(),
-                    size: [width, rows],
-                    stride: 4,
-                    is_number: true,
-                },
-            });
+        let (name, size) = (super::INFO.name, self.texels.size());
+        let irradiance = &self.irradiance.target.radiance;
+        let irradiance = Map::of_colors(format!("{name}.irradiance"), irradiance, size, 16);
+        let mut maps = vec![irradiance];
+        let pieces = self.texels.capture.pieces().iter().zip(&self.pieces);
+        let states = self.texels.leaks.states();
+        for (number, ((of, piece), states)) in pieces.zip(states).enumerate() {
+            let size = [size[0], of.rows.end - of.rows.start];
+            let direct = &piece.direct.radiance;
+            let of_direct = format!("{name}.direct.{number}");
+            maps.push(Map::of_colors(of_direct, direct, size, 16));
+            let of_states = format!("{name}.coverage.{number}");
+            maps.push(Map::of_numbers(of_states, states, size, 4));
         }
         maps
     }
@@ -202,10 +142,10 @@ impl Solution {
     /// Bytes that are not in maps.
     pub(super) fn work_bytes(&self) -> u64 {
         let light = self.light.iter().map(wgpu::Buffer::size).sum::<u64>();
-        let shooting = self.shooting.as_ref().map_or(0, |shooting| shooting.bytes);
-        let lookup = self.lookup.words.size();
-        let around = self.dilation.bytes() + self.seams.bytes;
-        light + self.texels.bytes + lookup + around + self.choosing.bytes + shooting
+        let shooting = self.shooting.get().map_or(0, |shooting| shooting.bytes);
+        let texels = self.texels.capture.bytes + self.texels.lookup.words.size();
+        let choosing = self.choosing.bytes() + self.chosen.size();
+        light + texels + self.irradiance.work_bytes() + choosing + shooting
     }
 
     /// Updates the texels' points, and finds those that leak: with a budget, in as many steps as it allows. Returns
@@ -214,23 +154,22 @@ impl Solution {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        budget: Option<&mut Earlier<'_>>,
+        budget: Option<&mut Slice>,
     ) -> Result<bool, GpuError> {
-        self.texels.record(frame, scene)?;
         let Some(budget) = budget else {
-            self.leaks.record(frame, scene, &self.texels);
-            return Ok(true);
+            return self.texels.record(frame, scene).map(|()| true);
         };
-        while !self.leaks.is_done(&self.texels) && budget.may_step() {
-            let rays = self.leaks.record_part(frame, scene, &self.texels, 1);
-            budget.count(rays);
+        let KeptTexels { capture, leaks, .. } = &mut self.texels;
+        capture.record(frame, scene)?;
+        while !leaks.is_done(capture) && budget.may_step() {
+            budget.count(leaks.record_part(frame, scene, capture, 1));
         }
-        Ok(self.leaks.is_done(&self.texels))
+        Ok(leaks.is_done(capture))
     }
 
     /// Number of parts in which the texels are lit directly.
     pub(super) fn parts(&self) -> usize {
-        let pieces = self.texels.pieces().iter();
+        let pieces = self.texels.capture.pieces().iter();
         pieces.map(|piece| piece.parts.len()).sum()
     }
 
@@ -241,7 +180,7 @@ impl Solution {
         mut lit: usize,
         fits: impl Fn(u64) -> bool,
     ) -> Option<(Receiver, usize)> {
-        for (captured, piece) in self.texels.pieces().iter().zip(&self.pieces) {
+        for (captured, piece) in self.texels.capture.pieces().iter().zip(&self.pieces) {
             let parts = captured.parts.len();
             if lit == 0 && fits(piece.count.into()) {
                 return Some((Receiver::new(&captured.points, &piece.direct), parts));
@@ -262,19 +201,52 @@ impl Solution {
     /// Prepares to shoot, or to trace rays if `batch` is `None`. The iteration has to begin again.
     pub(super) fn shoot(
         &mut self,
-        gpu: &Gpu,
+        frame: &Frame<'_>,
         scene: &GpuScene,
         batch: Option<Batch>,
-    ) -> Result<(), GpuError> {
-        if self.shooting.as_ref().map(|shooting| shooting.batch) != batch {
-            self.shooting = None;
-        }
-        if let (None, Some(batch)) = (&self.shooting, batch) {
-            let steps = for_steps(&self.texels, &self.pieces);
-            let shooting = Shooting::new(gpu, scene, batch, &self.chosen, &self.light, &steps)?;
-            self.shooting = Some(shooting);
-        }
-        Ok(())
+    ) -> Result<(), Unready> {
+        let Some(batch) = batch else {
+            self.shooting.clear();
+            return Ok(());
+        };
+        let make = |_| Shooting::new(frame.gpu, scene, batch);
+        self.shooting.compiled(frame, batch, make).map(drop)
+    }
+
+    /// What all passes bind for each piece, in which some texels of all pieces trace rays; with their number.
+    fn resources<'a>(&'a self, works: &'a [wgpu::Buffer]) -> Vec<(u32, [Named<'a>; 8])> {
+        let points = self.texels.capture.points();
+        let captured = points.zip(&self.pieces).zip(works);
+        let of_pieces = captured.map(|((points, piece), work)| {
+            let resources: [Named<'_>; 8] = [
+                ("work", work),
+                ("points", &points.points),
+                ("direct", &piece.direct),
+                ("before", &self.light[self.last]),
+                ("after", &self.light[1 - self.last]),
+                ("atlas", &self.texels.lookup.words),
+                ("chosen_texels", &self.chosen),
+                ("irradiance", &self.irradiance.target),
+            ];
+            (piece.count, resources)
+        });
+        of_pieces.collect()
+    }
+
+    /// The work of each piece, in which `part` of all texels trace rays.
+    fn works(&self, gpu: &Gpu, part: &Range<u32>) -> Result<Vec<wgpu::Buffer>, GpuError> {
+        let work = |piece: &Piece| {
+            let traced = piece.texels_of(part);
+            let work = Work {
+                first_texel: piece.first_texel,
+                count: piece.count,
+                first_traced: traced.start,
+                end_traced: traced.end,
+                ..self.work
+            };
+            gpu.constant("radiosity", &work)
+        };
+        self.pieces.iter().map(work).collect()
     }
 
     /// Restarts the iteration from the light of the last iterate and discards all else: pass `radiosity.begin`.
@@ -286,7 +258,7 @@ impl Solution {
     ) -> Result<(), GpuError> {
         (self.iterates, self.traced) = (0, 0);
         let texels = self.pieces.iter().map(|piece| piece.count).sum();
-        let batch = self.shooting.as_ref().map(|shooting| shooting.batch);
+        let batch = self.shooting.get().map(|shooting| shooting.batch);
         self.chosen_count = match batch {
             Some(batch) => batch.shooters,
             None if work.light_sampled > 0 => MOST_CHOSEN,
@@ -301,16 +273,17 @@ impl Solution {
             chosen: self.chosen_count,
             ..*work
         };
-        for piece in &self.pieces {
-            piece.write(frame.gpu, &self.work, 0..piece.count);
-        }
+        let gpu = frame.gpu;
+        let works = self.works(gpu, &(0..texels))?;
         frame.compute("radiosity.begin", |pass| {
-            for piece in &self.pieces {
-                let groups = [(1, &piece.begin), (3, &piece.begin_texels[self.last])];
-                kernels.begin.dispatch(pass, &groups, [piece.count, 1, 1]);
+            for (piece, work) in self.pieces.iter().zip(&works) {
+                let last = &self.light[self.last];
+                let resources: [Named<'_>; 2] = [("work", work), ("after", last)];
+                let count = [piece.count, 1, 1];
+                kernels.begin.run(pass, None, &resources, count)?;
             }
-        });
-        Ok(())
+            Ok(())
+        })
     }
 
     /// The texels that trace the rays of the next iterate in a frame with a budget of `units`, at least
@@ -319,7 +292,7 @@ impl Solution {
         let most = units / self.work_per_texel.max(1);
         let end = most.max(LEAST_TRACED).saturating_add(self.traced.into());
         let end = end.min(self.work.texels.into()) as u32;
-        match self.shooting {
+        match self.shooting.get() {
             Some(_) => 0..self.work.texels,
             None => self.traced..end,
         }
@@ -338,31 +311,26 @@ impl Solution {
         scene: &GpuScene,
         kernels: &Kernels,
         part: Range<u32>,
-    ) -> u64 {
+    ) -> Result<u64, GpuError> {
+        let works = self.works(frame.gpu, &part)?;
+        let pieces = self.resources(&works);
         if self.chosen_count > 0 && self.traced == 0 {
-            self.choosing
-                .record(frame, scene, self.last, self.chosen_count);
+            let chosen = self.chosen_count;
+            self.choosing.record(frame, scene, &pieces, chosen)?;
         }
-        if let Some(shooting) = &self.shooting {
-            shooting.iterate(frame, scene, self.last);
+        if let Some(shooting) = self.shooting.get() {
+            shooting.iterate(frame, scene, &pieces)?;
         } else {
-            for piece in &self.pieces {
-                piece.write(frame.gpu, &self.work, piece.texels_of(&part));
-            }
             frame.compute("radiosity.rays", |pass| {
-                for piece in &self.pieces {
-                    let groups = [
-                        (0, &scene.ray_bind_group),
-                        (1, &piece.rays),
-                        (2, &self.corners),
-                        (3, &piece.rays_texels[self.last]),
-                    ];
+                for (piece, (_, resources)) in self.pieces.iter().zip(&pieces) {
                     let texels = piece.texels_of(&part).len() as u32;
                     if texels > 0 {
-                        kernels.rays.dispatch(pass, &groups, [texels, 1, 1]);
+                        let (rays, scene) = (&kernels.rays, Some(&scene.ray_bind_group));
+                        rays.run(pass, scene, resources, [texels, 1, 1])?;
                     }
                 }
-            });
+                Ok::<_, GpuError>(())
+            })?;
         }
         self.traced = part.end;
         if part.end == self.work.texels {
@@ -370,21 +338,20 @@ impl Solution {
             self.last = 1 - self.last;
             self.iterates += 1;
         }
-        part.len() as u64 * self.work_per_texel
+        Ok(part.len() as u64 * self.work_per_texel)
     }
 
     /// Averages the iterates into the irradiance that other passes look up: passes `radiosity.average`,
     /// `capture.atlas.dilate` and `capture.atlas.seams`.
     pub(super) fn average(&self, frame: &mut Frame<'_>, kernels: &Kernels) -> Result<(), GpuError> {
+        let works = self.works(frame.gpu, &(0..self.work.texels))?;
         frame.compute("radiosity.average", |pass| {
-            for piece in &self.pieces {
-                let groups = [(1, &piece.average), (3, &piece.average_texels[self.last])];
-                kernels.average.dispatch(pass, &groups, [piece.count, 1, 1]);
-            }
-        });
-        self.dilation.record(frame, &self.irradiance)?;
-        self.seams.record(frame);
-        Ok(())
+            let mut pieces = self.resources(&works).into_iter();
+            pieces.try_for_each(|(count, resources)| {
+                kernels.average.run(pass, None, &resources, [count, 1, 1])
+            })
+        })?;
+        self.irradiance.finish(frame)
     }
 
     /// The state from which the next iterate continues: `Texel` of texel.wesl. Waits for the GPU.
@@ -411,87 +378,10 @@ impl Solution {
     }
 }
 
-/// Inputs of one step's passes for each piece.
-fn for_steps<'a>(texels: &'a AtlasCapture, pieces: &'a [Piece]) -> Vec<ForStep<'a>> {
-    let of_piece = |(points, piece): (&'a SurfacePoints, &'a Piece)| ForStep {
-        count: piece.count,
-        work: &piece.work,
-        points: &points.points,
-        direct: &piece.direct.radiance,
-    };
-    texels.points().zip(pieces).map(of_piece).collect()
-}
-
 impl Piece {
     /// Texels of the piece that are among these of all pieces.
     fn texels_of(&self, texels: &Range<u32>) -> Range<u32> {
         let here = |texel: u32| texel.saturating_sub(self.first_texel).min(self.count);
         here(texels.start)..here(texels.end)
-    }
-
-    /// Writes what the passes of the piece read, of which these texels trace rays.
-    fn write(&self, gpu: &Gpu, work: &Work, traced: Range<u32>) {
-        let work = Work {
-            first_texel: self.first_texel,
-            count: self.count,
-            first_traced: traced.start,
-            end_traced: traced.end,
-            ..*work
-        };
-        self.work.write(gpu, std::slice::from_ref(&work));
-    }
-
-    fn new(
-        gpu: &Gpu,
-        kernels: &Kernels,
-        piece: &AtlasPiece,
-        size: u32,
-        iterates: &[wgpu::Buffer; 2],
-        irradiance: &Target,
-    ) -> Result<Self, GpuError> {
-        let count = piece.points.count;
-        let direct = Target::new(gpu, count)?;
-        let bytes = size_of::<Work>() as u64;
-        let work = HostBuffer::new(gpu, "radiosity", bytes, wgpu::BufferUsages::UNIFORM)?;
-        let begin = [("work", work.as_entire_binding())];
-        let average = [
-            ("work", work.as_entire_binding()),
-            ("points", piece.points.points.as_entire_binding()),
-        ];
-        let rays = [
-            ("work", work.as_entire_binding()),
-            ("points", piece.points.points.as_entire_binding()),
-            ("direct", direct.radiance.as_entire_binding()),
-        ];
-        let by_last = |bind: &dyn Fn(usize) -> Result<wgpu::BindGroup, GpuError>| {
-            Ok::<_, GpuError>([bind(0)?, bind(1)?])
-        };
-        Ok(Self {
-            first_texel: piece.rows.start * size,
-            count,
-            begin: kernels.begin.bind(gpu, 1, &begin)?,
-            rays: kernels.rays.bind(gpu, 1, &rays)?,
-            average: kernels.average.bind(gpu, 1, &average)?,
-            begin_texels: by_last(&|last| {
-                let resources = [("after", iterates[last].as_entire_binding())];
-                kernels.begin.bind(gpu, 3, &resources)
-            })?,
-            rays_texels: by_last(&|last| {
-                let resources = [
-                    ("before", iterates[last].as_entire_binding()),
-                    ("after", iterates[1 - last].as_entire_binding()),
-                ];
-                kernels.rays.bind(gpu, 3, &resources)
-            })?,
-            average_texels: by_last(&|last| {
-                let resources = [
-                    ("before", iterates[last].as_entire_binding()),
-                    ("irradiance", irradiance.radiance.as_entire_binding()),
-                ];
-                kernels.average.bind(gpu, 3, &resources)
-            })?,
-            direct,
-            work,
-        })
     }
 }

@@ -9,11 +9,9 @@ use gpugi_scene::{Camera, Instance, Material, Mesh, Scene};
 use super::{Radiosity, Saved};
 use crate::capture::{CaptureKernels, Emission, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
-use crate::techniques::{Earlier, Resume, Technique, Texels};
-use crate::testing::{read_points, test_gpu};
+use crate::techniques::{Earlier, EarlierLight, Resume, Shared, Technique, Texels};
+use crate::testing::{read_points, settled, test_gpu};
 
 const ALBEDO: f32 = 0.6;
 
@@ -67,9 +65,9 @@ fn texels(
 /// The texels that have points.
 fn found(gpu: &Gpu, on_gpu: &GpuScene, radiosity: &Radiosity) -> Vec<Texel> {
     let solution = radiosity.solution().unwrap();
-    let points = solution.texels.points();
+    let points = solution.texels.capture.points();
     let points = points.flat_map(|points| read_points(gpu, on_gpu, points));
-    let irradiance = &solution.irradiance.radiance;
+    let irradiance = &solution.irradiance.target.radiance;
     let irradiance: Vec<[f32; 4]> = read_buffer(gpu, irradiance, irradiance.size()).unwrap();
     let texels = points.zip(&irradiance);
     texels
@@ -97,24 +95,15 @@ fn solved(
     radiosity.plan(&on_gpu, &[], &[]);
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
-    let mut environments = Environments::default();
+    let mut shared = Shared::new(gpu, &on_gpu, &kernels).unwrap();
     let camera = Camera::look_at("", Vec3::ONE, Vec3::ZERO, 1.0);
     let view = View::new(&camera, [8, 8], glam::Vec2::ZERO, 0, seed, 1.0);
     let mut frame = Frame::new(gpu, false);
     on_gpu.merge(&mut frame);
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
     let mut generate = || {
         let generated = radiosity.generate(&mut frame, &on_gpu, &view, &mut lit);
-        generated.unwrap().pending
+        settled(generated).unwrap().pending
     };
     assert!(generate().is_some(), "the atlas is laid out beside frames");
     on_gpu.wait_for_atlas();
@@ -327,7 +316,7 @@ fn several_pages_hold_the_light_of_one() {
             let more = [("resolution", resolution), ("density", "16")];
             let settings = [mode, &more].concat();
             let (on_gpu, radiosity) = solved(&gpu, &scene, &settings, seed, u32::MAX);
-            let pages = radiosity.solution().unwrap().texels.pages;
+            let pages = radiosity.solution().unwrap().texels.capture.pages;
             (pages, found(&gpu, &on_gpu, &radiosity))
         };
         let ((one, whole), (several, parts)) = (of("128", 0), of("64", 1));
@@ -354,7 +343,7 @@ fn maps_are_those_of_all_pages() {
     let Some(gpu) = test_gpu() else { return };
     let settings = [RAYS, &[("resolution", "64"), ("density", "16")]].concat();
     let (_, radiosity) = solved(&gpu, &room_of_walls(), &settings, 0, 64 * 64);
-    let pages = radiosity.solution().unwrap().texels.pages;
+    let pages = radiosity.solution().unwrap().texels.capture.pages;
     let maps = radiosity.inspect().maps;
     assert_eq!(maps.len() as u32, 1 + 2 * pages);
     let mut rows = [0; 3];

@@ -11,14 +11,15 @@ mod passes;
 mod tests;
 
 use super::{
-    Cost, Earlier, Figure, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration, Role,
-    Technique, distance_impostor,
+    AUTO, Cost, Earlier, Figure, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration,
+    Role, Technique, Unready, distance_impostor, named,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::light_paths::{LightClass, LightPaths, SEEN_DIRECTLY};
+use crate::light_paths::{LightPaths, SEEN_LIGHTS, shown};
 use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
+use crate::stage::Stage;
 use passes::{MOST_RAYS, Passes};
 
 /// Name, summary, source and light paths of the technique.
@@ -85,11 +86,11 @@ crate::settings! {
     }
 }
 
-/// The value of [`Settings::objects`] that leaves the choice to gpugi.
-const AUTO: &str = "auto";
-
 /// Beyond this many triangles, testing every one deserves a warning.
 const MOST_TRIANGLES: u32 = 100_000;
+
+/// Constants of the passes' shaders.
+type Constants = [(&'static str, f64); 3];
 
 /// Ray tracing.
 #[derive(Debug, Default)]
@@ -97,9 +98,8 @@ pub struct RayTracing {
     settings: Settings,
     /// Whether any object is traced.
     has_objects: bool,
-    passes: Option<Passes>,
-    /// With which constants, and for which tracer, the passes are compiled.
-    compiled_for: Option<([(&'static str, f64); 3], Tracer)>,
+    /// By the constants and the tracer that they are compiled for.
+    passes: Stage<(Constants, Tracer), Passes>,
     /// Most rays in flight, if not [`MOST_RAYS`].
     most_rays: Option<u64>,
 }
@@ -135,33 +135,21 @@ impl Technique for RayTracing {
         self.has_objects = traced().next().is_some();
         let is_smooth = traced().any(|object| object.is_smooth || object.least_roughness == 0.0);
         let is_rough = traced().any(|object| !object.is_smooth);
-        let lobes = match (is_smooth, is_rough) {
-            (true, true) => "[GS]",
-            (false, _) => "G",
-            (true, false) => "S",
-        };
         let most = self.settings.bounces;
         let mut paths = Vec::new();
         let sees_only_environment = self.settings.environment == SeenEnvironment::Only;
         if self.has_objects && !sees_only_environment {
-            let bounces = format!("{lobes}{{1,{most}}}");
-            paths.extend(covered.iter().map(|one| one.continued(&bounces)));
+            paths.extend(shown(covered, [is_smooth, is_rough], most));
         }
         if is_smooth {
             // Other techniques add lights on rough lobes.
-            let bounces = format!("S{{1,{most}}}");
-            let classes = [LightClass::Environment, LightClass::Area];
-            for &class in &classes[..if sees_only_environment { 1 } else { 2 }] {
-                paths.push(LightPaths::new(class, SEEN_DIRECTLY).continued(&bounces));
-            }
+            let lights = &SEEN_LIGHTS[..if sees_only_environment { 1 } else { 2 }];
+            paths.extend(shown(lights, [true, false], most));
         }
         Plan {
             paths,
             claims: scene.objects.iter().map(claim).collect(),
-            object_names: match list {
-                AUTO => String::new(),
-                list => list.to_owned(),
-            },
+            object_names: named(list),
             lookups: most,
             needs: None,
         }
@@ -173,22 +161,18 @@ impl Technique for RayTracing {
         scene: &GpuScene,
         _: &View,
         _: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        if !scene.has_rays() {
-            return Err(GpuError::Pass {
-                pass: INFO.name.into(),
-                reason: "the scene was uploaded without rays: use GpuScene::with_texels".into(),
-            });
-        }
-        let [alpha, spheres] = scene.ray_constants();
-        let constants = [alpha, spheres, scene.media_constant()];
-        let wanted = Some((constants, self.settings.tracer));
-        if self.has_objects && self.compiled_for != wanted {
-            self.passes = Some(Passes::new(frame.gpu, scene, &self.settings)?);
-            self.compiled_for = wanted;
-        }
-        if let Some(passes) = &mut self.passes {
-            passes.follow(frame.gpu, scene)?;
+    ) -> Result<Generated, Unready> {
+        scene.expect_rays(INFO.name)?;
+        if self.has_objects {
+            let (gpu, settings) = (frame.gpu, &self.settings);
+            let [alpha, spheres] = scene.ray_constants();
+            let constants = [alpha, spheres, scene.media_constant()];
+            let passes = self
+                .passes
+                .compiled(frame, (constants, settings.tracer), |_| {
+                    Passes::new(gpu, scene, settings)
+                })?;
+            passes.follow(gpu, scene)?;
         }
         Ok(Generated::FINAL)
     }
@@ -204,31 +188,29 @@ impl Technique for RayTracing {
         if !self.has_objects || receiver.points.output != Output::RadianceToEye {
             return Ok(());
         }
-        match &mut self.passes {
-            Some(passes) => {
-                passes.see(frame.gpu, earlier.media_sources())?;
-                let most = self.most_rays.unwrap_or(MOST_RAYS);
-                passes.record(frame, scene, receiver, &self.settings, most, earlier)
-            }
-            None => Ok(()),
-        }
+        let Some(passes) = self.passes.get_mut() else {
+            return Ok(());
+        };
+        let media = earlier.media_sources();
+        let settings = (&self.settings, self.most_rays.unwrap_or(MOST_RAYS));
+        passes.record(frame, scene, receiver, settings, media, earlier)
     }
 
     fn inspect(&self) -> Inspection {
-        let triangles = self.passes.as_ref().map_or(0, Passes::triangles);
+        let triangles = self.passes.get().map_or(0, Passes::triangles);
         let warning = format!(
             "ray-tracing tests its rays against all {triangles} triangles, which is slow: ray-tracing.tracer=bvh \
              needs a few tests per ray"
         );
         Inspection {
-            work_bytes: self.passes.as_ref().map_or(0, Passes::bytes),
+            work_bytes: self.passes.get().map_or(0, Passes::bytes),
             warnings: Vec::from_iter((triangles > MOST_TRIANGLES).then_some(warning)),
             ..Inspection::default()
         }
     }
 
     fn figures(&mut self, gpu: &Gpu) -> Result<Vec<Figure>, GpuError> {
-        let figures = self.passes.as_ref().map(|passes| passes.figures(gpu));
+        let figures = self.passes.get().map(|passes| passes.figures(gpu));
         figures.unwrap_or_else(|| Ok(Vec::new()))
     }
 }

@@ -4,13 +4,11 @@
 use bytemuck::Zeroable;
 
 use super::{SeenEnvironment, Settings, Tracer, gpu};
-use crate::capture::{
-    Output, PerReceiver, Receiver, SURFACE_POINT_BYTES, Slots, SurfacePoints, Target, ViewUniform,
-    hits_of_points,
-};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, read_buffer};
-use crate::scene::GpuScene;
+use crate::capture::{Output, Receiver, SurfacePoints, Target, ViewUniform};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join, read_buffer};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
+use crate::stage::Stage;
 use crate::techniques::{Earlier, Figure, MediaSources};
 
 /// Bytes per ray in `rows` of rays.wesl: eight rows of 16 bytes, and an entry in each of two lists.
@@ -53,16 +51,13 @@ pub struct Passes {
     /// Bounding spheres of triangles and groups of rays, for `cones`.
     of_cones: Option<[Kernel; 2]>,
     trace: Kernel,
-    media_kernel: Kernel,
+    media: Kernel,
     shade: Kernel,
     add: Kernel,
     pub(super) in_flight: Option<InFlight>,
-    chunks: PerReceiver<Vec<Chunk>>,
     /// All triangles, if the tracer tests every one.
-    triangles: Option<Triangles>,
-    /// Media that rays pass, and bind groups 2 of `media_kernel` and `shade`.
-    media: (MediaSources, [wgpu::BindGroup; 2]),
-    /// With which `chunks` are bound.
+    triangles: Stage<Versions, Option<Triangles>>,
+    no_media: MediaSources,
     settings: Settings,
 }
 
@@ -76,35 +71,17 @@ pub(super) struct InFlight {
     groups: Option<wgpu::Buffer>,
     /// The points that rays hit, which the techniques before this one light.
     hits: Receiver,
-    hit_records: wgpu::TextureView,
 }
 
 /// The triangles of all instances.
 #[derive(Debug)]
 struct Triangles {
-    /// Bind group 2 of `trace`, and of `advance`.
-    group: wgpu::BindGroup,
-    advance_group: wgpu::BindGroup,
-    /// Bind group 2 of the pass that makes their bounding spheres, until it has run.
-    spheres: Option<wgpu::BindGroup>,
+    /// `runs` of triangles.wesl.
+    runs: wgpu::Buffer,
     count: u32,
-    /// For which geometry and instances.
-    versions: [u64; 2],
-}
-
-/// A part of a receiver's points, as large as the rays in flight allow.
-#[derive(Debug)]
-struct Chunk {
-    begin: [wgpu::BindGroup; 2],
-    plan: [wgpu::BindGroup; 2],
-    advance: wgpu::BindGroup,
-    /// Groups the rays, for `cones`.
-    group: Option<wgpu::BindGroup>,
-    trace: [wgpu::BindGroup; 2],
-    media: [wgpu::BindGroup; 2],
-    shade: [wgpu::BindGroup; 2],
-    add: [wgpu::BindGroup; 3],
-    values: gpu::Chunk,
+    /// Their bounding spheres, for `cones`, and whether these are yet to be made.
+    spheres: Option<wgpu::Buffer>,
+    is_unbounded: bool,
 }
 
 impl Passes {
@@ -113,54 +90,35 @@ impl Passes {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
-        let layout = Some(&scene.layout);
+        let own = Some(&scene.layout);
+        let kernel = |shader, layout| Kernel::new(gpu, &shader, "main", layout);
         let trace = match settings.tracer {
             Tracer::Bvh => shader!("techniques.ray_tracing.bvh"),
             Tracer::Engine => shader!("techniques.ray_tracing.engine"),
             Tracer::Cones => shader!("techniques.ray_tracing.cones"),
         };
-        let plan = shader!("techniques.ray_tracing.plan");
-        let advance = shader!("techniques.ray_tracing.advance");
-        let [begin, add] = [
-            (shader!("techniques.ray_tracing.begin"), layout),
-            (shader!("techniques.ray_tracing.add"), None),
-        ]
-        .map(|(shader, layout)| Kernel::new(gpu, &shader, "main", layout));
+        let spheres = shader!("techniques.ray_tracing.spheres");
+        let groups = shader!("techniques.ray_tracing.groups");
         let shade = shader!("techniques.ray_tracing.shade");
-        let options = KernelOptions {
-            constants: &[scene.media_constant()],
-            ..Default::default()
-        };
-        let shade = Kernel::with_options(gpu, &shade, "main", layout, &options)?;
-        let of_cones = match settings.tracer {
-            Tracer::Cones => {
-                let shader = shader!("techniques.ray_tracing.spheres");
-                let spheres = Kernel::new(gpu, &shader, "main", Some(&scene.ray_layout))?;
-                let shader = shader!("techniques.ray_tracing.groups");
-                Some([spheres, Kernel::new(gpu, &shader, "main", None)?])
-            }
-            Tracer::Bvh | Tracer::Engine => None,
-        };
         let media = shader!("techniques.ray_tracing.media");
-        let media_kernel = scene.ray_kernel(gpu, &media, &[])?;
-        let none = MediaSources::none(gpu)?;
-        let no_media = [
-            none.bind_lights(gpu, &media_kernel)?,
-            none.bind(gpu, &shade)?,
-        ];
         Ok(Self {
-            begin: begin?,
-            of_cones,
-            plan: Kernel::new(gpu, &plan, "main", None)?,
-            advance: Kernel::new(gpu, &advance, "main", None)?,
+            begin: kernel(shader!("techniques.ray_tracing.begin"), own)?,
+            of_cones: match settings.tracer {
+                Tracer::Cones => Some([
+                    kernel(spheres, Some(&scene.ray_layout))?,
+                    kernel(groups, None)?,
+                ]),
+                Tracer::Bvh | Tracer::Engine => None,
+            },
+            plan: kernel(shader!("techniques.ray_tracing.plan"), None)?,
+            advance: kernel(shader!("techniques.ray_tracing.advance"), None)?,
             trace: scene.ray_kernel(gpu, &trace, &[("LOWEST_WINS", 1.0)])?,
-            media: (none, no_media),
-            media_kernel,
-            shade,
-            add: add?,
+            media: scene.ray_kernel(gpu, &media, &[])?,
+            shade: Kernel::with_constants(gpu, &shade, "main", own, &[scene.media_constant()])?,
+            add: kernel(shader!("techniques.ray_tracing.add"), None)?,
             in_flight: None,
-            chunks: PerReceiver::default(),
-            triangles: None,
+            triangles: Stage::default(),
+            no_media: MediaSources::none(gpu)?,
             settings: settings.clone(),
         })
     }
@@ -170,67 +128,38 @@ impl Passes {
     /// # Errors
     /// [`GpuError`].
     pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
-        let versions = [scene.versions.geometry, scene.versions.instances];
-        let is_current = |triangles: &Triangles| triangles.versions == versions;
-        if self.settings.tracer == Tracer::Bvh || self.triangles.as_ref().is_some_and(is_current) {
+        if self.settings.tracer == Tracer::Bvh {
             return Ok(());
         }
-        let Some(runs) = scene.triangle_runs(gpu)? else {
-            return Ok(());
-        };
-        let count = runs.last().map_or(0, |all| all[2]);
-        let buffer = gpu.storage("ray-tracing.triangles [bytes]", &runs)?;
-        let mut resources = vec![("runs", buffer.as_entire_binding())];
-        let advance_group = self.advance.bind(gpu, 2, &resources)?;
-        let mut made_by = None;
-        let spheres;
-        if let Some([kernel, _]) = &self.of_cones {
+        let versions = scene.versions.of(Inputs::GEOMETRY | Inputs::INSTANCES);
+        let has_spheres = self.of_cones.is_some();
+        let made = self.triangles.keep(versions, |_| {
+            let Some(runs) = scene.triangle_runs(gpu)? else {
+                return Ok(None);
+            };
+            let count = runs.last().map_or(0, |all| all[2]);
             let bytes = u64::from(count.max(1) + count.div_ceil(BLOCK)) * SPHERE_BYTES;
-            spheres = gpu.buffer(
-                "ray-tracing.spheres [bytes]",
-                bytes,
-                wgpu::BufferUsages::STORAGE,
-            )?;
-            resources.push(("spheres", spheres.as_entire_binding()));
-            made_by = Some(kernel.bind(gpu, 2, &resources)?);
-        }
-        self.triangles = Some(Triangles {
-            group: self.trace.bind(gpu, 2, &resources)?,
-            advance_group,
-            spheres: made_by,
-            count,
-            versions,
+            let spheres = || gpu.room("ray-tracing.spheres [bytes]", bytes);
+            Ok(Some(Triangles {
+                runs: gpu.storage("ray-tracing.triangles [bytes]", &runs)?,
+                count,
+                spheres: has_spheres.then(spheres).transpose()?,
+                is_unbounded: has_spheres,
+            }))
         });
-        Ok(())
+        made.map(drop)
     }
 
-    /// Has rays see media from now on, or none.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn see(&mut self, gpu: &Gpu, media: Option<MediaSources>) -> Result<(), GpuError> {
-        let media = match media {
-            Some(media) => media,
-            None if self.media.0.directions == 0 => return Ok(()),
-            None => MediaSources::none(gpu)?,
-        };
-        if self.media.0 != media {
-            let groups = [
-                media.bind_lights(gpu, &self.media_kernel)?,
-                media.bind(gpu, &self.shade)?,
-            ];
-            self.media = (media, groups);
-            self.chunks.clear();
-        }
-        Ok(())
+    fn all_triangles(&self) -> Option<&Triangles> {
+        self.triangles.get()?.as_ref()
     }
 
     /// Number of triangles against which every ray is tested.
     pub fn triangles(&self) -> u32 {
-        self.triangles.as_ref().map_or(0, |all| all.count)
+        self.all_triangles().map_or(0, |all| all.count)
     }
 
-    /// Adds what the rays from a receiver's points find, with at most `most_rays` in flight.
+    /// Adds what the rays from a receiver's points find, with at most `most_rays` in flight. `media`: those that rays pass.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -239,14 +168,13 @@ impl Passes {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         receiver: &Receiver,
-        settings: &Settings,
-        most_rays: u64,
+        (settings, most_rays): (&Settings, u64),
+        media: Option<MediaSources>,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         if self.settings != *settings {
             self.settings = settings.clone();
-            self.chunks.clear();
         }
         let points = receiver.points.count;
         let most_rays = match settings.tracer {
@@ -256,121 +184,90 @@ impl Passes {
         let wanted = slots(gpu, points, settings.split, most_rays);
         let in_flight = match self.in_flight.take() {
             Some(made) if made.capacity >= wanted => made,
-            _ => {
-                self.chunks.clear();
-                InFlight::new(gpu, wanted, self.settings.tracer)?
-            }
+            _ => InFlight::new(gpu, wanted, settings.tracer)?,
         };
-        let Self {
-            begin,
-            plan,
-            advance,
-            of_cones,
-            trace,
-            shade,
-            add,
-            chunks,
-            triangles,
-            media_kernel,
-            media: (media, [lights_group, sources_group]),
-            ..
-        } = self;
         let in_flight = &*self.in_flight.insert(in_flight);
-        let kernels = [&*begin, plan, advance, trace, media_kernel, shade, add];
-        let group_kernel = of_cones.as_ref().map(|[_, groups]| groups);
+        let media = media.as_ref().unwrap_or(&self.no_media);
+        let triangles = self.triangles.get_mut().and_then(Option::as_mut);
+        let is_unbounded = triangles.map(|all| std::mem::take(&mut all.is_unbounded));
+        let triangles = self.triangles.get().and_then(Option::as_ref);
+        let mut shared = join(&receiver.resources(), &in_flight.resources());
+        shared.extend(media.resources());
+        if let Some(groups) = &in_flight.groups {
+            shared.push(("groups", groups));
+        }
+        if let Some(all) = triangles {
+            shared.push(("runs", &all.runs));
+            if let Some(spheres) = &all.spheres {
+                shared.push(("spheres", spheres));
+            }
+        }
+        let (of_scene, of_rays) = (Some(&scene.bind_group), Some(&scene.ray_bind_group));
+        if let (Some([spheres, _]), Some(all), Some(true)) =
+            (&self.of_cones, triangles, is_unbounded)
+        {
+            let (name, count) = ("ray-tracing.spheres", [all.count, 1, 1]);
+            frame.run(name, spheres, of_rays, &shared, count)?;
+        }
         let sees_only_environment = settings.environment == SeenEnvironment::Only;
-        let chunks = chunks.of(receiver, || {
-            let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
-            let count = points.div_ceil(several);
-            let all = (0..several).map(|number| gpu::Chunk {
+        let of_media = |number: u32| if sees_only_environment { 0 } else { number };
+        let several = points.div_ceil(in_flight.capacity >> settings.split).max(1);
+        let count = points.div_ceil(several);
+        for number in 0..several {
+            let values = gpu::Chunk {
                 first: number * count,
                 count: count.min(points.saturating_sub(number * count)),
                 bounces: settings.bounces,
                 split: settings.split,
                 tests: most_tests(gpu, settings.tracer),
                 sees_only_environment: u32::from(sees_only_environment),
-                media_directions: if sees_only_environment {
-                    0
-                } else {
-                    media.directions
-                },
-                marched_lights: if sees_only_environment {
-                    0
-                } else {
-                    media.marched_lights
-                },
-            });
-            all.map(|chunk| in_flight.bind(gpu, kernels, group_kernel, receiver, chunk))
-                .collect()
-        })?;
-        let own = (0, &scene.bind_group);
-        if let (Some([kernel, _]), Some(all)) = (&*of_cones, triangles.as_mut())
-            && let Some(group) = all.spheres.take()
-        {
-            frame.compute("ray-tracing.spheres", |pass| {
-                let groups = [(0, &scene.ray_bind_group), (2, &group)];
-                kernel.dispatch(pass, &groups, [all.count, 1, 1]);
-            });
-        }
-        for chunk in chunks {
+                media_directions: of_media(media.directions),
+                marched_lights: of_media(media.marched_lights),
+            };
+            let chunk = gpu.constant("ray-tracing.chunk", &values)?;
+            let resources = join(&shared, &[("chunk", &chunk)]);
             frame.clear_range(&in_flight.rays, 0..COUNTERS);
-            frame.compute("ray-tracing.begin", |pass| {
-                let [seen, rays] = &chunk.begin;
-                let slots = [in_flight.capacity, 1, 1];
-                begin.dispatch(pass, &[own, (1, seen), (3, rays)], slots);
-            });
+            let (name, slots) = ("ray-tracing.begin", [in_flight.capacity, 1, 1]);
+            frame.run(name, &self.begin, of_scene, &resources, slots)?;
             for generation in 1..=settings.bounces {
-                frame.compute("ray-tracing.plan", |pass| {
-                    let [seen, rays] = &chunk.plan;
-                    plan.dispatch(pass, &[(1, seen), (3, rays)], [1, 1, 1]);
-                });
-                if let (Some(kernel), Some(group)) = (group_kernel, &chunk.group) {
-                    frame.compute("ray-tracing.groups", |pass| {
-                        kernel.dispatch(pass, &[(3, group)], [in_flight.capacity, 1, 1]);
-                    });
+                frame.run("ray-tracing.plan", &self.plan, None, &resources, [1, 1, 1])?;
+                if let Some([_, groups]) = &self.of_cones {
+                    frame.run("ray-tracing.groups", groups, None, &resources, slots)?;
                 }
+                let times = triangles.map_or(1, |all| {
+                    passes(all.count, values.count << values.split, values.tests)
+                });
                 frame.compute("ray-tracing.trace", |pass| {
-                    let [seen, rays] = &chunk.trace;
-                    let mut groups = vec![(0, &scene.ray_bind_group), (1, seen), (3, rays)];
-                    let mut times = 1;
-                    if let Some(all) = &*triangles {
-                        groups.push((2, &all.group));
-                        let values = &chunk.values;
-                        times = passes(all.count, values.count << values.split, values.tests);
-                    }
                     for time in 0..times {
-                        if let (1.., Some(all)) = (time, &*triangles) {
-                            let groups = [(2, &all.advance_group), (3, &chunk.advance)];
-                            advance.dispatch(pass, &groups, [1, 1, 1]);
+                        if time > 0 {
+                            self.advance.run(pass, None, &resources, [1, 1, 1])?;
                         }
                         // Of one workgroup per group of rays, if there are groups.
-                        let arguments = if group_kernel.is_some() { 24 } else { 12 };
-                        trace.dispatch_indirect(pass, &groups, &in_flight.arguments, arguments);
+                        let offset = if self.of_cones.is_some() { 24 } else { 12 };
+                        let workgroups = (&in_flight.arguments, offset);
+                        self.trace
+                            .run_indirect(pass, of_rays, &resources, workgroups)?;
                     }
-                });
-                if chunk.values.marched_lights > 0 {
+                    Ok::<_, GpuError>(())
+                })?;
+                let workgroups = (&in_flight.arguments, 0);
+                if values.marched_lights > 0 {
                     frame.compute("ray-tracing.media", |pass| {
-                        let [seen, rays] = &chunk.media;
-                        let own = (0, &scene.ray_bind_group);
-                        let groups = [own, (1, seen), (2, &*lights_group), (3, rays)];
-                        media_kernel.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
-                    });
+                        self.media
+                            .run_indirect(pass, of_rays, &resources, workgroups)
+                    })?;
                 }
                 frame.compute("ray-tracing.shade", |pass| {
-                    let [seen, rays] = &chunk.shade;
-                    let groups = [own, (1, seen), (2, &*sources_group), (3, rays)];
-                    shade.dispatch_indirect(pass, &groups, &in_flight.arguments, 0);
-                });
+                    self.shade
+                        .run_indirect(pass, of_scene, &resources, workgroups)
+                })?;
                 if !sees_only_environment {
                     earlier.gather(frame, scene, &in_flight.hits, false)?;
                 } else if generation < settings.bounces {
                     continue;
                 }
-                frame.compute("ray-tracing.add", |pass| {
-                    let [seen, light, rays] = &chunk.add;
-                    let groups = [(1, seen), (2, light), (3, rays)];
-                    add.dispatch(pass, &groups, [chunk.values.count, 1, 1]);
-                });
+                let (name, count) = ("ray-tracing.add", [values.count, 1, 1]);
+                frame.run(name, &self.add, None, &resources, count)?;
             }
         }
         Ok(())
@@ -450,7 +347,7 @@ impl InFlight {
     fn new(gpu: &Gpu, capacity: u32, tracer: Tracer) -> Result<Self, GpuError> {
         let storage = wgpu::BufferUsages::STORAGE;
         let bytes = size_of::<gpu::Header>() as u64 + u64::from(capacity) * RAY_BYTES;
-        let rays = gpu.buffer("ray-tracing.rays [bytes]", bytes, storage)?;
+        let rays = gpu.room("ray-tracing.rays [bytes]", bytes)?;
         let header = gpu::Header {
             capacity,
             ..gpu::Header::zeroed()
@@ -461,21 +358,12 @@ impl InFlight {
             size_of::<ViewUniform>() as u64,
             storage | wgpu::BufferUsages::UNIFORM,
         )?;
-        let points = u64::from(capacity) * SURFACE_POINT_BYTES;
-        let points = gpu.buffer("ray-tracing.points [bytes]", points, storage)?;
-        let hit_records = hits_of_points(gpu, [ROW_OF_POINTS, capacity / ROW_OF_POINTS])?;
-        let hits = SurfacePoints {
-            points,
-            view,
-            first: 0,
-            count: capacity,
-            hits: hit_records.clone(),
-            output: Output::RadianceToEye,
-            slots: Slots::default(),
-        };
+        let (label, output) = ("ray-tracing.points [bytes]", Output::RadianceToEye);
+        let size = [ROW_OF_POINTS, capacity / ROW_OF_POINTS];
+        let hits = SurfacePoints::room(gpu, label, size, view, output)?;
         let groups = u64::from(capacity) + 2 * u64::from(capacity / TILE * GROUPS_PER_TILE);
         let groups = (tracer == Tracer::Cones)
-            .then(|| gpu.buffer("ray-tracing.groups [bytes]", 4 * groups, storage))
+            .then(|| gpu.room("ray-tracing.groups [bytes]", 4 * groups))
             .transpose()?;
         Ok(Self {
             capacity,
@@ -487,79 +375,19 @@ impl InFlight {
             )?,
             hits: Receiver::new(&hits, &Target::new(gpu, capacity)?),
             rays,
-            hit_records,
         })
     }
 
-    /// Binds a chunk of a receiver's points to `begin`, `plan`, `trace`, `media`, `shade` and `add`, and to the kernel that
-    /// groups rays.
-    fn bind(
-        &self,
-        gpu: &Gpu,
-        [begin, plan, advance, trace, media, shade, add]: [&Kernel; 7],
-        group: Option<&Kernel>,
-        receiver: &Receiver,
-        values: gpu::Chunk,
-    ) -> Result<Chunk, GpuError> {
-        let chunk = gpu.uniform("ray-tracing.chunk", &values)?;
-        let chunk = ("chunk", chunk.as_entire_binding());
-        let seen = ("seen", receiver.points.view.as_entire_binding());
-        let points = ("points", receiver.points.points.as_entire_binding());
-        let hits_seen = ("hits_seen", self.hits.points.view.as_entire_binding());
-        let rays = ("rays", self.rays.as_entire_binding());
-        let hit_points = ("hit_points", self.hits.points.points.as_entire_binding());
-        let arguments = ("arguments", self.arguments.as_entire_binding());
-        let hits = (
-            "hits",
-            wgpu::BindingResource::TextureView(&self.hit_records),
-        );
-        let light = [
-            ("gathered", self.hits.target.radiance.as_entire_binding()),
-            ("radiance", receiver.target.radiance.as_entire_binding()),
-        ];
-        let mut traced = vec![rays.clone()];
-        traced.extend(
-            self.groups
-                .as_ref()
-                .map(|groups| ("groups", groups.as_entire_binding())),
-        );
-        let grouped = [&traced[..], std::slice::from_ref(&arguments)].concat();
-        Ok(Chunk {
-            begin: [
-                begin.bind(gpu, 1, &[seen.clone(), chunk.clone(), points])?,
-                begin.bind(gpu, 3, &[rays.clone(), hit_points.clone()])?,
-            ],
-            plan: [
-                plan.bind(gpu, 1, &[seen.clone(), chunk.clone()])?,
-                plan.bind(
-                    gpu,
-                    3,
-                    &[rays.clone(), arguments.clone(), hits_seen.clone()],
-                )?,
-            ],
-            advance: advance.bind(gpu, 3, &[rays.clone(), arguments])?,
-            trace: [
-                trace.bind(gpu, 1, std::slice::from_ref(&hits_seen))?,
-                trace.bind(gpu, 3, &traced)?,
-            ],
-            group: group
-                .map(|group| group.bind(gpu, 3, &grouped))
-                .transpose()?,
-            media: [
-                media.bind(gpu, 1, &[hits_seen.clone(), chunk.clone()])?,
-                media.bind(gpu, 3, std::slice::from_ref(&rays))?,
-            ],
-            shade: [
-                shade.bind(gpu, 1, &[hits_seen, chunk.clone()])?,
-                shade.bind(gpu, 3, &[rays.clone(), hit_points.clone(), hits])?,
-            ],
-            add: [
-                add.bind(gpu, 1, &[seen, chunk])?,
-                add.bind(gpu, 2, &light)?,
-                add.bind(gpu, 3, &[rays, hit_points])?,
-            ],
-            values,
-        })
+    /// What passes bind of them.
+    fn resources(&self) -> [Named<'_>; 6] {
+        [
+            ("rays", &self.rays),
+            ("arguments", &self.arguments),
+            ("hits_seen", &self.hits.points.view),
+            ("hit_points", &self.hits.points.points),
+            ("hits", &self.hits.points.hits),
+            ("gathered", &self.hits.target),
+        ]
     }
 
     /// What the passes have counted, which begins anew.

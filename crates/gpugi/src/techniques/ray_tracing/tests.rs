@@ -154,13 +154,8 @@ fn hits(gpu: &Gpu, scene: &Scene, tracer: &str) -> Vec<[u32; 4]> {
     renderer.render_sample(&camera, 1, None, false).unwrap();
     let mut found = Vec::new();
     let look = |technique: &mut RayTracing| {
-        let in_flight = technique
-            .passes
-            .as_ref()
-            .unwrap()
-            .in_flight
-            .as_ref()
-            .unwrap();
+        let passes = technique.passes.get().unwrap();
+        let in_flight = passes.in_flight.as_ref().unwrap();
         let rows: Vec<[u32; 4]> = read_buffer(gpu, &in_flight.rays, in_flight.rays.size()).unwrap();
         let capacity = in_flight.capacity as usize;
         let header = size_of::<gpu::Header>() / 16;

@@ -15,14 +15,15 @@ mod gather;
 pub(crate) mod gpu;
 
 use super::{
-    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Texels,
+    Earlier, Generated, Info, Inspection, Map, Plan, Registration, Role, Technique, Unready,
 };
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lights::{LightList, MapSettings, Shadows};
-use crate::scene::{Claims, Emitter, GpuScene, Versions};
+use crate::scene::{Claims, Emitter, GpuScene, Inputs, Versions};
 use crate::settings::SettingSet;
+use crate::stage::Stage;
 use gather::ShadowGather;
 use gpu::GatherSettings;
 use gpugi_scene::LightKind;
@@ -169,22 +170,40 @@ struct MapsKey {
 }
 
 /// Shadow mapping.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct ShadowMap {
     /// The settings.
     pub settings: Settings,
+    /// By whether casters let light through, and whether there are media.
+    passes: Stage<[bool; 2], Passes>,
+    /// Lights whose maps are drawn. While maps wait, the list stays: a jittered view would change the maps of warped
+    /// spots in every sample.
+    lights: Stage<MapsKey, LightList>,
+    progress: f32,
+    /// The gather's settings, once there are maps.
+    gather: Option<GatherSettings>,
+}
+
+/// The passes, and the maps that they draw and read.
+#[derive(Debug)]
+struct Passes {
     shadows: Shadows,
     gather: ShadowGather,
-    /// The inputs that the maps were generated from, or are being generated from.
-    generated_for: Option<MapsKey>,
-    /// Lights whose maps are not all drawn yet.
-    list: Option<LightList>,
-    /// State of the maps.
-    generated: Generated,
-    /// The settings that the gather was bound with.
-    bound_with: Option<GatherSettings>,
-    /// Warnings about the maps.
-    warnings: Vec<String>,
+}
+
+impl Passes {
+    fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+        let shadows = Shadows::new(gpu, scene)?;
+        Ok(Self {
+            gather: ShadowGather::new(gpu, scene, &shadows)?,
+            shadows,
+        })
+    }
+
+    fn key(scene: &GpuScene) -> [bool; 2] {
+        let is_see_through = scene.has_see_through(Claims::SHADOW);
+        [is_see_through, !scene.media.is_empty()]
+    }
 }
 
 impl ShadowMap {
@@ -193,17 +212,10 @@ impl ShadowMap {
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
-        let shadows = Shadows::new(gpu, scene)?;
-        Ok(Self {
-            settings: Settings::default(),
-            gather: ShadowGather::new(gpu, scene, &shadows)?,
-            shadows,
-            generated_for: None,
-            list: None,
-            generated: Generated::FINAL,
-            bound_with: None,
-            warnings: Vec::new(),
-        })
+        let mut made = Self::default();
+        made.passes
+            .keep(Passes::key(scene), |_| Passes::new(gpu, scene))?;
+        Ok(made)
     }
 }
 
@@ -244,97 +256,57 @@ impl Technique for ShadowMap {
         scene: &GpuScene,
         view: &View,
         earlier: &mut Earlier<'_>,
-    ) -> Result<Generated, GpuError> {
-        if self.shadows.has_transmittance() != scene.has_see_through(Claims::SHADOW)
-            || self.gather.knows_media == scene.media.is_empty()
-        {
-            // Materials, claims or media have changed.
-            *self = Self {
-                settings: self.settings.clone(),
-                generated: Generated {
-                    revision: self.generated.revision + 1,
-                    ..Generated::FINAL
-                },
-                ..Self::new(frame.gpu, scene)?
-            };
-            if frame.awaits_shaders() {
-                return Ok(Generated::WITHOUT_SHADERS);
-            }
-        }
+    ) -> Result<Generated, Unready> {
+        let (gpu, lights, budget) = (frame.gpu, &mut self.lights, &mut earlier.budget);
+        let passes = self.passes.compiled(frame, Passes::key(scene), |_| {
+            lights.clear();
+            Passes::new(gpu, scene)
+        })?;
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
             LightKind::Spot { .. } => self.settings.warp,
             LightKind::Point => false,
         });
+        let sample = view.uniform.sample_index;
+        let maps = self.settings.maps(earlier.light.lights_elsewhere, sample);
         let key = MapsKey {
             // The environment casts no shadows here.
-            versions: Versions {
-                sky: 0,
-                environment: 0,
-                ..scene.versions
-            },
-            maps: self
-                .settings
-                .maps(earlier.lights_elsewhere, view.uniform.sample_index),
+            versions: scene
+                .versions
+                .of((Inputs::SKY | Inputs::ENVIRONMENT).without()),
+            maps: maps.clone(),
             camera: follows_camera.then_some((view.world_from_view, view.half_extent)),
         };
-        let is_fresh = self.generated_for.as_ref() != Some(&key);
-        if is_fresh || self.generated.progress < 1.0 {
-            // While maps wait, the list stays: a jittered view would change the maps of warped spots in every sample.
-            let list = match self.list.take().filter(|_| !is_fresh) {
-                Some(list) => list,
-                None => {
-                    let mut list = LightList::new(scene, view, &key.maps);
-                    self.warnings = std::mem::take(&mut list.notes);
-                    list
-                }
-            };
-            let pass = "shadow-map.generate";
-            // Lights do not decide what a map shows of the others.
-            let of = Versions {
-                lights: 0,
-                ..key.versions
-            };
+        // Lights do not decide what a map shows of the others.
+        let of = key.versions.of(Inputs::LIGHTS.without());
+        let list = lights.keep(key, |_| {
+            self.progress = 0.0;
+            Ok::<_, GpuError>(LightList::new(scene, view, &maps))
+        })?;
+        let mut pending = None;
+        if self.progress < 1.0 {
+            let (pass, shadows) = ("shadow-map.generate", &mut passes.shadows);
             // Maps of a picture's sample serve that sample alone.
-            if earlier.is_limited() && key.maps.turn.is_none() {
-                let takes = |texels| {
-                    let may_step = earlier.may_step();
-                    if may_step {
-                        earlier.count(texels);
-                    }
-                    may_step
-                };
-                let updated = self
-                    .shadows
-                    .update(frame, scene, pass, (&list, of), takes)?;
-                self.list = Some(list);
-                if updated.is_rebound {
-                    self.bound_with = None;
-                }
-                let is_late = updated.progress >= 1.0 && !is_fresh;
-                self.generated = Generated {
-                    revision: self.generated.revision + u64::from(is_late),
-                    progress: updated.progress,
-                    pending: (!updated.is_whole).then_some("the depth maps of lights"),
-                };
+            if budget.is_limited() && maps.turn.is_none() {
+                let takes = |texels| budget.takes(texels);
+                let updated = shadows.update(frame, scene, pass, (list, of), takes)?;
+                self.progress = updated.progress;
+                pending = (!updated.is_whole).then_some("the depth maps of lights");
             } else {
-                if self.shadows.generate(frame, scene, pass, list, of)? {
-                    self.bound_with = None;
-                }
-                earlier.count(self.shadows.texels());
-                self.generated = Generated {
-                    revision: self.generated.revision + u64::from(!is_fresh),
-                    ..Generated::FINAL
-                };
+                shadows.generate(frame, scene, pass, list.clone(), of)?;
+                budget.count(shadows.texels());
+                self.progress = 1.0;
             }
-            self.generated_for = Some(key);
+            if self.progress >= 1.0 {
+                lights.improve();
+            }
         }
-        let settings = self.settings.gather(&self.shadows, &scene.emitters);
-        if self.bound_with != Some(settings) {
-            self.gather.look_up(frame.gpu, &self.shadows, settings)?;
-            self.bound_with = Some(settings);
-        }
-        Ok(self.generated)
+        self.gather = Some(self.settings.gather(&passes.shadows, &scene.emitters));
+        Ok(Generated {
+            revision: lights.revision(),
+            progress: self.progress,
+            pending,
+        })
     }
 
     fn gather(
@@ -344,25 +316,31 @@ impl Technique for ShadowMap {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        self.gather
-            .record(frame, scene, "shadow-map.gather", receiver)
+        let (Some(passes), Some(settings)) = (self.passes.get(), &self.gather) else {
+            return Ok(());
+        };
+        let of_lights = (&passes.shadows, settings);
+        passes
+            .gather
+            .record(frame, "shadow-map.gather", scene, receiver, of_lights)
     }
 
     fn shared_lookups(&self) -> u32 {
-        let first = self.bound_with.map(|settings| settings.first_shared);
-        first.map_or(0, |first| self.shadows.light_count().saturating_sub(first))
+        let (Some(passes), Some(settings)) = (self.passes.get(), &self.gather) else {
+            return 0;
+        };
+        let count = passes.shadows.light_count();
+        count.saturating_sub(settings.first_shared)
     }
 
     fn inspect(&self) -> Inspection {
-        let atlas = self.shadows.atlas();
-        let maps = atlas.map(|atlas| Map {
-            name: "shadow-map.atlas".into(),
-            texels: Texels::Texture(atlas.texture.clone()),
-        });
+        let atlas = self.passes.get().and_then(|passes| passes.shadows.atlas());
+        let map = atlas.map(|atlas| Map::of_texture("shadow-map.atlas", &atlas.texture));
+        let list = self.lights.get();
         Inspection {
-            maps: maps.into_iter().collect(),
+            maps: map.into_iter().collect(),
             work_bytes: 0,
-            warnings: self.warnings.clone(),
+            warnings: list.map_or_else(Vec::new, |list| list.notes.clone()),
         }
     }
 }

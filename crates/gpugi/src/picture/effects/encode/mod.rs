@@ -4,8 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::Effects;
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
-use crate::picture::bound::Bound;
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::shader;
 
 crate::settings! {
@@ -37,7 +36,6 @@ pub(in crate::picture) struct Pass {
     encoding: HostBuffer,
     /// RGBA8, red in the lowest byte, in rows from top to bottom.
     pub pixels: wgpu::Buffer,
-    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 2]>,
 }
 
 /// Four bytes per pixel.
@@ -55,7 +53,6 @@ impl Pass {
             kernel: Kernel::new(gpu, &shader, "encode", None)?,
             encoding: HostBuffer::new(gpu, "picture.encoding", bytes, uniform)?,
             pixels: pixels(gpu, size)?,
-            bound: Bound::default(),
         })
     }
 
@@ -63,7 +60,6 @@ impl Pass {
     pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         Ok(Self {
             pixels: pixels(gpu, size)?,
-            bound: Bound::default(),
             ..self.clone()
         })
     }
@@ -89,25 +85,15 @@ impl Pass {
             dither: effects.encode.dither.into(),
         };
         self.encoding.write(gpu, &[encoding]);
-        let [read, own] = self.bound.get(radiance, || {
-            let radiance = [(
-                "radiance_unfilterable",
-                wgpu::BindingResource::TextureView(radiance),
-            )];
-            let own = [
-                ("encoding", self.encoding.as_entire_binding()),
-                ("exposure", exposure.as_entire_binding()),
-                ("pixels", self.pixels.as_entire_binding()),
-            ];
-            Ok([
-                self.kernel.bind(gpu, 1, &radiance)?,
-                self.kernel.bind(gpu, 3, &own)?,
-            ])
-        })?;
+        let resources: [Named<'_>; 4] = [
+            ("radiance_unfilterable", radiance),
+            ("encoding", &self.encoding),
+            ("exposure", exposure),
+            ("pixels", &self.pixels),
+        ];
         frame.compute("picture.encode", |pass| {
-            let groups = [(1, &read), (3, &own)];
-            self.kernel.dispatch(pass, &groups, [size[0], size[1], 1]);
-        });
-        Ok(())
+            self.kernel
+                .run(pass, None, &resources, [size[0], size[1], 1])
+        })
     }
 }

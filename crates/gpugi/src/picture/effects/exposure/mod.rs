@@ -8,8 +8,7 @@ use std::str::FromStr;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
-use crate::picture::bound::Bound;
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::settings::{Kind, SettingValue};
 use crate::shader;
 
@@ -102,7 +101,6 @@ pub(in crate::picture) struct Pass {
     picture: HostBuffer,
     /// The exposure value (EV): one float.
     pub value: wgpu::Buffer,
-    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 2]>,
 }
 
 impl Pass {
@@ -116,7 +114,6 @@ impl Pass {
             bins: storage("picture.histogram", HISTOGRAM_BYTES)?,
             picture: HostBuffer::new(gpu, "picture to expose", 8, uniform)?,
             value: storage("picture.exposure", size_of::<f32>() as u64)?,
-            bound: Bound::default(),
         })
     }
 
@@ -142,28 +139,18 @@ impl Pass {
             return Ok(());
         }
         self.picture.write(gpu, &[PictureUniform { size }]);
-        let [read, own] = self.bound.get(radiance, || {
-            let radiance = [(
-                "radiance_unfilterable",
-                wgpu::BindingResource::TextureView(radiance),
-            )];
-            let own = [
-                ("picture", self.picture.as_entire_binding()),
-                ("histogram_bins", self.bins.as_entire_binding()),
-                ("exposure", self.value.as_entire_binding()),
-            ];
-            Ok([
-                self.histogram.bind(gpu, 1, &radiance)?,
-                self.histogram.bind(gpu, 3, &own)?,
-            ])
-        })?;
+        let resources: [Named<'_>; 4] = [
+            ("radiance_unfilterable", radiance),
+            ("picture", &self.picture),
+            ("histogram_bins", &self.bins),
+            ("exposure", &self.value),
+        ];
         frame.clear(&self.bins);
         frame.compute("picture.exposure", |pass| {
             let invocations = (size[0] * size[1]).div_ceil(PIXELS_PER_INVOCATION);
-            let groups = [(1, &read), (3, &own)];
-            self.histogram.dispatch(pass, &groups, [invocations, 1, 1]);
-            self.average.dispatch(pass, &groups, [1, 1, 1]);
-        });
-        Ok(())
+            self.histogram
+                .run(pass, None, &resources, [invocations, 1, 1])?;
+            self.average.run(pass, None, &resources, [1, 1, 1])
+        })
     }
 }

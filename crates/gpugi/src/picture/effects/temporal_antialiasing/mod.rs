@@ -6,8 +6,7 @@ mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel};
-use crate::picture::bound::Bound;
+use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::picture::film::Live;
 use crate::scene::Versions;
 use crate::shader;
@@ -61,7 +60,6 @@ pub(in crate::picture) struct Pass {
     kernel: Kernel,
     blend: HostBuffer,
     sampler: wgpu::Sampler,
-    bound: Bound<wgpu::TextureView, [wgpu::BindGroup; 3]>,
 }
 
 impl Pass {
@@ -77,7 +75,6 @@ impl Pass {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
-            bound: Bound::default(),
         })
     }
 
@@ -120,33 +117,21 @@ impl Pass {
             padding: [0; 2],
         };
         self.blend.write(gpu, &[blend]);
-        let groups = self.bound.get(&now.radiance, || {
-            let view = wgpu::BindingResource::TextureView;
-            let film = [
-                ("radiance", view(&film.radiance)),
-                ("surfaces", view(&now.surfaces)),
-                ("motion", view(&film.motion)),
-            ];
-            let history = [
-                ("history", view(&before.radiance)),
-                ("surfaces_before", view(&before.surfaces)),
-                ("between", wgpu::BindingResource::Sampler(&self.sampler)),
-            ];
-            let own = [
-                ("blend", self.blend.as_entire_binding()),
-                ("exposure", exposure.as_entire_binding()),
-                ("blended", view(&now.radiance)),
-            ];
-            Ok([
-                self.kernel.bind(gpu, 1, &film)?,
-                self.kernel.bind(gpu, 2, &history)?,
-                self.kernel.bind(gpu, 3, &own)?,
-            ])
-        })?;
+        let resources: [Named<'_>; 9] = [
+            ("radiance", &film.radiance),
+            ("surfaces", &now.surfaces),
+            ("motion", &film.motion),
+            ("history", &before.radiance),
+            ("surfaces_before", &before.surfaces),
+            ("between", &self.sampler),
+            ("blend", &self.blend),
+            ("exposure", exposure),
+            ("blended", &now.radiance),
+        ];
         frame.compute("picture.temporal-antialiasing", |pass| {
-            let groups = [(1, &groups[0]), (2, &groups[1]), (3, &groups[2])];
-            self.kernel.dispatch(pass, &groups, [size[0], size[1], 1]);
-        });
+            self.kernel
+                .run(pass, None, &resources, [size[0], size[1], 1])
+        })?;
         Ok(&now.radiance)
     }
 }

@@ -65,12 +65,13 @@ fn surveyed(gpu: &Gpu, scene: &Scene) -> (ImageBasedLighting, Key) {
 
 impl ImageBasedLighting {
     fn surveyed(&mut self, key: &Key) -> &Draws {
-        let cells = self.found.as_ref().unwrap().cells.as_ref().unwrap();
-        self.survey.latest(key.clone(), cells)
+        let cells = self.sources.get().unwrap().cells.as_ref().unwrap();
+        let survey = self.survey.get_mut().unwrap();
+        survey.latest(key.clone(), cells)
     }
 
     fn blind(&self) -> Draws {
-        let cells = self.found.as_ref().unwrap().cells.as_ref().unwrap();
+        let cells = self.sources.get().unwrap().cells.as_ref().unwrap();
         Draws::new(cells, Settings::default().samples, |_| 1.0)
     }
 }

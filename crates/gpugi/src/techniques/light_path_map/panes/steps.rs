@@ -1,7 +1,7 @@
 //! The steps that make panes: columns of transfer, walks, near surfaces, and the light of each cluster.
 
 use crate::capture::atlas::{AtlasCapture, AtlasPiece};
-use crate::gpu::{Frame, Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::scene::GpuScene;
 
 use super::super::entries::{COLUMN, Entry};
@@ -55,50 +55,30 @@ impl Panes {
         scene: &GpuScene,
     ) -> Result<(Columns, u64), GpuError> {
         let gpu = frame.gpu;
-        let kernel = &self.kernels.columns;
         let count = self.points.entries.entries.len() * COLUMN;
         let bytes = count as u64 * 4;
-        let columns = gpu.buffer("transfer [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
-        let work = gpu.uniform("light path map", &self.work())?;
+        let columns = gpu.room("transfer [bytes]", bytes)?;
         let sites = self.sites(gpu)?;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("sites", sites.as_entire_binding()),
-        ];
-        let from = kernel.bind(gpu, 1, &from)?;
-        let to = kernel.bind(gpu, 3, &[("columns", columns.as_entire_binding())])?;
-        frame.compute("light-path-map.columns", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            kernel.dispatch(pass, &groups, [count as u32, 1, 1]);
-        });
+        let own: [Named<'_>; 2] = [("sites", &sites), ("columns", &columns)];
+        let kernel = (&self.kernels.columns, Some(&scene.ray_bind_group));
+        let (name, work) = ("light-path-map.columns", (self.work(), &own[..]));
+        self.run(frame, name, kernel, work, count as u32)?;
         let columns = frame.read_back(&columns, bytes)?;
         Ok((Box::new(columns), count as u64))
     }
 
     /// Entry points and their virtual lights: passes `light-path-map.entries` and `light-path-map.walks`.
     pub(super) fn walk(&self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
-        let work = gpu.uniform("light path map", &self.work())?;
+        let work = frame.gpu.constant("light path map", &self.work())?;
         self.points.resolve(frame, scene, &work)?;
         if self.stored.is_some() {
             return Ok(0);
         }
         frame.clear(&self.lights);
-        let walks = &self.kernels.walks;
-        let from = [
-            ("work", work.as_entire_binding()),
-            (
-                "points",
-                self.points.receiver.points.points.as_entire_binding(),
-            ),
-        ];
-        let from = walks.bind(gpu, 1, &from)?;
-        let to = walks.bind(gpu, 3, &[("lights", self.lights.as_entire_binding())])?;
+        let kernel = (&self.kernels.walks, Some(&scene.ray_bind_group));
         let count = self.points.entries.entries.len() as u32 * self.settings.walks;
-        frame.compute("light-path-map.walks", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            walks.dispatch(pass, &groups, [count, 1, 1]);
-        });
+        let (name, work) = ("light-path-map.walks", (self.work(), &[][..]));
+        self.run(frame, name, kernel, work, count)?;
         Ok(u64::from(count) * LIGHTS_PER_WALK)
     }
 
@@ -123,45 +103,18 @@ impl Panes {
         capture: &AtlasCapture,
         tile: usize,
     ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
         let (work, piece) = self.tile(capture, tile);
         let count = work.end_point - work.first_point;
-        let work = gpu.uniform("light path map", &work)?;
-        let points = piece.points.points.as_entire_binding();
-        let entries = &self.points.entries;
-        let sites = self.sites(gpu)?;
-        let owners = &self.kernels.owners;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("points", points.clone()),
-            ("sites", sites.as_entire_binding()),
-        ];
-        let from = owners.bind(gpu, 1, &from)?;
-        let to = [
-            ("owners", self.owners.as_entire_binding()),
-            ("areas", self.areas.as_entire_binding()),
-        ];
-        let to = owners.bind(gpu, 3, &to)?;
-        frame.compute("light-path-map.owners", |pass| {
-            owners.dispatch(pass, &[(1, &from), (3, &to)], [count, 1, 1]);
-        });
-        let compared = entries.entries.len() as u64 / COMPARED_PER_RAY;
+        let sites = self.sites(frame.gpu)?;
+        let own: [Named<'_>; 2] = [("points", &piece.points.points), ("sites", &sites)];
+        let (name, owners) = ("light-path-map.owners", (&self.kernels.owners, None));
+        self.run(frame, name, owners, (work, &own), count)?;
+        let compared = self.points.entries.entries.len() as u64 / COMPARED_PER_RAY;
         if self.stored.is_some() {
             return Ok(u64::from(count) * compared);
         }
-        let near = &self.kernels.near;
-        let from = [("work", work.as_entire_binding()), ("points", points)];
-        let from = near.bind(gpu, 1, &from)?;
-        let to = near.bind(gpu, 3, &[("near", self.near.as_entire_binding())])?;
-        frame.compute("light-path-map.near", |pass| {
-            let groups = [
-                (0, &scene.ray_bind_group),
-                (1, &from),
-                (2, &self.corners),
-                (3, &to),
-            ];
-            near.dispatch(pass, &groups, [count, 1, 1]);
-        });
+        let near = (&self.kernels.near, Some(&scene.ray_bind_group));
+        self.run(frame, "light-path-map.near", near, (work, &own), count)?;
         let rays = u64::from(self.settings.near_rays);
         Ok(u64::from(count) * (rays + compared))
     }
@@ -176,7 +129,6 @@ impl Panes {
         cluster: u32,
         tile: usize,
     ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
         let (of_tile, piece) = self.tile(capture, tile);
         let count = of_tile.end_point - of_tile.first_point;
         let firsts = &self.points.entries.firsts;
@@ -192,27 +144,13 @@ impl Panes {
                 continues: (batch > 0).into(),
                 ..of_tile
             };
-            let uniform = gpu.uniform("light path map", &work)?;
             // Maps that are all there serve the tiles that follow, too.
             if self.settings.visibility == Visibility::Maps && (tile == 0 || batches > 1) {
-                rays += self.map_depths(frame, scene, &work, &uniform)?;
+                rays += self.map_depths(frame, scene, work)?;
             }
-            let kernel = &self.kernels.light;
-            let from = [
-                ("work", uniform.as_entire_binding()),
-                ("points", piece.points.points.as_entire_binding()),
-            ];
-            let to = [
-                ("lights", self.lights.as_entire_binding()),
-                ("owners", self.owners.as_entire_binding()),
-                ("lit", self.lit[0].as_entire_binding()),
-                ("depths", self.depths.as_entire_binding()),
-            ];
-            let (from, to) = (kernel.bind(gpu, 1, &from)?, kernel.bind(gpu, 3, &to)?);
-            frame.compute("light-path-map.light", |pass| {
-                let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-                kernel.dispatch(pass, &groups, [count, 1, 1]);
-            });
+            let own: [Named<'_>; 1] = [("points", &piece.points.points)];
+            let light = (&self.kernels.light, Some(&scene.ray_bind_group));
+            self.run(frame, "light-path-map.light", light, (work, &own), count)?;
         }
         let per_light = match self.settings.visibility {
             Visibility::Rays => u64::from(count),
@@ -232,39 +170,20 @@ impl Panes {
         &self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        work: &Work,
-        uniform: &wgpu::Buffer,
+        work: Work,
     ) -> Result<u64, GpuError> {
-        let gpu = frame.gpu;
-        let kernel = &self.kernels.depth_maps;
         let entries = work.end_entry - work.first_entry;
         let texels = work.map_resolution * work.map_resolution;
         let slots = entries * (1 + work.walks * work.depth);
-        let from = [
-            ("work", uniform.as_entire_binding()),
-            ("lights", self.lights.as_entire_binding()),
-        ];
-        let from = kernel.bind(gpu, 1, &from)?;
-        let to = kernel.bind(gpu, 3, &[("depths", self.depths.as_entire_binding())])?;
-        frame.compute("light-path-map.depth-maps", |pass| {
-            let groups = [(0, &scene.ray_bind_group), (1, &from), (3, &to)];
-            kernel.dispatch(pass, &groups, [slots * texels.div_ceil(RUN), 1, 1]);
-        });
+        let kernel = (&self.kernels.depth_maps, Some(&scene.ray_bind_group));
+        let (name, invocations) = ("light-path-map.depth-maps", slots * texels.div_ceil(RUN));
+        self.run(frame, name, kernel, (work, &[]), invocations)?;
         Ok(u64::from(entries) * self.lights_per_entry() * u64::from(texels))
     }
 
     /// Adds the light of near surfaces and stores the pane: passes `light-path-map.add-near` and
     /// `light-path-map.store`.
     pub(super) fn finish_pane(&self, frame: &mut Frame<'_>, pane: u32) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        let kernel = &self.kernels.add_near;
-        let work = gpu.uniform("light path map", &self.work())?;
-        let from = [
-            ("work", work.as_entire_binding()),
-            ("near", self.near.as_entire_binding()),
-            ("lit", self.lit[0].as_entire_binding()),
-        ];
-        let from = kernel.bind(gpu, 1, &from)?;
         let mut before = &self.lit[0];
         let bounces = match self.settings.depth {
             Settings::DEEPEST => NEAR_BOUNCES,
@@ -272,14 +191,9 @@ impl Panes {
         };
         for bounce in 0..bounces {
             let after = &self.lit[1 + bounce as usize % 2];
-            let to = [
-                ("before", before.as_entire_binding()),
-                ("after", after.as_entire_binding()),
-            ];
-            let to = kernel.bind(gpu, 3, &to)?;
-            frame.compute("light-path-map.add-near", |pass| {
-                kernel.dispatch(pass, &[(1, &from), (3, &to)], [self.texels, 1, 1]);
-            });
+            let own: [Named<'_>; 2] = [("before", before), ("after", after)];
+            let (name, add_near) = ("light-path-map.add-near", (&self.kernels.add_near, None));
+            self.run(frame, name, add_near, (self.work(), &own), self.texels)?;
             before = after;
         }
         self.store(frame, pane, before)

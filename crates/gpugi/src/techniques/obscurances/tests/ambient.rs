@@ -9,12 +9,10 @@ use super::super::Obscurances;
 use super::scenes::{hollow_sphere, matt};
 use crate::capture::{Capture, CaptureKernels, Emission, Target, View};
 use crate::gpu::{Frame, Gpu, read_buffer};
-use crate::impostor::Impostors;
-use crate::prefiltered::Environments;
 use crate::scene::GpuScene;
 use crate::techniques::shadow_map::ShadowMap;
-use crate::techniques::{Earlier, Technique};
-use crate::testing::test_gpu;
+use crate::techniques::{Earlier, EarlierLight, Shared, Technique};
+use crate::testing::{settled, test_gpu};
 use crate::{LightingError, Renderer};
 
 /// The image from inside a scene, after all steps.
@@ -235,8 +233,7 @@ fn ambient_light_follows_materials() {
 fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec<f32>; 2] {
     let mut on_gpu = GpuScene::with_texels(gpu, scene).unwrap();
     let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-    let mut impostors = Impostors::new(gpu, &on_gpu, &kernels).unwrap();
-    let mut environments = Environments::default();
+    let mut shared = Shared::new(gpu, &on_gpu, &kernels).unwrap();
     let mut emission = Emission::new(gpu, &on_gpu).unwrap();
     let mut earlier: Vec<Box<dyn Technique>> =
         vec![Box::new(ShadowMap::new(gpu, &on_gpu).unwrap())];
@@ -256,35 +253,19 @@ fn ambient_in_pieces(gpu: &Gpu, scene: &Scene, most_texels: Option<u32>) -> [Vec
     capture
         .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
         .unwrap();
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut [],
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut []), &mut shared);
     earlier[0]
         .generate(&mut frame, &on_gpu, &view, &mut lit)
         .unwrap();
-    let mut lit = Earlier::new(
-        &mut emission,
-        &mut earlier,
-        &mut impostors,
-        &mut environments,
-        0,
-        0,
-        true,
-    );
+    let mut lit = Earlier::unlimited(EarlierLight::new(&mut emission, &mut earlier), &mut shared);
     let mut generate = || {
         let generated = technique.generate(&mut frame, &on_gpu, &view, &mut lit);
-        generated.unwrap().pending
+        settled(generated).unwrap().pending
     };
     assert!(generate().is_some(), "the atlas is laid out beside frames");
     on_gpu.wait_for_atlas();
     assert_eq!(generate(), None);
-    let made = technique.made.as_ref().unwrap();
+    let made = technique.maps.get().unwrap();
     let own: Vec<_> = made.capture.points().cloned().collect();
     assert_eq!(own.len() > 5, most_texels.is_some());
     let all = [vec![capture.points.clone()], own].map(|points| {

@@ -101,7 +101,7 @@ fn compressed_vectors_are_saved() {
     let all = [&COMPRESSED[..], &settings].concat();
     let begun = |settings: &[(&str, &str)]| {
         let mut solver = Solver::new(&gpu, &scene, settings);
-        while solver.transfer.made.is_none() {
+        while solver.transfer.texels.get().is_none() {
             solver.frame();
         }
         solver

@@ -32,7 +32,7 @@ fn with_glossy(mut scene: Scene, object: usize, material: Material) -> Scene {
 
 impl Solver {
     fn glossy(&self) -> &Glossy {
-        let made = self.transfer.made.as_ref().expect("texels");
+        let made = self.transfer.texels.get().expect("texels");
         made.transfer.glossy.as_ref().expect("matrices")
     }
 
@@ -102,7 +102,7 @@ fn matrices_are_saved_and_resumed() {
         while first.frame().progress < (stop as f32 - 0.5) / steps as f32 {}
         let saved = first.transfer.save(&gpu).unwrap().unwrap();
         let mut rest = Solver::new(&gpu, &scene, &settings);
-        while rest.transfer.made.is_none() {
+        while rest.transfer.texels.get().is_none() {
             rest.frame();
         }
         assert_eq!(rest.transfer.resume(&gpu, &saved), Ok(true));
@@ -114,7 +114,7 @@ fn matrices_are_saved_and_resumed() {
     let mut other = Solver::new(&gpu, &scene, &settings);
     other.transfer.settings_mut().set("glossy", "").unwrap();
     other.transfer.plan(&other.scene, &[], &[]);
-    while other.transfer.made.is_none() {
+    while other.transfer.texels.get().is_none() {
         other.frame();
     }
     let refused = other.transfer.resume(&gpu, &saved).unwrap_err();

@@ -196,14 +196,14 @@ fn terms_are_the_same_bits_however_they_are_made() {
     let mut rest = Solver::new(&gpu, &scene, &step_by_step);
     while first.frame().progress < 0.6 {}
     let saved = first.transfer.save(&gpu).unwrap().unwrap();
-    while rest.transfer.made.is_none() {
+    while rest.transfer.texels.get().is_none() {
         rest.frame();
     }
     assert_eq!(rest.transfer.resume(&gpu, &saved), Ok(true));
     assert!(rest.solve().vectors() == whole.vectors());
     let others = [&step_by_step[..], &[("coefficients", "21")]].concat();
     let mut other = Solver::new(&gpu, &scene, &others);
-    while other.transfer.made.is_none() {
+    while other.transfer.texels.get().is_none() {
         other.frame();
     }
     assert!(other.transfer.resume(&gpu, &saved).is_err());
