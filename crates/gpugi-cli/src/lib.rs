@@ -215,35 +215,37 @@ fn list(what: What) {
 fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> {
     let registry = gpugi::techniques::Registry::default();
     let tracer = (
-        &gpugi::reference::INFO,
+        gpugi::reference::INFO.name,
         gpugi::reference::Settings::fields(),
     );
-    let all = registry.all().iter().map(|one| (one.info, (one.fields)()));
-    let all: Vec<_> = all.chain([tracer]).collect();
+    let techniques = registry.all().iter();
+    let techniques = techniques.map(|one| (one.info.name, (one.fields)()));
+    let effects = gpugi::picture::Effects::default();
+    let effects = effects
+        .all()
+        .map(|(name, settings)| (name, settings.fields()));
+    let all: Vec<_> = techniques.chain([tracer]).chain(effects).collect();
     if let Some(name) = technique
-        && !all.iter().any(|(info, _)| info.name == name)
+        && !all.iter().any(|(one, _)| *one == name)
     {
-        let known: Vec<&str> = all.iter().map(|(info, _)| info.name).collect();
+        let known: Vec<&str> = all.iter().map(|(one, _)| *one).collect();
         let message = format!(
-            "there is no technique {name:?}; there are: {}",
+            "there is no technique or effect {name:?}; there are: {}",
             known.join(", ")
         );
         return Err(Usage(message).into());
     }
     if markdown {
         println!(
-            "# Settings\n\n`gpugi list settings --markdown` writes this page. Set one with `--set technique.setting=value`."
+            "# Settings\n\n`gpugi list settings --markdown` writes this page. Set one with `--set technique.setting=value`, or with\n`--set effect.setting=value` for what happens to pictures before they are shown."
         );
     }
-    for (info, fields) in all {
-        if technique.is_some_and(|name| name != info.name) {
+    for (one, fields) in all {
+        if technique.is_some_and(|name| name != one) {
             continue;
         }
         if markdown {
-            println!(
-                "\n## {}\n\n| setting | default | values | meaning |\n|---|---|---|---|",
-                info.name
-            );
+            println!("\n## {one}\n\n| setting | default | values | meaning |\n|---|---|---|---|");
         }
         for field in fields {
             let default = match (&field.default, field.default.as_f64()) {
@@ -264,7 +266,7 @@ fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> 
                     field.help.replace('|', "\\|")
                 );
             } else {
-                println!("{}.{}={default}", info.name, field.name);
+                println!("{one}.{}={default}", field.name);
                 if !values.is_empty() {
                     println!("    {values}");
                 }

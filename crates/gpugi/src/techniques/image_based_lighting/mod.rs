@@ -408,7 +408,10 @@ impl Technique for ImageBasedLighting {
             None => batches.generate(frame, scene, &directions, &views, &maps)?,
         }
         self.maps.begin();
-        self.maps.improve();
+        // Earlier maps were lit by meanwhile.
+        if has_maps {
+            self.maps.improve();
+        }
         Ok(Generated {
             revision: of_environment + self.maps.revision(),
             ..of_maps

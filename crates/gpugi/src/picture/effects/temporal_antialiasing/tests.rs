@@ -11,7 +11,7 @@ use crate::picture::{Effects, developed};
 use crate::scene::Edit;
 use crate::testing::test_gpu;
 
-const SIZE: [u32; 2] = [96, 80];
+const SIZE: [u32; 2] = [160, 128];
 
 /// The scene's camera, turned about the scene's centre.
 fn orbit(scene: &Scene, degrees: f32) -> Camera {
