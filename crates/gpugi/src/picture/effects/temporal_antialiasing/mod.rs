@@ -8,18 +8,17 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::picture::film::Live;
-use crate::scene::Versions;
 use crate::shader;
 
 /// Frames that live views average.
 pub const LIVE_FRAMES: u32 = 16;
 
-/// Frames that are averaged while lights or materials change.
+/// Frames that are averaged while more than the camera moves.
 const CHANGING_FRAMES: f32 = 6.0;
 
 /// Deviations from the mean of its neighbours that the history of a diffuse surface may have: while only the camera moves,
 /// and while anything else does. What differs then is noise, or a change of light.
-const DEVIATIONS: [f32; 2] = [16.0, 2.5];
+const DEVIATIONS: [f32; 2] = [16.0, 1.0];
 
 /// Samples of a picture at rest after which what earlier frames saw no longer counts.
 const REST_SAMPLES: u32 = 32;
@@ -97,22 +96,19 @@ impl Pass {
         // Of a picture at rest, the last sample ends their share.
         let end = REST_SAMPLES.min(of).max(2);
         let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
-        let [versions_now, versions_before] = [now, before].map(|image| {
-            let versions = image.shot.map(|shot| shot.versions);
-            versions.unwrap_or_default()
-        });
-        let of_light = |of: Versions| [of.lights, of.materials, of.sky, of.environment, of.media];
-        let has_same_light = of_light(versions_now) == of_light(versions_before);
+        let [versions_now, versions_before] =
+            [now, before].map(|image| image.shot.map(|shot| shot.versions));
+        let is_changing = versions_now != versions_before;
         let most = (settings.frames - 1) as f32;
         let blend = BlendUniform {
             size,
             samples: samples as f32,
             most_before: match before.shot {
-                Some(_) if has_same_light => most * rest,
-                Some(_) => most.min(CHANGING_FRAMES) * rest,
+                Some(_) if is_changing => most.min(CHANGING_FRAMES) * rest,
+                Some(_) => most * rest,
                 None => 0.0,
             },
-            deviations: DEVIATIONS[usize::from(versions_now != versions_before)],
+            deviations: DEVIATIONS[usize::from(is_changing)],
             edges: rest / samples.max(1) as f32,
             padding: [0; 2],
         };
