@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gpugi::gpu::Gpu;
 use gpugi::lighting::{LightingError, Readiness};
+use gpugi::picture::Effects;
 use gpugi::renderer::Renderer;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
@@ -135,10 +136,11 @@ async fn first_light(
     stage: &Stage,
 ) -> Result<(), LightingError> {
     let mut pace = Pace::default();
+    let effects = Effects::of_live_view();
     loop {
         renderer.set_budget(pace.budget(Purpose::Maps));
         let began = Instant::now();
-        let (readiness, _) = renderer.try_render_sample(camera, 1, None, false)?;
+        let (readiness, _) = renderer.try_render_sample(camera, 1, Some(&effects), false)?;
         let Readiness::Pending { progress, what } = readiness else {
             return Ok(());
         };

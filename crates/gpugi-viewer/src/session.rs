@@ -491,8 +491,10 @@ impl Session {
             renderer.set_budget(self.pace.budget(purpose));
             let effects = is_plain.then_some(&effects);
             let camera = self.camera.camera();
+            let is_alone = is_moving || self.readiness != Readiness::Ready;
+            let of = if is_alone { 1 } else { wanted };
             let (readiness, timings) =
-                renderer.try_render_sample(&camera, wanted, effects, is_timed)?;
+                renderer.try_render_sample(&camera, of, effects, is_timed)?;
             self.readiness = readiness;
             let is_usable = readiness.is_usable();
             shown.is_new = is_usable && !is_late;

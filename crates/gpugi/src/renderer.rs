@@ -35,6 +35,8 @@ pub struct Renderer {
     samples: u32,
     /// Samples that the picture will have.
     of: u32,
+    /// Whether the last picture was one of live pictures of one sample each.
+    continues: bool,
     /// How the last sample's picture was seen.
     shot: Option<Shot>,
     /// Index of this picture's first sample: live pictures continue those before them.
@@ -113,6 +115,7 @@ impl Renderer {
             tiles,
             samples: 0,
             of: 1,
+            continues: false,
             shot: None,
             first_sample: 0,
             seed: 0,
@@ -375,8 +378,8 @@ impl Renderer {
 
     /// Renders one more sample of the picture that `camera` sees: the first through pixel centres when it is to be the
     /// only one of `of`, otherwise spread over the pixel by a box filter. With `effects`, ends with these and the display.
-    /// If they average frames, each frame's sample lies elsewhere in the pixel. Waits for the GPU only while maps are
-    /// pending.
+    /// If they average frames, the only sample of a frame lies elsewhere in the pixel each time, and the first one of
+    /// several begins a picture of its own. Waits for the GPU only while maps are pending.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -440,8 +443,13 @@ impl Renderer {
         if remembers {
             self.scene.keep_vertices(&self.gpu)?;
         }
-        let index = match remembers {
-            true => self.first_sample + self.samples,
+        // Live pictures of one sample each continue those before them; others are as if there were none.
+        let continues = remembers && of <= 1;
+        if std::mem::replace(&mut self.continues, continues) && !continues {
+            self.restart();
+        }
+        let index = match continues {
+            true => self.first_sample,
             false => self.samples,
         };
         let jitter = if of <= 1 && !remembers {

@@ -15,7 +15,7 @@ pub struct Versions {
     pub sky: u64,
     /// Only the environment's texels.
     pub environment: u64,
-    /// [`GpuScene::media`].
+    /// [`super::GpuScene::media`].
     pub media: u64,
     /// Which triangles there are and how they are drawn, however they move.
     pub topology: u64,
@@ -23,7 +23,7 @@ pub struct Versions {
     pub meshes: u64,
     /// Which instances there are, of which mesh and material, however they move and deform.
     pub instances: u64,
-    /// [`GpuScene::objects`]: what techniques know of instances before they claim them.
+    /// [`super::GpuScene::objects`]: what techniques know of instances before they claim them.
     pub objects: u64,
 }
 
