@@ -264,6 +264,7 @@ impl Session {
 
     /// Goes back to where the camera stood before somebody steered.
     pub fn reset_camera(&mut self) {
+        self.loaded.renderer.forget();
         self.camera = self.first.clone();
         self.middle = None;
         self.is_edited = true;

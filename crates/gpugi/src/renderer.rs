@@ -153,6 +153,7 @@ impl Renderer {
     /// [`LightingError::UnknownTechnique`] when it is not among those in use, [`LightingError::Setting`],
     /// [`LightingError::Overlap`].
     pub fn set(&mut self, technique: &str, name: &str, value: &str) -> Result<(), LightingError> {
+        self.picture.forget();
         self.lighting.set(&mut self.scene, technique, name, value)
     }
 
@@ -165,6 +166,7 @@ impl Renderer {
         &mut self,
         change: impl FnOnce(&mut T),
     ) -> Result<(), LightingError> {
+        self.picture.forget();
         if let Some(technique) = self.lighting.technique_mut() {
             change(technique);
         }

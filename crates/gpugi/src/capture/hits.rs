@@ -52,20 +52,8 @@ fn target(
     [width, height]: [u32; 2],
     usage: wgpu::TextureUsages,
 ) -> Result<wgpu::Texture, GpuError> {
-    gpu.texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    })
+    let usage = usage | wgpu::TextureUsages::RENDER_ATTACHMENT;
+    gpu.texture_2d(label, [width, height, 1], format, usage)
 }
 
 /// One view's part of a visibility buffer.

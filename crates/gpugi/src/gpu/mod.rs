@@ -11,6 +11,7 @@ mod frame;
 mod kernel;
 mod lazy;
 mod quad;
+mod raster;
 mod read_back;
 mod shader;
 #[cfg(test)]
@@ -27,8 +28,9 @@ pub use frame::{Frame, Keeps, Timing, Timings};
 #[cfg(test)]
 pub(crate) use kernel::WORKGROUPS;
 pub(crate) use kernel::scene_layout;
-pub use kernel::{DepthTest, Kernel, KernelOptions, RasterKernel, RasterState};
+pub use kernel::{Kernel, KernelOptions};
 pub(crate) use quad::Quad;
+pub use raster::{DepthTest, RasterKernel, RasterState};
 pub(crate) use read_back::begin_read_part;
 pub use read_back::{ReadBack, begin_read_buffer, begin_read_texture, read_buffer, read_texture};
 pub use shader::{BindingKind, Shader, all_shaders, shader_linker};

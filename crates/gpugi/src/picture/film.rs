@@ -90,22 +90,11 @@ fn texture(
     format: wgpu::TextureFormat,
     [width, height]: [u32; 2],
 ) -> Result<wgpu::TextureView, GpuError> {
-    let texture = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::STORAGE_BINDING
-            | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    })?;
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING
+        | wgpu::TextureUsages::STORAGE_BINDING
+        | wgpu::TextureUsages::COPY_DST
+        | wgpu::TextureUsages::COPY_SRC;
+    let texture = gpu.texture_2d(label, [width, height, 1], format, usage)?;
     Ok(texture.create_view(&Default::default()))
 }
 

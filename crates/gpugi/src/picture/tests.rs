@@ -27,6 +27,7 @@ macro_rules! gpu {
 
 mod color;
 mod comparison;
+mod motion;
 mod surfaces;
 
 /// Width of pictures of many pixels.

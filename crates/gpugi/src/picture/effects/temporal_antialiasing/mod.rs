@@ -77,8 +77,8 @@ impl Pass {
         })
     }
 
-    /// Blends a film of `samples` samples, which will have `of` at rest, with the picture before it: pass `picture.temporal-antialiasing`. `exposure`:
-    /// exposure value of the frame before. Returns the picture.
+    /// Blends a film of `samples` samples, which will have `of` at rest, with the picture before it: pass
+    /// `picture.temporal-antialiasing`. `exposure`: the exposure value of the frame before. Returns the picture.
     ///
     /// # Errors
     /// [`GpuError::Pass`].

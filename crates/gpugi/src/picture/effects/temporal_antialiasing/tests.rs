@@ -32,10 +32,8 @@ fn still() -> Effects {
 
 fn renderer(gpu: &Gpu, scene: &Scene) -> Renderer {
     let mut renderer = Renderer::new(gpu, scene, SIZE, &["shadow-map"]).unwrap();
-    if !scene.instances.is_empty() {
-        renderer.set("shadow-map", "area-samples", "8").unwrap();
-        renderer.set("shadow-map", "interleaved", "true").unwrap();
-    }
+    renderer.set("shadow-map", "area-samples", "8").unwrap();
+    renderer.set("shadow-map", "interleaved", "true").unwrap();
     renderer
 }
 
@@ -73,7 +71,7 @@ fn flip(test: &[u8], reference: &[u8]) -> f64 {
     compare(Metric::Flip, &test, &reference).unwrap().value
 }
 
-/// 0.62 of the error of one sample is found, in light without noise; more samples would have less.
+/// A frame in orbit has 0.58 of the error that its sample alone has, in light without noise.
 #[test]
 fn frames_in_orbit_have_less_error() {
     let Some(gpu) = test_gpu() else { return };
@@ -128,7 +126,7 @@ fn light_that_is_switched_off_does_not_linger() {
     assert!(lingering < 1.05 * gone, "{lingering} of {gone}");
 }
 
-/// What moves takes its history along, and its shadow trails by little: 1.4 of the error of one sample is found.
+/// What moves takes its history along, and its shadow trails by little: with 1.3 times the error of one sample.
 #[test]
 fn what_moves_leaves_little_trail() {
     let Some(gpu) = test_gpu() else { return };
@@ -156,4 +154,30 @@ fn what_moves_leaves_little_trail() {
     let averaged = flip(&trail, &truth);
     println!("one sample {one:.4}, averaged {averaged:.4}");
     assert!(averaged < 1.6 * one, "{averaged} of {one}");
+}
+
+/// What is brighter than 16-bit floats can say stays white, and what is dark beside it stays finite.
+#[test]
+fn blinding_lamps_stay_white() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = builtin("cornell", 1).unwrap();
+    for material in &mut scene.materials {
+        material.emissive *= 1e5;
+    }
+    let mut renderer = renderer(&gpu, &scene);
+    let effects = Effects::of_live_view().exposed(-16.0).without_dither();
+    let pixels = moved(&mut renderer, &scene, &effects);
+    let truth = rested(&mut renderer, &scene.cameras[0], 8, &still().exposed(-16.0));
+    let lamp = |pixels: &[u8]| pixels.chunks(4).filter(|one| one[0] > 200).count();
+    let [found, expected] = [&pixels, &truth].map(|pixels| lamp(pixels));
+    assert!(
+        expected > 50 && found.abs_diff(expected) < expected / 5,
+        "{found} of {expected}"
+    );
+    let lit = |pixels: &[u8]| pixels.chunks(4).filter(|one| one[0] > 0).count();
+    let [found, expected] = [&pixels, &truth].map(|pixels| lit(pixels));
+    assert!(
+        found.abs_diff(expected) < expected / 20,
+        "{found} of {expected}"
+    );
 }
