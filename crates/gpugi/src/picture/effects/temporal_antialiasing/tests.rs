@@ -113,7 +113,7 @@ fn light_that_is_switched_off_does_not_linger() {
     let camera = &scene.cameras[0];
     let mut renderer = renderer(&gpu, &scene);
     let mean = |pixels: &[u8]| pixels.iter().map(|&one| f64::from(one)).sum::<f64>();
-    for _ in 0..4 {
+    for _ in 0..16 {
         frame(&mut renderer, camera, &live());
     }
     let mut light = scene.lights[0].clone();
