@@ -156,7 +156,7 @@ impl RasterKernel {
     /// Binds resources by their names in the shader in `group`.
     ///
     /// # Errors
-    /// As [`Kernel::bind`].
+    /// As [`Kernel::bind`](super::Kernel::bind).
     pub fn bind(
         &self,
         gpu: &Gpu,
