@@ -1,6 +1,6 @@
-//! Cache of path-traced references, kept in a folder between measurements. A file is named by the hash of everything
-//! that determines its image. It appears complete or not at all, and is trusted only if its checksum is correct. Files
-//! may be deleted at any time.
+//! Cache of path-traced references, kept in a folder between measurements. A file is named by the hash of what it shows
+//! and, unless it is pinned, of the path tracer that rendered it. It appears complete or not at all, and is trusted only
+//! if its checksum is correct. Files may be deleted at any time.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -12,7 +12,7 @@ use crate::reference::Settings;
 use crate::shader;
 
 /// The first bytes of a file; the digit is the format version.
-const MAGIC: &[u8; 16] = b"gpugi reference1";
+const MAGIC: &[u8; 16] = b"gpugi reference2";
 /// Size of the checksum (bytes): BLAKE3 of everything after it.
 const CHECKSUM: usize = 32;
 /// Maximum size of a header (bytes).
@@ -26,8 +26,10 @@ const ALGORITHM: u32 = 2;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Key {
     size: [u32; 2],
-    /// The whole key as JSON.
-    text: String,
+    /// What the image shows, as JSON.
+    subject: String,
+    /// Hash of the path tracer that renders it.
+    tracer: String,
 }
 
 impl Key {
@@ -39,7 +41,9 @@ impl Key {
         samples: u32,
         seed: u32,
     ) -> Self {
-        let shaders = [
+        let mut tracer = blake3::Hasher::new();
+        tracer.update(&ALGORITHM.to_le_bytes());
+        for shader in [
             shader!("reference.wavefront.plan"),
             shader!("reference.wavefront.trace"),
             shader!("reference.wavefront.shade"),
@@ -47,15 +51,11 @@ impl Key {
             shader!("reference.photons.trace"),
             shader!("reference.photons.resolve"),
             shader!("reference.noise"),
-        ];
-        let shaders: Vec<String> = shaders
-            .iter()
-            .map(|shader| blake3::hash(shader.source.as_bytes()).to_string())
-            .collect();
+        ] {
+            tracer.update(blake3::hash(shader.source.as_bytes()).as_bytes());
+        }
         let [scene, camera] = digests.map(|digest| blake3::Hash::from_bytes(digest).to_string());
-        let text = serde_json::json!({
-            "algorithm": ALGORITHM,
-            "shaders": shaders,
+        let subject = serde_json::json!({
             "scene": scene,
             "camera": camera,
             "size": size,
@@ -64,11 +64,11 @@ impl Key {
             "seed": seed,
         })
         .to_string();
-        Self { size, text }
-    }
-
-    fn file_name(&self) -> String {
-        format!("{}.reference", blake3::hash(self.text.as_bytes()))
+        Self {
+            size,
+            subject,
+            tracer: tracer.finalize().to_string(),
+        }
     }
 
     fn values(&self) -> u64 {
@@ -94,8 +94,8 @@ pub struct Entry {
 /// The header before the image, as JSON.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
-    /// Everything that determines the image.
-    key: String,
+    subject: String,
+    tracer: String,
     samples: u32,
     rel_mse: f64,
     seconds: f64,
@@ -106,6 +106,8 @@ struct Header {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cache {
     folder: PathBuf,
+    /// Whether references of another version of the path tracer are read, too.
+    is_pinned: bool,
 }
 
 impl Cache {
@@ -113,12 +115,31 @@ impl Cache {
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self {
             folder: folder.into(),
+            is_pinned: false,
         }
+    }
+
+    /// A cache whose references stay valid whatever becomes of the path tracer, as tests want them that keep references
+    /// beside their code: a path tracer that changes its mind fails them.
+    pub fn pinned(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            is_pinned: true,
+            ..Self::new(folder)
+        }
+    }
+
+    fn path(&self, key: &Key) -> PathBuf {
+        let mut name = blake3::Hasher::new();
+        name.update(key.subject.as_bytes());
+        if !self.is_pinned {
+            name.update(key.tracer.as_bytes());
+        }
+        self.folder.join(format!("{}.reference", name.finalize()))
     }
 
     /// The image of `key`, if it is cached. The error says which file is damaged and how.
     pub fn read(&self, key: &Key) -> Result<Option<Entry>, String> {
-        let path = self.folder.join(key.file_name());
+        let path = self.path(key);
         let damaged = |how: &str| format!("{}: {how}", path.display());
         let cannot = |error: io::Error| damaged(&format!("cannot be read ({error})"));
         let file = match File::open(&path) {
@@ -142,7 +163,7 @@ impl Cache {
         if blake3::hash(content) != blake3::Hash::from_bytes(*checksum) {
             return Err(damaged("is damaged: its checksum is wrong"));
         }
-        parse(key, content)
+        self.parse(key, content)
             .map(Some)
             .ok_or_else(|| damaged("does not hold what its name says"))
     }
@@ -155,7 +176,8 @@ impl Cache {
         }
         std::fs::create_dir_all(&self.folder)?;
         let header = serde_json::to_string(&Header {
-            key: key.text.clone(),
+            subject: key.subject.clone(),
+            tracer: key.tracer.clone(),
             samples: entry.samples,
             rel_mse: entry.rel_mse,
             seconds: entry.seconds,
@@ -164,34 +186,35 @@ impl Cache {
         let mut content = (header.len() as u32).to_le_bytes().to_vec();
         content.extend(header.as_bytes());
         content.extend(entry.radiance.iter().flat_map(|value| value.to_le_bytes()));
-        gpugi_scene::image::replace_file(&self.folder.join(key.file_name()), |file| {
+        gpugi_scene::image::replace_file(&self.path(key), |file| {
             file.write_all(MAGIC)?;
             file.write_all(blake3::hash(&content).as_bytes())?;
             file.write_all(&content)
         })
     }
-}
 
-/// Parses what follows the checksum. `None` if it is not the image of `key`.
-fn parse(key: &Key, content: &[u8]) -> Option<Entry> {
-    let (length, rest) = content.split_first_chunk::<4>()?;
-    let (header, texels) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    let header: Header = serde_json::from_slice(header).ok()?;
-    let (texels, odd) = texels.as_chunks::<4>();
-    let radiance: Vec<f32> = texels.iter().copied().map(f32::from_le_bytes).collect();
-    let is_right = header.key == key.text
-        && odd.is_empty()
-        && radiance.len() as u64 == key.values()
-        && radiance.iter().all(|value| value.is_finite())
-        && header.rel_mse >= 0.0
-        && header.seconds >= 0.0;
-    is_right.then_some(Entry {
-        radiance,
-        samples: header.samples,
-        rel_mse: header.rel_mse,
-        seconds: header.seconds,
-        adapter: header.adapter,
-    })
+    /// Parses what follows the checksum. `None` if it is not the image of `key`.
+    fn parse(&self, key: &Key, content: &[u8]) -> Option<Entry> {
+        let (length, rest) = content.split_first_chunk::<4>()?;
+        let (header, texels) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        let header: Header = serde_json::from_slice(header).ok()?;
+        let (texels, odd) = texels.as_chunks::<4>();
+        let radiance: Vec<f32> = texels.iter().copied().map(f32::from_le_bytes).collect();
+        let is_right = header.subject == key.subject
+            && (self.is_pinned || header.tracer == key.tracer)
+            && odd.is_empty()
+            && radiance.len() as u64 == key.values()
+            && radiance.iter().all(|value| value.is_finite())
+            && header.rel_mse >= 0.0
+            && header.seconds >= 0.0;
+        is_right.then_some(Entry {
+            radiance,
+            samples: header.samples,
+            rel_mse: header.rel_mse,
+            seconds: header.seconds,
+            adapter: header.adapter,
+        })
+    }
 }
 
 #[cfg(test)]
@@ -249,11 +272,38 @@ mod tests {
     }
 
     #[test]
+    fn only_pinned_references_outlive_their_path_tracer() {
+        let by_another = |key: &Key| Key {
+            tracer: "another".into(),
+            ..key.clone()
+        };
+        let kept = key(|_| {});
+        let own = cache("own");
+        own.write(&by_another(&kept), &entry()).expect("kept");
+        assert_eq!(own.read(&kept), Ok(None));
+        let pinned = Cache::pinned(cache("pinned").folder);
+        pinned.write(&by_another(&kept), &entry()).expect("kept");
+        assert_eq!(pinned.read(&kept), Ok(Some(entry())));
+        assert_eq!(
+            pinned.read(&key(|settings| settings.max_bounces = 3)),
+            Ok(None)
+        );
+        // A file under a name that is not its own.
+        std::fs::rename(pinned.path(&kept), pinned.folder.join("other")).expect("renamed");
+        std::fs::create_dir_all(&own.folder).expect("a folder");
+        std::fs::copy(pinned.folder.join("other"), own.path(&kept)).expect("copied");
+        assert!(own.read(&kept).is_err());
+        for cache in [own, pinned] {
+            std::fs::remove_dir_all(&cache.folder).expect("removed");
+        }
+    }
+
+    #[test]
     fn damage_is_named_and_not_believed() {
         let cache = cache("damage");
         let kept = key(|_| {});
         cache.write(&kept, &entry()).expect("kept");
-        let path = cache.folder.join(kept.file_name());
+        let path = cache.path(&kept);
         let whole = std::fs::read(&path).expect("the file");
         let refused = |what: &str, bytes: &[u8]| {
             std::fs::write(&path, bytes).expect("the damage");
@@ -291,7 +341,7 @@ mod tests {
         }
         let other = key(|settings| settings.max_bounces = 3);
         cache.write(&other, &entry()).expect("kept");
-        let others = std::fs::read(cache.folder.join(other.file_name())).expect("the file");
+        let others = std::fs::read(cache.path(&other)).expect("the file");
         refused("another reference", &others);
 
         // Non-finite values would be rejected on reading, so they are not stored.

@@ -348,7 +348,11 @@ fn the_picture_after_an_edit_is_that_of_a_new_renderer() {
     let Some(gpu) = test_gpu() else { return };
     let start = field(3);
     let names = ["shadow-map", "environment-map"].map(str::to_owned);
-    let new = |scene: &Scene| Renderer::new(&gpu, scene, [32; 2], &names).unwrap();
+    let new = |scene: &Scene| {
+        let mut renderer = Renderer::new(&gpu, scene, [32; 2], &names).unwrap();
+        renderer.set("shadow-map", "resolution", "256").unwrap();
+        renderer
+    };
     let mut kept = new(&start);
     let before = rendered(&mut kept);
     for (what, edits) in every_edit(&start) {

@@ -2,16 +2,19 @@
 
 #![allow(dead_code)] // Each test program uses only a part.
 
+use std::hash::{BuildHasher, RandomState};
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::OnceLock;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::{AdapterChoice, Gpu};
-use gpugi::measure::{Measured, Options, Quality, measure};
+use gpugi::light_paths::Part;
+use gpugi::measure::{Cache, Measured, Options, Progress, Quality, Subject, Truth, measure, trace};
 use gpugi::techniques::Registry;
 use gpugi::{Purpose, Renderer, default_set};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
-use gpugi_scene::image::metrics::Metric;
+use gpugi_scene::image::metrics::{self, Metric};
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
 
 /// The best adapter, on a device that all tests of the program share. Returns `None`, so that the test passes without
@@ -158,18 +161,107 @@ pub fn measured(
     scene: &Scene,
     camera: &Camera,
     renderer: &mut Renderer,
-    [samples, reference]: [u32; 2],
+    samples: [u32; 2],
 ) -> Measured {
-    let options = Options {
+    measured_by(gpu, scene, camera, renderer, options(samples))
+}
+
+/// Options of a measurement, with the samples of the picture and of the path tracer.
+pub fn options([samples, reference]: [u32; 2]) -> Options {
+    Options {
         samples,
         reference: Quality {
             samples: reference,
             noise: 0.0,
         },
         ..Options::default()
+    }
+}
+
+/// A picture beside one of the path tracer, which is kept: see [`kept`].
+pub fn measured_by(
+    gpu: &Gpu,
+    scene: &Scene,
+    camera: &Camera,
+    renderer: &mut Renderer,
+    options: Options,
+) -> Measured {
+    let options = kept(options);
+    let found = measure(gpu, scene, camera, renderer, &options, &mut go_on);
+    let found = found.expect("a measurement");
+    let subject = Subject {
+        scene,
+        camera,
+        size: found.size,
     };
-    let go_on = &mut |_: &_| ControlFlow::Continue(());
-    measure(gpu, scene, camera, renderer, &options, go_on).expect("a measurement")
+    check(gpu, &subject, &found.truth, options);
+    found
+}
+
+/// The path tracer's picture of a part of the light, which is kept: see [`kept`].
+pub fn traced(gpu: &Gpu, subject: &Subject, part: Part, samples: u32) -> Truth {
+    let options = kept(options([1, samples]));
+    let truth = trace(gpu, subject, &[part], &options, &mut go_on).expect("a reference");
+    check(gpu, subject, &truth, options);
+    truth
+}
+
+/// Options by which the path tracer's pictures are kept in `tests/references`. What is missing is traced and kept.
+///
+/// With `GPUGI_REFERENCES=check`, as in continuous integration, a missing one fails the test, and a random tenth is traced
+/// again and must be what is kept.
+fn kept(options: Options) -> Options {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/references");
+    Options {
+        cache: Some(Cache::pinned(folder)),
+        ..options
+    }
+}
+
+/// Checks what was kept, if that is asked for. The same adapter takes the same paths; another one takes most of them, and
+/// is held to the noise of both.
+fn check(gpu: &Gpu, subject: &Subject, kept: &Truth, options: Options) {
+    if std::env::var_os("GPUGI_REFERENCES").is_none_or(|value| value != "check") {
+        return;
+    }
+    assert!(
+        kept.is_cached(),
+        "a reference is missing; make all of them with: ./gpugi test --references"
+    );
+    if RandomState::new().hash_one(()) % 10 != 0 {
+        return;
+    }
+    let options = Options {
+        cache: None,
+        ..options
+    };
+    let parts: Vec<_> = kept
+        .parts
+        .iter()
+        .map(|traced| traced.part.clone())
+        .collect();
+    let again = trace(gpu, subject, &parts, &options, &mut go_on).expect("a reference");
+    let [width, height] = subject.size;
+    let [again, stored] = [&again, kept].map(|truth| {
+        let picture = metrics::Picture::of_radiance(width, height, truth.radiance.clone());
+        picture.expect("a picture")
+    });
+    let difference = metrics::compare(Metric::RelMse, &again, &stored).expect("rel-mse");
+    let mut adapters = kept.parts.iter().map(|traced| &traced.adapter);
+    let noises = match adapters.all(|adapter| *adapter == gpu.adapter.name) {
+        true => 0.1,
+        false => 3.0,
+    };
+    assert!(
+        difference.value <= noises * kept.rel_mse() + 1e-9,
+        "the path tracer differs from what is kept by a rel-mse of {}; if it should, make all references anew with: \
+         ./gpugi test --references",
+        difference.value
+    );
+}
+
+fn go_on(_: &Progress) -> ControlFlow<()> {
+    ControlFlow::Continue(())
 }
 
 /// Relative mean squared error against the path tracer, without the path tracer's own error.

@@ -1,11 +1,8 @@
 //! Pictures that nobody tuned: the default set of a still picture against the path tracer with all light paths.
 
-use std::ops::ControlFlow;
-use std::path::PathBuf;
-
-use crate::common::{direct, gpu};
+use crate::common::{direct, gpu, measured_by, options};
 use gpugi::gpu::Gpu;
-use gpugi::measure::{Cache, Options, Quality, measure};
+use gpugi::measure::Options;
 use gpugi::{Purpose, Renderer};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
@@ -19,22 +16,13 @@ fn default(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Renderer {
 }
 
 /// HDR-FLIP against all light.
-fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer, cache: &Cache) -> f64 {
+fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer) -> f64 {
     let options = Options {
-        samples: 16,
-        reference: Quality {
-            samples: 512,
-            noise: 0.0,
-        },
-        cache: Some(cache.clone()),
         all_light: true,
-        ..Options::default()
+        ..options([16, 512])
     };
-    let mut go_on = |_: &_| ControlFlow::Continue(());
-    let camera = &scene.cameras[0];
-    let measured = measure(gpu, scene, camera, &mut renderer, &options, &mut go_on);
-    let flip = measured.expect("a measurement").value(Metric::Flip);
-    flip.expect("FLIP")
+    let measured = measured_by(gpu, scene, &scene.cameras[0], &mut renderer, options);
+    measured.value(Metric::Flip).expect("FLIP")
 }
 
 /// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
@@ -42,12 +30,10 @@ fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer, cache: &Cache) -> f64 
 fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("default-light-{name}"));
-    let cache = Cache::new(&folder);
     let [still, live] = [Purpose::StillPicture, Purpose::LiveView]
-        .map(|purpose| flip(&gpu, &scene, default(&gpu, &scene, purpose), &cache));
+        .map(|purpose| flip(&gpu, &scene, default(&gpu, &scene, purpose)));
     let direct = Renderer::new(&gpu, &scene, SIZE, &direct(&gpu, &scene)).expect("a renderer");
-    let direct = flip(&gpu, &scene, direct, &cache);
+    let direct = flip(&gpu, &scene, direct);
     println!("{name}: FLIP {still:.4}, live {live:.4}, without indirect light {direct:.4}");
     assert!(still < most, "{name}: FLIP {still}");
     assert!(live < live_most, "{name}: FLIP {live} of a live view");

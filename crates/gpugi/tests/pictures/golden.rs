@@ -1,14 +1,15 @@
 //! Compares small pictures of built-in scenes, and an environment's maps, with stored ones: they detect change, not
 //! error. `GPUGI_UPDATE_GOLDEN=1` stores them again.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use crate::common::{direct, gpu};
-use gpugi::Renderer;
 use gpugi::techniques::environment_map::{Settings, export};
+use gpugi::{Purpose, Renderer};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::{HalfTexture, decode_color, save_png};
-use gpugi_scene::{Image, Limits, Pixels};
+use gpugi_scene::{Image, Limits, Pixels, Scene};
 use serde_json::{Value, json};
 
 const SIDE: u32 = 64;
@@ -23,11 +24,27 @@ fn is_update() -> bool {
     std::env::var_os("GPUGI_UPDATE_GOLDEN").is_some_and(|value| value == "1")
 }
 
+/// Direct light of a built-in scene.
 fn golden(name: &str) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
     let names = direct(&gpu, &scene);
-    let mut renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], &names).expect("a renderer");
+    let renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], &names).expect("a renderer");
+    is_as_stored(name, &scene, renderer);
+}
+
+/// All light that live views have.
+fn golden_live(name: &str) {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin(name, 1).expect("a built-in scene");
+    let renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], Purpose::LiveView);
+    let mut renderer = renderer.expect("a renderer");
+    let ready = renderer.converge(&scene.cameras[0], false, |_, _| ControlFlow::Continue(()));
+    ready.expect("maps");
+    is_as_stored(&format!("{name}-live"), &scene, renderer);
+}
+
+fn is_as_stored(name: &str, scene: &Scene, mut renderer: Renderer) {
     for _ in 0..4 {
         renderer
             .render_sample(&scene.cameras[0], 4, None, false)
@@ -79,6 +96,18 @@ fn golden(name: &str) {
 #[test]
 fn cornell() {
     golden("cornell");
+}
+
+/// With indirect light of probes.
+#[test]
+fn cornell_live() {
+    golden_live("cornell");
+}
+
+/// With glass, mirrors and caustics.
+#[test]
+fn glass_room_live() {
+    golden_live("glass-room");
 }
 
 #[test]

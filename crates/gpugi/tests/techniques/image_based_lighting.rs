@@ -3,13 +3,11 @@
 use std::sync::Arc;
 
 use std::f32::consts::{FRAC_PI_2, PI};
-use std::ops::ControlFlow;
 
-use crate::common::{floor, from_above, gpu, place, render};
+use crate::common::{floor, from_above, gpu, measured, place, render};
 use glam::{Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
-use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{self, cuboid, sphere};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{
@@ -240,18 +238,7 @@ fn error(gpu: &Gpu, scene: &Scene, technique: &str, settings: &[(&str, &str)]) -
     for (name, value) in settings {
         renderer.set(technique, name, value).expect("a setting");
     }
-    let options = Options {
-        samples: 4,
-        reference: Quality {
-            samples: 64,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, &camera, &mut renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    let found = found.expect("a measurement");
+    let found = measured(gpu, scene, &camera, &mut renderer, [4, 64]);
     found.value(Metric::RelMse).expect("rel-mse")
 }
 
@@ -380,19 +367,9 @@ fn share_of_energy(
     ] {
         renderer.set(&names[0], name, value).expect("a setting");
     }
-    let options = Options {
-        samples: 32,
-        reference: Quality {
-            samples: 256,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let mut go_on = |_: &_| ControlFlow::Continue(());
-    let measured = measure(gpu, scene, camera, &mut renderer, &options, &mut go_on);
-    let measured = measured.expect("a measurement");
+    let found = measured(gpu, scene, camera, &mut renderer, [32, 256]);
     let energy = |radiance: &[f32]| radiance.iter().sum::<f32>();
-    energy(&measured.radiance) / energy(&measured.truth.radiance)
+    energy(&found.radiance) / energy(&found.truth.radiance)
 }
 
 /// Rays leave no light behind walls without thickness, and pass glass as depth maps do.

@@ -3,12 +3,12 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use crate::common::{gpu, renderer_of};
+use crate::common::{gpu, renderer_of, traced};
 use glam::{Vec3, vec3};
 use gpugi::bake::{Bake, PaneBake};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, Part, overlap};
-use gpugi::measure::{Options, Quality, Subject, trace};
+use gpugi::measure::Subject;
 use gpugi::scene::Edit;
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::builtin;
@@ -99,15 +99,7 @@ fn error(gpu: &Gpu, scene: &Scene, light: &Light, found: &[f32]) -> f64 {
         camera: &scene.cameras[0].clone(),
         size: [SIZE; 2],
     };
-    let options = Options {
-        reference: Quality {
-            samples: 256,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let go_on = &mut |_: &_| ControlFlow::Continue(());
-    let truth = trace(gpu, &subject, &[part], &options, go_on).expect("a reference");
+    let truth = traced(gpu, &subject, part, 256);
     let pairs = found.iter().zip(&truth.radiance);
     let squares = pairs.map(|(&found, &truth)| {
         let (found, truth) = (f64::from(found), f64::from(truth));

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use gpugi_scene::MaterialModel;
 
-use super::Settings;
 use super::gpu::{COEFFICIENT_BYTES, LANES, MatrixWork, Slots};
 use super::places::{Piece, Places};
+use super::{Cut, Settings};
 use crate::capture::Receiver;
 use crate::capture::atlas::TexelGather;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join, read_buffer};
@@ -15,9 +15,6 @@ use crate::shader;
 
 /// `NO_COEFFICIENTS` of glossy/gather.wesl.
 const NO_COEFFICIENTS: u32 = u32::MAX;
-
-/// Rays per step. Sums of matrices take longer than those of vectors.
-const RAYS_OF_STEP: u32 = 1 << 20;
 
 /// An object with matrices: its instance, and whether its lobe is Phong's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,9 +88,10 @@ impl Glossy {
         settings: &Settings,
         objects: &[GlossyObject],
         places: &Places,
+        cut: Cut,
     ) -> Result<Self, GpuError> {
         let texels = texels(objects, places);
-        let made = Self::with_texels(gpu, scene, settings, &texels, places);
+        let made = Self::with_texels(gpu, scene, settings, &texels, places, cut);
         made.map_err(|error| match error {
             GpuError::OutOfMemory { .. } | GpuError::TooLarge { .. } => GpuError::Input {
                 what: format!(
@@ -113,6 +111,7 @@ impl Glossy {
         settings: &Settings,
         texels: &[[u32; 2]],
         places: &Places,
+        cut: Cut,
     ) -> Result<Self, GpuError> {
         let functions = settings.terms();
         let order = ("ORDER", f64::from(settings.order));
@@ -133,6 +132,7 @@ impl Glossy {
         let limit = limits.max_buffer_size;
         let limit = limit.min(limits.max_storage_buffer_binding_size);
         let most = (limit / bytes_of_slot(settings)).max(1) as usize;
+        let at_once = (cut.rays_of_step / 4 / settings.rays).max(1) as usize;
         let mut parts = Vec::new();
         for (number, texels) in texels.chunks(most).enumerate() {
             let bytes = texels.len() as u64 * bytes_of_slot(settings);
@@ -153,7 +153,7 @@ impl Glossy {
         let constants = [left_out, order, places.constant()];
         Ok(Self {
             settings: settings.clone(),
-            tiles: tiles(settings, texels, most, &places.pieces()),
+            tiles: tiles(texels, at_once, most, &places.pieces()),
             parts,
             rays,
             relight: Kernel::with_constants(gpu, &relight, "main", None, &[order])?,
@@ -325,8 +325,7 @@ fn texels(objects: &[GlossyObject], places: &Places) -> Vec<[u32; 2]> {
 }
 
 /// Cuts the slots, of which `most` fit one buffer, into steps whose points are in one piece of the atlas.
-fn tiles(settings: &Settings, texels: &[[u32; 2]], most: usize, pieces: &[Piece<'_>]) -> Vec<Tile> {
-    let at_once = (RAYS_OF_STEP / settings.rays).max(1) as usize;
+fn tiles(texels: &[[u32; 2]], at_once: usize, most: usize, pieces: &[Piece<'_>]) -> Vec<Tile> {
     let mut tiles = Vec::new();
     for (piece, of_piece) in pieces.iter().enumerate() {
         let place = |point: u32| texels.partition_point(|[texel, _]| *texel < point);

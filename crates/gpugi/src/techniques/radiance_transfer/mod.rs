@@ -74,12 +74,29 @@ pub struct RadianceTransfer {
     texels: Stage<TexelsKey, LitTexels>,
     /// Objects whose texels have transfer matrices.
     glossy: Vec<GlossyObject>,
-    /// Most texels per buffer of points; `None`: as many as fit.
-    most_texels: Option<u32>,
+    cut: Cut,
     /// Whether the scene's stored vectors fit it.
     fit: Fit,
     /// Whether objects are claimed whose indirect light comes from another technique.
     leaves_objects: bool,
+}
+
+/// How work is cut. The result does not depend on it.
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    /// Most texels per buffer of points; `None`: as many as fit.
+    most_texels: Option<u32>,
+    /// Rays of one step of vectors: about 40 ms on a small GPU. A step of matrices, whose sums take longer, has a quarter.
+    rays_of_step: u32,
+}
+
+impl Default for Cut {
+    fn default() -> Self {
+        Self {
+            most_texels: None,
+            rays_of_step: 1 << 22,
+        }
+    }
 }
 
 /// What texels and their passes are made for: an atlas, or vertices, [`GpuScene::ray_features`], what of the settings
@@ -174,8 +191,8 @@ impl Technique for RadianceTransfer {
             self.glossy.clone(),
         );
         let texels = self.texels.compiled(frame, key, |_| {
-            let (glossy, most) = (&self.glossy, self.most_texels);
-            let mut made = LitTexels::new(gpu, scene, settings, glossy, texels, most)?;
+            let (glossy, cut) = (&self.glossy, self.cut);
+            let mut made = LitTexels::new(gpu, scene, settings, glossy, texels, cut)?;
             if let Some(stored) = &stored {
                 made.transfer.follow(scene);
                 let finished = stored::as_saved(stored);

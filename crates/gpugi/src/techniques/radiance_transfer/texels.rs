@@ -10,7 +10,7 @@ use super::glossy::{Glossy, GlossyObject};
 use super::light::{Light, Made};
 use super::places::Places;
 use super::transfer::{self, Transfer};
-use super::{Basis, INFO, Settings};
+use super::{Basis, Cut, INFO, Settings};
 use crate::capture::Receiver;
 use crate::capture::atlas::KeptIrradiance;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
@@ -52,9 +52,9 @@ impl LitTexels {
         settings: &Settings,
         glossy: &[GlossyObject],
         atlas: Option<Arc<Atlas>>,
-        most_texels: Option<u32>,
+        cut: Cut,
     ) -> Result<Self, GpuError> {
-        let places = Places::new(gpu, scene, settings, atlas, most_texels)?;
+        let places = Places::new(gpu, scene, settings, atlas, cut.most_texels)?;
         let size = places.map_size();
         let (relight, length) = match settings.basis {
             Basis::Harmonics => (
@@ -69,14 +69,14 @@ impl LitTexels {
         let left_out = ("LEFT_OUT", f64::from(settings.left_out().bits()));
         let glossy = match glossy {
             [] => None,
-            glossy => Some(Glossy::new(gpu, scene, settings, glossy, &places)?),
+            glossy => Some(Glossy::new(gpu, scene, settings, glossy, &places, cut)?),
         };
         let constants = [left_out, places.constant()];
         Ok(Self {
             settings: settings.clone(),
             compression: None,
             compressed: None,
-            transfer: Transfer::new(gpu, scene, settings, &places, glossy)?,
+            transfer: Transfer::new(gpu, scene, settings, &places, glossy, cut)?,
             light: Light::new(gpu, scene, settings)?,
             relight: Kernel::with_constants(gpu, &relight, "main", None, &[length])?,
             irradiance: KeptIrradiance::new(gpu, scene, size, places.atlas(), &constants)?,

@@ -8,14 +8,11 @@ use serde::{Deserialize, Serialize};
 use super::glossy::Glossy;
 use super::gpu::{COEFFICIENT_BYTES, Work};
 use super::places::Places;
-use super::{Basis, Settings, haar, harmonics};
+use super::{Basis, Cut, Settings, haar, harmonics};
 use crate::capture::atlas::tiles_of;
 use crate::gpu::{Frame, Gpu, GpuError, Named, join, read_buffer};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::stage::Stage;
-
-/// Rays per step: about 40 ms on a small GPU.
-const RAYS_OF_STEP: u32 = 1 << 22;
 
 /// The transfer vectors of an atlas's texels.
 #[derive(Debug)]
@@ -82,9 +79,10 @@ impl Transfer {
         settings: &Settings,
         places: &Places,
         glossy: Option<Glossy>,
+        cut: Cut,
     ) -> Result<Self, GpuError> {
         let rays_per_texel = settings.rays_per_texel();
-        let at_once = (RAYS_OF_STEP / rays_per_texel).max(1);
+        let at_once = (cut.rays_of_step / rays_per_texel).max(1);
         let pieces = places.pieces().into_iter();
         let tiles = tiles_of(pieces.map(|piece| piece.count), at_once);
         let rays = match settings.basis {

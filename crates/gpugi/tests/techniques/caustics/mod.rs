@@ -2,13 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use crate::common::{floor, gpu};
+use crate::common::{floor, gpu, measured};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::capture::VisiblePoint;
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
-use gpugi::measure::{Measured, Options, Quality, measure};
 use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Medium, Mesh, PhaseFunction, Scene, Volume};
 
@@ -69,21 +68,6 @@ fn renderer(gpu: &Gpu, scene: &Scene, techniques: &[&str], size: u32) -> Rendere
     renderer
 }
 
-fn measured(gpu: &Gpu, scene: &Scene, renderer: &mut Renderer, samples: u32) -> Measured {
-    let options = Options {
-        samples: 8,
-        reference: Quality {
-            samples,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, &camera(), renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    found.expect("a measurement")
-}
-
 /// Means over squares of 8 x 8 pixels.
 fn blurred(radiance: &[f32], size: usize) -> Vec<f64> {
     let blocks = size / 8;
@@ -133,7 +117,7 @@ fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
         renderer
     };
     let mut maps = with(&["caustics"], "maps");
-    let found = measured(gpu, scene, &mut maps, samples);
+    let found = measured(gpu, scene, &camera(), &mut maps, [8, samples]);
     let mut rays = with(&["caustics", "ray-tracing"], "rays");
     rays.converge(&camera(), false, |_, _| ControlFlow::Continue(()))
         .expect("caustics");
@@ -275,7 +259,7 @@ fn caustics_are_seen_through_glass() {
             .filter(|name| *name != left_out)
             .collect();
         let mut with_all = renderer(&gpu, &scene, &techniques, 48);
-        let truth = measured(&gpu, &scene, &mut with_all, 256);
+        let truth = measured(&gpu, &scene, &camera(), &mut with_all, [8, 256]);
         let mut this = renderer(&gpu, &scene, &names, 48);
         for _ in 0..8 {
             this.render_sample(&camera(), 8, None, false)

@@ -1,11 +1,8 @@
 //! What rough surfaces reflect of lit surroundings, and objects that share a cube.
 
-use std::ops::ControlFlow;
-
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::light_paths::{LightClass, LightPaths, overlap};
-use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{
@@ -16,7 +13,7 @@ use super::scenes::{
     add, errors, glass, mirror, rel_mse, renderer, renderer_of, room, set, shining_room, toward,
     with_ball,
 };
-use crate::common::{gpu, picture};
+use crate::common::{gpu, measured, picture};
 
 /// As default sets of still pictures choose.
 const STILL: [(&str, &str); 2] = [("objects", "*"), ("lobes", "drawn")];
@@ -37,19 +34,9 @@ fn rough_metal_balls_reflect_the_room() {
         let at = scene.instances[ball].world_from_mesh.w_axis.truncate();
         let camera = Camera::look_at("", at + vec3(0.9, 0.5, 1.5), at, 0.75);
         let mut renderer = renderer(&gpu, &scene, &STILL);
-        let options = Options {
-            samples: 16,
-            reference: Quality {
-                samples: 512,
-                noise: 0.0,
-            },
-            ..Options::default()
-        };
-        let mut go_on = |_: &_| ControlFlow::Continue(());
-        let measured = measure(&gpu, &scene, &camera, &mut renderer, &options, &mut go_on);
-        let measured = measured.expect("a measurement");
-        let truth = &measured.truth.radiance;
-        let drawn = rel_mse(&measured.radiance, truth);
+        let found = measured(&gpu, &scene, &camera, &mut renderer, [16, 512]);
+        let truth = &found.truth.radiance;
+        let drawn = rel_mse(&found.radiance, truth);
         let [filtered, without] = [("lobes", "filtered"), ("objects", "auto")].map(|setting| {
             set(&mut renderer, setting);
             rel_mse(&picture(&mut renderer, &camera).radiance, truth)

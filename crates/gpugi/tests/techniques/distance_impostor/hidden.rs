@@ -2,19 +2,17 @@
 //! glass. No one-layer map shows them correctly; classical environment mapping is at least four times as far from the
 //! truth.
 
-use std::ops::ControlFlow;
-
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
-use gpugi::measure::{Options, Quality, measure};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::{Camera, Scene};
 
 use super::scenes::{add, glass, rel_mse, set, shining_room};
-use crate::common::{gpu, picture};
+use crate::common::{gpu, measured, picture};
 
 const SIZE: u32 = 48;
+const SAMPLES: u32 = 8;
 
 /// rel-mse over an instance's pixels, with the settings as they are and with classical environment mapping, both
 /// against the truth of the former.
@@ -24,22 +22,13 @@ fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
     for side in ["resolution", "shape-resolution"] {
         set(&mut renderer, (side, "64"));
     }
-    let options = Options {
-        samples: 8,
-        reference: Quality {
-            samples: 64,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let go_on = &mut |_: &_| ControlFlow::Continue(());
-    let found = measure(gpu, scene, camera, &mut renderer, &options, go_on).expect("a measurement");
+    let found = measured(gpu, scene, camera, &mut renderer, [SAMPLES, 64]);
     for setting in [("search", "none"), ("bounces", "0")] {
         set(&mut renderer, setting);
     }
     renderer.restart();
-    for _ in 0..options.samples {
-        let rendered = renderer.render_sample(camera, options.samples, None, false);
+    for _ in 0..SAMPLES {
+        let rendered = renderer.render_sample(camera, SAMPLES, None, false);
         rendered.expect("a picture");
     }
     let classical = renderer.radiance().expect("radiance");

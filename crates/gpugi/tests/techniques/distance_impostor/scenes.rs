@@ -2,12 +2,10 @@
 
 use std::sync::Arc;
 
-use std::ops::ControlFlow;
-
 use glam::{Mat4, Vec3, vec3};
 use gpugi::Renderer;
 use gpugi::gpu::Gpu;
-use gpugi::measure::{Measured, Options, Quality, measure};
+use gpugi::measure::Measured;
 use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Scene, Volume};
 
@@ -156,18 +154,7 @@ pub fn set(renderer: &mut Renderer, (name, value): (&str, &str)) {
 
 /// A picture, and what the path tracer shows on the light paths that the renderer declares.
 pub fn measured(gpu: &Gpu, scene: &Scene, camera: &Camera, renderer: &mut Renderer) -> Measured {
-    let options = Options {
-        samples: SAMPLES,
-        reference: Quality {
-            samples: 48,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
-    let found = measure(gpu, scene, camera, renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    found.expect("a measurement")
+    crate::common::measured(gpu, scene, camera, renderer, [SAMPLES, 48])
 }
 
 /// Mean of (a - b)^2 / (b^2 + 0.01).

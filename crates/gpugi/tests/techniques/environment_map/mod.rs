@@ -6,13 +6,11 @@ mod occlusion;
 use std::sync::Arc;
 
 use std::f32::consts::FRAC_PI_2;
-use std::ops::ControlFlow;
 
-use crate::common::{floor, from_above, gpu, picture, place, render};
+use crate::common::{floor, from_above, gpu, measured, picture, place, render};
 use glam::{Mat4, Vec3, vec3};
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::LightClass;
-use gpugi::measure::{Options, Quality, measure};
 use gpugi::{LightingError, Renderer};
 use gpugi_scene::builtin::shapes::sphere;
 use gpugi_scene::image::metrics::Metric;
@@ -102,22 +100,9 @@ fn error(gpu: &Gpu, material: Material, settings: &[(&str, &str)]) -> f64 {
 }
 
 fn error_in(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str)]) -> f64 {
-    let options = Options {
-        samples: 4,
-        reference: Quality {
-            samples: 128,
-            noise: 0.0,
-        },
-        ..Options::default()
-    };
     let mut renderer = alone(gpu, scene, settings);
-    let found = measure(gpu, scene, camera, &mut renderer, &options, &mut |_| {
-        ControlFlow::Continue(())
-    });
-    found
-        .expect("a measurement")
-        .value(Metric::RelMse)
-        .expect("rel-mse")
+    let found = measured(gpu, scene, camera, &mut renderer, [4, 128]);
+    found.value(Metric::RelMse).expect("rel-mse")
 }
 
 #[test]

@@ -90,7 +90,7 @@ fn compressed_vectors_are_saved() {
         ("order", "3"),
         ("minimum", "100"),
         ("rays", "64"),
-        ("resolution", "65"),
+        ("resolution", "33"),
         ("components", "11"),
     ];
     let scene = corner();

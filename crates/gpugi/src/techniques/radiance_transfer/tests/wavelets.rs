@@ -177,7 +177,7 @@ fn terms_are_the_same_bits_however_they_are_made() {
     let scene = two_walls(Environment::default_sky());
     let whole = Solver::new(&gpu, &scene, &settings).solve();
     let mut cut = Solver::new(&gpu, &scene, &settings);
-    cut.transfer.most_texels = Some(16 * 5);
+    cut.transfer.cut.most_texels = Some(16 * 5);
     assert!(whole.vectors() == cut.solve().vectors());
     // Each texel that has a point keeps 20 terms, among them the means of all faces, in the order of their numbers.
     let mut points = 0;
