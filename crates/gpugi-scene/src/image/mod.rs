@@ -35,6 +35,13 @@ pub fn luminance(color: Vec3) -> f32 {
     color.dot(LUMINANCE)
 }
 
+/// Red, green and blue of a word with a shared exponent: 9 bits of mantissa each, red in the lowest ones, and 5 of
+/// exponent, bias 15 (WebGPU's rgb9e5ufloat).
+pub fn unpack_rgb9e5(word: u32) -> Vec3 {
+    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
+    Vec3::from_array([0, 9, 18].map(|shift| (word >> shift & 511) as f32)) * scale
+}
+
 /// Texels, row by row from the top, four channels per texel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Pixels {
