@@ -70,6 +70,7 @@ pub struct Light {
     pub kind: String,
     #[serde(default = "ones")]
     pub color: [f32; 3],
+    /// Units: [`crate::Light::intensity`].
     #[serde(default = "one", deserialize_with = "any_number")]
     pub intensity: f32,
     pub range: Option<f32>,
