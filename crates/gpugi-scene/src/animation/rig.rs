@@ -117,7 +117,7 @@ impl Skin {
 /// A mesh that deforms: the mesh at rest and what deforms it. No other instance uses the mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Deformer {
-    /// Index into [`Scene::instances`].
+    /// Index into [`Scene::instances`](crate::Scene::instances).
     pub instance: usize,
     /// Node that carries the instance and the morph target weights.
     pub node: usize,

@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 /// Texel density.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum TexelDensity {
-    /// The highest density at which everything fits one page. What is far larger than the scene's core ([`Scene::core`](crate::Scene::core))
-    /// gets fewer texels per metre than the rest. If gutters alone overfill a page, several pages at the lowest density.
+    /// The highest density at which everything fits one page. What is far larger than the scene's core
+    /// ([`Scene::core`](crate::Scene::core)) gets fewer texels per metre than the rest. If gutters alone overfill a page,
+    /// several pages at the lowest density.
     OnePage,
     /// Texels per metre (1/m), in as many pages as needed.
     PerMetre(f32),

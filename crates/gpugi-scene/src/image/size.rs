@@ -5,7 +5,7 @@ use image::{DynamicImage, ImageDecoder};
 use crate::ImportError;
 use crate::import::budget::ImageLimits;
 
-/// Bytes per texel of [`Pixels::Rgba32Float`].
+/// Bytes per texel of [`Rgba32Float`](crate::Pixels::Rgba32Float).
 pub(super) const RADIANCE_TEXEL: u64 = 16;
 
 /// Rejects an image whose size is zero or exceeds the limits. `texel`: bytes per decoded texel.

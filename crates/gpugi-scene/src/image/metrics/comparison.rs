@@ -8,7 +8,7 @@ pub(super) const WINDOW: usize = 11;
 /// A measure of how far a picture is from its reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Metric {
-    /// Mean of (a - b)^2 / (b^2 + [`EPSILON`]) over the pixels and channels of linear RGB.
+    /// Mean of (a - b)^2 / (b^2 + [`EPSILON`](super::EPSILON)) over the pixels and channels of linear RGB.
     RelMse,
     /// The same for the means of blocks of 4x4 pixels: what remains once averaging over neighbours has reduced noise.
     RelMse4,
